@@ -1,0 +1,126 @@
+"""The nominal serial chain in numbers: what every robot format is read into."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+Axis = Literal[0, 1, 2]
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One elementary transform of the chain: a translation along, or a rotation about, one coordinate axis.
+
+    The value is ``nominal + parameter + sign * q[joint]``: ``parameter`` names the model parameter (an error,
+    zero in the nominal model) that adds to it, ``joint`` is the index of the joint variable that does.
+    """
+
+    kind: Literal["translate", "rotate"]
+    axis: Axis
+    nominal: float = 0.0
+    parameter: str = ""
+    joint: int | None = None
+    sign: float = 1.0
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One moving joint and the rigid link behind it.
+
+    Args:
+        lower, upper: limits of the joint variable [rad] or [m].
+        mass: of the link behind the joint [kg]; NaN where unknown.
+        com: (3,) centre of mass of that link in the frame behind the joint [m]; NaN where unknown.
+        gear_ratio: motor turns per joint turn; NaN where unknown.
+    """
+
+    name: str
+    type: Literal["revolute", "prismatic"]
+    lower: float
+    upper: float
+    mass: float = math.nan
+    com: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    gear_ratio: float = math.nan
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """A data sheet's ISO 9283 position repeatability RP [m], with its source."""
+
+    value: float
+    source: str
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A serial chain: base, one group of factors a joint, tool.
+
+    ``T_world_tool`` is the product of all factors of ``base``, of ``links[0]``, …, of ``tool``; the frame of
+    link i is the one reached behind ``links[i]``. Every named parameter occurs in exactly one factor, and every
+    joint variable in exactly one.
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    links: tuple[tuple[Factor, ...], ...]
+    base: tuple[Factor, ...] = ()
+    tool: tuple[Factor, ...] = ()
+    payload: float = 0.0
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    repeatability: Repeatability | None = None
+    base_free: bool = False
+    tool_free: bool = False
+    source: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def n(self) -> int:
+        """The number of joints."""
+        return len(self.joints)
+
+    @property
+    def factors(self) -> tuple[Factor, ...]:
+        """All elementary transforms from the world to the tool point."""
+        return (*self.base, *(f for link in self.links for f in link), *self.tool)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def parameters(self) -> dict[str, Factor]:
+        """The named parameters and the factor that each adds to."""
+        return {factor.parameter: factor for factor in self.factors if factor.parameter}
+
+    @property
+    def lower(self) -> tuple[float, ...]:
+        return tuple(joint.lower for joint in self.joints)
+
+    @property
+    def upper(self) -> tuple[float, ...]:
+        return tuple(joint.upper for joint in self.joints)
+
+    def with_tool(self, tool: tuple[Factor, ...]) -> Robot:
+        """The same arm with another tool."""
+        return replace(self, tool=tool)
+
+
+def frame_factors(prefix: str, xyz: tuple[float, ...], rpy: tuple[float, ...]) -> tuple[Factor, ...]:
+    """The factors of a fixed frame, ``T = Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)`` (URDF's convention).
+
+    Args:
+        prefix: of the parameter names: ``base`` gives ``base.x`` … ``base.yaw``.
+        xyz: (3,) [m].
+        rpy: (3,) roll, pitch, yaw about fixed axes [rad].
+    """
+    roll, pitch, yaw = rpy
+    return (
+        Factor("translate", 0, xyz[0], f"{prefix}.x"),
+        Factor("translate", 1, xyz[1], f"{prefix}.y"),
+        Factor("translate", 2, xyz[2], f"{prefix}.z"),
+        Factor("rotate", 2, yaw, f"{prefix}.yaw"),
+        Factor("rotate", 1, pitch, f"{prefix}.pitch"),
+        Factor("rotate", 0, roll, f"{prefix}.roll"),
+    )

@@ -1,0 +1,131 @@
+"""Quantities with units in files, SI and radians inside.
+
+A number that has a dimension carries its unit in the file: ``0.05 mm``, ``20 arcsec``, ``8 urad/(N m)``.
+The annotated types below are the fields of the ``Spec`` classes: they read such a text and hold SI floats.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import BeforeValidator, WithJsonSchema
+
+if TYPE_CHECKING:
+    from pint import UnitRegistry
+
+DIMENSIONS: dict[str, tuple[str, str]] = {
+    # dimension -> (SI unit, an example for messages)
+    "length": ("m", "10 mm"),
+    "angle": ("rad", "1 deg"),
+    "mass": ("kg", "2.5 kg"),
+    "temperature": ("K", "20 K"),
+    "time": ("s", "10 s"),
+    "angle per torque": ("rad/(N*m)", "8 urad/(N m)"),
+    "length per temperature": ("m/K", "12 um/K"),
+    "angle per temperature": ("rad/K", "10 urad/K"),
+    "per temperature": ("1/K", "12e-6 / K"),
+}
+
+# Only what a robot file can need. The whole of pint's table takes 0.3 s to read, and it would accept
+# 'min', 'a' (year) or 'd' (day) where a typing error is far more likely.
+_DEFINITIONS = [
+    "micro- = 1e-6 = µ- = μ- = u-",
+    "milli- = 1e-3 = m-",
+    "centi- = 1e-2 = c-",
+    "kilo- = 1e3 = k-",
+    "nano- = 1e-9 = n-",
+    "meter = [length] = m = metre",
+    "inch = 0.0254 * meter = in",
+    "radian = [angle] = rad",
+    "degree = 0.017453292519943295 * radian = deg = °",
+    "arcminute = degree / 60 = arcmin",
+    "arcsecond = degree / 3600 = arcsec",
+    "turn = 6.283185307179586 * radian = rev",
+    "gram = [mass] = g",
+    "second = [time] = s",
+    "minute = 60 * second = min",
+    "hour = 3600 * second = h",
+    "kelvin = [temperature] = K",
+    "newton = 1000 * gram * meter / second ** 2 = N",
+]
+
+_NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
+
+
+@cache
+def registry() -> UnitRegistry[float]:
+    """The units that files may use."""
+    from pint import UnitRegistry
+
+    units: UnitRegistry[float] = UnitRegistry(None)
+    for line in _DEFINITIONS:
+        units.define(line)
+    return units
+
+
+@cache
+def _factor(unit: str, dimension: str) -> float:
+    """The factor from ``unit`` to the SI unit of ``dimension``; ValueError with the mend where there is none."""
+    si, example = DIMENSIONS[dimension]
+    units = registry()
+    # "N m" is how people write a product of units; pint wants an operator between them.
+    text = re.sub(r"(?<=[A-Za-z°µμ)\d])\s+(?=[A-Za-z°µμ(])", "*", unit)
+    try:
+        quantity = units.Quantity(f"1 {text}" if text.startswith("/") else f"1 * {text}")
+        return float(quantity.to(units.Unit(si)).magnitude)
+    except Exception as error:  # pint raises a dozen kinds, among them plain tokenizer errors
+        kind = type(error).__name__
+        if kind == "DimensionalityError":
+            raise ValueError(f"'{unit}' is not a unit of {dimension}; write for example {example}") from None
+        raise ValueError(f"unknown unit '{unit}'; write for example {example}") from None
+
+
+def parse_quantity(value: Any, dimension: str) -> float:
+    """The SI value of a text such as ``"0.05 mm"``.
+
+    Args:
+        value: what stands in the file.
+        dimension: a key of ``DIMENSIONS``.
+
+    Raises:
+        ValueError: no text, no number, no unit, a wrong unit, or not finite; the message holds the mend.
+    """
+    si, example = DIMENSIONS[dimension]
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise ValueError(f"expected a {dimension} with its unit, such as {example}")
+    if isinstance(value, int | float):
+        if not math.isfinite(value):
+            raise ValueError(f"{value} is not a finite number; write for example {example}")
+        unit = example.split(" ", 1)[1]
+        raise ValueError(f"the {dimension} has no unit; write {value:g} {unit} or {value:g} {si}")
+    match = _NUMBER.match(value)
+    if match is None:
+        raise ValueError(f"'{value}' is not a finite number with a unit; write for example {example}")
+    number, unit = match.groups()
+    if not unit:
+        return parse_quantity(float(number), dimension)
+    result = float(number) * _factor(unit, dimension)
+    if not math.isfinite(result):
+        raise ValueError(f"'{value}' is not a finite number; write for example {example}")
+    return result
+
+
+def _quantity(dimension: str) -> Any:
+    def read(value: Any) -> float:
+        return parse_quantity(value, dimension)
+
+    schema = {"type": "string", "description": f"{dimension} with its unit", "examples": [DIMENSIONS[dimension][1]]}
+    return Annotated[float, BeforeValidator(read), WithJsonSchema(schema)]
+
+
+if TYPE_CHECKING:
+    Length = Angle = Mass = Temperature = Time = float
+else:
+    Length = _quantity("length")
+    Angle = _quantity("angle")
+    Mass = _quantity("mass")
+    Temperature = _quantity("temperature")
+    Time = _quantity("time")
