@@ -1,0 +1,117 @@
+"""The forward model of a chain of elementary transforms, for numbers, NumPy arrays and CasADi symbols alike.
+
+One walk from the base to the tool gives the pose and, for every factor, the axis and the origin that all
+derivatives follow from (:mod:`posture_opt.model.derivatives`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from posture_opt.robot.robot import Factor
+
+Scalar = Any
+"""A float, an array of shape (N,), or a CasADi expression: whatever the walk is fed with."""
+Vector = tuple[Scalar, Scalar, Scalar]
+
+
+@dataclass(frozen=True)
+class Screw:
+    """Where one factor acts: a unit axis and a point on it, both in the world frame."""
+
+    rotates: bool
+    axis: Vector
+    origin: Vector
+
+
+@dataclass(frozen=True)
+class Walk:
+    """The pose of the tool in the world and the screw of every factor.
+
+    ``columns`` are the three columns of ``R_world_tool``; ``position`` is the tool point in the world [m].
+    """
+
+    columns: tuple[Vector, Vector, Vector]
+    position: Vector
+    screws: tuple[Screw, ...]
+
+
+def cos_sin(angle: Scalar) -> tuple[Scalar, Scalar]:
+    """Cosine and sine; exact zeros for numeric quarter turns, so that planar arms stay planar in the symbols."""
+    if isinstance(angle, int | float):
+        c, s = math.cos(angle), math.sin(angle)
+        return (0.0 if abs(c) < 1e-15 else c), (0.0 if abs(s) < 1e-15 else s)
+    if isinstance(angle, np.ndarray):
+        return np.cos(angle), np.sin(angle)
+    return ca.cos(angle), ca.sin(angle)
+
+
+def factor_values(factors: Sequence[Factor], q: Sequence[Scalar], p: Mapping[str, Scalar] | None = None) -> list[Scalar]:
+    """The value of each factor, ``nominal + p[parameter] + sign * q[joint]`` [rad or m]."""
+    p = p or {}
+    values: list[Scalar] = []
+    for factor in factors:
+        value: Scalar = factor.nominal
+        if factor.parameter in p:
+            value = value + p[factor.parameter]
+        if factor.joint is not None:
+            value = value + factor.sign * q[factor.joint]
+        values.append(value)
+    return values
+
+
+def walk(factors: Sequence[Factor], values: Sequence[Scalar]) -> Walk:
+    """Forward kinematics: the product of all factors, from the base to the tool."""
+    columns: list[Vector] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+    origin: Vector = (0.0, 0.0, 0.0)
+    screws = []
+    for factor, value in zip(factors, values, strict=True):
+        axis = columns[factor.axis]
+        screws.append(Screw(factor.kind == "rotate", axis, origin))
+        if factor.kind == "translate":
+            origin = add(origin, scale(value, axis))
+        else:
+            i, j = (factor.axis + 1) % 3, (factor.axis + 2) % 3
+            c, s = cos_sin(value)
+            ci, cj = columns[i], columns[j]
+            columns[i] = add(scale(c, ci), scale(s, cj))
+            columns[j] = add(scale(c, cj), scale(-s, ci))
+    return Walk((columns[0], columns[1], columns[2]), origin, tuple(screws))
+
+
+def add(u: Vector, v: Vector) -> Vector:
+    return (u[0] + v[0], u[1] + v[1], u[2] + v[2])
+
+
+def subtract(u: Vector, v: Vector) -> Vector:
+    return (u[0] - v[0], u[1] - v[1], u[2] - v[2])
+
+
+def scale(factor: Scalar, v: Vector) -> Vector:
+    return (factor * v[0], factor * v[1], factor * v[2])
+
+
+def cross(u: Vector, v: Vector) -> Vector:
+    return (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+
+
+def dot(u: Sequence[Scalar], v: Sequence[Scalar]) -> Scalar:
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+def stack(rows: Sequence[Sequence[Scalar]] | Sequence[Scalar]) -> Any:
+    """A nested tuple of scalars as one array: SX of the same shape, or NumPy with the batch axis first."""
+    nested = [list(row) if isinstance(row, list | tuple) else [row] for row in rows]
+    flat = [entry for row in nested for entry in row]
+    if any(isinstance(entry, ca.SX) for entry in flat):
+        return ca.vertcat(*(ca.horzcat(*row) for row in nested))
+    batch = np.broadcast_arrays(*(np.asarray(entry, dtype=float) for entry in flat))
+    array = np.stack(batch, axis=-1)
+    vector = not isinstance(rows[0], list | tuple)
+    return array if vector else array.reshape(*array.shape[:-1], len(nested), len(nested[0]))

@@ -1,0 +1,126 @@
+"""Mean and covariance of the tool point complete to fourth order in σ, for errors correlated in any way.
+
+``C = J Σ Jᵀ + ½ tr(H_a Σ H_b Σ) + ½ (J_a Σ g_b + J_b Σ g_a)`` with ``g_b = ∇ tr(Σ H_b)``; the mean moves by
+``½ tr(Σ H)``. The third term is as large as the second and is often forgotten (JCGM 100:2008, note to 5.1.2,
+gives both for one output). Second and third derivatives follow from the screws of the chain
+(:mod:`posture_opt.model.derivatives`): ``H_ij = a_i × J_j`` and ``T_ijk = a_i × (a_j × J_k)`` for i ≤ j ≤ k.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from posture_opt.model.chain import Vector, Walk, add, cross, scale, stack
+from posture_opt.model.derivatives import ZERO, position_column, rotation_column
+
+Floats = np.ndarray
+
+
+@dataclass(frozen=True)
+class SecondOrder:
+    """The parts of the expansion, world frame.
+
+    Args:
+        jacobian: (3, k) derivative of the tool point with respect to the sources.
+        first: (3, 3) ``J Σ Jᵀ`` [m²].
+        curvature: (3, 3) ``½ tr(H_a Σ H_b Σ)`` [m²].
+        mixed: (3, 3) first-order times third-order term [m²].
+        bias: (3,) ``½ tr(Σ H)`` [m].
+    """
+
+    jacobian: Any
+    first: Any
+    curvature: Any
+    mixed: Any
+    bias: Any
+
+    @property
+    def covariance(self) -> Any:
+        """(3, 3) covariance complete to O(σ⁴) [m²]."""
+        return self.first + self.curvature + self.mixed
+
+
+def second_order(walk: Walk, indices: Sequence[int], covariance: Floats) -> SecondOrder:
+    """The expansion at the pose of ``walk``.
+
+    Args:
+        walk: numbers, arrays (N,) or symbols.
+        indices: (k,) factor that each source acts on, ascending: from the base to the tool.
+        covariance: (k, k) Σ of the sources [rad, m].
+    """
+    J = [position_column(walk, i) for i in indices]
+    a = [rotation_column(walk, i) for i in indices]
+    S = [[float(entry) for entry in row] for row in covariance]
+    k = len(J)
+    H = [[_hessian(a, J, i, j) for j in range(k)] for i in range(k)]
+    gradient = [_trace_gradient(a, J, H, S, i) for i in range(k)]
+    jacobian = stack(list(zip(*J, strict=True)))
+    g = stack(list(zip(*gradient, strict=True)))
+    mixed = jacobian @ covariance @ _transpose(g)
+    # np.asarray keeps Σ a plain array for CasADi's operators.
+    sigma = np.asarray(covariance, dtype=float)
+    HS = [stack([[H[i][j][c] for j in range(k)] for i in range(k)]) @ sigma for c in range(3)]
+    curvature = [[_inner(HS[c], HS[d]) / 2 for d in range(3)] for c in range(3)]
+    return SecondOrder(
+        jacobian=jacobian,
+        first=jacobian @ sigma @ _transpose(jacobian),
+        curvature=stack(curvature),
+        mixed=(mixed + _transpose(mixed)) / 2,
+        bias=stack(scale(0.5, _weighted(S, H, 0))),
+    )
+
+
+def _hessian(a: Sequence[Vector], J: Sequence[Vector], i: int, j: int) -> Vector:
+    first, last = min(i, j), max(i, j)
+    return ZERO if a[first] is ZERO else cross(a[first], J[last])
+
+
+def _weighted(S: list[list[float]], H: list[list[Vector]], start: int) -> Vector:
+    """``Σ_jk S_jk H_jk`` over j, k ≥ start."""
+    total = ZERO
+    for j in range(start, len(S)):
+        for k in range(start, len(S)):
+            if S[j][k]:
+                total = add(total, scale(S[j][k], H[j][k]))
+    return total
+
+
+def _trace_gradient(
+    a: Sequence[Vector], J: Sequence[Vector], H: list[list[Vector]], S: list[list[float]], i: int
+) -> Vector:
+    """``∂/∂i Σ_jk S_jk H_jk``, sorted by how many of j, k stand nearer to the base than i."""
+    total = cross(a[i], _weighted(S, H, i)) if a[i] is not ZERO else ZERO
+    for k in range(i, len(S)):
+        lever = _axes(a, [(S[j][k], j) for j in range(i)])
+        if a[i] is not ZERO and lever is not ZERO:
+            total = add(total, scale(2.0, cross(lever, H[i][k])))
+    for k in range(i):
+        if a[k] is not ZERO:
+            lever = _axes(a, [(S[j][k] if j == k else 2 * S[j][k], j) for j in range(k + 1)])
+            if lever is not ZERO:
+                total = add(total, cross(lever, cross(a[k], J[i])))
+    return total
+
+
+def _axes(a: Sequence[Vector], weights: Sequence[tuple[float, int]]) -> Vector:
+    total = ZERO
+    for weight, j in weights:
+        if weight and a[j] is not ZERO:
+            total = scale(weight, a[j]) if total is ZERO else add(total, scale(weight, a[j]))
+    return total
+
+
+def _transpose(matrix: Any) -> Any:
+    return matrix.T if isinstance(matrix, ca.SX) else np.swapaxes(matrix, -1, -2)
+
+
+def _inner(A: Any, B: Any) -> Any:
+    """``tr(A B)``."""
+    if isinstance(A, ca.SX) or isinstance(B, ca.SX):
+        return ca.trace(ca.SX(A) @ ca.SX(B))
+    return np.sum(A * np.swapaxes(B, -1, -2), axis=(-1, -2))
