@@ -1,0 +1,208 @@
+"""What every robot format shares: the keys of the ``robot:`` section and the step to a ``Robot``."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, GetJsonSchemaHandler, ValidationInfo, WithJsonSchema, field_validator, model_validator
+from pydantic_core import CoreSchema
+
+from posture_opt.robot.robot import Factor, Joint, Robot, frame_factors
+from posture_opt.spec import Spec
+from posture_opt.units import Angle, Length, Mass, parse_quantity
+
+MAX_JOINTS = 20
+FULL_TURN = (-2 * math.pi, 2 * math.pi)
+_RESERVED = {"base", "tool"}  # their frames own the parameters base.x … tool.yaw
+_LIMITS_SCHEMA = WithJsonSchema(
+    {
+        "type": "array",
+        "items": {"type": "string"},
+        "minItems": 2,
+        "maxItems": 2,
+        "description": "lower and upper limit: angles (revolute) or lengths (prismatic)",
+        "examples": [["-180 deg", "180 deg"], ["0 mm", "210 mm"]],
+    }
+)
+
+
+def joint_name_fault(name: str) -> str:
+    """What is wrong with a joint name, or an empty text; names build ``JOINT.theta`` and CSV heads ``JOINT [deg]``."""
+    if not name or name != name.strip():
+        return f"a joint name must not be empty or begin or end with a blank: '{name}'"
+    bad = sorted(set(name) & set(".[],:\n\t"))
+    if bad:
+        return f"the joint name '{name}' holds {' '.join(map(repr, bad))}; use letters, digits, '_' and '-'"
+    if name in _RESERVED:
+        return f"the joint name '{name}' is taken by the {name} frame; choose another"
+    return ""
+
+
+def limits_fault(lower: float, upper: float) -> str:
+    """What is wrong with a pair of limits, or an empty text."""
+    if lower < upper:
+        return ""
+    return "the limits are crossed or leave no range; write [lower, upper] with lower < upper"
+
+
+class FrameSpec(Spec):
+    """A fixed frame, ``T = Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)``; ``free``: to be found from the data."""
+
+    xyz: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    rpy: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    free: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _word(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            if value.strip() != "free":
+                raise ValueError(f"'{value}' is no frame; write free or {{xyz: [0 m, 0 m, 0 m], rpy: [0 deg, …]}}")
+            return {"free": True}
+        return value
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"anyOf": [handler(schema), {"const": "free"}]}
+
+    def factors(self, prefix: Literal["base", "tool"]) -> tuple[Factor, ...]:
+        """The six named factors ``prefix.x`` … ``prefix.roll`` of the frame."""
+        return frame_factors(prefix, self.xyz, self.rpy)
+
+
+class JointSpec(Spec):
+    """One row of a Denavit-Hartenberg table, with the limits and the rigid link behind the joint.
+
+    ``limits`` are angles of a revolute and lengths of a prismatic joint; a revolute joint may leave them out
+    (a turn either way). ``com`` [m] is given in the frame behind the joint.
+    """
+
+    name: str
+    type: Literal["revolute", "prismatic"] = "revolute"
+    a: Length = 0.0
+    alpha: Angle = 0.0
+    d: Length = 0.0
+    theta: Angle = 0.0
+    limits: Annotated[tuple[float, float], _LIMITS_SCHEMA] = Field(FULL_TURN, validate_default=True)
+    mass: Mass = math.nan
+    com: tuple[Length, Length, Length] = (math.nan, math.nan, math.nan)
+    gear_ratio: float = math.nan
+
+    @field_validator("name")
+    @classmethod
+    def _usable_name(cls, name: str) -> str:
+        if fault := joint_name_fault(name):
+            raise ValueError(fault)
+        return name
+
+    @field_validator("limits", mode="before")
+    @classmethod
+    def _read_limits(cls, value: Any, info: ValidationInfo) -> Any:
+        kind = info.data.get("type")
+        if value is FULL_TURN and kind == "prismatic":
+            raise ValueError("a prismatic joint needs its limits, for example limits: [0 mm, 210 mm]")
+        if value is FULL_TURN or kind is None:  # an unknown type has its own error already
+            return FULL_TURN
+        if not isinstance(value, list | tuple) or len(value) != 2:
+            raise ValueError("expected two limits, for example [-180 deg, 180 deg]")
+        lower, upper = (parse_quantity(v, "angle" if kind == "revolute" else "length") for v in value)
+        if fault := limits_fault(lower, upper):
+            raise ValueError(fault)
+        return lower, upper
+
+    @field_validator("mass")
+    @classmethod
+    def _mass_not_negative(cls, mass: float) -> float:
+        if mass < 0:
+            raise ValueError("a mass is not negative")
+        return mass
+
+    @field_validator("gear_ratio")
+    @classmethod
+    def _ratio_not_zero(cls, ratio: float) -> float:
+        if ratio == 0:
+            raise ValueError("a gear ratio is not zero; leave it out where it is unknown")
+        return ratio
+
+    def joint(self) -> Joint:
+        """The joint in numbers."""
+        lower, upper = self.limits
+        return Joint(self.name, self.type, lower, upper, self.mass, self.com, self.gear_ratio)
+
+    def driven(self, index: int, symbol: Literal["theta", "d"]) -> Factor:
+        """The factor about or along z that carries ``theta`` or ``d``, and the joint variable where it is that one."""
+        moves = (symbol == "theta") == (self.type == "revolute")
+        kind: Literal["rotate", "translate"] = "rotate" if symbol == "theta" else "translate"
+        return Factor(kind, 2, getattr(self, symbol), f"{self.name}.{symbol}", index if moves else None)
+
+
+class RobotFormat(Spec):
+    """The ``robot:`` section of a problem file; each format adds its own keys and says how it becomes a ``Robot``."""
+
+    base: FrameSpec = FrameSpec()
+    tool: FrameSpec = FrameSpec()
+    payload: Mass = 0.0
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+
+    @field_validator("payload")
+    @classmethod
+    def _payload_not_negative(cls, payload: float) -> float:
+        if payload < 0:
+            raise ValueError("a payload is not negative")
+        return payload
+
+    @abstractmethod
+    def build(self, folder: Path) -> Robot:
+        """The chain in numbers.
+
+        Args:
+            folder: where relative file names of the section start.
+
+        Raises:
+            InputError: a file that is named cannot be used.
+        """
+
+    def assemble(self, name: str, joints: tuple[Joint, ...], links: tuple[tuple[Factor, ...], ...]) -> Robot:
+        """A ``Robot`` of these links between the base and the tool of this section."""
+        return Robot(
+            name=name,
+            joints=joints,
+            links=links,
+            base=self.base.factors("base"),
+            tool=self.tool.factors("tool"),
+            payload=self.payload,
+            gravity=self.gravity,
+            base_free=self.base.free,
+            tool_free=self.tool.free,
+        )
+
+
+class TableRobot(RobotFormat):
+    """A robot given by one table row a joint."""
+
+    joints: tuple[JointSpec, ...]
+
+    @field_validator("joints")
+    @classmethod
+    def _usable_table(cls, joints: tuple[JointSpec, ...]) -> tuple[JointSpec, ...]:
+        names = [joint.name for joint in joints]
+        if not names:
+            raise ValueError("a robot needs at least one joint")
+        if len(names) > MAX_JOINTS:
+            raise ValueError(f"{len(names)} joints are more than the {MAX_JOINTS} that a serial arm may have here")
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"joint names must differ; given twice: {', '.join(twice)}")
+        return joints
+
+    def build(self, folder: Path) -> Robot:
+        """The chain in numbers; ``folder`` is not needed."""
+        links = tuple(self.row(joint, index) for index, joint in enumerate(self.joints))
+        return self.assemble(f"{len(links)}-joint arm", tuple(joint.joint() for joint in self.joints), links)
+
+    @staticmethod
+    @abstractmethod
+    def row(joint: JointSpec, index: int) -> tuple[Factor, ...]:
+        """The factors of one row of the table, whose joint variable is ``q[index]``."""

@@ -1,0 +1,102 @@
+"""Robots that travel with the package: one YAML file each in ``presets/``, with the source of every number."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import replace
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.robot.dh import DhRobot
+from posture_opt.robot.format import RobotFormat
+from posture_opt.robot.mdh import MdhRobot
+from posture_opt.robot.robot import Repeatability, Robot
+from posture_opt.spec import Spec
+from posture_opt.units import Length
+
+
+class RepeatabilitySpec(Spec):
+    """A data sheet's position repeatability, with its source."""
+
+    value: Length
+    source: str
+
+
+class PresetFile(Spec):
+    """A file of ``presets/``: ``robot`` is a section as in a problem file, the other keys say where it is from."""
+
+    title: str
+    source: dict[str, str]
+    robot: Annotated[DhRobot | MdhRobot, Field(discriminator="kind")]
+    repeatability: RepeatabilitySpec | None = None
+    notes: tuple[str, ...] = ()
+
+    def build(self) -> Robot:
+        """The preset in numbers, ``source`` holding one line for each group of numbers."""
+        given = self.repeatability
+        return replace(
+            self.robot.build(Path()),
+            name=self.title,
+            source="\n".join(f"{group}: {source}" for group, source in self.source.items()),
+            notes=self.notes,
+            repeatability=Repeatability(given.value, given.source) if given else None,
+        )
+
+
+class PresetRobot(RobotFormat):
+    """A robot of ``preset_names()``; keys given beside the name replace those of the preset."""
+
+    kind: Literal["preset"] = "preset"
+    name: str
+
+    def build(self, folder: Path) -> Robot:
+        """The preset in numbers; ``folder`` is not needed.
+
+        Raises:
+            InputError: no preset has this name.
+        """
+        robot = load_preset(self.name)
+        given = self.model_fields_set
+        if "base" in given:
+            robot = replace(robot, base=self.base.factors("base"), base_free=self.base.free)
+        if "tool" in given:
+            robot = replace(robot, tool=self.tool.factors("tool"), tool_free=self.tool.free)
+        return replace(robot, **{key: getattr(self, key) for key in ("payload", "gravity") if key in given})
+
+
+def preset_names() -> tuple[str, ...]:
+    """The names of all presets, sorted."""
+    folder = files("posture_opt.robot") / "presets"
+    return tuple(sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml")))
+
+
+def preset_text(name: str) -> str:
+    """The text of a preset's file.
+
+    Raises:
+        InputError: no preset has this name; the message offers the nearest.
+    """
+    names = preset_names()
+    if name not in names:
+        near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.5)
+        mend = (f"did you mean {near[0]}? " if near else "") + f"presets: {', '.join(names)}"
+        raise InputError(Issue("there is no preset of this name", ("name",), name, mend))
+    return (files("posture_opt.robot") / "presets" / f"{name}.yaml").read_text(encoding="utf-8")
+
+
+@cache
+def load_preset(name: str) -> Robot:
+    """The preset ``name`` in numbers; its tool point is the flange.
+
+    Raises:
+        InputError: no preset has this name; the message offers the nearest.
+    """
+    import yaml
+
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    return PresetFile.model_validate(yaml.load(preset_text(name), loader)).build()

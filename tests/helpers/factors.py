@@ -1,0 +1,39 @@
+"""The product of a chain's factors in plain NumPy, written without a line of the package."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def elementary(kind, axis, value):
+    """(4, 4) translation along, or rotation about, a coordinate axis."""
+    T = np.eye(4)
+    if kind == "translate":
+        T[axis, 3] = value
+        return T
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    c, s = np.cos(value), np.sin(value)
+    T[i, i], T[i, j], T[j, i], T[j, j] = c, -s, s, c
+    return T
+
+
+def product(factors, q, parameters=None):
+    """(4, 4) product of the factors at the joint values ``q``, errors given by name in ``parameters``."""
+    T = np.eye(4)
+    for f in factors:
+        value = f.nominal + (parameters or {}).get(f.parameter, 0.0)
+        if f.joint is not None:
+            value += f.sign * q[f.joint]
+        T = T @ elementary(f.kind, f.axis, value)
+    return T
+
+
+def pose(robot, q, parameters=None):
+    """(4, 4) T_world_tool."""
+    return product(robot.factors, q, parameters)
+
+
+def frame(robot, q, index):
+    """(4, 4) T_world_link of the frame behind ``links[index]``."""
+    before = [f for link in robot.links[: index + 1] for f in link]
+    return product([*robot.base, *before], q)
