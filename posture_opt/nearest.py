@@ -1,0 +1,34 @@
+"""What was probably meant: the nearest known name to a mistyped one."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """The known name written most like ``word``, case aside; empty where none is like it."""
+    by_lower = {name.lower(): name for name in known}
+    found = difflib.get_close_matches(word.lower(), by_lower, 1, 0.6)
+    return by_lower[found[0]] if found else ""
+
+
+def nearest_file(path: Path) -> str:
+    """The path beside ``path`` whose name is written most like its name; empty where none is like it."""
+    try:
+        names = [entry.name for entry in path.parent.iterdir()]
+    except OSError:
+        return ""
+    name = nearest(path.name, names)
+    return str(path.parent / name) if name else ""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """``did you mean 'x'?``, or the list of what is known where nothing is like ``word``."""
+    names = list(known)
+    name = nearest(word, names)
+    if name:
+        return f"did you mean '{name}'?"
+    shown = ", ".join(names[:40]) + (", …" if len(names) > 40 else "")
+    return f"known are {shown}" if names else "none is known"

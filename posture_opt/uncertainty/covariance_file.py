@@ -1,0 +1,149 @@
+"""A covariance matrix from a CSV file with named rows and columns."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.nearest import nearest, nearest_file
+from posture_opt.uncertainty.sources import Array
+from posture_opt.units import parse_quantity
+
+_CELL = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
+_LARGEST = 10_000_000  # bytes; 500 named rows of 20 digits need half of it
+
+
+def read_covariance(path: Path, dimensions: dict[str, str]) -> tuple[tuple[str, ...], Array]:
+    """Names and covariance (k, k) in SI units of a file such as ::
+
+        name, joint1.theta [deg], joint1.a [mm]
+        joint1.theta, 1.0, 0.2
+        joint1.a, 0.2, 4.0
+
+    An entry has the product of the units of its two columns; rows may stand in any order.
+
+    Args:
+        path: the file.
+        dimensions: ``angle`` or ``length`` of every known parameter name.
+
+    Raises:
+        InputError: everything wrong with the file, each with its line.
+    """
+    rows = _rows(path)
+    if not rows:
+        raise InputError(Issue("the covariance file is empty", file=str(path)))
+    line, header = rows[0]
+    names, factors, issues = _header(header[1:], dimensions)
+    matrix, more = _body(rows[1:], names)
+    issues += more
+    if issues:
+        raise InputError([_placed(issue, path, line) for issue in issues])
+    scale = np.array(factors)
+    return tuple(names), matrix * np.outer(scale, scale)
+
+
+def _placed(issue: Issue, path: Path, header_line: int) -> Issue:
+    return Issue(issue.message, issue.key, issue.value, issue.mend, str(path), issue.line or header_line)
+
+
+def _rows(path: Path) -> list[tuple[int, list[str]]]:
+    """Line number and cells of every row that is not blank."""
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise InputError(Issue(f"the covariance file is larger than {_LARGEST // 10**6} MB", file=str(path)))
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.reader(stream)
+            return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except FileNotFoundError:
+        near = nearest_file(path)
+        raise InputError(Issue(f"no such file: {path}", mend=f"did you mean {near}?" if near else "")) from None
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(Issue(f"cannot read the covariance file {path}: {error}")) from None
+
+
+def _header(cells: Sequence[str], dimensions: dict[str, str]) -> tuple[list[str], list[float], list[Issue]]:
+    names: list[str] = []
+    factors: list[float] = []
+    issues: list[Issue] = []
+    for cell in cells:
+        match = _CELL.match(cell)
+        name, unit = (match["name"], match["unit"]) if match else (cell.strip(), None)
+        issues += name_issues(name, dimensions)
+        dimension = dimensions.get(name, "length" if unit == "m" else "angle")
+        if name in names:
+            issues.append(Issue("two columns have this name", (name,)))
+        if unit is None:
+            example = "rad" if dimension == "angle" else "m"
+            issues.append(Issue("the column has no unit", (name,), mend=f"write {name} [{example}]"))
+        names.append(name)
+        factors.append(_unit_factor(name, unit, dimension, issues if name in dimensions else []))
+    if not cells:
+        issues.append(Issue("the header names no parameter", mend="write for example: name, joint1.theta [rad]"))
+    return names, factors, issues
+
+
+def _unit_factor(name: str, unit: str | None, dimension: str, issues: list[Issue]) -> float:
+    try:
+        return parse_quantity(f"1 {unit}", dimension) if unit is not None else 1.0
+    except ValueError as error:
+        issues.append(Issue(str(error), (name,)))
+        return 1.0
+
+
+def name_issues(name: str, known: dict[str, str]) -> list[Issue]:
+    """The complaint about a parameter that the robot does not have, with the nearest that it has."""
+    if name in known:
+        return []
+    near = nearest(name, known)
+    listed = ", ".join(known) if len(known) <= 40 else ", ".join([*list(known)[:40], "…"])
+    mend = f"did you mean '{near}'? " if near else ""
+    return [Issue("the robot has no such parameter", (name,), name, f"{mend}It has: {listed}")]
+
+
+def _body(rows: Sequence[tuple[int, list[str]]], names: Sequence[str]) -> tuple[Array, list[Issue]]:
+    matrix = np.full((len(names), len(names)), math.nan)
+    issues: list[Issue] = []
+    for line, cells in rows:
+        match = _CELL.match(cells[0])
+        name = match["name"] if match else cells[0].strip()
+        if name not in names:
+            issues.append(Issue("the row has no column of the same name", (name,), line=line))
+        elif not np.isnan(matrix[names.index(name)]).all():
+            issues.append(Issue("two rows have this name", (name,), line=line))
+        elif len(cells) - 1 != len(names):
+            issues.append(Issue(f"{len(cells) - 1} numbers in the row, {len(names)} columns", (name,), line=line))
+        else:
+            matrix[names.index(name)] = [_number(text, line, name, issues) for text in cells[1:]]
+    missing = [name for i, name in enumerate(names) if np.isnan(matrix[i]).all()]
+    if missing and not issues:
+        issues.append(Issue(f"no row for {', '.join(missing)}", mend="every column needs the row of the same name"))
+    return matrix, issues or _asymmetries(names, matrix)
+
+
+def _number(text: str, line: int, name: str, issues: list[Issue]) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        issues.append(Issue(f"'{text.strip()}' is not a finite number", (name,), text, line=line))
+        return 0.0
+    return value
+
+
+def _asymmetries(names: Sequence[str], matrix: Array) -> list[Issue]:
+    scale = np.sqrt(np.abs(np.outer(np.diag(matrix), np.diag(matrix))))
+    # 1e-6 of the largest possible entry: a file written with seven digits is symmetric.
+    pairs = np.argwhere(np.triu(np.abs(matrix - matrix.T) > 1e-6 * np.maximum(scale, np.abs(matrix)), 1))
+    return [
+        Issue(
+            f"not symmetric: row {names[i]}, column {names[j]} holds {matrix[i, j]:.6g}, the reverse {matrix[j, i]:.6g}"
+        )
+        for i, j in pairs[:10]
+    ]

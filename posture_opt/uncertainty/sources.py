@@ -1,0 +1,109 @@
+"""``Sources``: which model parameters are uncertain, by how much, and how they hang together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.errors import InputError, Issue
+
+Array = NDArray[np.float64]
+
+_ROUNDING = 1e-9  # of an eigenvalue of a correlation matrix, per row: what float arithmetic leaves of a zero
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """Named Gaussian errors of model parameters with mean zero and one covariance matrix.
+
+    Args:
+        names: (k,) names of model parameters, ``JOINT.PARAMETER``.
+        covariance: (k, k), SI units: rad², m², rad m.
+        notes: sentences for the report on where the numbers come from.
+    """
+
+    names: tuple[str, ...] = ()
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        covariance = np.array(self.covariance, dtype=float)
+        assert covariance.shape == (len(self.names),) * 2, "the covariance has a row for each name"
+        covariance.setflags(write=False)
+        object.__setattr__(self, "covariance", covariance)
+
+    @classmethod
+    def independent(cls, sigma: Mapping[str, float], notes: Sequence[str] = ()) -> Sources:
+        """Sources without correlation from standard deviations [rad or m]."""
+        return cls(tuple(sigma), np.diag(np.square(list(sigma.values()))), tuple(notes))
+
+    @property
+    def sigma(self) -> Array:
+        """(k,) standard deviations [rad or m]."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def correlated(self) -> bool:
+        """Whether any two sources vary together."""
+        return bool(np.any(self.covariance[~np.eye(len(self.names), dtype=bool)]))
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is uncertain."""
+        return not self.names
+
+    def joined(self, other: Sources) -> Sources:
+        """Both sets of sources, the two independent of each other; no name may stand in both."""
+        twice = sorted(set(self.names) & set(other.names))
+        if twice:
+            raise InputError(Issue(f"the error of {', '.join(twice)} is stated twice", mend="state it once"))
+        k = len(self.names)
+        covariance = np.zeros((k + len(other.names),) * 2)
+        covariance[:k, :k] = self.covariance
+        covariance[k:, k:] = other.covariance
+        return Sources((*self.names, *other.names), covariance, (*self.notes, *other.notes))
+
+
+def covariance_issues(names: Sequence[str], covariance: Array) -> list[Issue]:
+    """What keeps a symmetric matrix from being a covariance: negative variances or impossible correlations.
+
+    A matrix is a covariance exactly if it is positive semidefinite. The test is made on the matrix of
+    correlations, which has no units: in the covariance itself a few rad² would drown in m², or the reverse.
+    """
+    variance = np.diag(covariance)
+    negative = [name for name, v in zip(names, variance, strict=True) if v < 0]
+    if negative:
+        return [Issue(f"negative variance of {', '.join(negative)}", mend="a variance is 0 or greater")]
+    sigma = np.sqrt(variance)
+    idle = sigma == 0
+    for i, j in np.argwhere((covariance != 0) & idle[:, None]):
+        return [Issue(f"{names[i]} has variance 0 but covaries with {names[j]}", mend="state its variance")]
+    correlation = covariance[~idle][:, ~idle] / np.outer(sigma[~idle], sigma[~idle])
+    beyond = np.argwhere(np.triu(np.abs(correlation) > 1 + _ROUNDING, 1))
+    varying = [name for name, still in zip(names, idle, strict=True) if not still]
+    if len(beyond):
+        return [_beyond_one(varying[i], varying[j], correlation[i, j]) for i, j in beyond]
+    return _indefinite(varying, correlation)
+
+
+def _beyond_one(a: str, b: str, rho: float) -> Issue:
+    return Issue(f"the correlation of {a} and {b} is {rho:.6g}", mend="a correlation lies between -1 and 1")
+
+
+def _indefinite(names: Sequence[str], correlation: Array) -> list[Issue]:
+    if not len(names):
+        return []
+    values, vectors = np.linalg.eigh(correlation)
+    if values[0] >= -_ROUNDING * len(names):
+        return []
+    # The eigenvector says which combination of errors would have a negative variance.
+    weights = np.abs(vectors[:, 0])
+    involved = [name for name, w in zip(names, weights, strict=True) if w > 0.1 * weights.max()]
+    message = (
+        f"not positive semidefinite: the correlations of {', '.join(involved)} contradict each other "
+        f"(smallest eigenvalue of the correlation matrix {values[0]:.4g})"
+    )
+    return [Issue(message, mend="no random errors have such correlations; make them smaller until it is 0 or greater")]

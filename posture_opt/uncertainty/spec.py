@@ -1,0 +1,162 @@
+"""The ``uncertainty`` section of the problem file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, WithJsonSchema
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.robot.robot import Robot
+from posture_opt.spec import Spec
+from posture_opt.uncertainty.covariance_file import name_issues, read_covariance
+from posture_opt.uncertainty.sources import Sources, covariance_issues
+from posture_opt.units import Angle, Length, parse_quantity
+
+# Angle or length: the parameter decides, so the text is read when the robot is known.
+Quantity = Annotated[Any, WithJsonSchema({"type": "string", "examples": ["1 deg", "10 mm"]})]
+Correlation = Annotated[tuple[str, str, float], Field(examples=[["joint1.a", "joint2.a", 0.8]])]
+
+
+class MeasurementSpec(Spec):
+    """Standard deviations of the measuring instrument, used with data."""
+
+    position: Length = Field(ge=0, description="of each coordinate of the measured point")
+    orientation: Angle | None = Field(None, ge=0, description="of each component of the measured rotation")
+
+
+class UncertaintySpec(Spec):
+    """Where the scatter of the tool point comes from: standard deviations, a covariance file, or a data sheet."""
+
+    sigma: dict[str, Quantity] = Field({}, description="JOINT.PARAMETER: standard deviation")
+    correlation: tuple[Correlation, ...] = Field((), description="[parameter, parameter, coefficient]")
+    covariance: str | None = Field(None, min_length=1, description="CSV file with named rows and columns")
+    repeatability: Length | None = Field(None, gt=0, description="data sheet's RP of ISO 9283")
+    weights: dict[str, Annotated[float, Field(ge=0)]] = Field({}, description="JOINT: share in the repeatability")
+    measurement: MeasurementSpec | None = None
+
+    def build(self, robot: Robot, folder: Path) -> Sources:
+        """The sources of ``robot``; a covariance file is looked up from ``folder``.
+
+        Raises:
+            InputError: everything wrong with the section, keys relative to it.
+        """
+        dimensions = {n: "angle" if f.kind == "rotate" else "length" for n, f in robot.parameters.items()}
+        issues = [*self._contradictions(), *self._weight_issues(robot)]
+        named = Sources()
+        try:
+            named = self._from_file(dimensions, folder) if self.covariance else self._from_sigma(dimensions)
+        except InputError as error:
+            issues += error.issues
+        if issues:
+            raise InputError(issues)
+        return self._with_repeatability(named, robot)
+
+    def _contradictions(self) -> list[Issue]:
+        issues = []
+        if self.covariance and (self.sigma or self.correlation):
+            mend = "the file holds variances and correlations alike; leave out sigma and correlation"
+            issues.append(Issue("covariance and sigma are both given", ("covariance",), self.covariance, mend))
+        if self.weights and self.repeatability is None:
+            mend = "add repeatability, or leave out weights"
+            issues.append(Issue("weights share out a repeatability, and none is given", ("weights",), mend=mend))
+        return issues
+
+    def _weight_issues(self, robot: Robot) -> list[Issue]:
+        known = dict.fromkeys(robot.joint_names, "joint")
+        issues = []
+        for name in self.weights:
+            for issue in name_issues(name, known):
+                issues.append(Issue("the robot has no such joint", ("weights", name), name, issue.mend))
+        if self.weights and not any(self.weights.get(name, 1.0) for name in robot.joint_names):
+            issues.append(Issue("all weights are zero", ("weights",), mend="give one joint a weight above 0"))
+        return issues
+
+    def _from_file(self, dimensions: dict[str, str], folder: Path) -> Sources:
+        assert self.covariance is not None
+        path = folder / self.covariance
+        try:
+            names, covariance = read_covariance(path, dimensions)
+        except InputError as error:
+            raise InputError([issue if issue.file else issue.at("covariance") for issue in error.issues]) from None
+        covariance = (covariance + covariance.T) / 2
+        issues = covariance_issues(names, covariance)
+        if issues:
+            raise InputError([Issue(i.message, ("covariance",), self.covariance, i.mend) for i in issues])
+        return Sources(names, covariance, (f"covariance from {self.covariance}",))
+
+    def _from_sigma(self, dimensions: dict[str, str]) -> Sources:
+        issues: list[Issue] = []
+        sigma = {name: _sigma(name, text, dimensions, issues) for name, text in self.sigma.items()}
+        names = tuple(sigma)
+        pairs = self._pairs(names, issues)
+        if issues:
+            raise InputError(issues)
+        values = np.array(list(sigma.values()))
+        correlation = np.eye(len(names))
+        for (a, b), rho in pairs.items():
+            i, j = names.index(a), names.index(b)
+            correlation[i, j] = correlation[j, i] = rho
+        covariance = correlation * np.outer(values, values)
+        issues = covariance_issues(names, covariance)
+        if issues:
+            raise InputError([issue.at("correlation") for issue in issues])
+        return Sources(names, covariance)
+
+    def _pairs(self, names: tuple[str, ...], issues: list[Issue]) -> dict[tuple[str, str], float]:
+        pairs: dict[tuple[str, str], float] = {}
+        for index, (a, b, rho) in enumerate(self.correlation):
+            key = ("correlation", index)
+            pair = (min(a, b), max(a, b))
+            for name in dict.fromkeys((a, b)):
+                if name not in names:
+                    mend = f"add it under sigma, or correlate one of: {', '.join(names) or 'none stated'}"
+                    issues.append(Issue(f"'{name}' has no sigma", key, name, mend))
+            if not -1 <= rho <= 1:
+                issues.append(Issue(f"the correlation {rho:g} lies outside [-1, 1]", key, rho, "write for example 0.8"))
+            if a == b:
+                issues.append(Issue(f"'{a}' is correlated with itself", key, a, "name two different parameters"))
+            elif pair in pairs:
+                issues.append(Issue(f"the correlation of {a} and {b} is stated twice", key, rho, "keep one"))
+            pairs[pair] = rho
+        return pairs
+
+    def _with_repeatability(self, named: Sources, robot: Robot) -> Sources:
+        if self.repeatability is None and (robot.repeatability is None or self._stated):
+            return named
+        from posture_opt.uncertainty.repeatability import joint_sigmas
+
+        if self.repeatability is None:
+            assert robot.repeatability is not None
+            value, source = robot.repeatability.value, robot.repeatability.source
+            joints = joint_sigmas(robot, value, {})
+            note = f"no uncertainty stated: data-sheet repeatability {value * 1e3:g} mm taken ({source})"
+            return Sources(joints.names, joints.covariance, (note, *joints.notes))
+        try:
+            return named.joined(joint_sigmas(robot, self.repeatability, self.weights))
+        except InputError as error:
+            mend = "the repeatability holds the scatter of all joints: leave these out of sigma, or leave it out"
+            raise InputError([Issue(i.message, ("repeatability",), mend=mend) for i in error.issues]) from None
+
+    @property
+    def _stated(self) -> bool:
+        return bool(self.sigma or self.covariance)
+
+
+def _sigma(name: str, text: Any, dimensions: dict[str, str], issues: list[Issue]) -> float:
+    key = ("sigma", name)
+    unknown = name_issues(name, dimensions)
+    if unknown:
+        issues.extend(issue.at("sigma") for issue in unknown)
+        return 0.0
+    try:
+        value = parse_quantity(text, dimensions[name])
+    except ValueError as error:
+        issues.append(Issue(str(error), key, text))
+        return 0.0
+    if value < 0:
+        mend = f"write {str(text).strip().lstrip('-').strip()}"
+        issues.append(Issue(f"the standard deviation {text} is negative", key, text, mend))
+    return value
