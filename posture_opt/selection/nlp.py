@@ -1,0 +1,81 @@
+"""``Nlp``: the nonlinear programme as a value with named variables and rows, which can be printed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A decision variable with its bounds [unit]."""
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """A constraint ``lower ≤ expression ≤ upper`` [unit]; the bounds may depend on the goal's parameters."""
+
+    name: str
+    unit: str
+    expression: ca.SX
+    lower: ca.SX
+    upper: ca.SX
+
+
+@dataclass(frozen=True)
+class Nlp:
+    """``minimise objective(x, p)`` subject to the rows and to the bounds of the variables.
+
+    ``terms`` names the parts of the objective with their expressions, for people.
+    """
+
+    x: ca.SX
+    p: ca.SX
+    variables: tuple[Variable, ...]
+    objective: ca.SX
+    rows: tuple[Row, ...]
+    terms: tuple[tuple[str, ca.SX], ...] = ()
+
+    @cached_property
+    def g(self) -> ca.SX:
+        """(m,) all rows."""
+        return ca.vertcat(*(row.expression for row in self.rows)) if self.rows else ca.SX(0, 1)
+
+    def as_casadi(self) -> dict[str, ca.SX]:
+        """The dictionary that ``casadi.nlpsol`` takes."""
+        return {"x": self.x, "p": self.p, "f": self.objective, "g": self.g}
+
+    @cached_property
+    def variable_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) lower and upper bounds of the variables."""
+        return np.array([v.lower for v in self.variables]), np.array([v.upper for v in self.variables])
+
+    def row_bounds(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(m,) lower and upper bounds of the rows for one goal."""
+        low, high = self._row_bounds(parameters)
+        return np.asarray(low).ravel(), np.asarray(high).ravel()
+
+    @cached_property
+    def _row_bounds(self) -> ca.Function:
+        low, high = _stacked([row.lower for row in self.rows]), _stacked([row.upper for row in self.rows])
+        return ca.Function("row_bounds", [self.p], [low, high])
+
+    @cached_property
+    def screen(self) -> ca.Function:
+        """``(x, p) -> (objective, worst violation of a row, rows)``: all that many cheap starts need."""
+        low, high = _stacked([row.lower for row in self.rows]), _stacked([row.upper for row in self.rows])
+        beyond = ca.fmax(ca.fmax(low - self.g, self.g - high), 0) if self.rows else ca.SX.zeros(1)
+        return ca.Function("screen", [self.x, self.p], [self.objective, ca.mmax(beyond), self.g])
+
+
+def _stacked(bounds: Sequence[ca.SX]) -> ca.SX:
+    return ca.vertcat(*bounds) if bounds else ca.SX(0, 1)

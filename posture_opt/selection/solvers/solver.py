@@ -1,0 +1,43 @@
+"""``Solver``: what polishes a feasible posture into a locally optimal one."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from posture_opt.selection.nlp import Nlp
+from posture_opt.spec import Spec
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One local solve: the point (n,), whether the solver calls it optimal, its iterations and its own words."""
+
+    x: np.ndarray
+    optimal: bool
+    iterations: int
+    message: str
+
+
+Polish = Callable[[np.ndarray, np.ndarray], Outcome]
+"""(start (n,), goal parameters) -> outcome."""
+
+
+class Solver(Spec):
+    """A local solver, the number of starts and the seed they are drawn with."""
+
+    summary: ClassVar[str]
+    """One line for ``optimize-posture list``."""
+
+    kind: str
+    starts: int = Field(default=32, ge=1, le=100_000)
+    seed: int = Field(default=0, ge=0)
+
+    @abstractmethod
+    def build(self, nlp: Nlp, compiled: bool | None) -> Polish:
+        """A function that solves ``nlp`` locally, again and again."""

@@ -1,0 +1,18 @@
+"""Task ``drill``: as insert, but the arm must be able to point the tool along the direction."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from posture_opt.selection.tasks.task import Criterion, Task, Within
+
+
+class Drill(Task):
+    """Drilling along ``direction``: as insertion, with the tool axis required to lie along it."""
+
+    within: ClassVar[Within] = "across"
+    axis: ClassVar[Literal["aligned", "required", "free"]] = "required"
+    summary: ClassVar[str] = "as insert, but the arm must be able to point the tool along the direction."
+
+    kind: Literal["drill"]
+    criterion: Criterion = "worst"

@@ -1,0 +1,79 @@
+"""``Task``: what the tool point has to do, and therefore which part of its scatter matters."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
+
+from posture_opt.selection.terms import TermSpec
+from posture_opt.spec import Spec
+from posture_opt.units import Angle, Length
+
+Within = Literal["across", "along", "all"]
+Criterion = Literal["worst", "trace", "area", "miss"]
+
+
+def _nonzero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if math.hypot(*vector) < 1e-12:
+        raise ValueError("a direction of length zero points nowhere; write for example [0, 0, -1]")
+    return vector
+
+
+Direction = Annotated[tuple[float, float, float], AfterValidator(_nonzero)]
+
+
+class Region(Spec):
+    """A box in the world that the tool point may be placed in."""
+
+    min: tuple[Length, Length, Length]
+    max: tuple[Length, Length, Length]
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Region:
+        for axis, low, high in zip("xyz", self.min, self.max, strict=True):
+            if low > high:
+                raise ValueError(f"the box is empty: min {low:g} m is above max {high:g} m in {axis}; swap them")
+        return self
+
+
+class Task(Spec):
+    """A task at one place: where the tool point goes, along which direction, and which spread is minimised.
+
+    ``direction`` and ``tool_axis`` are directions in the world and in the tool frame. Without ``position`` and
+    ``region`` the workpiece may stand anywhere in reach.
+    """
+
+    within: ClassVar[Within]
+    """The part of the spread that counts: across the direction, along it, or all of it."""
+    axis: ClassVar[Literal["aligned", "required", "free"]]
+    """Tool axis along the direction: where the arm can, always (else an error), or not asked for."""
+    summary: ClassVar[str]
+    """One line for ``optimize-posture list``."""
+
+    kind: str
+    direction: Direction = (0.0, 0.0, -1.0)
+    position: tuple[Length, Length, Length] | None = None
+    region: Region | None = None
+    tool_axis: Direction = (0.0, 0.0, 1.0)
+    tilt: Annotated[Angle, Field(ge=0, le=math.pi / 2)] = 0.0
+    clearance: Annotated[Length, Field(gt=0)] | None = None
+    criterion: Criterion = "worst"
+    minimize: tuple[TermSpec, ...] = ()
+    subject_to: tuple[TermSpec, ...] = ()
+
+    @field_validator("position", mode="before")
+    @classmethod
+    def _three(cls, value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, list | tuple) and len(value) != 3:
+            raise ValueError(f"a position has three coordinates, {len(value)} are given; write [0.6 m, 0.2 m, 0.1 m]")
+        return value
+
+    @model_validator(mode="after")
+    def _one_target(self) -> Task:
+        if self.position is not None and self.region is not None:
+            raise ValueError("position and region are both given; keep one of them")
+        if self.criterion == "miss" and self.clearance is None:
+            raise ValueError("criterion miss needs the clearance of the hole; add for example clearance: 0.2 mm")
+        return self

@@ -1,0 +1,36 @@
+"""Term ``limit_margin``: distance of the revolute joints from their limits."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Literal
+
+import casadi as ca
+
+from posture_opt.selection.quantities import Quantities
+from posture_opt.selection.terms.term import BoundedTerm
+from posture_opt.units import Angle
+
+
+class LimitMargin(BoundedTerm):
+    """Distance of every revolute joint from its nearer limit [rad]; minimised, it is the joints' closeness."""
+
+    summary: ClassVar[str] = "distance of every revolute joint from its limits (at_least)"
+    unit: ClassVar[str] = "rad"
+
+    kind: Literal["limit_margin"]
+    at_least: Angle = 0.0
+
+    def quantity(self, at: Quantities) -> ca.SX:
+        margins = []
+        for k, joint in enumerate(at.robot.joints):
+            if joint.type == "revolute":
+                # Both sides as rows of their own: the smaller of two is not smooth.
+                margins += [at.q[k] - joint.lower, joint.upper - at.q[k]]
+        return ca.vertcat(*margins)
+
+    def bounds(self) -> tuple[float, float]:
+        return self.at_least, math.inf
+
+    def scale(self, at: Quantities) -> float:
+        return 1.0

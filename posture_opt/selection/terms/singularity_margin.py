@@ -1,0 +1,34 @@
+"""Term ``singularity_margin``: distance from postures in which the tool point cannot move in some direction."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Literal
+
+import casadi as ca
+
+from posture_opt.selection import criteria
+from posture_opt.selection.quantities import Quantities
+from posture_opt.selection.terms.term import BoundedTerm
+from posture_opt.units import Length
+
+
+class SingularityMargin(BoundedTerm):
+    """Smallest singular value of the tool point's Jacobian [m/rad], written as a length per radian."""
+
+    summary: ClassVar[str] = "smallest singular value of the position Jacobian, m per rad (at_least)"
+    unit: ClassVar[str] = "m/rad"
+
+    kind: Literal["singularity_margin"]
+    at_least: Length = 0.0
+
+    def quantity(self, at: Quantities) -> ca.SX:
+        smallest = criteria.eigenvalues(at.jacobian @ at.jacobian.T)[0]
+        # The rounding of equal eigenvalues can push a zero just below zero.
+        return ca.sqrt(ca.fmax(smallest, 0) + 1e-12)
+
+    def bounds(self) -> tuple[float, float]:
+        return self.at_least, math.inf
+
+    def scale(self, at: Quantities) -> float:
+        return 0.1

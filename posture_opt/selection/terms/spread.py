@@ -1,0 +1,33 @@
+"""Term ``spread``: a standard deviation of the tool point."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Literal
+
+import casadi as ca
+
+from posture_opt.selection import criteria
+from posture_opt.selection.quantities import Quantities, Within
+from posture_opt.selection.terms.term import BoundedTerm
+from posture_opt.units import Length
+
+
+class SpreadTerm(BoundedTerm):
+    """The largest standard deviation across the direction, along it, or in any direction [m]."""
+
+    summary: ClassVar[str] = "largest standard deviation across | along the direction, or all of it"
+    unit: ClassVar[str] = "m"
+
+    kind: Literal["spread"]
+    within: Within = "along"
+    at_most: Length | None = None
+
+    def quantity(self, at: Quantities) -> ca.SX:
+        return ca.sqrt(criteria.worst(at.projected(self.within)[0]))
+
+    def bounds(self) -> tuple[float, float]:
+        return -math.inf, math.inf if self.at_most is None else self.at_most
+
+    def scale(self, at: Quantities) -> float:
+        return self.at_most or 1e-3
