@@ -1,0 +1,243 @@
+"""CasADi functions as fast batch functions: generated C where a compiler is found, else CasADi's interpreter."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import casadi
+import numpy as np
+import numpy.typing as npt
+
+from posture_opt.errors import InputError, Issue, SolverError
+from posture_opt.model.c_source import c_source, c_text, row_function
+from posture_opt.model.toolchain import BuildError, Library, shared_library
+
+__all__ = ["IPOPT_OPTIONS", "BatchFunction", "c_source", "compiled_nlp"]
+
+Array = npt.NDArray[np.float64]
+
+IPOPT_OPTIONS: dict[str, Any] = {
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",  # no banner
+    "print_time": False,
+    "calc_lam_p": False,  # the multipliers of the parameters cost one more evaluation and nobody reads them
+}
+
+_ROW = "posture_opt_row"
+_CHUNK = 256  # rows of one interpreted map: bounds its memory
+_BATCH_C = """
+#include <stdlib.h>
+
+CASADI_SYMBOL_EXPORT long long posture_opt_batch(long long rows, const double* const* inputs,
+    const long long* steps, double* const* outputs, const long long* sizes) {
+  casadi_int sz_arg, sz_res, sz_iw, sz_w, i;
+  long long row, failed = 0;
+  const double** arg; double** res; casadi_int* iw; double* w;
+  posture_opt_row_work(&sz_arg, &sz_res, &sz_iw, &sz_w);
+  arg = malloc((sz_arg + 1) * sizeof *arg);
+  res = malloc((sz_res + 1) * sizeof *res);
+  iw = malloc((sz_iw + 1) * sizeof *iw);
+  w = malloc((sz_w + 1) * sizeof *w);
+  if (!arg || !res || !iw || !w) failed = -1;
+  for (row = 0; row < rows && !failed; ++row) {
+    for (i = 0; i < posture_opt_row_n_in(); ++i) arg[i] = inputs[i] + row * steps[i];
+    for (i = 0; i < posture_opt_row_n_out(); ++i) res[i] = outputs[i] + row * sizes[i];
+    if (posture_opt_row(arg, res, iw, w, 0)) failed = row + 1;
+  }
+  free(arg); free(res); free(iw); free(w);
+  return failed;
+}
+"""
+
+
+class BatchFunction:
+    """A CasADi function evaluated over rows: ``batch(*arrays)[k] = function(*(array[k] for array in arrays))``.
+
+    Compiled rows run without Python's lock, so batches may run in threads; :meth:`one` may not. Both ways give
+    the same digits, pickle, and let NaN and infinity through.
+
+    Args:
+        function: inputs and outputs of any sparsity; both are dense outside.
+        compiled: None compiles where a C compiler is found; False never; True or an error.
+
+    Attributes:
+        compiled: whether generated C is evaluated.
+        reason: why it is not; empty where it is.
+
+    Raises:
+        InputError: ``compiled=True`` and nothing could be compiled.
+    """
+
+    def __init__(self, function: casadi.Function, *, compiled: bool | None = None) -> None:
+        self.function = function
+        self._wanted = compiled
+        self._row = row_function(function, _ROW)
+        self._names = [function.name_in(i) for i in range(function.n_in())]
+        self._sizes = [function.numel_in(i) for i in range(function.n_in())]
+        self._shapes = [_shape(function, i) for i in range(function.n_out())]
+        library, self.reason = _library(compiled, self._row.serialize, lambda: c_text([self._row]) + _BATCH_C)
+        self.compiled = library is not None
+        if library:
+            self._row = casadi.external(_ROW, str(library.path))
+        self._fill = functools.partial(_fill_compiled, library) if library else self._fill_interpreted
+
+    def __call__(self, *arrays: npt.ArrayLike) -> Any:
+        """Evaluate all rows.
+
+        Args:
+            arrays: one an input, (N, size), or (size,) or (1, size) for the same in every row; matrices
+                column-major.
+
+        Returns:
+            (N, r) of a vector output, (N, r, c) of a matrix; a tuple of them for several outputs.
+
+        Raises:
+            InputError: an input of another shape.
+            SolverError: the function itself reports a failure.
+        """
+        rows, inputs = self._read(arrays)
+        outputs = [np.empty((rows, *shape)) for shape in self._shapes]
+        if rows:
+            self._fill(rows, inputs, outputs)
+        return outputs[0] if len(outputs) == 1 else tuple(outputs)
+
+    def one(self, *arrays: npt.ArrayLike) -> Any:
+        """Evaluate once with buffers that are kept: each input (size,), outputs (r,) or (r, c). Not for threads."""
+        buffered = self._single
+        for slot, array in zip(buffered.inputs, arrays, strict=True):
+            slot[:] = array
+        buffered.evaluate()
+        outputs = [array.reshape(shape).copy() for array, shape in zip(buffered.outputs, self._shapes, strict=True)]
+        return outputs[0] if len(outputs) == 1 else tuple(outputs)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return functools.partial(BatchFunction, compiled=self._wanted), (self.function,)
+
+    @functools.cached_property
+    def _single(self) -> _Buffered:
+        return _Buffered(self._row)
+
+    def _read(self, arrays: tuple[npt.ArrayLike, ...]) -> tuple[int, list[Array]]:
+        if len(arrays) != len(self._names):
+            raise InputError(f"{len(arrays)} arrays given, {len(self._names)} wanted: {', '.join(self._names)}")
+        inputs = [np.ascontiguousarray(np.atleast_2d(np.asarray(array, dtype=float))) for array in arrays]
+        rows = next((len(array) for array in inputs if len(array) != 1), 1)
+        issues = [
+            Issue(f"input {name} has shape {np.shape(given)}", mend=f"give ({size},) or ({rows}, {size})")
+            for name, size, array, given in zip(self._names, self._sizes, inputs, arrays, strict=True)
+            if array.ndim != 2 or array.shape[1] != size or len(array) not in (1, rows)
+        ]
+        if issues:
+            raise InputError(issues)
+        return rows, inputs
+
+    def _fill_interpreted(self, rows: int, inputs: list[Array], outputs: list[Array]) -> None:
+        spread = [np.broadcast_to(array, (rows, array.shape[1])) for array in inputs]
+        whole = rows - rows % _CHUNK
+        # Buffers of this call alone, so that batches may run in threads here too.
+        if whole:
+            _fill_buffered(_Buffered(self._row.map(_CHUNK)), range(0, whole, _CHUNK), _CHUNK, spread, outputs)
+        _fill_buffered(_Buffered(self._row), range(whole, rows), 1, spread, outputs)
+
+
+class _Buffered:
+    """One CasADi function bound to memory of its own."""
+
+    def __init__(self, function: casadi.Function) -> None:
+        self._buffer: Any
+        self.inputs = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
+        self.outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+        self._buffer, self._trigger = function.buffer()
+        for i, array in enumerate(self.inputs):
+            self._buffer.set_arg(i, array.data)
+        for i, array in enumerate(self.outputs):
+            self._buffer.set_res(i, array.data)
+
+    def evaluate(self) -> None:
+        self._trigger()
+        if self._buffer.ret():
+            raise SolverError("the function reports a failure")
+
+
+def _fill_buffered(buffered: _Buffered, starts: range, width: int, inputs: list[Array], outputs: list[Array]) -> None:
+    for start in starts:
+        rows = slice(start, start + width)
+        for slot, array in zip(buffered.inputs, inputs, strict=True):
+            slot.reshape(width, -1 if array.shape[1] else 0)[:] = array[rows]
+        buffered.evaluate()
+        for slot, array in zip(buffered.outputs, outputs, strict=True):
+            array[rows] = slot.reshape(array[rows].shape)
+
+
+def _fill_compiled(library: Library, rows: int, inputs: list[Array], outputs: list[Array]) -> None:
+    steps = [array.shape[1] if len(array) == rows else 0 for array in inputs]
+    sizes = [array.size // rows for array in outputs]
+    failed = library.handle.posture_opt_batch(
+        ctypes.c_longlong(rows), _pointers(inputs), _integers(steps), _pointers(outputs), _integers(sizes)
+    )
+    if failed:
+        raise MemoryError if failed < 0 else SolverError(f"the function reports a failure in row {failed - 1}")
+
+
+def _pointers(arrays: list[Array]) -> ctypes.Array[ctypes.c_void_p]:
+    return (ctypes.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays))
+
+
+def _integers(values: list[int]) -> ctypes.Array[ctypes.c_longlong]:
+    return (ctypes.c_longlong * len(values))(*values)
+
+
+def compiled_nlp(
+    nlp: Mapping[str, Any],
+    options: Mapping[str, Any] | None = None,
+    *,
+    name: str = "solver",
+    compiled: bool | None = None,
+) -> casadi.Function:
+    """IPOPT on an NLP whose objective, constraints and derivatives are generated C.
+
+    The library is found by the NLP itself, so that a cached one costs neither derivatives nor code generation.
+
+    Args:
+        nlp: CasADi's ``x``, ``p``, ``f``, ``g``.
+        options: of ``nlpsol``, over :data:`IPOPT_OPTIONS`.
+        compiled: None compiles where a C compiler is found, else interprets; False never; True or an error.
+
+    Raises:
+        InputError: ``compiled=True`` and nothing could be compiled.
+    """
+    settings = {**IPOPT_OPTIONS, **(options or {})}
+    # Only these change the functions that IPOPT asks for; a new tolerance must not compile anew.
+    kept = ("ipopt.hessian_approximation",)
+    structure = {key: settings[key] for key in sorted(settings) if not key.startswith("ipopt.") or key in kept}
+    oracle = casadi.Function("nlp", dict(nlp), ["x", "p"], ["f", "g"])
+
+    def source() -> str:
+        solver = casadi.nlpsol("solver", "ipopt", dict(nlp), structure)
+        return c_text([oracle, *(solver.get_function(key) for key in solver.get_function())])
+
+    library, _ = _library(compiled, lambda: f"{oracle.serialize()}{structure}", source)
+    if library is None:
+        return casadi.nlpsol(name, "ipopt", dict(nlp), settings)
+    settings.pop("expand", None)
+    return casadi.nlpsol(name, "ipopt", str(library.path), settings)
+
+
+def _library(wanted: bool | None, identity: Callable[[], str], source: Callable[[], str]) -> tuple[Library | None, str]:
+    if wanted is False:
+        return None, "interpreted on request"
+    try:
+        # CasADi's version stands for its code generator, the batch loop's text for ours.
+        return shared_library(f"{casadi.CasadiMeta.version()}{_BATCH_C}{identity()}", source), ""
+    except BuildError as error:
+        if wanted:
+            raise InputError(Issue(f"nothing compiled: {error}", mend="install a C compiler or set CC")) from error
+        return None, str(error)
+
+
+def _shape(function: casadi.Function, i: int) -> tuple[int, ...]:
+    rows, columns = function.size_out(i)
+    return (rows,) if columns == 1 else (rows, columns)
