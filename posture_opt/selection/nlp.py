@@ -35,7 +35,7 @@ class Row:
 class Nlp:
     """``minimise objective(x, p)`` subject to the rows and to the bounds of the variables.
 
-    ``terms`` names the parts of the objective with their expressions, for people.
+    ``terms`` names the parts of the objective, the task's own first.
     """
 
     x: ca.SX
@@ -43,7 +43,7 @@ class Nlp:
     variables: tuple[Variable, ...]
     objective: ca.SX
     rows: tuple[Row, ...]
-    terms: tuple[tuple[str, ca.SX], ...] = ()
+    terms: tuple[tuple[str, ca.SX], ...]
 
     @cached_property
     def g(self) -> ca.SX:
@@ -59,6 +59,12 @@ class Nlp:
         """(n,) lower and upper bounds of the variables."""
         return np.array([v.lower for v in self.variables]), np.array([v.upper for v in self.variables])
 
+    @cached_property
+    def indifferent(self) -> tuple[int, ...]:
+        """Variables that neither the objective nor any row depends on: a spin about the tool axis, say."""
+        depends = ca.which_depends(ca.vertcat(self.objective, self.g), self.x, 1, False)
+        return tuple(k for k, used in enumerate(depends) if not used)
+
     def row_bounds(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(m,) lower and upper bounds of the rows for one goal."""
         low, high = self._row_bounds(parameters)
@@ -71,10 +77,10 @@ class Nlp:
 
     @cached_property
     def screen(self) -> ca.Function:
-        """``(x, p) -> (objective, worst violation of a row, rows)``: all that many cheap starts need."""
+        """``(x, p) -> (objective, worst violation of a row, first term)``: all that many cheap starts need."""
         low, high = _stacked([row.lower for row in self.rows]), _stacked([row.upper for row in self.rows])
         beyond = ca.fmax(ca.fmax(low - self.g, self.g - high), 0) if self.rows else ca.SX.zeros(1)
-        return ca.Function("screen", [self.x, self.p], [self.objective, ca.mmax(beyond), self.g])
+        return ca.Function("screen", [self.x, self.p], [self.objective, ca.mmax(beyond), self.terms[0][1]])
 
 
 def _stacked(bounds: Sequence[ca.SX]) -> ca.SX:

@@ -76,4 +76,6 @@ class Task(Spec):
             raise ValueError("position and region are both given; keep one of them")
         if self.criterion == "miss" and self.clearance is None:
             raise ValueError("criterion miss needs the clearance of the hole; add for example clearance: 0.2 mm")
+        if self.criterion == "miss" and self.within == "all":
+            raise ValueError(f"criterion miss asks about a hole and task {self.kind} has none; use worst or trace")
         return self

@@ -1,0 +1,149 @@
+"""Feasible first: damped least squares from many random postures onto the target, all rows of a batch at once.
+
+Random starts under hard equality constraints fail an interior-point method about every second time, and it
+then calls a reachable target infeasible. The damped least squares step used here is Sugihara's (2011,
+eq. 27–30): the damping is proportional to the squared error, so that it is robust far away and quadratic close by.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from posture_opt.model.arm import Arm
+from posture_opt.model.chain import stack
+from posture_opt.model.compiled import BatchFunction
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.goal import FREE, Goal
+
+Floats = np.ndarray
+
+TOLERANCE = 1e-7
+"""Largest error [m and rad, combined] of a posture that counts as feasible."""
+_ITERATIONS = 48
+_LONGEST_STEP = 0.7  # rad or m: longer steps of a linear model of a rotation mean nothing
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What every row of a batch is to reach, as weighted residuals.
+
+    Args:
+        position: (N, 3) or (3,) wanted tool point [m].
+        axis: (N, 3) or (3,) wanted direction of the tool axis, world.
+        spin: (N, 3) or (3,) wanted direction of the tool's spin vector, world.
+        weights: (3,) for position, axis and spin; zero leaves a part out.
+    """
+
+    position: Floats
+    axis: Floats
+    spin: Floats
+    weights: Floats
+
+
+class InverseKinematics:
+    """The batch solver of one robot and tool axis, for positions in the span of ``directions`` (3, r)."""
+
+    def __init__(
+        self, robot: Robot, tool_axis: tuple[float, float, float], directions: Floats, compiled: bool | None
+    ) -> None:
+        self._lower, self._upper = np.array(robot.lower), np.array(robot.upper)
+        self._step = BatchFunction(_step_function(robot, tool_axis, directions), compiled=compiled)
+
+    def random_postures(self, count: int, rng: np.random.Generator) -> Floats:
+        """(count, n) postures drawn uniformly between the limits (within one turn where these are wider)."""
+        low, high = np.maximum(self._lower, -np.pi), np.minimum(self._upper, np.pi)
+        empty = low >= high
+        low, high = np.where(empty, self._lower, low), np.where(empty, self._upper, high)
+        return rng.uniform(low, high, (count, len(low)))
+
+    def errors(self, Q: Floats, wish: Wish) -> Floats:
+        """(N,) weighted distance of each posture from what is wished [m and rad]."""
+        return np.asarray(self._step(Q, *_arrays(wish))[1][:, 0])
+
+    def solve(self, Q: Floats, wish: Wish, enough: int | None = None) -> tuple[Floats, Floats]:
+        """Move the postures (N, n) onto the wish; returns the postures reached and their errors (N,).
+
+        Stops early when ``enough`` rows have arrived.
+        """
+        Q = Q.copy()
+        best, error = Q.copy(), np.full(len(Q), np.inf)
+        for _ in range(_ITERATIONS):
+            moved, now = self._step(Q, *_arrays(wish))
+            better = now[:, 0] < error
+            best[better], error[better] = Q[better], now[better, 0]
+            done = error < TOLERANCE
+            if np.count_nonzero(done) >= (len(Q) if enough is None else enough):
+                break
+            Q = np.clip(moved, self._lower, self._upper)
+        return best, error
+
+
+def wish_for(goal: Goal, count: int, aligned: bool, rng: np.random.Generator) -> Wish:
+    """Targets for ``count`` starts: the point, or points drawn from the region; axes drawn within the tilt."""
+    anywhere = goal.kind == "anywhere"
+    position = np.zeros(3) if anywhere else rng.uniform(goal.lower, goal.upper, (count, 3))
+    axis = goal.direction
+    if aligned and goal.tilt > 0:
+        axis = _within_tilt(goal, count, rng)
+    weights = np.array([0.0 if anywhere else 1.0, 1.0 if aligned else 0.0, 0.0])
+    assert np.all(np.abs(position) < FREE)
+    return Wish(position, axis, goal.basis[:, 0], weights)
+
+
+def _within_tilt(goal: Goal, count: int, rng: np.random.Generator) -> Floats:
+    """(count, 3) axes spread over the cone of the allowed tilt, every fourth one straight."""
+    # A little inside the cone: the programme's row is an inequality, and a start should satisfy it.
+    tilt = 0.999 * goal.tilt * np.sqrt(rng.uniform(size=count)) * (np.arange(count) % 4 != 0)
+    turn = rng.uniform(0, 2 * np.pi, count)
+    sideways = np.cos(turn)[:, None] * goal.basis[:, 0] + np.sin(turn)[:, None] * goal.basis[:, 1]
+    return np.asarray(np.cos(tilt)[:, None] * goal.direction + np.sin(tilt)[:, None] * sideways)
+
+
+def _arrays(wish: Wish) -> tuple[Floats, Floats, Floats, Floats]:
+    return wish.position, wish.axis, wish.spin, wish.weights
+
+
+def _step_function(robot: Robot, tool_axis: tuple[float, float, float], directions: Floats) -> ca.Function:
+    """``(q, position, axis, spin, weights) -> (next q, error)``: one damped least squares step."""
+    q = ca.SX.sym("q", robot.n)
+    position, axis, spin, weights = (ca.SX.sym(name, 3) for name in ("position", "axis", "spin", "weights"))
+    reached = Arm(robot).walk(q)
+    R = ca.SX(stack(list(zip(*reached.columns, strict=True))))
+    a = np.array(tool_axis) / np.linalg.norm(tool_axis)
+    b = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+    b = b / np.linalg.norm(b)
+    # a - d has its only minimum at a = d; the cross product would also vanish with the tool upside down.
+    residual = ca.vertcat(
+        weights[0] * (ca.SX(directions.T) @ (ca.SX(stack(reached.position)) - position)),
+        weights[1] * (R @ ca.DM(a) - axis),
+        weights[2] * (R @ ca.DM(b) - spin),
+    )
+    J = ca.jacobian(residual, q)
+    squared = ca.sumsqr(residual)
+    A = J.T @ J + (0.5 * squared + 1e-9) * ca.SX.eye(robot.n)
+    dq = -_solve_spd(A, J.T @ residual)
+    longest = ca.mmax(ca.fabs(dq))
+    dq = dq * _LONGEST_STEP / ca.fmax(longest, _LONGEST_STEP)
+    step = ca.cse([q + dq, ca.sqrt(squared)])
+    return ca.Function("ik_step", [q, position, axis, spin, weights], step)
+
+
+def _solve_spd(A: ca.SX, b: ca.SX) -> ca.SX:
+    """Solution of a symmetric positive definite system, by LDLᵀ without square roots, written out."""
+    n = A.shape[0]
+    L = [[ca.SX(0)] * n for _ in range(n)]
+    D: list[ca.SX] = []
+    for j in range(n):
+        D.append(A[j, j] - sum((L[j][k] ** 2 * D[k] for k in range(j)), ca.SX(0)))
+        for i in range(j + 1, n):
+            L[i][j] = (A[i, j] - sum((L[i][k] * L[j][k] * D[k] for k in range(j)), ca.SX(0))) / D[j]
+    y: list[ca.SX] = []
+    for i in range(n):
+        y.append(b[i] - sum((L[i][k] * y[k] for k in range(i)), ca.SX(0)))
+    x: list[ca.SX] = [ca.SX(0)] * n
+    for i in reversed(range(n)):
+        x[i] = y[i] / D[i] - sum((L[k][i] * x[k] for k in range(i + 1, n)), ca.SX(0))
+    return ca.vertcat(*x)

@@ -1,0 +1,216 @@
+"""Global search: feasible first, many cheap starts, the few best polished."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from posture_opt.model.compiled import BatchFunction
+from posture_opt.selection.feasible import TOLERANCE, InverseKinematics, wish_for
+from posture_opt.selection.goal import Goal
+from posture_opt.selection.programme import Programme
+from posture_opt.selection.solvers import Outcome, Polish, Solver
+
+Floats = np.ndarray
+Progress = Callable[[int, int], None]
+
+ROW_TOLERANCE = 1e-6
+"""Largest violation of a row [m, rad or 1] of a posture that counts as feasible."""
+_ROUNDS = (2, 4, 16, 64)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One posture (n,) with its objective (scaled), worst violation of a row, and the solver's word on it."""
+
+    q: Floats
+    objective: float
+    violation: float
+    optimal: bool = False
+    message: str = "not polished"
+
+    @property
+    def feasible(self) -> bool:
+        return self.violation <= ROW_TOLERANCE
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a global search found.
+
+    Args:
+        goal: with the scale that the objectives are divided by.
+        found: polished candidates, best first; feasible before infeasible.
+        sampled: (k,) objectives (scaled) of the feasible starts, before polishing.
+        tried: postures that the search for feasible ones began with.
+        polished: number of local solves.
+    """
+
+    goal: Goal
+    found: tuple[Candidate, ...]
+    sampled: Floats
+    tried: int
+    polished: int
+
+
+Recipe = tuple[Programme, Solver, bool | None]
+"""What an engine is built from: this travels to other processes, the functions cannot."""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """The functions that solve one programme again and again, built once."""
+
+    programme: Programme
+    solver: Solver
+    compiled: bool | None
+
+    @classmethod
+    def build(cls, recipe: Recipe) -> Engine:
+        return cls(*recipe)
+
+    @property
+    def recipe(self) -> Recipe:
+        # A fresh copy, without the symbols that the programme has cached.
+        return replace(self.programme), self.solver, self.compiled
+
+    @cached_property
+    def ik(self) -> InverseKinematics:
+        programme = self.programme
+        return InverseKinematics(
+            programme.robot, programme.task.tool_axis, programme.reach.directions, self.compiled
+        )
+
+    @cached_property
+    def screen(self) -> BatchFunction:
+        return BatchFunction(self.programme.nlp.screen, compiled=self.compiled)
+
+    @cached_property
+    def polish(self) -> Polish:
+        return self.solver.build(self.programme.nlp, self.compiled)
+
+    def candidates(self, Q: Floats, goal: Goal) -> list[Candidate]:
+        """The postures (N, n) with objective and violation."""
+        objective, violation, _ = self.screen(Q, goal.parameters())
+        return [Candidate(q, float(f), float(v)) for q, f, v in zip(Q, objective[:, 0], violation[:, 0], strict=True)]
+
+    def polished(self, start: Candidate, goal: Goal) -> Candidate:
+        """The start improved by the solver; the start itself where the solver made it worse."""
+        outcome: Outcome = self.polish(start.q, goal.parameters())
+        if not np.all(np.isfinite(outcome.x)):
+            return replace(start, message=outcome.message)
+        end = self.candidates(outcome.x[None], goal)[0]
+        end = replace(end, optimal=outcome.optimal, message=outcome.message)
+        end = self.tidied(end, goal)
+        better = end.feasible and (not start.feasible or end.objective <= start.objective + 1e-9)
+        return end if better else replace(start, message=outcome.message)
+
+
+    def tidied(self, candidate: Candidate, goal: Goal) -> Candidate:
+        """The same posture as people write it: joints that do not matter at zero, whole turns taken off."""
+        robot = self.programme.robot
+        lower, upper = np.array(robot.lower), np.array(robot.upper)
+        turns = np.array([2 * np.pi * (joint.type == "revolute") for joint in robot.joints])
+        q = candidate.q - turns * np.round(candidate.q / (2 * np.pi))
+        q = np.where((q >= lower) & (q <= upper), q, candidate.q)
+        idle = list(self.programme.nlp.indifferent)
+        q[idle] = np.clip(0.0, lower[idle], upper[idle])
+        tidy = self.candidates(q[None], goal)[0]
+        worse = tidy.violation > candidate.violation + 1e-9 or tidy.objective > candidate.objective + 1e-9
+        return candidate if worse else replace(tidy, optimal=candidate.optimal, message=candidate.message)
+
+
+def feasible_starts(engine: Engine, goal: Goal, count: int, rng: np.random.Generator) -> tuple[Floats, int]:
+    """At least one and about ``count`` postures on the target, and how many random ones that took.
+
+    An empty array means that thousands of restarts found none.
+    """
+    aligned, tried = engine.programme.axis_rows > 0, 0
+    for factor in _ROUNDS:
+        size = factor * count
+        Q = engine.ik.random_postures(size, rng)
+        tried += size
+        reached, errors = engine.ik.solve(Q, wish_for(goal, size, aligned, rng), enough=count)
+        arrived = reached[errors < TOLERANCE]
+        if len(arrived):
+            return arrived[: 2 * count], tried
+    return np.zeros((0, engine.programme.robot.n)), tried
+
+
+def search(
+    engine: Engine, goal: Goal, rng: np.random.Generator, starts: int, polish: int, map_polish: MapPolish | None = None
+) -> Search:
+    """Feasible starts, screened by their objective; the ``polish`` best distinct ones handed to the solver."""
+    Q, tried = feasible_starts(engine, goal, starts, rng)
+    if not len(Q):
+        return Search(goal, (), np.zeros(0), tried, 0)
+    goal = scaled(engine, goal, Q)
+    candidates = sorted(engine.candidates(Q, goal), key=_rank)
+    sampled = np.array([c.objective for c in candidates if c.feasible])
+    chosen = _spread_out(candidates, polish)
+    polished = (map_polish or _serial)(engine, chosen, goal)
+    return Search(goal, tuple(sorted(polished, key=_rank)), sampled, tried, len(chosen))
+
+
+MapPolish = Callable[[Engine, Sequence[Candidate], Goal], list[Candidate]]
+
+
+def _serial(engine: Engine, chosen: Sequence[Candidate], goal: Goal) -> list[Candidate]:
+    return [engine.polished(candidate, goal) for candidate in chosen]
+
+
+def with_progress(progress: Progress) -> MapPolish:
+    """Polish one after the other, reporting ``(done, total)``."""
+
+    def run(engine: Engine, chosen: Sequence[Candidate], goal: Goal) -> list[Candidate]:
+        done = []
+        for candidate in chosen:
+            done.append(engine.polished(candidate, goal))
+            progress(len(done), len(chosen))
+        return done
+
+    return run
+
+
+def in_processes(workers: int) -> MapPolish:
+    """Polish in ``workers`` processes: the linear solver inside IPOPT is not safe in threads."""
+
+    def run(engine: Engine, chosen: Sequence[Candidate], goal: Goal) -> list[Candidate]:
+        shares = [chosen[k::workers] for k in range(workers)]
+        with ProcessPoolExecutor(workers) as pool:
+            done = list(pool.map(_polish_there, [engine.recipe] * workers, shares, [goal] * workers))
+        # Back into the order of the starts, so that the answer does not depend on the number of workers.
+        return [done[k % workers][k // workers] for k in range(len(chosen))]
+
+    return run
+
+
+def _polish_there(recipe: Recipe, chosen: Sequence[Candidate], goal: Goal) -> list[Candidate]:
+    return _serial(Engine.build(recipe), chosen, goal)
+
+
+def scaled(engine: Engine, goal: Goal, Q: Floats) -> Goal:
+    """The goal with the median variance of the postures as the scale of the objective."""
+    if engine.programme.task.criterion == "miss":
+        return goal
+    variances = engine.screen(Q, replace(goal, scale=1.0).parameters())[2][:, 0]
+    middle = float(np.median(variances))
+    return replace(goal, scale=middle if middle > 0 else 1.0)
+
+
+def _rank(candidate: Candidate) -> tuple[bool, float]:
+    return (not candidate.feasible, candidate.objective if candidate.feasible else candidate.violation)
+
+
+def _spread_out(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
+    """The best ones that are not close to a better one; filled up with the best of the rest."""
+    chosen: list[Candidate] = []
+    rest: list[Candidate] = []
+    for candidate in candidates:
+        close = any(np.max(np.abs(candidate.q - other.q)) < 0.3 for other in chosen)
+        (rest if close or len(chosen) >= count else chosen).append(candidate)
+    return (chosen + rest)[:count]

@@ -1,0 +1,176 @@
+"""From a problem to its nonlinear programme: variables, objective and named rows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.model.chain import stack
+from posture_opt.robot.robot import Robot
+from posture_opt.selection import criteria, goal
+from posture_opt.selection.goal import Goal
+from posture_opt.selection.nlp import Nlp, Row, Variable
+from posture_opt.selection.quantities import Quantities, Within
+from posture_opt.selection.reach import Reach
+from posture_opt.selection.tasks import Task
+from posture_opt.uncertainty.tool_point import ToolPoint
+
+
+@dataclass(frozen=True)
+class Programme:
+    """Everything symbolic about selecting a posture for ``task`` with one kind of target.
+
+    ``kind`` is ``point``, ``region`` or ``anywhere``: it decides which rows there are, the numbers come later.
+    """
+
+    robot: Robot
+    tool_point: ToolPoint
+    task: Task
+    reach: Reach
+    kind: str
+
+    @cached_property
+    def axis_rows(self) -> int:
+        """How many rows align the tool axis with the direction: 0, 1 (planar arm) or 2."""
+        can = self.reach.orients_at_point or (self.kind != "point" and self.reach.axis_rank > 0)
+        if self.task.axis == "free" or not can:
+            return 0
+        return self.reach.axis_rank
+
+    def axis_note(self, target: Goal) -> str:
+        """What became of the wish to have the tool axis along the direction, in words."""
+        if self.task.axis == "free":
+            return "The task leaves the tool axis free."
+        if self.axis_rows:
+            tilt = f", within a tilt of {math.degrees(target.tilt):g} deg" if target.tilt else ""
+            return f"The tool axis is held along the direction{tilt}; its spin is free."
+        if self.reach.axis_rank == 0 and float(self.reach.axis @ target.direction) > 1 - 1e-9:
+            return "The arm holds its tool axis along the direction in every posture."
+        return "This arm cannot point its tool axis along the direction: the axis is left out."
+
+    def check_axis(self, target: Goal) -> None:
+        """Raise InputError where the task requires an axis that the arm cannot give."""
+        along = self.reach.axis_rank == 0 and float(self.reach.axis @ target.direction) > 1 - 1e-9
+        if self.task.axis == "required" and not self.axis_rows and not along:
+            raise InputError(
+                Issue(
+                    f"task {self.task.kind} needs the tool axis along the direction, and this arm cannot point it there",
+                    ("task", "kind"),
+                    self.task.kind,
+                    "use kind: insert, which leaves the axis out for such an arm",
+                )
+            )
+
+    @cached_property
+    def across_rank(self) -> int:
+        """2, or 1 where nothing ever moves the tool point out of the arm's plane."""
+        C = self._moments.covariance
+        normals = self.reach.normals
+        if normals.shape[1] != 1:
+            return 2
+        n = ca.DM(normals[:, 0])
+        return 1 if ca.SX(C @ n).is_zero() else 2
+
+    @cached_property
+    def _moments(self):  # type: ignore[no-untyped-def]
+        return self.tool_point.moments(ca.vertsplit(self.q))
+
+    @cached_property
+    def q(self) -> ca.SX:
+        return ca.vertcat(*(ca.SX.sym(name) for name in self.robot.joint_names))
+
+    @cached_property
+    def _symbols(self) -> tuple[ca.SX, dict[str, ca.SX]]:
+        return goal.symbols()
+
+    @cached_property
+    def quantities(self) -> Quantities:
+        """The symbolic quantities that objective and terms are made of."""
+        moments = self._moments
+        p = self._symbols[1]
+        columns = moments.walk.columns
+        a = np.array(self.task.tool_axis) / np.linalg.norm(self.task.tool_axis)
+        axis = stack([sum(float(a[j]) * columns[j][k] for j in range(3)) for k in range(3)])
+        U = self.reach.directions
+        position = ca.SX(moments.position)
+        all_axes = ca.SX(U) if self.across_rank == 1 else ca.SX.eye(3)
+        bases: dict[Within, ca.SX] = {
+            "across": p["b1"] if self.across_rank == 1 else ca.horzcat(p["b1"], p["b2"]),
+            "along": p["direction"],
+            "all": all_axes,
+        }
+        return Quantities(
+            robot=self.robot,
+            q=self.q,
+            position=position,
+            axis=ca.SX(axis),
+            covariance=ca.SX(moments.covariance),
+            bias=ca.SX(moments.mean) - position,
+            jacobian=ca.SX(U.T) @ ca.jacobian(position, self.q),
+            bases=bases,
+            clearance=p["clearance"],
+        )
+
+    @cached_property
+    def nlp(self) -> Nlp:
+        """The programme itself."""
+        units = {"revolute": "rad", "prismatic": "m"}
+        variables = tuple(Variable(j.name, units[j.type], j.lower, j.upper) for j in self.robot.joints)
+        terms = self._objective_terms()
+        objective = sum((expression for _, expression in terms), ca.SX(0))
+        rows = (*self._target_rows(), *self._axis_rows(), *self._bound_rows())
+        return Nlp(self.q, self._symbols[0], variables, objective, rows, tuple(terms))
+
+    def _objective_terms(self) -> list[tuple[str, ca.SX]]:
+        task, at = self.task, self.quantities
+        C, bias = at.projected(task.within)
+        scale = self._symbols[1]["scale"]
+        if task.criterion == "miss":
+            main = ("log of the probability to miss the clearance", criteria.log_miss(C, bias, at.clearance))
+        else:
+            measure = {"worst": criteria.worst, "trace": criteria.trace, "area": criteria.area}[task.criterion]
+            main = (f"{task.criterion} of the spread {task.within}, over scale", measure(C) / scale)
+        extra = [
+            (f"{term.weight:g} x {term.kind}", term.weight * ca.sumsqr(term.quantity(at) / term.scale(at)))
+            for term in task.minimize
+        ]
+        return [main, *extra]
+
+    def _target_rows(self) -> list[Row]:
+        at, p = self.quantities, self._symbols[1]
+        if self.kind == "anywhere":
+            return []
+        if self.kind == "region":
+            return [Row(f"target.{c}", "m", at.position[k], p["lower"][k], p["upper"][k]) for k, c in enumerate("xyz")]
+        rows = []
+        for u in self.reach.directions.T:
+            name = "xyz"[int(np.argmax(np.abs(u)))] if np.max(np.abs(u)) > 1 - 1e-9 else f"({u[0]:.3g}, {u[1]:.3g}, {u[2]:.3g})"
+            reached, wanted = ca.dot(ca.DM(u), at.position), ca.dot(ca.DM(u), p["lower"])
+            rows.append(Row(f"target.{name}", "m", reached, wanted, wanted))
+        return rows
+
+    def _axis_rows(self) -> list[Row]:
+        if not self.axis_rows:
+            return []
+        at, p, zero = self.quantities, self._symbols[1], ca.SX(0)
+        sideways = [ca.dot(p[b], at.axis) for b in ("b1", "b2")[: self.axis_rows]]
+        facing = Row("tool_axis.facing", "1", ca.dot(p["direction"], at.axis), zero, ca.SX(math.inf))
+        if self.task.tilt == 0:
+            return [Row(f"tool_axis.{k + 1}", "1", s, zero, zero) for k, s in enumerate(sideways)] + [facing]
+        tilt = ca.sumsqr(ca.vertcat(*sideways))
+        return [Row("tool_axis.sin2_tilt", "1", tilt, ca.SX(-math.inf), p["sin_tilt"] ** 2), facing]
+
+    def _bound_rows(self) -> list[Row]:
+        rows = []
+        for term in self.task.subject_to:
+            low, high = term.bounds()
+            values = ca.vertsplit(ca.vec(term.quantity(self.quantities)))
+            for k, value in enumerate(values):
+                label = f"{term.kind}[{k}]" if len(values) > 1 else term.kind
+                rows.append(Row(label, term.unit, value, ca.SX(low), ca.SX(high)))
+        return rows

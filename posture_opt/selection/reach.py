@@ -1,0 +1,92 @@
+"""What an arm can do at all: the directions it moves its tool point in, and whether it can point its tool axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.model.arm import Arm
+from posture_opt.robot.robot import Robot
+
+Floats = np.ndarray
+_RANK = 1e-9
+_SAMPLES = 12
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Degrees of freedom of the tool point and of the tool axis, found at random postures.
+
+    Args:
+        directions: (3, r) orthonormal basis of the directions in which the tool point moves, world frame.
+        offset: (3,) a point that the tool reaches; where r < 3 all reachable points share its other components.
+        axis_rank: how many ways the tool axis turns: 0 fixed, 1 in a plane, 2 everywhere.
+        axis: (3,) the tool axis where it is fixed, the normal of its plane where it turns in one, else zeros.
+        orients_at_point: whether the axis can still be turned with the tool point held fixed.
+        radius: largest distance between tool points seen [m], a length scale.
+    """
+
+    directions: Floats
+    offset: Floats
+    axis_rank: int
+    axis: Floats
+    orients_at_point: bool
+    radius: float
+
+    @classmethod
+    def of(cls, robot: Robot, tool_axis: tuple[float, float, float]) -> Reach:
+        rng = np.random.default_rng(0)
+        lower, upper = np.array(robot.lower), np.array(robot.upper)
+        arm = Arm(robot)
+        a_tool = np.array(tool_axis) / np.linalg.norm(tool_axis)
+        points, axes, jacobians, turns = [], [], [], []
+        for _ in range(_SAMPLES):
+            q = rng.uniform(np.maximum(lower, -3.0), np.minimum(upper, 3.0))
+            T = np.asarray(arm.pose(q), dtype=float)
+            J = np.asarray(arm.jacobian(q), dtype=float)
+            axis = T[:3, :3] @ a_tool
+            points.append(T[:3, 3])
+            axes.append(axis)
+            jacobians.append(J[:3])
+            turns.append(np.cross(J[3:].T, axis).T)
+        U = _range(np.hstack(jacobians))
+        turned = _range(np.hstack(turns))
+        rank = 0 if turned.shape[1] == 0 else 1 if _planar(axes) else 2
+        both = [np.vstack([U.T @ J, A]) for J, A in zip(jacobians, turns, strict=True)]
+        orients = max(np.linalg.matrix_rank(M, tol=1e-7) for M in both) >= U.shape[1] + rank
+        radius = max(float(np.linalg.norm(p - points[0])) for p in points)
+        axis = axes[0] if rank == 0 else _normal(axes) if rank == 1 else np.zeros(3)
+        return cls(U, points[0], rank, axis, bool(orients and rank > 0), max(radius, 1e-3))
+
+    @property
+    def normals(self) -> Floats:
+        """(3, 3 − r) directions in which the tool point cannot move."""
+        full, _, _ = np.linalg.svd(np.hstack([self.directions, np.zeros((3, 1))]))
+        return np.asarray(full[:, self.directions.shape[1] :])
+
+    def out_of_plane(self, point: Floats) -> float:
+        """Distance [m] of a target from the plane (or line) that the tool point cannot leave."""
+        return float(np.linalg.norm(self.normals.T @ (point - self.offset)))
+
+
+def _range(columns: Floats) -> Floats:
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    keep = s > _RANK * max(float(s[0]), 1e-6)
+    basis = U[:, keep]
+    return np.eye(3) if basis.shape[1] == 3 else _aligned(basis)
+
+
+def _aligned(basis: Floats) -> Floats:
+    """The same subspace spanned by coordinate axes where these lie in it: they read better in a printed programme."""
+    projector = basis @ basis.T
+    columns = [e for e in np.eye(3) if np.linalg.norm(projector @ e - e) < 1e-9]
+    return np.array(columns).T if columns and len(columns) == basis.shape[1] else basis
+
+
+def _planar(axes: list[Floats]) -> bool:
+    return bool(np.linalg.svd(np.array(axes), compute_uv=False)[-1] < 1e-7)
+
+
+def _normal(axes: list[Floats]) -> Floats:
+    return np.asarray(np.linalg.svd(np.array(axes))[2][-1])
