@@ -20,6 +20,9 @@ Quantity = Annotated[Any, WithJsonSchema({"type": "string", "examples": ["1 deg"
 Correlation = Annotated[tuple[str, str, float], Field(examples=[["joint1.a", "joint2.a", 0.8]])]
 
 
+_ANGLES = (".theta", ".alpha", ".beta", ".roll", ".pitch", ".yaw")
+
+
 class MeasurementSpec(Spec):
     """Standard deviations of the measuring instrument, used with data."""
 
@@ -53,6 +56,21 @@ class UncertaintySpec(Spec):
         if issues:
             raise InputError(issues)
         return self._with_repeatability(named, robot)
+
+    def check(self) -> None:
+        """All of ``build`` that needs neither robot nor files: the last word of a name tells angles from lengths.
+
+        Raises:
+            InputError: everything wrong with the section, keys relative to it.
+        """
+        named = {*self.sigma, *(name for a, b, _ in self.correlation for name in (a, b))}
+        issues = self._contradictions()
+        try:
+            self._from_sigma({name: "angle" if name.endswith(_ANGLES) else "length" for name in named})
+        except InputError as error:
+            issues += error.issues
+        if issues:
+            raise InputError(issues)
 
     def _contradictions(self) -> list[Issue]:
         issues = []
@@ -154,7 +172,8 @@ def _sigma(name: str, text: Any, dimensions: dict[str, str], issues: list[Issue]
     try:
         value = parse_quantity(text, dimensions[name])
     except ValueError as error:
-        issues.append(Issue(str(error), key, text))
+        message, _, mend = str(error).partition("; ")
+        issues.append(Issue(message, key, text, mend))
         return 0.0
     if value < 0:
         mend = f"write {str(text).strip().lstrip('-').strip()}"

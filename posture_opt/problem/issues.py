@@ -1,0 +1,226 @@
+"""Validation errors of pydantic in the words of this package: one issue a cause, with its key and the mend."""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from posture_opt.errors import Issue, KeyPath
+from posture_opt.nearest import did_you_mean, nearest
+from posture_opt.problem.schema import ProblemSpec
+from posture_opt.problem.schema_tree import bound_at, example_at, known_keys, nodes_at, size_at
+
+_SAID: dict[str, str] = {
+    # pydantic's type of error -> what is wrong, in its context
+    "finite_number": "{value} is not a finite number",
+    "greater_than": "must be greater than {gt}",
+    "greater_than_equal": "must be {ge} or greater",
+    "less_than": "must be less than {lt}",
+    "less_than_equal": "must be {le} or less",
+    "int_from_float": "{value} is not a whole number",
+    "string_too_short": "the text is empty",
+    "too_long": "{actual_length} entries, {max_length} expected",
+    "too_short": "{actual_length} entries, at least {min_length} expected",
+    "multiple_of": "must be a multiple of {multiple_of}",
+}
+_EXPECTED: dict[str, str] = {
+    # the start of pydantic's type of error -> what should stand there
+    "float": "a number",
+    "int": "a whole number",
+    "bool": "true or false",
+    "string": "a text",
+    "list": "a list",
+    "tuple": "a list",
+    "dict": "a mapping of keys to values",
+    "model": "a mapping of keys to values",
+    "mapping": "a mapping of keys to values",
+}
+
+
+def schema_issues(data: dict[str, Any]) -> list[Issue]:
+    """Everything about the sections of a problem file that does not fit the schema; empty where all does.
+
+    Places are those of the file: the names of the alternatives that pydantic tried are left out of them, and of
+    the alternatives only the one is reported that was probably meant.
+    """
+    kinds: list[Issue] = []
+    while True:
+        try:
+            ProblemSpec.model_validate(data)
+            return kinds
+        except ValidationError as error:
+            placed = [_Placed(details, data) for details in error.errors(include_url=False)]
+        misspelt = [(one, meant) for one in placed if (meant := _meant_kind(one))]
+        if not misspelt:
+            issues = [_issue(one, data) for one in _without_rivals(placed)]
+            return [*kinds, *_one_a_cause(issues, data)]
+        # pydantic reads nothing of a section of unknown kind; read as the kind that was meant it has more to say
+        data = copy.deepcopy(data)
+        for one, (word, kind) in misspelt:
+            kinds.append(_issue(one, data))
+            _entry(data, one.key)[word] = kind
+
+
+def _meant_kind(error: _Placed) -> tuple[str, str] | None:
+    """The discriminating key and the nearest known word where a section has an unknown kind."""
+    if error.type != "union_tag_invalid":
+        return None
+    context = error.details.get("ctx", {})
+    near = nearest(str(context["tag"]), _quoted(context["expected_tags"]))
+    return (str(context["discriminator"]).strip("'"), near) if near else None
+
+
+def _entry(data: Any, key: KeyPath) -> Any:
+    for part in key:
+        data = data[part]
+    return data
+
+
+class _Placed:
+    """An error with its key in the file, and the alternatives pydantic was in: (key of the choice, its name)."""
+
+    def __init__(self, details: ErrorDetails, data: Any) -> None:
+        self.details = details
+        self.type: str = details["type"]
+        self.key: KeyPath = ()
+        self.choices: list[tuple[KeyPath, str]] = []
+        parts = details["loc"]
+        for index, part in enumerate(parts):
+            absent = self.type == "missing" and index == len(parts) - 1
+            if absent or _has(data, part):
+                self.key = (*self.key, part)
+                data = None if absent else data[part]
+            else:
+                self.choices.append((self.key, str(part)))
+
+
+def _has(data: Any, part: str | int) -> bool:
+    if isinstance(part, int):
+        return isinstance(data, list | tuple) and part < len(data)
+    return isinstance(data, Mapping) and part in data
+
+
+def _without_rivals(errors: list[_Placed]) -> list[_Placed]:
+    """Of several alternatives tried at one place, the errors of the one that went deepest into the data."""
+    branches: dict[KeyPath, dict[str, list[_Placed]]] = defaultdict(lambda: defaultdict(list))
+    for error in errors:
+        for place, name in error.choices:
+            branches[place][name].append(error)
+    dropped: set[int] = set()
+    for rivals in branches.values():
+        best = max(rivals.values(), key=lambda group: max(_depth(error) for error in group))
+        for group in rivals.values():
+            dropped |= {id(error) for error in group if group is not best}
+    return [error for error in errors if id(error) not in dropped]
+
+
+def _depth(error: _Placed) -> tuple[int, bool]:
+    return len(error.key), error.type == "value_error"
+
+
+def _issue(error: _Placed, data: Any) -> Issue:
+    value, context = error.details["input"], error.details.get("ctx", {})
+    key, kind = error.key, error.type
+    if kind == "missing" and isinstance(key[-1], int):
+        given, wanted = len(value), size_at(key[:-1], data)
+        message = f"{given} {'entry' if given == 1 else 'entries'}, {wanted} expected"
+        return Issue(message, key[:-1], value, _such_as(key[:-1], data))
+    if kind == "missing":
+        return Issue("is missing", key, None, _such_as(key, data, name=str(key[-1])))
+    if kind == "extra_forbidden":
+        return Issue("unknown key", key, value, did_you_mean(str(key[-1]), known_keys(key[:-1], data)))
+    if kind.startswith("union_tag"):
+        return _tag_issue(key, kind, context)
+    if kind in ("literal_error", "enum"):
+        words = _quoted(context["expected"])
+        return Issue(f"{_shown(value)} is not known here", key, value, _one_of(str(value), words))
+    if kind == "value_error":
+        return _split(str(context["error"]), key, value)
+    if kind in _SAID:
+        bounds = {name: bound_at(key, data, bound) for name, bound in context.items()}
+        message = _SAID[kind].format(value=_shown(value), **bounds)
+        return Issue(_with_value(message, value), key, value, _such_as(key, data))
+    return _type_issue(key, kind, value, data, error.details["msg"])
+
+
+def _tag_issue(key: KeyPath, kind: str, context: Mapping[str, Any]) -> Issue:
+    name = str(context["discriminator"]).strip("'")
+    if kind == "union_tag_not_found":
+        words = sorted(str(word) for word in _tags(key))
+        return Issue("is missing", (*key, name), None, f"write {name}: {' | '.join(words)}")
+    words = _quoted(context["expected_tags"])
+    tag = str(context["tag"])
+    return Issue(f"'{tag}' is not known here", (*key, name), tag, _one_of(tag, words))
+
+
+def _tags(key: KeyPath) -> list[str]:
+    return [tag for node in nodes_at((*key, "kind"), None) for tag in [node.get("const")] if tag]
+
+
+def _quoted(words: Any) -> list[str]:
+    return re.findall(r"'([^']*)'", str(words))
+
+
+def _one_of(word: str, words: Sequence[str]) -> str:
+    near = nearest(word, words)
+    return (f"did you mean '{near}'? " if near else "") + f"one of: {', '.join(words)}"
+
+
+def _split(message: str, key: KeyPath, value: Any) -> Issue:
+    """Validators write ``what is wrong; how to mend it``."""
+    message, _, mend = message.partition("; ")
+    return Issue(_with_value(message, value), key, value, mend)
+
+
+def _type_issue(key: KeyPath, kind: str, value: Any, data: Any, fallback: str) -> Issue:
+    expected = next((word for start, word in _EXPECTED.items() if kind.startswith(start)), "")
+    if not expected:
+        return Issue(_with_value(fallback.removeprefix("Input ").replace("valid ", ""), value), key, value)
+    if value is None:
+        return Issue(f"nothing stands here, {expected} is expected", key, value, _such_as(key, data))
+    mend = f"put it in quotes: '{value}'" if kind == "string_type" and not _container(value) else _such_as(key, data)
+    return Issue(f"{_shown(value)} is not {expected}", key, value, mend)
+
+
+def _such_as(key: KeyPath, data: Any, name: str = "") -> str:
+    example = example_at(key, data)
+    return f"write for example {name + ': ' if name else ''}{example}" if example else ""
+
+
+def _container(value: Any) -> bool:
+    return isinstance(value, list | tuple | Mapping)
+
+
+def _shown(value: Any) -> str:
+    if _container(value):
+        return "a mapping" if isinstance(value, Mapping) else f"a list of {len(value)}"
+    if isinstance(value, bool):
+        return str(value).lower()
+    text = str(value)
+    return f"'{text[:40]}{'…' if len(text) > 40 else ''}'" if isinstance(value, str) else text
+
+
+def _with_value(message: str, value: Any) -> str:
+    if value is None or _container(value) or str(value)[:40] in message:
+        return message
+    return f"{message}, not {_shown(value)}" if message.startswith("must ") else f"{message} (here {_shown(value)})"
+
+
+def _one_a_cause(issues: list[Issue], data: Any) -> list[Issue]:
+    """Drops repetitions, and the missing key that an unknown key beside it is a misspelling of."""
+    meant: set[KeyPath] = set()
+    for issue in issues:
+        if issue.message == "unknown key":
+            near = nearest(str(issue.key[-1]), known_keys(issue.key[:-1], data))
+            meant.add((*issue.key[:-1], near))
+    kept: dict[tuple[KeyPath, str], Issue] = {}
+    for issue in issues:
+        if not (issue.message == "is missing" and issue.key in meant):
+            kept.setdefault((issue.key, issue.message), issue)
+    return list(kept.values())

@@ -1,0 +1,85 @@
+"""Problems from a file, from a mapping, and from those that travel with the package."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.nearest import did_you_mean
+from posture_opt.problem.problem import Problem, build_problem
+from posture_opt.problem.yaml_source import Document, read_yaml
+
+_DEFAULT = "insert_planar_2r"
+
+
+def load_problem(path: str | PathLike[str]) -> Problem:
+    """The problem in a YAML file.
+
+    Raises:
+        InputError: everything wrong with the file, each with line, key and the mend.
+    """
+    file = Path(path)
+    return build_problem(read_yaml(file), file.parent, file.stem)
+
+
+def problem_from_dict(data: Mapping[str, Any], folder: str | PathLike[str] = ".") -> Problem:
+    """The problem of a mapping with the keys of a problem file; relative file names in it start at ``folder``.
+
+    Raises:
+        InputError: everything wrong with the data, each with key and the mend.
+    """
+    if not isinstance(data, Mapping):
+        raise InputError(Issue(f"a problem is a mapping of sections, not {type(data).__name__}"))
+    return build_problem(Document(_plain(data)), Path(folder), "problem")
+
+
+def builtin_names() -> tuple[str, ...]:
+    """The names of the problems that travel with the package, sorted."""
+    return tuple(sorted(path.stem for path in problems_folder().glob("*.yaml")))
+
+
+def load_builtin(name: str) -> Problem:
+    """The problem that travels with the package under ``name``.
+
+    Raises:
+        InputError: no such problem; the nearest name is offered.
+    """
+    if name not in builtin_names():
+        raise InputError(Issue(f"there is no built-in problem '{name}'", (), name, did_you_mean(name, builtin_names())))
+    return load_problem(problems_folder() / f"{name}.yaml")
+
+
+def builtin_problem(task: str) -> Problem:
+    """The built-in problem of a task: the planar 2R arm of the lecture.
+
+    Raises:
+        InputError: no such task; the nearest is offered.
+    """
+    own = f"{task}_planar_2r"
+    problem = load_builtin(own if own in builtin_names() else _DEFAULT)
+    return problem if problem.task and problem.task.kind == task else problem.with_task(task)
+
+
+@cache
+def problems_folder() -> Path:
+    """The folder of the built-in problems: inside the installed package, or beside it in a source tree."""
+    inside = Path(str(files("posture_opt"))) / "problems"
+    return inside if inside.is_dir() else inside.parents[1] / "problems"
+
+
+def _plain(value: Any) -> Any:
+    """Mappings, sequences, arrays and paths as the plain types that a file would give."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    return fspath(value) if isinstance(value, PathLike) else value

@@ -1,0 +1,150 @@
+"""``Problem``: a robot, the sources of its scatter, and what it has to do, ready to be computed with."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.problem.issues import schema_issues
+from posture_opt.problem.schema import ProblemSpec
+from posture_opt.problem.yaml_source import Document, dump_yaml
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.solvers import Solver
+from posture_opt.selection.tasks import Task
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.spec import MeasurementSpec, UncertaintySpec
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What a problem file says, in SI units and radians.
+
+    ``task`` is ``None`` where the file names none; ``notes`` are sentences for the report on what was assumed
+    or overridden; ``document`` is the file's plain data, units and all; relative file names start at ``folder``.
+    """
+
+    name: str
+    robot: Robot
+    sources: Sources
+    task: Task | None
+    solver: Solver
+    effects: tuple[Any, ...]
+    measurement: MeasurementSpec | None
+    spec: ProblemSpec
+    folder: Path
+    notes: tuple[str, ...] = ()
+    document: Mapping[str, Any] = field(default_factory=dict)
+
+    def with_task(self, kind: str | None = None, **keys: Any) -> Problem:
+        """The same problem with the task ``kind`` and other keys of the task replaced, as in the file.
+
+        What the former task says and the new one knows stays: direction, target, clearance.
+
+        Raises:
+            InputError: unknown kind or key, or a value that does not fit.
+        """
+        former = dict(self.document.get("task") or {})
+        task = {**former, **({"kind": kind} if kind else {}), **keys}
+        for rival, other in (("position", "region"), ("region", "position")):
+            if rival in keys and other not in keys:
+                task.pop(other, None)
+        document = {**self.document, "task": task}
+        spec = parse_spec(Document(document))
+        notes = self.notes
+        if kind and former.get("kind", kind) != kind:
+            notes = (*notes, f"the task '{former['kind']}' of the file is overridden by '{kind}'")
+        return replace(self, task=spec.task, spec=spec, document=document, notes=notes)
+
+    def with_robot(self, robot: Mapping[str, Any]) -> Problem:
+        """The same problem with another ``robot`` section, as in the file.
+
+        Raises:
+            InputError: the section does not fit, or the uncertainty names parameters that this robot lacks.
+        """
+        return build_problem(Document({**self.document, "robot": dict(robot)}), self.folder, self.name)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The plain data of the problem file; ``problem_from_dict`` takes it back."""
+        return copy.deepcopy(dict(self.document))
+
+    def to_yaml(self) -> str:
+        """The problem file as text, quantities with their units as they were given."""
+        return dump_yaml(self.to_dict())
+
+
+def build_problem(document: Document, folder: Path, name: str) -> Problem:
+    """The problem of a document; ``name`` serves where the document has none.
+
+    Raises:
+        InputError: everything wrong with the document, each with file, line and key.
+    """
+    issues = list(document.issues)
+    data, broken = _sections(document, issues)
+    spec = ProblemSpec.model_validate(data) if "robot" in data else None
+    robot, sources = None, None
+    if spec is not None:
+        robot = _collect(issues, "robot", lambda: spec.robot.build(folder))
+    if spec is not None and robot is not None and "uncertainty" not in broken:
+        sources = _collect(issues, "uncertainty", lambda: spec.uncertainty.build(robot, folder))
+    elif "uncertainty" in data:
+        uncertainty = UncertaintySpec.model_validate(data["uncertainty"])
+        _collect(issues, "uncertainty", uncertainty.check)
+    _refuse(issues, document)
+    assert spec is not None
+    assert robot is not None
+    assert sources is not None
+    return Problem(
+        name=spec.name or name,
+        robot=robot,
+        sources=sources,
+        task=spec.task,
+        solver=spec.solver,
+        effects=spec.effects,
+        measurement=spec.uncertainty.measurement,
+        spec=spec,
+        folder=folder,
+        notes=sources.notes,
+        document=document.data,
+    )
+
+
+def parse_spec(document: Document) -> ProblemSpec:
+    """The validated sections of a document.
+
+    Raises:
+        InputError: everything that does not fit the schema.
+    """
+    issues = list(document.issues)
+    data, _ = _sections(document, issues)
+    _refuse(issues, document)
+    return ProblemSpec.model_validate(data)
+
+
+def _sections(document: Document, issues: list[Issue]) -> tuple[dict[str, Any], set[str]]:
+    """The sections that fit the schema and the names of those that do not, whose faults join ``issues``."""
+    # An optional section with nothing under it counts as left out; a task or robot with nothing in it does not.
+    data = {key: value for key, value in document.data.items() if value is not None or key == "robot"}
+    found = schema_issues(data)
+    issues += found
+    broken = {str(issue.key[0]) for issue in found if issue.key}
+    return {key: value for key, value in data.items() if key not in broken}, broken
+
+
+def _refuse(issues: list[Issue], document: Document) -> None:
+    if issues:
+        raise InputError(sorted((document.placed(issue) for issue in issues), key=lambda issue: issue.line))
+
+
+def _collect(issues: list[Issue], section: str, build: Callable[[], T]) -> T | None:
+    """What ``build`` makes, or ``None`` with its issues added under ``section``."""
+    try:
+        return build()
+    except InputError as error:
+        issues += [issue.at(section) if not issue.file else issue for issue in error.issues]
+        return None
