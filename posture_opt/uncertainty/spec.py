@@ -50,7 +50,8 @@ class UncertaintySpec(Spec):
         issues = [*self._contradictions(), *self._weight_issues(robot)]
         named = Sources()
         try:
-            named = self._from_file(dimensions, folder) if self.covariance else self._from_sigma(dimensions)
+            from_file = self.covariance and not self.sigma  # both are a contradiction, which is told already
+            named = self._from_file(dimensions, folder) if from_file else self._from_sigma(dimensions)
         except InputError as error:
             issues += error.issues
         if issues:

@@ -1,0 +1,283 @@
+"""Bad problem files: each names file, line, key and the mend, all faults of a file at once, with exit code 2."""
+
+from __future__ import annotations
+
+import re
+import time
+from pathlib import Path
+
+import pytest
+
+from posture_opt.errors import InputError
+from posture_opt.problem.load import load_problem, problem_from_dict
+
+ROBOT = """\
+name: A test
+robot:
+  kind: dh
+  joints:
+    - {name: joint1, type: revolute, a: 1 m}
+    - {name: joint2, type: revolute, a: 1 m}
+"""
+
+URDF = """\
+<robot name="arm">
+  <link name="base"/><link name="tip"/>
+  <joint name="j1" type="revolute">
+    <parent link="base"/><child link="tip"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
+  </joint>
+</robot>
+"""
+
+
+def faults(folder: Path, text: str) -> list[str]:
+    """The lines of the message that loading ``text`` raises, without the folder."""
+    path = folder / "problem.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_problem(path)
+    assert caught.value.exit_code == 2
+    return str(caught.value).replace(f"{folder}/", "").splitlines()
+
+
+CASES = {
+    # what is added to ROBOT: line, key and message, mend
+    "unknown key": ("tsk: {kind: insert}", 7, "tsk: unknown key", "did you mean 'task'"),
+    "unknown key inside": ("task: {kind: insert, dirction: [0, 0, 1]}", 7, "task.dirction: unknown key", "'direction'"),
+    "missing unit": ("task: {kind: insert, position: [1, 0 m, 0 m]}", 7, "task.position[0]: the length has", "1 m"),
+    "wrong dimension": ("uncertainty:\n  sigma:\n    joint1.a: 1 deg", 9, "sigma.joint1.a: 'deg' is not", "10 mm"),
+    "unknown unit": ("uncertainty:\n  sigma:\n    joint1.a: 1 mmm", 9, "sigma.joint1.a: unknown unit 'mmm'", "10 mm"),
+    "nan": ("task:\n  kind: insert\n  direction: [0, .nan, 1]", 9, "task.direction[1]: nan is not a finite", ""),
+    "infinite": ("task:\n  kind: insert\n  tilt: .inf", 9, "task.tilt: inf is not a finite", "1 deg"),
+    "nan with a unit": ("uncertainty: {sigma: {joint1.a: nan mm}}", 7, "'nan mm' is not a finite number", "10 mm"),
+    "zero direction": ("task: {kind: insert, direction: [0, 0, 0]}", 7, "task.direction: a direction of", "[0, 0, -1]"),
+    "two targets": (
+        "task:\n  kind: insert\n  position: [1 m, 0 m, 0 m]\n  region: {min: [0 m, 0 m, 0 m], max: [1 m, 1 m, 1 m]}",
+        7,
+        "task: position and region are both given",
+        "keep one",
+    ),
+    "negative sigma": ("uncertainty:\n  sigma: {joint1.a: -1 mm}", 8, "deviation -1 mm is negative", "write 1 mm"),
+    "unknown parameter": ("uncertainty: {sigma: {joint1.thet: 1 deg}}", 7, "no such parameter", "'joint1.theta'"),
+    "correlation above 1": (
+        "uncertainty:\n  sigma: {joint1.a: 1 mm, joint2.a: 1 mm}\n  correlation:\n    - [joint1.a, joint2.a, 1.5]",
+        10,
+        "uncertainty.correlation[0]: the correlation 1.5 lies outside",
+        "",
+    ),
+    "correlation without sigma": (
+        "uncertainty: {sigma: {joint1.a: 1 mm}, correlation: [[joint1.a, joint2.a, 0.5]]}",
+        7,
+        "uncertainty.correlation[0]: 'joint2.a' has no sigma",
+        "add it under sigma",
+    ),
+    "sigma and covariance": (
+        "uncertainty: {sigma: {joint1.a: 1 mm}, covariance: none.csv}",
+        7,
+        "uncertainty.covariance: covariance and sigma are both given",
+        "leave out",
+    ),
+    "not positive semidefinite": (
+        "uncertainty:\n  sigma: {joint1.a: 1 mm, joint2.a: 1 mm, joint1.theta: 1 deg}\n"
+        "  correlation: [[joint1.a, joint2.a, 0.9], [joint2.a, joint1.theta, 0.9], [joint1.a, joint1.theta, -0.9]]",
+        9,
+        # -0.8: the correlation matrix has the eigenvalues 1.9 (twice) and 1 - 2 * 0.9
+        "smallest eigenvalue of the correlation matrix -0.8",
+        "make them smaller",
+    ),
+    "unknown task": ("task: {kind: insrt}", 7, "task.kind: 'insrt' is not known here", "'insert'"),
+    "task without kind": ("task: {direction: [0, 0, 1]}", 7, "task.kind: is missing", "write kind: drill | insert"),
+    "unknown effect": ("effects: [{kind: joint_compliance}]", 7, "no effect of kind 'joint_compliance'", "none so far"),
+    "unknown solver": ("solver: {kind: ipop}", 7, "solver.kind: 'ipop' is not known here", "'ipopt'"),
+    "no starts": ("solver: {starts: 0}", 7, "solver.starts: must be 1 or greater, not 0", ""),
+    "a word for a number": ("solver: {starts: many}", 7, "solver.starts: 'many' is not a whole number", ""),
+    "too short": ("task: {kind: insert, direction: [0, 1]}", 7, "task.direction: 2 entries, 3 expected", ""),
+    "text for a section": ("task: insert", 7, "task: 'insert' is not a mapping", ""),
+    "duplicate key": (
+        "task: {kind: insert}\ntask: {kind: drill}",
+        8,
+        "task: the key stands twice, first in line 7",
+        "",
+    ),
+    "beyond a bound": ("task: {kind: insert, tilt: 100 deg}", 7, "task.tilt: must be 90 deg or less", ""),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_fault_names_line_key_and_mend(case: str, tmp_path: Path) -> None:
+    added, line, message, mend = CASES[case]
+    found = faults(tmp_path, ROBOT + added + "\n")
+    assert len(found) == 1, "one cause, one message"
+    assert found[0].startswith(f"problem.yaml:{line}: ")
+    assert message in found[0]
+    assert mend in found[0]
+    assert not re.search(r"pydantic|Input should|literal\[|function-|extra_forbidden", found[0])
+
+
+@pytest.mark.parametrize(
+    ("joint", "message"),
+    [
+        (
+            "{name: a, type: revolute, a: 1 m, limits: [90 deg, -90 deg]}",
+            "robot.joints[0].limits: the limits are crossed",
+        ),
+        (
+            "{name: a, type: revolut, a: 1 m}",
+            "robot.joints[0].type: 'revolut' is not known here – did you mean 'revolute'",
+        ),
+        ("{nam: a, type: revolute, a: 1 m}", "robot.joints[0].nam: unknown key – did you mean 'name'?"),
+        ("{type: revolute, a: 1 m}", "robot.joints[0].name: is missing"),
+        ("{name: a, type: revolute, a: 1}", "robot.joints[0].a: the length has no unit (here 1) – write 1 mm or 1 m"),
+        ("{name: 7, type: revolute, a: 1 m}", "robot.joints[0].name: 7 is not a text – put it in quotes: '7'"),
+    ],
+)
+def test_fault_in_a_joint(joint: str, message: str, tmp_path: Path) -> None:
+    (found,) = faults(tmp_path, f"robot:\n  kind: dh\n  joints:\n    - {joint}\n")
+    assert found.startswith("problem.yaml:4: ")
+    assert message in found
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "problem.yaml: the file is empty"),
+        ("# only a comment\n", "problem.yaml: the file is empty"),
+        ("- a\n- b\n", "problem.yaml:1: the file holds a list"),
+        ("hello\n", "problem.yaml:1: the file holds a single value"),
+        ("a: 1\nb: [1, 2\nc: 3\n", "problem.yaml:3: not YAML"),
+        ("a:\n\t- b\n", "problem.yaml:2: not YAML"),
+        ("a: 1\n---\nb: 2\n", "problem.yaml:2: the file holds several YAML documents"),
+        ("a: &a [*a]\n", "problem.yaml:1: a: an alias (*name) contains itself"),
+        ("[" * 50_000, "problem.yaml: the file is nested too deeply"),
+        ("a: b\x00c\n", "problem.yaml:1: not YAML: the character U+0000"),
+        ("name: x\n", "problem.yaml:1: robot: is missing – write for example robot: {kind: preset"),
+    ],
+)
+def test_file_that_is_no_problem_file(text: str, message: str, tmp_path: Path) -> None:
+    found = faults(tmp_path, text)
+    assert len(found) == 1
+    assert found[0].startswith(message)
+
+
+def test_foreign_tag_is_not_executed(tmp_path: Path) -> None:
+    found = faults(tmp_path, ROBOT + f"data: !!python/object/apply:os.mkdir ['{tmp_path}/made']\n")
+    assert not (tmp_path / "made").exists()
+    assert any("problem.yaml:7: data" in line for line in found)
+
+
+def test_alias_bomb_is_refused_at_once(tmp_path: Path) -> None:
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 10)]  # 10^10 entries
+    start = time.perf_counter()
+    (found,) = faults(tmp_path, "\n".join(lines))
+    assert time.perf_counter() - start < 5  # s; unfolding all of it would fill any memory
+    assert "the aliases (*name) of the file unfold to more than" in found
+
+
+def test_huge_file_is_refused_unread(tmp_path: Path) -> None:
+    path = tmp_path / "huge.yaml"
+    with path.open("wb") as stream:
+        stream.truncate(100_000_000)
+    start = time.perf_counter()
+    with pytest.raises(InputError, match="larger than 1 MB"):
+        load_problem(path)
+    assert time.perf_counter() - start < 0.5  # s; reading and parsing it would take minutes
+
+
+def test_places_that_are_no_files(tmp_path: Path) -> None:
+    (tmp_path / "arm.yaml").write_text(ROBOT)
+    with pytest.raises(InputError, match=r"no such file: .*amr\.yaml – did you mean .*arm\.yaml\?"):
+        load_problem(tmp_path / "amr.yaml")
+    with pytest.raises(InputError, match="this is a folder"):
+        load_problem(tmp_path)
+    (tmp_path / "latin.yaml").write_bytes(b"name: x\nrobot: caf\xe9\n")
+    with pytest.raises(InputError, match=r"latin\.yaml:2: not UTF-8 text \(byte 0xe9\)"):
+        load_problem(tmp_path / "latin.yaml")
+
+
+def test_all_faults_of_all_sections_at_once(tmp_path: Path) -> None:
+    text = (
+        "robot: {kind: preset, name: planar2r}\n"
+        "uncertainty: {sigma: {joint1.a: -1 mm, joint2.a: 1}}\n"
+        "task: {kind: insrt, direction: [0, 0, 0], clearance: 0 mm}\n"
+        "solver: {starts: 0}\n"
+        "efects: []\n"
+        "name: a\n"
+        "name: b\n"
+    )
+    found = faults(tmp_path, text)
+    lines = [int(line.split(":")[1]) for line in found]
+    assert lines == sorted(lines), "in the order of the file"
+    keys = [line.split(": ")[1] for line in found]
+    assert sorted(keys) == [
+        "efects",
+        "name",
+        "robot.name",
+        "solver.starts",
+        "task.clearance",
+        "task.direction",
+        "task.kind",
+        "uncertainty.sigma.joint1.a",
+        "uncertainty.sigma.joint2.a",
+    ]
+
+
+def test_urdf_without_such_a_link(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF)
+    found = faults(tmp_path, "robot:\n  kind: urdf\n  file: arm.urdf\n  base_link: base\n  tip_link: tool\n")
+    assert len(found) == 1
+    assert found[0].startswith("problem.yaml:5: robot.tip_link: ")
+    assert "tip" in found[0].split("–")[1], "the mend names a link that exists"
+
+
+def test_urdf_that_does_not_exist(tmp_path: Path) -> None:
+    (found,) = faults(tmp_path, "robot:\n  kind: urdf\n  file: none.urdf\n  base_link: base\n  tip_link: tool\n")
+    assert found.startswith("problem.yaml:3: robot.file: ")
+
+
+def covariance_faults(folder: Path, table: str) -> list[str]:
+    (folder / "cov.csv").write_text(table, encoding="utf-8")
+    return faults(folder, ROBOT + "uncertainty: {covariance: cov.csv}\n")
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("", "cov.csv: the covariance file is empty"),
+        ("name, joint1.a [mm]\n", "cov.csv:1: no row for joint1.a"),
+        ("name, joint1.a\njoint1.a, 1\n", "cov.csv:1: joint1.a: the column has no unit – write joint1.a [m]"),
+        ("name, joint1.a [deg]\njoint1.a, 1\n", "cov.csv:1: joint1.a: 'deg' is not a unit of length"),
+        ("name, joint1.b [mm]\njoint1.b, 1\n", "cov.csv:1: joint1.b: the robot has no such parameter – did you mean"),
+        ("name, joint1.a [mm]\njoint1.a, nan\n", "cov.csv:2: joint1.a: 'nan' is not a finite number"),
+        ("name, joint1.a [mm]\njoint1.a, 1, 2\n", "cov.csv:2: joint1.a: 2 numbers in the row, 1 columns"),
+        (
+            "name, joint1.a [mm], joint2.a [mm]\njoint1.a, 1, 0.5\njoint2.a, 0.4, 1\n",
+            "cov.csv:1: not symmetric: row joint1.a, column joint2.a holds 0.5, the reverse 0.4",
+        ),
+        (
+            "name, joint1.a [mm], joint2.a [mm]\njoint1.a, 1, 2\njoint2.a, 2, 1\n",
+            "problem.yaml:7: uncertainty.covariance: the correlation of joint1.a and joint2.a is 2",
+        ),
+        (
+            "name, joint1.a [mm]\njoint1.a, -1\n",
+            "problem.yaml:7: uncertainty.covariance: negative variance of joint1.a",
+        ),
+    ],
+)
+def test_fault_in_a_covariance_file(table: str, message: str, tmp_path: Path) -> None:
+    (found,) = covariance_faults(tmp_path, table)
+    assert found.startswith(message)
+
+
+def test_missing_covariance_file(tmp_path: Path) -> None:
+    (tmp_path / "cov.csv").write_text("")
+    (found,) = faults(tmp_path, ROBOT + "uncertainty: {covariance: cvo.csv}\n")
+    assert found.startswith("problem.yaml:7: uncertainty.covariance: no such file: cvo.csv – did you mean cov.csv?")
+
+
+def test_bad_dict_names_keys_without_a_file() -> None:
+    with pytest.raises(InputError) as caught:
+        problem_from_dict({"robot": {"kind": "preset", "name": "planar_2r"}, "task": {"kind": "insert", "tilt": 3}})
+    assert str(caught.value) == "task.tilt: the angle has no unit (here 3) – write 3 deg or 3 rad"
+    with pytest.raises(InputError, match="a problem is a mapping of sections, not list"):
+        problem_from_dict([])  # type: ignore[arg-type]
