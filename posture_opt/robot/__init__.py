@@ -14,8 +14,9 @@ from posture_opt.robot.format import FrameSpec, JointSpec, RobotFormat
 from posture_opt.robot.mdh import MdhRobot
 from posture_opt.robot.preset import PresetRobot, load_preset, preset_names, preset_text
 from posture_opt.robot.robot import Factor, Joint, Repeatability, Robot, frame_factors
+from posture_opt.robot.urdf import UrdfRobot
 
-FORMATS: tuple[type[RobotFormat], ...] = (DhRobot, MdhRobot, PresetRobot)
+FORMATS: tuple[type[RobotFormat], ...] = (DhRobot, MdhRobot, UrdfRobot, PresetRobot)
 
 if TYPE_CHECKING:
     RobotSpec = RobotFormat
@@ -35,6 +36,7 @@ __all__ = [
     "Robot",
     "RobotFormat",
     "RobotSpec",
+    "UrdfRobot",
     "frame_factors",
     "load_preset",
     "preset_names",

@@ -1,0 +1,195 @@
+"""Presets against what others publish: URDF descriptions through Pinocchio, poses in books and data sheets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posture_opt.errors import InputError
+from posture_opt.robot import PresetRobot, load_preset, preset_names
+from tests.helpers.factors import frame, pose
+from tests.helpers.pin import PinArm, robots_folder
+from tests.helpers.urdfs import IIWA14, IRB120, UR5, UR5E, UR10, UR10E, urdf_text
+
+ALL = ["iiwa14", "irb120", "panda", "planar_2r", "puma560", "scara", "ur10", "ur10e", "ur5", "ur5e"]
+ROUNDING = 1e-12  # a few dozen factors of rounding 1e-16 each
+# Two descriptions round pi/2 to 1.5708 or to eleven digits; that is worth up to 1e-8 m at arm's length.
+DIGITS = 1e-8
+TURNED = np.diag([-1.0, -1.0, 1.0, 1.0])  # ROS base_link against the controller's Base, by the makers' own account
+
+
+def sample(robot, count=10, seed=0):
+    return np.random.default_rng(seed).uniform(robot.lower, robot.upper, (count, robot.n))
+
+
+def at(robot, degrees):
+    return pose(robot, np.radians(degrees))
+
+
+def test_names():
+    assert list(preset_names()) == sorted(ALL)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_preset_says_where_it_is_from(name):
+    robot = load_preset(name)
+    groups = {line.split(":")[0] for line in robot.source.splitlines()}
+    assert {"geometry", "limits", "masses"} <= groups
+    assert all(joint.lower < joint.upper for joint in robot.joints)
+    assert len(robot.parameters) == len([f for f in robot.factors if f.parameter])
+    assert sorted(f.joint for f in robot.factors if f.joint is not None) == list(range(robot.n))
+    if robot.repeatability:
+        assert robot.repeatability.source
+        assert 5e-6 <= robot.repeatability.value <= 5e-4
+
+
+@pytest.mark.parametrize(("name", "millimetres"), [
+    ("ur5", 0.1), ("ur10", 0.1), ("ur5e", 0.03), ("ur10e", 0.05), ("panda", 0.1), ("iiwa14", 0.15), ("irb120", 0.01),
+    ("puma560", 0.1), ("scara", 0.01),
+])  # fmt: skip
+def test_repeatability_of_the_data_sheet(name, millimetres):
+    assert load_preset(name).repeatability.value == pytest.approx(1e-3 * millimetres)
+
+
+def test_unknown_preset_offers_the_nearest():
+    with pytest.raises(InputError, match="did you mean ur10e") as caught:
+        load_preset("ur10-e")
+    assert caught.value.issues[0].key == ("name",)
+
+
+def test_keys_beside_the_name_replace_those_of_the_preset():
+    spec = PresetRobot.model_validate({"name": "panda", "tool": {"xyz": ["0 m", "0 m", "100 mm"]}, "payload": "2 kg"})
+    robot, plain = spec.build(Path()), load_preset("panda")
+    q = np.linspace(-0.3, 0.4, 7)
+    step = np.linalg.inv(pose(plain, q)) @ pose(robot, q)
+    np.testing.assert_allclose(step[:3, 3], [0, 0, 0.1], atol=ROUNDING)
+    assert (robot.payload, plain.payload) == (2.0, 0.0)
+    assert PresetRobot.model_validate({"name": "panda", "base": "free"}).build(Path()).base_free
+
+
+@pytest.mark.parametrize(("name", "file"), [("ur5", "ur5_robot.urdf"), ("ur10", "ur10_robot.urdf")])
+def test_universal_robots_against_ros_description(name, file):
+    robot = load_preset(name)
+    arm = PinArm(robots_folder() / "ur_description" / "urdf" / file)
+    for q in sample(robot):
+        named = {f"{joint}_joint": value for joint, value in zip(robot.joint_names, q, strict=True)}
+        np.testing.assert_allclose(pose(robot, q), TURNED @ arm.pose(named, "base_link", "tool0"), atol=DIGITS)
+
+
+@pytest.mark.parametrize(("name", "rows"), [("ur5", UR5), ("ur10", UR10), ("ur5e", UR5E), ("ur10e", UR10E)])
+def test_universal_robots_against_their_own_kinematics(name, rows):
+    robot, arm = load_preset(name), PinArm(urdf_text(rows))
+    for q in sample(robot):
+        expected = arm.pose(dict(zip(robot.joint_names, q, strict=True)), "base", "link6")
+        np.testing.assert_allclose(pose(robot, q), expected, atol=ROUNDING)
+
+
+@pytest.mark.parametrize(("name", "rows"), [("irb120", IRB120), ("iiwa14", IIWA14)])
+def test_against_ros_industrial(name, rows):
+    robot, arm = load_preset(name), PinArm(urdf_text(rows))
+    for q in sample(robot):
+        expected = arm.pose(dict(zip(robot.joint_names, q, strict=True)), "base", f"link{len(rows)}")
+        np.testing.assert_allclose(pose(robot, q), expected, atol=ROUNDING)
+
+
+def test_panda_against_franka_description():
+    robot = load_preset("panda")
+    arm = PinArm(robots_folder() / "panda_description" / "urdf" / "panda.urdf")
+    for q in sample(robot):
+        named = dict(zip(robot.joint_names, q, strict=True))
+        np.testing.assert_allclose(pose(robot, q), arm.pose(named, "panda_link0", "panda_link8"), atol=ROUNDING)
+    np.testing.assert_allclose(robot.lower, arm.model.lowerPositionLimit[:7])
+    np.testing.assert_allclose(robot.upper, arm.model.upperPositionLimit[:7])
+
+
+def check_centres(robot, arm, base, joints):
+    q = sample(robot, 1)[0]
+    for index in joints:
+        mass, centre = arm.centre(dict(zip(robot.joint_names, q, strict=True)), robot.joints[index].name, base)
+        here = frame(robot, q, index) @ np.append(robot.joints[index].com, 1.0)
+        assert robot.joints[index].mass == pytest.approx(mass, rel=1e-9)
+        np.testing.assert_allclose(here[:3], centre, atol=2e-7)  # the files give the centres to 0.1 µm at best
+
+
+def test_masses_of_panda():
+    arm = PinArm(robots_folder() / "panda_description" / "urdf" / "panda.urdf")
+    check_centres(load_preset("panda"), arm, "panda_link0", range(6))  # link 7 carries the hand in that file
+
+
+def test_mass_of_the_last_link_of_panda():
+    last = load_preset("panda").joints[6]
+    # panda.urdf, panda_link7: 0.735522 kg at (1.0517e-02, -4.252e-03, 6.1597e-02), 107 mm before the flange
+    assert last.mass == 0.735522
+    np.testing.assert_allclose(last.com, [1.0517e-02, -4.252e-03, 6.1597e-02 - 0.107], atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "rows"), [
+    ("irb120", IRB120), ("ur5", UR5), ("ur10", UR10), ("ur5e", UR5E), ("ur10e", UR10E),
+])  # fmt: skip
+def test_masses_against_ros_descriptions(name, rows):
+    check_centres(load_preset(name), PinArm(urdf_text(rows)), "base", range(6))
+
+
+@pytest.mark.parametrize(("degrees", "position"), [
+    ((0, 0, 0, 0, 0, 0), (0.4521, -0.1500, 0.4318)),
+    ((0, 90, -90, 0, 0, 0), (0.0203, -0.1500, 0.8636)),
+    ((0, 45, -180, 0, 45, 0), (0.5963, -0.1501, -0.0144)),
+])  # fmt: skip
+def test_puma_poses_in_the_book(degrees, position):
+    # Corke, Robotics, Vision and Control (2011), section 7.2: qz, qr and qn of p560, printed to 0.1 mm
+    np.testing.assert_allclose(at(load_preset("puma560"), degrees)[:3, 3], position, atol=1.01e-4)
+
+
+def test_puma_orientation_in_the_book():
+    # the same: at qn the tool points along the base's x axis
+    expected = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
+    np.testing.assert_allclose(at(load_preset("puma560"), (0, 45, -180, 0, 45, 0))[:3, :3], expected, atol=ROUNDING)
+
+
+def test_irb120_zero_posture_of_the_data_sheet():
+    # ABB: flange at (374, 0, 630) mm, pointing forward
+    T = at(load_preset("irb120"), (0,) * 6)
+    np.testing.assert_allclose(T[:3, 3], [0.374, 0, 0.630], atol=ROUNDING)
+    np.testing.assert_allclose(T[:3, 2], [1, 0, 0], atol=ROUNDING)
+
+
+def test_irb120_limits_of_ros_industrial():
+    # irb120_3_58_macro.xacro: degrees of the data sheet in radians with five digits
+    robot = load_preset("irb120")
+    np.testing.assert_allclose(robot.lower, [-2.87979, -1.91986, -1.91986, -2.79253, -2.094395, -6.98132], atol=1e-5)
+    np.testing.assert_allclose(robot.upper, [2.87979, 1.91986, 1.22173, 2.79253, 2.094395, 6.98132], atol=1e-5)
+
+
+def test_iiwa_limits_of_ros_industrial():
+    # lbr_iiwa_14_r820_macro.xacro: 170, 120 and 175 deg, each 0.02 deg inside
+    robot = load_preset("iiwa14")
+    np.testing.assert_allclose(robot.upper, [2.9668, 2.0942, 2.9668, 2.0942, 2.9668, 2.0942, 3.0541], atol=5e-4)
+    np.testing.assert_allclose(robot.lower, np.negative(robot.upper))
+
+
+def test_iiwa_stands_1306_mm_tall():
+    # KUKA: 360 + 420 + 400 + 126 mm, upright at zero
+    np.testing.assert_allclose(at(load_preset("iiwa14"), (0,) * 7)[:3, 3], [0, 0, 1.306], atol=ROUNDING)
+
+
+def test_scara_work_envelope():
+    """Epson's table for the GX4-A351: innermost radius 142 mm, reach to the back 298.5 mm, outermost 350 mm."""
+    robot = load_preset("scara")
+
+    def tool(theta1, theta2, stroke=0.0):
+        return pose(robot, [np.radians(theta1), np.radians(theta2), stroke, 0.0])
+
+    limit1, limit2 = np.degrees(robot.upper[:2])
+    assert np.hypot(*tool(0, limit2)[:2, 3]) == pytest.approx(0.142, abs=5e-4)
+    assert -tool(limit1, 180 - limit1)[0, 3] == pytest.approx(0.2985, abs=5e-5)
+    np.testing.assert_allclose(tool(0, 0)[:3, 3], [0.35, 0, 0], atol=ROUNDING)
+    np.testing.assert_allclose(tool(0, 0, robot.upper[2])[:3, 3], [0.35, 0, -0.15], atol=ROUNDING)
+    np.testing.assert_allclose(tool(30, -20)[:3, 2], [0, 0, -1], atol=ROUNDING)
+
+
+def test_planar_arm_of_the_lecture():
+    robot = load_preset("planar_2r")
+    np.testing.assert_allclose(at(robot, (90, -135))[:3, 3], [np.sqrt(0.5), 1 - np.sqrt(0.5), 0], atol=ROUNDING)
+    assert robot.joint_names == ("joint1", "joint2")
