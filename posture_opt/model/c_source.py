@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import string
 from collections.abc import Mapping
 from typing import Any
@@ -22,10 +23,9 @@ def c_source(function: casadi.Function, name: str, descriptions: Mapping[str, st
         The C text (needs only math.h) and the header text. Matrices: inputs column-major, outputs row-major.
 
     Raises:
-        InputError: the name is no C identifier.
+        InputError: a name is no C identifier, or one that C keeps for itself.
     """
-    if not name.isascii() or not name.isidentifier():
-        raise InputError(Issue(f"{name!r} is no C identifier", mend="use letters, digits and _"))
+    _check_names(function, name)
     row = row_function(function, f"{name}_row")
     inputs = [(function.name_in(i), function.size_in(i)) for i in range(function.n_in())]
     outputs = [(function.name_out(i), function.size_out(i)) for i in range(function.n_out())]
@@ -47,14 +47,34 @@ def c_source(function: casadi.Function, name: str, descriptions: Mapping[str, st
     return c_text([row]) + _WRAPPER_C.substitute(fields), _HEADER_C.substitute(fields)
 
 
+_KEYWORDS = """
+    auto break case char const continue default do double else enum extern float for goto if inline int long main
+    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+"""
+
+
+def _check_names(function: casadi.Function, name: str) -> None:
+    arguments = [*map(function.name_in, range(function.n_in())), *map(function.name_out, range(function.n_out()))]
+    issues = [
+        Issue(f"{word!r} is no C identifier that is free", mend="use letters, digits and _, and no word of C itself")
+        for word in (name, *arguments)
+        if not (word.isascii() and word.isidentifier())
+        or word in _KEYWORDS.split()
+        or (word == name and hasattr(math, word))
+    ]
+    if issues:
+        raise InputError(issues)
+
+
+# CasADi's names never end in an underscore: the locals' do.
 _WRAPPER_C = string.Template("""
 $prototype;
 $prototype {
-  const double* arg[$arg] = {$args};
-  double* res[$res] = {$results};
-  long long int iw[$iw];
-  double w[$w];
-  return ${name}_row(arg, res, iw, w, 0);
+  const double* arg_[$arg] = {$args};
+  double* res_[$res] = {$results};
+  long long int iw_[$iw];
+  double w_[$w];
+  return ${name}_row(arg_, res_, iw_, w_, 0);
 }
 """)
 _HEADER_C = string.Template("""/* Written by posture_opt. Link with -lm.

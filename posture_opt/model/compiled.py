@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import casadi
@@ -74,6 +74,7 @@ class BatchFunction:
     def __init__(self, function: casadi.Function, *, compiled: bool | None = None) -> None:
         self.function = function
         self._wanted = compiled
+        self._fallible = not function.is_a("SXFunction")  # asking for the return code costs a microsecond
         self._row = row_function(function, _ROW)
         self._names = [function.name_in(i) for i in range(function.n_in())]
         self._sizes = [function.numel_in(i) for i in range(function.n_in())]
@@ -106,19 +107,25 @@ class BatchFunction:
 
     def one(self, *arrays: npt.ArrayLike) -> Any:
         """Evaluate once with buffers that are kept: each input (size,), outputs (r,) or (r, c). Not for threads."""
-        buffered = self._single
-        for slot, array in zip(buffered.inputs, arrays, strict=True):
-            slot[:] = array
+        buffered, views = self._single
+        try:
+            _assign(buffered.inputs, arrays)
+        except (TypeError, ValueError):  # not (size,): accept one row, else name what is wrong
+            rows, inputs = self._read(arrays)
+            if rows != 1:
+                raise InputError(f"{rows} rows given, one wanted") from None
+            _assign(buffered.inputs, [array[0] for array in inputs])
         buffered.evaluate()
-        outputs = [array.reshape(shape).copy() for array, shape in zip(buffered.outputs, self._shapes, strict=True)]
+        outputs = [view.copy() for view in views]
         return outputs[0] if len(outputs) == 1 else tuple(outputs)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return functools.partial(BatchFunction, compiled=self._wanted), (self.function,)
 
     @functools.cached_property
-    def _single(self) -> _Buffered:
-        return _Buffered(self._row)
+    def _single(self) -> tuple[_Buffered, list[Array]]:
+        buffered = _Buffered(self._row, self._fallible)
+        return buffered, [slot.reshape(shape) for slot, shape in zip(buffered.outputs, self._shapes, strict=True)]
 
     def _read(self, arrays: tuple[npt.ArrayLike, ...]) -> tuple[int, list[Array]]:
         if len(arrays) != len(self._names):
@@ -146,8 +153,9 @@ class BatchFunction:
 class _Buffered:
     """One CasADi function bound to memory of its own."""
 
-    def __init__(self, function: casadi.Function) -> None:
+    def __init__(self, function: casadi.Function, fallible: bool = True) -> None:
         self._buffer: Any
+        self._fallible = fallible
         self.inputs = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
         self.outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
         self._buffer, self._trigger = function.buffer()
@@ -158,8 +166,15 @@ class _Buffered:
 
     def evaluate(self) -> None:
         self._trigger()
-        if self._buffer.ret():
+        if self._fallible and self._buffer.ret():
             raise SolverError("the function reports a failure")
+
+
+def _assign(slots: list[Array], arrays: Sequence[Any]) -> None:
+    for slot, array in zip(slots, arrays, strict=True):
+        if len(array) != len(slot):  # NumPy would broadcast a single number
+            raise ValueError
+        slot[:] = array
 
 
 def _fill_buffered(buffered: _Buffered, starts: range, width: int, inputs: list[Array], outputs: list[Array]) -> None:
@@ -217,7 +232,7 @@ def compiled_nlp(
 
     def source() -> str:
         solver = casadi.nlpsol("solver", "ipopt", dict(nlp), structure)
-        return c_text([oracle, *(solver.get_function(key) for key in solver.get_function())])
+        return c_text([solver.oracle(), *(solver.get_function(key) for key in solver.get_function())])
 
     library, _ = _library(compiled, lambda: f"{oracle.serialize()}{structure}", source)
     if library is None:
@@ -232,7 +247,7 @@ def _library(wanted: bool | None, identity: Callable[[], str], source: Callable[
     try:
         # CasADi's version stands for its code generator, the batch loop's text for ours.
         return shared_library(f"{casadi.CasadiMeta.version()}{_BATCH_C}{identity()}", source), ""
-    except BuildError as error:
+    except (BuildError, RuntimeError) as error:  # RuntimeError: CasADi has no C for a part of the function
         if wanted:
             raise InputError(Issue(f"nothing compiled: {error}", mend="install a C compiler or set CC")) from error
         return None, str(error)
