@@ -119,9 +119,13 @@ class Engine:
         q = np.where((q >= lower) & (q <= upper), q, candidate.q)
         idle = list(self.programme.nlp.indifferent)
         q[idle] = np.clip(0.0, lower[idle], upper[idle])
-        tidy = self.candidates(q[None], goal)[0]
-        worse = tidy.violation > candidate.violation + 1e-9 or tidy.objective > candidate.objective + 1e-9
-        return candidate if worse else replace(tidy, optimal=candidate.optimal, message=candidate.message)
+        # Where the objective is flat, a whole degree is as good as 179.98.
+        rounded = np.clip(np.where(turns > 0, np.deg2rad(np.round(np.rad2deg(q))), q), lower, upper)
+        for tidy in self.candidates(np.array([rounded, q]), goal):
+            worse = tidy.violation > candidate.violation + 1e-9 or tidy.objective > candidate.objective + 1e-9
+            if not worse:
+                return replace(tidy, optimal=candidate.optimal, message=candidate.message)
+        return candidate
 
 
 def feasible_starts(engine: Engine, goal: Goal, count: int, rng: np.random.Generator) -> tuple[Floats, int]:

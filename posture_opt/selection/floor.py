@@ -1,0 +1,128 @@
+"""The floor: a spread that no posture can beat, because it depends on the target alone.
+
+An error that acts before any joint has moved – the base, the first joint – shifts the tool point by
+``a × (x − o)`` (or ``a``), and neither axis nor lever depends on the posture once the target ``x`` is given.
+By the law of total covariance the tool point scatters at least as much as these errors alone make it scatter
+when all others are held fixed, so ``B' C_fixed(x) B`` bounds the projected covariance from below.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.model.chain import factor_values, walk
+from posture_opt.selection.goal import Goal
+from posture_opt.uncertainty.tool_point import ToolPoint
+
+Floats = np.ndarray
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A lower bound on the largest standard deviation [m], the source that sets it and that one's share of it.
+
+    Args:
+        point: (3,) where in the target the bound is least.
+        radius: distance [m] of that point from the axis of the source, NaN where the source is a shift.
+    """
+
+    sigma: float
+    source: str
+    share: float
+    point: Floats
+    radius: float
+
+
+def floor(tool_point: ToolPoint, goal: Goal, basis: Floats) -> Floor | None:
+    """The bound for the part of the spread in ``basis`` (3, m); None where nothing fixed is uncertain.
+
+    For a region it is the least over the region: the bound is a convex function of the point.
+    """
+    fixed = _fixed_sources(tool_point)
+    if not fixed or goal.kind == "anywhere":
+        return None
+    covariance = _conditional(tool_point.covariance, fixed)
+    columns = _Levers.of(tool_point, fixed)
+    point = goal.lower if goal.kind == "point" else _least(columns, covariance, goal, basis)
+    J = basis.T @ columns.at(point)
+    values, vectors = np.linalg.eigh(J @ covariance @ J.T)
+    variance = float(values[-1])
+    if variance <= 0:
+        return None
+    gains = (vectors[:, -1] @ J) ** 2 * np.diag(covariance)
+    first = int(np.argmax(gains))
+    return Floor(
+        float(np.sqrt(variance)), tool_point.names[fixed[first]], float(gains[first] / gains.sum()), point,
+        columns.radius(first, point),
+    )
+
+
+@dataclass(frozen=True)
+class _Levers:
+    """Axes (k, 3) and origins (k, 3) of the fixed sources, and which of them rotate."""
+
+    axes: Floats
+    origins: Floats
+    rotates: Floats
+
+    @classmethod
+    def of(cls, tool_point: ToolPoint, fixed: list[int]) -> _Levers:
+        factors = tool_point.robot.factors
+        reached = walk(factors, factor_values(factors, [0.0] * tool_point.robot.n))
+        screws = [reached.screws[tool_point.indices[k]] for k in fixed]
+        return cls(
+            np.array([s.axis for s in screws], dtype=float),
+            np.array([s.origin for s in screws], dtype=float),
+            np.array([s.rotates for s in screws]),
+        )
+
+    def at(self, point: Floats) -> Floats:
+        """(3, k) derivative of the tool point."""
+        turned = np.cross(self.axes, point - self.origins)
+        return np.where(self.rotates[:, None], turned, self.axes).T
+
+    def radius(self, k: int, point: Floats) -> float:
+        return float(np.linalg.norm(np.cross(self.axes[k], point - self.origins[k]))) if self.rotates[k] else np.nan
+
+
+def _fixed_sources(tool_point: ToolPoint) -> list[int]:
+    """Sources whose axis no joint moves: all up to the first joint, and those along or about its own axis after it."""
+    factors = tool_point.robot.factors
+    first = next(i for i, factor in enumerate(factors) if factor.joint is not None)
+    if factors[first].kind != "rotate":
+        return [k for k, index in enumerate(tool_point.indices) if index <= first]
+    last = first
+    while last + 1 < len(factors) and factors[last + 1].axis == factors[first].axis and factors[last + 1].joint is None:
+        last += 1
+    return [k for k, index in enumerate(tool_point.indices) if index <= last]
+
+
+def _conditional(covariance: Floats, fixed: list[int]) -> Floats:
+    """Covariance of the fixed sources given all others: what remains when those are known."""
+    other = [k for k in range(len(covariance)) if k not in fixed]
+    ff, fo, oo = covariance[np.ix_(fixed, fixed)], covariance[np.ix_(fixed, other)], covariance[np.ix_(other, other)]
+    remaining = ff - fo @ np.linalg.pinv(oo) @ fo.T if other and np.any(fo) else ff
+    # A finite rotation error scatters a little less than its linear lever says; stay below it.
+    shrink = np.exp(-2 * np.diag(remaining).clip(0) * (np.diag(remaining) < 1))
+    return np.asarray(remaining * np.sqrt(np.outer(shrink, shrink)))
+
+
+def _least(columns: _Levers, covariance: Floats, goal: Goal, basis: Floats) -> Floats:
+    """The point of the box with the least bound, by halving a pattern search: smooth enough, convex, 3 unknowns."""
+    def value(point: Floats) -> float:
+        J = basis.T @ columns.at(point)
+        return float(np.linalg.eigvalsh(J @ covariance @ J.T)[-1])
+
+    # The base axis is the usual least: start from the box's point nearest to it.
+    point = np.clip(columns.origins[0], goal.lower, goal.upper)
+    best, step = value(point), (goal.upper - goal.lower) / 2
+    while np.max(step) > 1e-5:
+        moves = [np.clip(point + sign * np.eye(3)[k] * step, goal.lower, goal.upper) for k in range(3) for sign in (1, -1)]
+        values = [value(move) for move in moves]
+        if min(values) < best * (1 - 1e-9):
+            best, point = min(values), moves[int(np.argmin(values))]
+        else:
+            step = step / 2
+    return point

@@ -1,0 +1,218 @@
+"""Why nothing is feasible: out of reach by how much, which limit, which tilt – and the posture that comes nearest.
+
+Only asked when thousands of restarts of the feasibility search found nothing. Requirements are relaxed one at a
+time: position within the limits, the same without limits, position and axis without limits; the first relaxation
+that helps names the culprit, and a small programme measures by how much it fails.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from posture_opt.model.compiled import IPOPT_OPTIONS
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.feasible import TOLERANCE, InverseKinematics, Wish, wish_for
+from posture_opt.selection.goal import Goal
+from posture_opt.selection.multistart import Candidate, Engine, Search
+from posture_opt.selection.solution import Evidence, Reason, Solution
+
+Floats = np.ndarray
+_STARTS = 200
+_REFINED = 8
+
+
+def explain(problem: Any, engine: Engine, found: Search, seconds: float) -> Solution:
+    """The infeasible solution: nearest posture, and the reasons in words."""
+    q, reasons = _Inquiry(engine, found.goal).answer(found)
+    evidence = Evidence(0, found.tried, found.polished, 0, 0, 0, math.nan, math.nan, None, math.nan, seconds)
+    notes = (*problem.notes, engine.programme.axis_note(found.goal))
+    return Solution(
+        problem, engine.programme, found.goal, "infeasible", q, evidence, lambda: (), notes, tuple(reasons)
+    )
+
+
+@dataclass(frozen=True)
+class _Inquiry:
+    engine: Engine
+    goal: Goal
+
+    @property
+    def robot(self) -> Robot:
+        return self.engine.programme.robot
+
+    def answer(self, found: Search) -> tuple[Floats, list[Reason]]:
+        if found.found:
+            return self._row(found.found[0])
+        plane = self._plane()
+        if plane is not None:
+            return self._nearest()[0], [plane]
+        limited = self.engine.ik
+        free = self._unlimited()
+        if not len(self._reached(limited, with_axis=False)):
+            Q = self._reached(free, with_axis=False)
+            return self._limits(Q, with_axis=False) if len(Q) else self._out_of_reach()
+        Q = self._reached(free, with_axis=True)
+        if len(Q):
+            return self._limits(Q, with_axis=True)
+        return self._tilt(self._reached(limited, with_axis=False))
+
+    def _row(self, nearest: Candidate) -> tuple[Floats, list[Reason]]:
+        """Target and axis are fine; a further requirement is not."""
+        nlp, p = self.engine.programme.nlp, self.goal.parameters()
+        low, high = nlp.row_bounds(p)
+        values = np.asarray(ca.Function("g", [nlp.x, nlp.p], [nlp.g])(nearest.q, p)).ravel()
+        beyond = np.maximum(low - values, values - high)
+        k = int(np.argmax(beyond))
+        row, bound = nlp.rows[k], low[k] if values[k] < low[k] else high[k]
+        message = (
+            f"{row.name} can reach {_amount(values[k], row.unit)} at best, {_amount(float(bound), row.unit)} is asked "
+            f"for: {_amount(float(beyond[k]), row.unit)} are missing"
+        )
+        return nearest.q, [Reason(row.name, message, float(beyond[k]), row.unit)]
+
+    def _plane(self) -> Reason | None:
+        reach, goal = self.engine.programme.reach, self.goal
+        if goal.kind == "anywhere" or not reach.normals.shape[1]:
+            return None
+        nearest = np.clip(reach.offset, goal.lower, goal.upper)
+        off = nearest - reach.offset
+        gap = reach.normals @ (reach.normals.T @ off)
+        distance = float(np.linalg.norm(gap))
+        if distance < 1e-6:
+            return None
+        message = (
+            f"the target lies {distance * 1e3:.3g} mm outside the plane that this arm moves in; "
+            f"move it by {_millimetres(-gap)}"
+        )
+        return Reason("target", message, distance, "m")
+
+    def _unlimited(self) -> InverseKinematics:
+        joints = tuple(
+            replace(j, lower=-2 * math.pi, upper=2 * math.pi)
+            if j.type == "revolute"
+            else replace(j, lower=j.lower - 10.0, upper=j.upper + 10.0)
+            for j in self.robot.joints
+        )
+        programme = self.engine.programme
+        robot = replace(self.robot, joints=joints)
+        return InverseKinematics(robot, programme.task.tool_axis, programme.reach.directions, self.engine.compiled)
+
+    def _reached(self, ik: InverseKinematics, with_axis: bool) -> Floats:
+        """(k, n) postures on the target, with or without the tool axis along the direction."""
+        rng = np.random.default_rng(1)
+        aligned = with_axis and self.engine.programme.axis_rows > 0
+        wish = wish_for(self.goal, _STARTS, aligned, rng)
+        Q, errors = ik.solve(ik.random_postures(_STARTS, rng), wish, enough=_STARTS // 4)
+        return np.asarray(Q[errors < TOLERANCE])
+
+    def _out_of_reach(self) -> tuple[Floats, list[Reason]]:
+        q, point = self._nearest()
+        gap = np.clip(point, self.goal.lower, self.goal.upper) - point
+        distance = float(np.linalg.norm(gap))
+        message = (
+            f"the target is out of reach by {distance * 1e3:.4g} mm; the nearest point that the tool reaches is "
+            f"{_millimetres(point)}: move the target by {_millimetres(-gap)}"
+        )
+        return q, [Reason("target", message, distance, "m")]
+
+    def _nearest(self) -> tuple[Floats, Floats]:
+        """The posture within the limits whose tool point is nearest to the target, and that point."""
+        at, p = self.engine.programme.quantities, self.engine.programme.nlp.p
+        lower, upper = ca.DM(self.goal.lower), ca.DM(self.goal.upper)
+        gap = ca.fmax(lower - at.position, 0) + ca.fmax(at.position - upper, 0)
+        start = self.engine.ik.random_postures(_REFINED, np.random.default_rng(2))
+        middle = Wish((self.goal.lower + self.goal.upper) / 2, np.zeros(3), np.zeros(3), np.array([1.0, 0, 0]))
+        start, _ = self.engine.ik.solve(start, middle)
+        lo, hi = self.engine.programme.nlp.variable_bounds
+        q = self._least(ca.sumsqr(gap), ca.SX(0, 1), start, lo, hi)
+        return q, np.asarray(ca.Function("x", [at.q, p], [at.position])(q, self.goal.parameters())).ravel()
+
+    def _limits(self, starts: Floats, with_axis: bool) -> tuple[Floats, list[Reason]]:
+        """Without limits it would work: which limits are in the way, and by how much at least."""
+        nlp, p = self.engine.programme.nlp, self.engine.programme.nlp.p
+        lower, upper = (ca.DM(bound) for bound in nlp.variable_bounds)
+        excess = ca.fmax(lower - nlp.x, 0) + ca.fmax(nlp.x - upper, 0)
+        rows = [r for r in nlp.rows if r.name.startswith("target") or (with_axis and r.name.startswith("tool_axis"))]
+        g = ca.vertcat(*(row.expression for row in rows))
+        span = np.full(self.robot.n, 4 * math.pi)
+        bounds = ca.Function("b", [p], [ca.vertcat(*(r.lower for r in rows)), ca.vertcat(*(r.upper for r in rows))])
+        low, high = (np.asarray(b).ravel() for b in bounds(self.goal.parameters()))
+        beyond = np.maximum(np.asarray(lower).ravel() - starts, starts - np.asarray(upper).ravel()).clip(0)
+        starts = starts[np.argsort(np.linalg.norm(beyond, axis=1))]
+        q = self._least(ca.sumsqr(excess), g, starts[:_REFINED], -span, span, low, high)
+        reasons = []
+        for k, joint in enumerate(self.robot.joints):
+            amount = max(joint.lower - q[k], q[k] - joint.upper, 0.0)
+            if amount > 1e-5:
+                unit = "rad" if joint.type == "revolute" else "m"
+                bound = joint.lower if q[k] < joint.lower else joint.upper
+                what = "target and tool axis" if with_axis and self.engine.programme.axis_rows else "target"
+                message = (
+                    f"{joint.name} would have to go to {_amount(q[k], unit)}, {_amount(amount, unit)} beyond its limit "
+                    f"{_amount(bound, unit)}, to meet the {what}"
+                )
+                reasons.append(Reason(f"{joint.name}.limits", message, float(amount), unit))
+        return q, reasons or [Reason("search", "no feasible posture was found, although relaxed ones exist", 0.0, "1")]
+
+    def _tilt(self, starts: Floats) -> tuple[Floats, list[Reason]]:
+        """The target is reached, but not with the tool axis along the direction: the least tilt that would do."""
+        programme = self.engine.programme
+        at, nlp = programme.quantities, programme.nlp
+        rows = [row for row in nlp.rows if row.name.startswith("target")]
+        g = ca.vertcat(*(row.expression for row in rows)) if rows else ca.SX(0, 1)
+        bounds = ca.Function(
+            "b", [nlp.p], [ca.vertcat(ca.SX(0, 1), *(r.lower for r in rows)), ca.vertcat(ca.SX(0, 1), *(r.upper for r in rows))]
+        )
+        low, high = (np.asarray(b).ravel() for b in bounds(self.goal.parameters()))
+        cosine = ca.dot(ca.DM(self.goal.direction), at.axis)
+        order = np.argsort(-np.asarray(ca.Function("c", [nlp.x], [cosine]).map(len(starts))(starts.T)).ravel())
+        lo, hi = nlp.variable_bounds
+        q = self._least(-cosine, g, starts[order[:_REFINED]], lo, hi, low, high)
+        reached = float(ca.Function("c", [nlp.x], [cosine])(q))
+        tilt = math.acos(min(1.0, max(-1.0, reached)))
+        message = (
+            f"at this target the tool axis comes no closer than {math.degrees(tilt):.3g} deg to the direction, and "
+            f"{math.degrees(self.goal.tilt):.3g} deg are allowed; set tilt: {math.ceil(math.degrees(tilt) * 10) / 10:g} deg, "
+            "or move the target"
+        )
+        return q, [Reason("tool_axis", message, tilt - self.goal.tilt, "rad")]
+
+    def _least(
+        self,
+        objective: ca.SX,
+        g: ca.SX,
+        starts: Floats,
+        lower: Floats,
+        upper: Floats,
+        row_lower: Floats | None = None,
+        row_upper: Floats | None = None,
+    ) -> Floats:
+        """The best of IPOPT's answers from the starts; a start itself where IPOPT gives none."""
+        nlp = self.engine.programme.nlp
+        parameters = self.goal.parameters()
+        objective, g = (ca.substitute(e, nlp.p, ca.DM(parameters)) for e in (objective, g))
+        options = {**IPOPT_OPTIONS, "ipopt.max_iter": 300}
+        solver = ca.nlpsol("least", "ipopt", {"x": nlp.x, "f": objective, "g": g}, options)
+        none = np.zeros(0)
+        row_lower, row_upper = (none if b is None else b for b in (row_lower, row_upper))
+        answers = []
+        for start in starts:
+            found = solver(x0=start, lbx=lower, ubx=upper, lbg=row_lower, ubg=row_upper)
+            if solver.stats()["success"]:
+                answers.append((float(found["f"]), np.asarray(found["x"]).ravel()))
+        return min(answers, key=lambda a: a[0])[1] if answers else np.asarray(starts[0])
+
+
+def _amount(value: float, unit: str) -> str:
+    if unit == "rad":
+        return f"{math.degrees(value):.4g} deg"
+    return f"{value * 1e3:.4g} mm" if unit == "m" else f"{value:.4g} {unit}"
+
+
+def _millimetres(vector: Floats) -> str:
+    return "(" + ", ".join(f"{v * 1e3:.1f}" for v in vector + 0.0) + ") mm"

@@ -1,0 +1,243 @@
+"""``PostureSelector``: one problem, its programme built once, solved again and again."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from posture_opt.errors import InputError, Issue, NoSolutionError
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.goal import Goal
+from posture_opt.selection.infeasible import explain
+from posture_opt.selection.multistart import (
+    Candidate,
+    Engine,
+    MapPolish,
+    Progress,
+    Search,
+    in_processes,
+    search,
+    with_progress,
+)
+from posture_opt.selection.programme import Programme
+from posture_opt.selection.reach import Reach
+from posture_opt.selection.solution import Alternative, Evidence, Solution, critical_basis
+from posture_opt.selection.solvers import Solver
+from posture_opt.selection.sweep import Sweep, sweep
+from posture_opt.selection.tasks import Task
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.tool_point import ToolPoint
+
+Floats = np.ndarray
+
+QUICK_STARTS = 48
+QUICK_POLISH = 3
+_SAME_OPTIMUM = 1e-4
+_DISTINCT = math.radians(5.0)
+_DISTINCT_SHIFT = 0.01
+_MOST_ALTERNATIVES = 8
+
+
+class HasTask(Protocol):
+    """What a selection needs of a ``Problem``."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def sources(self) -> Sources: ...
+    @property
+    def task(self) -> Task | None: ...
+    @property
+    def solver(self) -> Solver: ...
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+
+
+class PostureSelector:
+    """The posture selection of one problem, for repeated solves with other targets.
+
+    Args:
+        problem: with a task and uncertain parameters.
+        compiled: None compiles the programme where a C compiler is found (some seconds once, then cached);
+            False interprets it; True insists.
+
+    Raises:
+        InputError: no task, nothing uncertain, or a task that the arm cannot do.
+    """
+
+    def __init__(self, problem: HasTask, *, compiled: bool | None = None) -> None:
+        self._problem, self._compiled = problem, compiled
+        self.task = _task(problem)
+        self.tool_point = ToolPoint.of(problem.robot, _sources(problem))
+        self.reach = Reach.of(problem.robot, self.task.tool_axis)
+        self.goal = Goal.of(self.task, self.reach)
+        self._engines: dict[str, Engine] = {}
+        self.engine(self.goal).programme.check_axis(self.goal)
+
+    def engine(self, goal: Goal) -> Engine:
+        """The functions that solve goals of this kind; built on first use."""
+        if goal.kind not in self._engines:
+            programme = Programme(self._problem.robot, self.tool_point, self.task, self.reach, goal.kind)
+            self._engines[goal.kind] = Engine(programme, self._problem.solver, self._compiled)
+        return self._engines[goal.kind]
+
+    def solve(
+        self,
+        position: Sequence[float] | None = None,
+        direction: Sequence[float] | None = None,
+        clearance: float | None = None,
+        *,
+        seed: int | None = None,
+        starts: int = QUICK_STARTS,
+        polish: int = QUICK_POLISH,
+    ) -> Solution:
+        """The best posture for the task, or for another position [m], direction or clearance [m], world frame.
+
+        Raises:
+            NoSolutionError: nothing feasible; carries the nearest posture and the reasons.
+            InputError: a target that is not three finite numbers.
+        """
+        began = time.perf_counter()
+        goal = self._goal(position, direction, clearance)
+        seed = self._problem.solver.seed if seed is None else seed
+        found = search(self.engine(goal), goal, np.random.default_rng(seed), starts, polish)
+        return self._answer(found, None, began)
+
+    def solve_thoroughly(self, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None) -> Solution:
+        """The best posture with the evidence that it is: every start polished, the remaining freedom swept."""
+        began = time.perf_counter()
+        engine, solver = self.engine(self.goal), self._problem.solver
+        rng = np.random.default_rng(solver.seed if seed is None else seed)
+        how: MapPolish | None = in_processes(workers) if workers > 1 else with_progress(progress) if progress else None
+        found = search(engine, self.goal, rng, solver.starts, solver.starts, how)
+        swept = sweep(engine, found.goal, rng) if found.found else None
+        if swept is not None:
+            best = engine.polished(swept.best, found.goal)
+            found = replace(found, found=tuple(sorted((*found.found, best), key=lambda c: (not c.feasible, c.objective))))
+        return self._answer(found, swept, began)
+
+    def _goal(
+        self, position: Sequence[float] | None, direction: Sequence[float] | None, clearance: float | None
+    ) -> Goal:
+        goal = self.goal
+        if position is not None:
+            goal = goal.with_position(np.asarray(position, dtype=float))
+        if direction is not None:
+            goal = goal.with_direction(np.asarray(direction, dtype=float), self.reach)
+        if clearance is not None:
+            if not clearance > 0:
+                raise InputError(Issue(f"the clearance {clearance} is not above zero", ("clearance",), clearance))
+            goal = replace(goal, clearance=float(clearance))
+        return goal
+
+    def _answer(self, found: Search, swept: Sweep | None, began: float) -> Solution:
+        engine = self.engine(found.goal)
+        programme = engine.programme
+        feasible = [c for c in found.found if c.feasible]
+        if not feasible:
+            solution = explain(self._problem, engine, found, time.perf_counter() - began)
+            raise NoSolutionError("\n".join(reason.message for reason in solution.reasons), solution)
+        best = feasible[0]
+        optima = distinct(feasible, self._problem.robot)
+        same = [c for c in feasible if c.objective <= best.objective + _SAME_OPTIMUM * max(abs(best.objective), 1e-9)]
+        evidence = Evidence(
+            starts=len(found.sampled),
+            tried=found.tried,
+            polished=found.polished,
+            converged=sum(c.optimal for c in found.found),
+            distinct=len(optima),
+            hits=len(same) if swept is None else min(len(same), found.polished),
+            typical=self._sigma(found, 50),
+            worst=self._sigma(found, 100),
+            sweep=swept,
+            sweep_sigma=math.nan if swept is None else float(self._sigmas(programme, found.goal, [swept.best])[1][0]),
+            seconds=time.perf_counter() - began,
+        )
+
+        def ranked() -> tuple[Alternative, ...]:
+            return self._alternatives(programme, found.goal, optima)
+
+        notes = (*self._problem.notes, programme.axis_note(found.goal))
+        status = "optimal" if best.optimal else "feasible"
+        return Solution(self._problem, programme, found.goal, status, best.q, evidence, ranked, notes)
+
+    def _sigma(self, found: Search, percent: float) -> float:
+        """σ_max [m] of the feasible starts at a percentile of the objective, where the objective is a variance."""
+        plain = self.task.criterion == "worst" and not self.task.minimize
+        if not plain or not len(found.sampled):
+            return math.nan
+        return math.sqrt(max(float(np.percentile(found.sampled, percent)) * found.goal.scale, 0.0))
+
+    def _alternatives(
+        self, programme: Programme, goal: Goal, optima: Sequence[Candidate]
+    ) -> tuple[Alternative, ...]:
+        shown = optima[:_MOST_ALTERNATIVES]
+        positions, sigmas = self._sigmas(programme, goal, shown)
+        names = self._problem.robot.joint_names
+        return tuple(
+            Alternative(dict(zip(names, map(float, c.q), strict=True)), x, float(s))
+            for c, x, s in zip(shown, positions, sigmas, strict=True)
+        )
+
+    def _sigmas(self, programme: Programme, goal: Goal, candidates: Sequence[Candidate]) -> tuple[Floats, Floats]:
+        Q = np.array([c.q for c in candidates])
+        moments = self.tool_point.moments([Q[:, k] for k in range(Q.shape[1])])
+        B = critical_basis(programme, goal)
+        largest = np.linalg.eigvalsh(B.T @ moments.covariance @ B)[..., -1]
+        return np.broadcast_to(moments.position, (len(Q), 3)), np.sqrt(np.maximum(largest, 0.0))
+
+
+def select_posture(
+    problem: HasTask, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
+) -> Solution:
+    """The posture whose spread hurts the task least, with alternatives and evidence.
+
+    Args:
+        problem: with a task and uncertain parameters.
+        seed: of the random starts; the same seed gives the same answer. Default: the problem's.
+        workers: processes that share the local solves.
+        progress: called with (done, total) local solves.
+
+    Raises:
+        NoSolutionError: nothing feasible; carries the nearest posture and the reasons.
+        InputError: no task, nothing uncertain, or a task that the arm cannot do.
+    """
+    return PostureSelector(problem, compiled=False).solve_thoroughly(seed=seed, workers=workers, progress=progress)
+
+
+def distinct(candidates: Sequence[Candidate], robot: Robot) -> list[Candidate]:
+    """The candidates that differ from every better one by more than 5° (or 10 mm) in some joint, whole turns apart."""
+    revolute = np.array([joint.type == "revolute" for joint in robot.joints])
+    kept: list[Candidate] = []
+    for candidate in candidates:
+        if all(_apart(candidate.q - other.q, revolute) for other in kept):
+            kept.append(candidate)
+    return kept
+
+
+def _apart(difference: Floats, revolute: Floats) -> bool:
+    turned = np.abs((difference + np.pi) % (2 * np.pi) - np.pi)
+    return bool(np.any(np.where(revolute, turned > _DISTINCT, np.abs(difference) > _DISTINCT_SHIFT)))
+
+
+def _task(problem: HasTask) -> Task:
+    if problem.task is None:
+        raise InputError(Issue("the problem states no task", ("task",), mend="add task: {kind: insert}"))
+    return problem.task
+
+
+def _sources(problem: HasTask) -> Sources:
+    if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
+        mend = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
+        raise InputError(Issue("nothing is uncertain, so no posture is better than another", ("uncertainty",), mend=mend))
+    return problem.sources
+
+
+

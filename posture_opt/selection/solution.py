@@ -1,0 +1,260 @@
+"""``Solution``: the best posture, its alternatives, its odds, and how sure one may be of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from posture_opt.selection.floor import Floor, floor
+from posture_opt.selection.goal import Goal
+from posture_opt.selection.programme import Programme
+from posture_opt.selection.sweep import Sweep
+from posture_opt.uncertainty.budget import Share, budgets
+from posture_opt.uncertainty.clearance import radius_for, success_probability
+from posture_opt.uncertainty.spread import Spread, propagate
+
+Floats = np.ndarray
+Status = Literal["optimal", "feasible", "infeasible"]
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A distinct posture (joint name -> rad or m), its tool point (3,) [m] and its σ_max [m]."""
+
+    posture: dict[str, float]
+    position: Floats
+    sigma_max: float
+
+
+@dataclass(frozen=True)
+class Critical:
+    """The part of the spread that the task cares about.
+
+    Args:
+        within: ``across`` the direction, ``along`` it, or ``all`` of it.
+        basis: (m, 3) unit vectors, one a row, world.
+        covariance: (m, m) in that basis [m²].
+        bias: (m,) [m].
+        sigma_max: largest standard deviation [m].
+        worst_axis: (3,) the direction of it, world.
+        radius95: distance from the target that 95 % of all tool points stay within [m].
+    """
+
+    within: str
+    basis: Floats
+    covariance: Floats
+    bias: Floats
+    sigma_max: float
+    worst_axis: Floats
+    radius95: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """How the answer was searched for.
+
+    Args:
+        starts: feasible postures that were compared.
+        tried: random postures that were led towards the target to get them.
+        polished: local solves; ``converged`` of them by the solver's own word.
+        distinct: different local optima among them; ``hits`` of the polished starts ended at the best one.
+        typical, worst: σ_max [m] of the median and of the worst feasible start; NaN for other criteria.
+        sweep: a systematic sweep beside the random starts, or None; ``sweep_sigma`` its best [m].
+        seconds: wall time.
+    """
+
+    starts: int
+    tried: int
+    polished: int
+    converged: int
+    distinct: int
+    hits: int
+    typical: float
+    worst: float
+    sweep: Sweep | None
+    sweep_sigma: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Reason:
+    """One requirement that cannot be met: its name, a sentence, and by how much [unit]."""
+
+    requirement: str
+    message: str
+    amount: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The answer to one problem; where it is infeasible, the nearest posture and the reasons.
+
+    Args:
+        problem: with ``robot``, ``sources``, ``task`` and ``name``.
+        q: (n,) the posture [rad or m].
+        reasons: why there is no solution; empty where there is one.
+        ranked: builds the alternatives when they are asked for.
+    """
+
+    problem: Any
+    programme: Programme
+    goal: Goal
+    status: Status
+    q: Floats
+    evidence: Evidence
+    ranked: Callable[[], tuple[Alternative, ...]]
+    notes: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
+
+    @property
+    def posture(self) -> dict[str, float]:
+        """Joint name -> value [rad or m]."""
+        return dict(zip(self.programme.robot.joint_names, map(float, self.q), strict=True))
+
+    @cached_property
+    def spread(self) -> Spread:
+        """The spread of the tool at the posture."""
+        return propagate(self.problem, self.q)
+
+    @property
+    def covariance(self) -> Floats:
+        """(3, 3) exact covariance of the tool point, world [m²]."""
+        return self.spread.covariance
+
+    @property
+    def ellipse(self) -> Any:
+        """Ellipse of a planar arm, else ellipsoid, of the tool point."""
+        return self.spread.ellipse
+
+    @property
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """Distinct local optima, best first; the first is the answer itself."""
+        return self._alternatives
+
+    @cached_property
+    def _alternatives(self) -> tuple[Alternative, ...]:
+        return self.ranked()
+
+    @property
+    def basis(self) -> Floats:
+        """(3, m) basis of the part of the spread that counts."""
+        return critical_basis(self.programme, self.goal)
+
+    @cached_property
+    def critical(self) -> Critical:
+        """The spread across the direction (or along it, or all of it, as the task says)."""
+        B = self.basis
+        C = B.T @ self.spread.covariance @ B
+        bias = B.T @ self.spread.bias
+        values, vectors = np.linalg.eigh(C)
+        return Critical(
+            within=self.programme.task.within,
+            basis=B.T,
+            covariance=C,
+            bias=bias,
+            sigma_max=math.sqrt(max(values[-1], 0.0)),
+            worst_axis=B @ vectors[:, -1],
+            radius95=radius_for(0.95, C, bias) if len(C) < 3 else math.sqrt(values[-1]) * 2.7955,
+        )
+
+    @property
+    def sigma_along(self) -> float:
+        """Standard deviation along the task's direction [m]."""
+        d = self.goal.direction
+        return math.sqrt(max(float(d @ self.spread.covariance @ d), 0.0))
+
+    @cached_property
+    def success_probability(self) -> float | None:
+        """Probability to stay within the clearance, bias included; None without a clearance."""
+        if math.isnan(self.goal.clearance) or len(self.critical.covariance) > 2:
+            return None
+        return success_probability(self.critical.covariance, self.goal.clearance, self.critical.bias)
+
+    @cached_property
+    def budget(self) -> tuple[Share, ...]:
+        """Share of each source in the variance along the worst axis, largest first."""
+        return budgets(self.spread.tool_point, tuple(map(float, self.q)), self.critical.worst_axis[None])[0]
+
+    @cached_property
+    def floor(self) -> Floor | None:
+        """A spread that no posture can beat at this target."""
+        return floor(self.programme.tool_point, self.goal, self.basis)
+
+    def gain_over(self, sigma: float) -> float:
+        """Relative reduction of σ_max against ``sigma``: 0.1 means 10 % smaller."""
+        return 1.0 - self.critical.sigma_max / sigma if sigma > 0 else 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """The document ``solution.json``: SI units, finite numbers only."""
+        spread, critical, evidence = self.spread, self.critical, self.evidence
+        return {
+            "name": self.problem.name,
+            "task": self.programme.task.kind,
+            "status": self.status,
+            "posture": self.posture,
+            "tool": {"position": spread.position.tolist(), "quaternion_wxyz": spread.quaternion_wxyz.tolist()},
+            "covariance": spread.covariance.tolist(),
+            "covariance_first_order": spread.covariance_first_order.tolist(),
+            "bias": spread.bias.tolist(),
+            "method": spread.method,
+            "critical": {
+                "within": critical.within,
+                "sigma_max": critical.sigma_max,
+                "basis": critical.basis.tolist(),
+                "covariance": critical.covariance.tolist(),
+                "radius95": critical.radius95,
+                "sigma_along": self.sigma_along,
+            },
+            "success_probability": self.success_probability,
+            "budget": [{"parameter": s.parameter, "share": s.share} for s in self.budget],
+            "validity": spread.validity.to_json(),
+            "alternatives": [
+                {"posture": a.posture, "position": a.position.tolist(), "sigma_max": a.sigma_max}
+                for a in self.alternatives
+            ],
+            "floor": self._floor_json(),
+            "typical_sigma_max": _finite(evidence.typical),
+            "worst_sigma_max": _finite(evidence.worst),
+            "solver": {
+                "starts": evidence.starts,
+                "tried": evidence.tried,
+                "polished": evidence.polished,
+                "converged": evidence.converged,
+                "distinct": evidence.distinct,
+                "hits": evidence.hits,
+                "seconds": evidence.seconds,
+            },
+            "reasons": [vars(reason) for reason in self.reasons],
+            "notes": list(self.notes),
+        }
+
+    def _floor_json(self) -> dict[str, Any] | None:
+        if self.floor is None:
+            return None
+        return {"sigma_max": self.floor.sigma, "source": self.floor.source, "share": self.floor.share}
+
+    def plot(self) -> Any:
+        """The arm in its posture with the ellipse and the direction of the task, as a matplotlib figure."""
+        from posture_opt.report.figures import plot_solution
+
+        return plot_solution(self)
+
+
+def critical_basis(programme: Programme, goal: Goal) -> Floats:
+    """(3, m) orthonormal basis of the part of the spread that the task cares about."""
+    within = programme.task.within
+    if within == "along":
+        return goal.direction[:, None]
+    if within == "across":
+        return goal.basis[:, : programme.across_rank]
+    return programme.reach.directions if programme.across_rank == 1 else np.eye(3)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
