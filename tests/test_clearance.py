@@ -1,0 +1,216 @@
+"""The clearance probability against SciPy's distributions, other integrals of it, sampling and its limits."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy.integrate import dblquad, quad
+from scipy.special import log_ndtr, ndtr
+from scipy.stats import ncx2
+
+from posture_opt.errors import InputError
+from posture_opt.uncertainty.clearance import (
+    log_miss_probability,
+    miss_probability,
+    radius_for,
+    success_probability,
+)
+
+SKEW = np.array([[2.0, 0.8], [0.8, 0.6]])
+
+
+def by_strips(sigma, bias, r):
+    """The same probability conditioned on the minor axis: one integral over normal tails, in Cartesian terms."""
+
+    def strip(t):
+        y, h = r * math.sin(t), r * math.cos(t)
+        outside = ndtr((-h - bias[0]) / sigma[0]) + ndtr((bias[0] - h) / sigma[0])
+        return outside * math.exp(-(((y - bias[1]) / sigma[1]) ** 2) / 2) / (sigma[1] * math.sqrt(2 * math.pi)) * h
+
+    near = {max(-1.0, min(1.0, (bias[1] + k * sigma[1]) / r)) for k in (-20, -8, -4, -2, 0, 2, 4, 8, 20)}
+    breaks = [math.asin(x) for x in sorted(near | {-1.0, 1.0})]
+    inner = sum(quad(strip, a, b, epsabs=0, epsrel=1e-13, limit=400)[0] for a, b in itertools.pairwise(breaks))
+    return inner + ndtr((-r - bias[1]) / sigma[1]) + ndtr((bias[1] - r) / sigma[1])
+
+
+@pytest.mark.parametrize("sigma", [10.0, 1.0, 0.3, 0.1, 0.02])
+@pytest.mark.parametrize("distance", [0.0, 1e-9, 0.3, 0.99, 1.0, 1.0001, 1.5, 4.0])
+def test_isotropic_with_bias_is_noncentral_chi_squared(sigma, distance):
+    computed = log_miss_probability(sigma**2 * np.eye(2), 1.0, [0.6 * distance, 0.8 * distance])
+    expected = ncx2.logsf(1 / sigma**2, 2, (distance / sigma) ** 2) if distance else -1 / (2 * sigma**2)
+    if math.isinf(expected):
+        assert computed < -700  # where SciPy's tail underflows
+        return
+    # SciPy's series is good to about 1e-12 of the probability.
+    assert math.expm1(computed - expected) == pytest.approx(0, abs=1e-11)
+
+
+@pytest.mark.filterwarnings("ignore::scipy.integrate.IntegrationWarning")  # asked for more digits than there are
+@pytest.mark.parametrize("ratio", [1.0, 0.3, 1e-2, 1e-4])
+@pytest.mark.parametrize("sigma", [20.0, 1.0, 0.1])
+@pytest.mark.parametrize("distance", [0.0, 0.5, 0.999, 1.001, 1.8])
+def test_ellipse_and_bias_of_any_direction_agree_with_integration_by_strips(ratio, sigma, distance):
+    axes = (sigma, ratio * sigma)
+    for angle in (0.0, 0.4, math.pi / 2, 2.5):
+        bias = np.array([distance * math.cos(angle), distance * math.sin(angle)])
+        expected = by_strips(axes, bias, 1.0)
+        # The quadratures ask 1e-12 of themselves; near the rim the rounding of the input, 1e-16 / sigma, shows.
+        assert miss_probability(np.diag(axes) ** 2, 1.0, bias) == pytest.approx(expected, rel=1e-11)
+
+
+def test_a_turned_ellipse_against_the_double_integral_of_its_density():
+    bias, r = np.array([0.5, -0.3]), 1.4
+    inverse, scale = np.linalg.inv(SKEW), 1 / (2 * math.pi * math.sqrt(np.linalg.det(SKEW)))
+
+    def density(y, x):
+        offset = np.array([x, y]) - bias
+        return scale * math.exp(-offset @ inverse @ offset / 2)
+
+    hit, _ = dblquad(density, -r, r, lambda x: -math.sqrt(r * r - x * x), lambda x: math.sqrt(r * r - x * x))
+    assert success_probability(SKEW, r, bias) == pytest.approx(hit, abs=2e-8)  # dblquad's own default tolerance
+    assert miss_probability(SKEW, r, bias) == pytest.approx(1 - hit, abs=2e-8)
+
+
+def test_against_the_characteristic_function():
+    # J. P. Imhof, Biometrika 48 (1961) 419, eq. 3.2: a quite different integral for the same probability.
+    variances, bias, r = np.array([2.0, 0.5]), np.array([0.7, -0.4]), 2.0
+    shift = bias**2 / variances
+
+    def integrand(u):
+        w = (variances * u) ** 2
+        theta = np.sum(np.arctan(variances * u) + shift * variances * u / (1 + w)) / 2 - r * r * u / 2
+        rho = np.prod((1 + w) ** 0.25) * math.exp(np.sum(shift * w / (1 + w)) / 2)
+        return math.sin(theta) / (u * rho)
+
+    edges = np.linspace(0, 400, 801)  # beyond, the integrand of falling amplitude adds less than 1/400^2
+    tail = sum(quad(integrand, a, b)[0] for a, b in itertools.pairwise(edges))
+    assert miss_probability(np.diag(variances), r, bias) == pytest.approx(0.5 + tail / math.pi, abs=1e-5)
+
+
+@pytest.mark.parametrize("bias", [(0.0, 0.0), (0.9, -0.5), (2.5, 1.0)])
+def test_against_a_million_samples(bias):
+    n = 1_000_000
+    points = np.random.default_rng(5).multivariate_normal(bias, SKEW, n)
+    counted = np.mean(np.hypot(*points.T) > 2.0)
+    p = miss_probability(SKEW, 2.0, bias)
+    assert counted == pytest.approx(p, abs=4 * math.sqrt(p * (1 - p) / n))  # four standard deviations of a count
+
+
+@pytest.mark.parametrize(("sigma", "bias"), [(0.5, 0.0), (0.5, 0.8), (0.05, 0.2), (0.01, 0.3), (0.4, 1.7), (3.0, 1.0)])
+def test_on_a_line_it_is_two_normal_tails(sigma, bias):
+    expected = np.logaddexp(log_ndtr((-1 - bias) / sigma), log_ndtr((bias - 1) / sigma))
+    for covariance, b in (
+        ([[sigma**2]], [bias]),
+        (np.diag([sigma**2, 0.0]), [bias, 0.0]),
+        (np.diag([0.0, sigma**2]), [0.0, bias]),
+    ):
+        assert log_miss_probability(covariance, 1.0, b) == pytest.approx(expected, rel=1e-12, abs=1e-13)
+
+
+def test_a_singular_covariance_with_bias_across_it():
+    # The line passes the circle's centre at 0.6, so that 0.8 of play is left along it; at 1.2 it passes by.
+    along = np.array([[0.36, 0.48], [0.48, 0.64]])  # standard deviation 1 along (0.6, 0.8)
+    across = np.array([-0.8, 0.6])
+    # Rounding leaves the second eigenvalue at some 1e-17, a standard deviation of 1e-8 across the line.
+    assert miss_probability(along, 1.0, 0.6 * across) == pytest.approx(2 * ndtr(-0.8), rel=1e-12)
+    assert miss_probability(along, 1.0, 1.2 * across) == 1.0
+    assert success_probability(along, 1.0, 1.2 * across + 0.1) == 0.0
+
+
+def test_without_scatter_the_bias_decides():
+    assert miss_probability(np.zeros((2, 2)), 1.0, [0.6, 0.7]) == 0.0
+    assert miss_probability(np.zeros((2, 2)), 1.0, [0.8, 0.7]) == 1.0
+    assert log_miss_probability(np.zeros((2, 2)), 1.0) == -math.inf
+    assert radius_for(0.95, np.zeros((2, 2)), [3.0, 4.0]) == 5.0
+
+
+def test_no_clearance_and_all_clearance():
+    assert miss_probability(SKEW, 0.0, [0.1, 0.2]) == 1.0
+    assert miss_probability(SKEW, 0.0) == 1.0
+    assert miss_probability(SKEW, math.inf) == 0.0
+
+
+def test_rare_misses_keep_their_digits():
+    # 1e-30 and far below: Rayleigh's distribution, and along a line the tails of the normal one.
+    assert miss_probability(np.eye(2), math.sqrt(60 * math.log(10))) == pytest.approx(1e-30, rel=1e-12)
+    assert log_miss_probability(np.eye(2) * 1e-12, 0.2e-3) == pytest.approx(-(200**2) / 2, rel=1e-13)
+    expected = math.log(2) + log_ndtr(-500.0)
+    assert log_miss_probability([[1.0]], 500.0) == pytest.approx(expected, rel=1e-13)
+    # The lesser axis at a tenth changes the far tail by 1/sqrt(1 - 0.01) only (Laplace's method, first order).
+    thin = log_miss_probability(np.diag([1.0, 0.01]), 500.0)
+    assert thin - expected == pytest.approx(-math.log(1 - 0.01) / 2, rel=1e-3)
+    # With bias: far out a circle is a straight edge, up to the focusing factor sqrt(r / b) (Laplace again).
+    biased = log_miss_probability(np.eye(2), 1000.0, [600.0, 0.0])
+    assert biased == pytest.approx(log_ndtr(-400.0) + math.log(1000 / 600) / 2, rel=1e-6)
+
+
+def test_success_keeps_its_digits_when_it_is_rare():
+    # A hole much smaller than the scatter: density times area.
+    r = 1e-5
+    expected = r * r / 2 / math.sqrt(np.linalg.det(SKEW))
+    assert success_probability(SKEW, r) == pytest.approx(expected, rel=1e-5)  # 1 - P leaves 1e-16 of 1e-10
+
+
+def test_it_is_smooth_where_the_bias_crosses_the_rim():
+    C = np.diag([0.01, 1e-6])
+    d = np.linspace(1 - 1e-6, 1 + 1e-6, 41)
+    p = np.array([miss_probability(C, 1.0, [0.6 * x, 0.8 * x]) for x in d])
+    fit = np.polynomial.Polynomial.fit(d, p, 2)
+    np.testing.assert_allclose(fit(d), p, rtol=1e-11)
+
+
+def test_units_do_not_matter():
+    p = miss_probability(SKEW, 1.4, [0.5, -0.3])
+    for scale in (1e-9, 1e-3, 1e6):
+        bias = [0.5 * scale, -0.3 * scale]
+        assert miss_probability(SKEW * scale**2, 1.4 * scale, bias) == pytest.approx(p, rel=1e-13)
+
+
+def test_radius_of_known_regions():
+    assert radius_for(0.95, np.eye(2)) == pytest.approx(2.447746830680816, rel=1e-13)  # sqrt(-2 ln 0.05)
+    assert radius_for(0.5, np.eye(2)) == pytest.approx(1.1774100225154747, rel=1e-13)  # circular error probable
+    assert radius_for(0.95, [[4.0]]) == pytest.approx(2 * 1.959963984540054, rel=1e-13)
+    # mean + 3 s of the distance, the repeatability of ISO 9283, in the plane and on a line
+    assert radius_for(0.99437, np.eye(2)) == pytest.approx(3.21872, abs=3e-4)
+    assert radius_for(0.99085, np.diag([1.0, 0.0])) == pytest.approx(2.60632, abs=3e-4)
+
+
+@pytest.mark.parametrize("p", [1e-6, 0.05, 0.5, 0.95, 1 - 1e-9])
+@pytest.mark.parametrize("bias", [(0.0, 0.0), (0.5, -0.3), (3.0, 4.0), (0.0, 2.0)])
+@pytest.mark.parametrize("covariance", [SKEW, np.diag([1.0, 1e-6]), np.diag([1.0, 0.0]), 1e-10 * np.eye(2)])
+def test_radius_inverts_the_probability(p, bias, covariance):
+    radius = radius_for(p, covariance, bias)
+    # Where the probability is steep in r, r's own rounding shows in it: the root is asked for to 1e-14 of r.
+    above = miss_probability(covariance, radius * (1 - 1e-14), bias)
+    below = miss_probability(covariance, radius * (1 + 1e-14), bias)
+    assert above * (1 + 1e-12) >= 1 - p >= below * (1 - 1e-12)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: miss_probability(np.eye(3), 1.0),
+        lambda: miss_probability(np.eye(2), 1.0, [0.0]),
+        lambda: miss_probability(np.eye(2), -1.0),
+        lambda: miss_probability(np.eye(2), math.nan),
+        lambda: miss_probability([[math.nan, 0], [0, 1]], 1.0),
+        lambda: miss_probability(np.eye(2), 1.0, [math.inf, 0.0]),
+        lambda: radius_for(1.0, np.eye(2)),
+    ],
+)
+def test_impossible_questions_are_refused(call):
+    with pytest.raises(InputError):
+        call()
+
+
+def test_it_does_not_import_scipy():
+    code = (
+        "import sys; from posture_opt.uncertainty.clearance import *; "
+        "radius_for(0.95, [[1.0, 0.2], [0.2, 1.0]], [0.1, 0.2]); sys.exit('scipy' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
