@@ -15,7 +15,8 @@ IRB120 = [
     ("tool0", (0, 0, 0), (0, pi / 2, 0), None, None),
 ]
 
-# ROS-Industrial kuka_experimental, lbr_iiwa_14_r820_macro.xacro, its lateral 0.43624 mm left out (the data sheet has none)
+# ROS-Industrial kuka_experimental, lbr_iiwa_14_r820_macro.xacro; its lateral 0.43624 mm, which the data sheet does not
+# have, is left out
 IIWA14 = [
     ("joint_a1", (0, 0, 0), (0, 0, 0), (0, 0, 1), None),
     ("joint_a2", (0, 0, 0.36), (0, 0, 0), (0, 1, 0), None),

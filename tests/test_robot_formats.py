@@ -1,0 +1,309 @@
+"""Robot formats: DH and MDH tables against the textbooks, URDF against Pinocchio, bad input against its message."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+from posture_opt.errors import InputError
+from posture_opt.robot import FORMATS, DhRobot, MdhRobot, RobotFormat, RobotSpec, UrdfRobot
+from tests.helpers.factors import frame, pose
+from tests.helpers.pin import PinArm, robots_folder
+from tests.helpers.urdfs import urdf_text
+
+ROUNDING = 1e-12  # dozens of factors of rounding 1e-16, metres and radians of order one
+ROW = {"name": "j", "a": "0.3 m", "alpha": "40 deg", "d": "0.2 m", "theta": "-25 deg"}
+SLIDE = ROW | {"type": "prismatic", "limits": ["0 mm", "300 mm"]}
+
+
+def read(section):
+    return TypeAdapter(RobotSpec).validate_python(section)
+
+
+def textbook_dh(theta, d, a, alpha):
+    """Siciliano et al., Robotics (2009), equation 2.52."""
+    ct, st, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
+    return np.array([[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]])
+
+
+def textbook_mdh(theta, d, a, alpha):
+    """Craig, Introduction to Robotics (2005), equation 3.6."""
+    ct, st, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
+    return np.array(
+        [[ct, -st, 0, a], [st * ca, ct * ca, -sa, -sa * d], [st * sa, ct * sa, ca, ca * d], [0, 0, 0, 1]]
+    )
+
+
+@pytest.mark.parametrize(("kind", "textbook"), [("dh", textbook_dh), ("mdh", textbook_mdh)])
+@pytest.mark.parametrize("row", [ROW, SLIDE])
+def test_table_rows_are_those_of_the_textbook(kind, textbook, row):
+    robot = read({"kind": kind, "joints": [row]}).build(Path())
+    q, theta, d = 0.17, math.radians(-25), 0.2
+    values = (theta, d + q) if row is SLIDE else (theta + q, d)
+    expected = textbook(*values, 0.3, math.radians(40))
+    np.testing.assert_allclose(pose(robot, [q]), expected, atol=ROUNDING)
+
+
+@pytest.mark.parametrize(("kind", "textbook"), [("dh", textbook_dh), ("mdh", textbook_mdh)])
+def test_each_parameter_is_the_error_of_its_column(kind, textbook):
+    robot = read({"kind": kind, "joints": [ROW]}).build(Path())
+    nominal = {"theta": math.radians(-25), "d": 0.2, "a": 0.3, "alpha": math.radians(40)}
+    for name in nominal:
+        expected = textbook(**(nominal | {name: nominal[name] + 0.01}))
+        np.testing.assert_allclose(pose(robot, [0.0], {f"j.{name}": 0.01}), expected, atol=ROUNDING)
+
+
+def test_beta_turns_behind_the_row():
+    robot = DhRobot(joints=[ROW]).build(Path())
+    turn = np.linalg.inv(pose(robot, [0.3])) @ pose(robot, [0.3], {"j.beta": 0.02})
+    np.testing.assert_allclose(turn[:3, :3] @ [0, 0, 1], [math.sin(0.02), 0, math.cos(0.02)], atol=ROUNDING)
+    assert "j.beta" not in MdhRobot(joints=[ROW]).build(Path()).parameters
+
+
+def test_base_and_tool_frame_the_arm():
+    frames = {"base": {"xyz": ["1 m", "0 m", "0 m"], "rpy": ["0 deg", "0 deg", "90 deg"]}, "tool": {"xyz": ["0 m"] * 3}}
+    plain = read({"kind": "dh", "joints": [ROW]}).build(Path())
+    robot = read({"kind": "dh", "joints": [ROW], **frames}).build(Path())
+    T_world_base = np.array([[0, -1, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+    np.testing.assert_allclose(pose(robot, [0.4]), T_world_base @ pose(plain, [0.4]), atol=ROUNDING)
+    assert {f"base.{p}" for p in ("x", "y", "z", "roll", "pitch", "yaw")} <= set(robot.parameters)
+    assert {f"tool.{p}" for p in ("x", "y", "z", "roll", "pitch", "yaw")} <= set(robot.parameters)
+
+
+def test_free_frames_and_the_other_keys():
+    section = {"kind": "dh", "joints": [ROW | {"mass": "2 kg", "com": ["1 mm", "2 mm", "3 mm"], "gear_ratio": 101}]}
+    extra = {"base": "free", "tool": {"xyz": ["0 m", "0 m", "5 mm"], "free": True}, "payload": "500 g"}
+    robot = read(section | extra | {"gravity": [0, 9.81, 0]}).build(Path())
+    assert robot.base_free
+    assert robot.tool_free
+    assert robot.tool[2].nominal == pytest.approx(0.005)
+    assert (robot.payload, robot.gravity) == (0.5, (0.0, 9.81, 0.0))
+    assert (robot.joints[0].mass, robot.joints[0].gear_ratio) == (2.0, 101.0)
+    assert robot.joints[0].com == pytest.approx((0.001, 0.002, 0.003))
+    assert (robot.lower, robot.upper) == ((-2 * math.pi,), (2 * math.pi,))  # no limits given: a turn either way
+
+
+@pytest.mark.parametrize(("section", "place", "message"), [
+    ({"joints": []}, "joints", "at least one joint"),
+    ({"joints": [ROW | {"name": f"j{i}"} for i in range(21)]}, "joints", "21 joints"),
+    ({"joints": [ROW, ROW]}, "joints", "given twice: j"),
+    ({"joints": [ROW | {"name": "a.b"}]}, "name", "'a.b' holds '.'"),
+    ({"joints": [ROW | {"name": "tool"}]}, "name", "taken by the tool frame"),
+    ({"joints": [ROW | {"name": ""}]}, "name", "must not be empty"),
+    ({"joints": [ROW | {"limits": ["10 deg", "-10 deg"]}]}, "limits", "crossed"),
+    ({"joints": [ROW | {"limits": ["10 deg"]}]}, "limits", "two limits"),
+    ({"joints": [ROW | {"limits": ["0 mm", "10 mm"]}]}, "limits", "not a unit of angle"),
+    ({"joints": [ROW | {"limits": [-3, 3]}]}, "limits", "no unit"),
+    ({"joints": [SLIDE | {"limits": ["0 deg", "10 deg"]}]}, "limits", "not a unit of length"),
+    ({"joints": [ROW | {"type": "prismatic"}]}, "limits", "needs its limits"),
+    ({"joints": [ROW | {"type": "ball"}]}, "type", "'revolute' or 'prismatic'"),
+    ({"joints": [ROW | {"a": 0.3}]}, "a", "no unit"),
+    ({"joints": [ROW | {"mass": "-1 kg"}]}, "mass", "not negative"),
+    ({"joints": [ROW | {"gear_ratio": 0}]}, "gear_ratio", "not zero"),
+    ({"joints": [ROW | {"lenght": "1 m"}]}, "lenght", "Extra inputs"),
+    ({"joints": [ROW], "payload": "-1 kg"}, "payload", "not negative"),
+    ({"joints": [ROW], "gravity": [0, 0, math.nan]}, 2, "finite"),
+    ({"joints": [ROW], "tool": "fixed"}, "tool", "'fixed' is no frame"),
+])  # fmt: skip
+@pytest.mark.parametrize("kind", ["dh", "mdh"])
+def test_bad_tables(kind, section, place, message):
+    with pytest.raises(ValidationError) as caught:
+        read({"kind": kind, **section})
+    (fault,) = caught.value.errors()
+    assert fault["loc"][-1] == place
+    assert message in fault["msg"]
+
+
+def test_all_faults_of_a_section_at_once():
+    section = {"kind": "dh", "joints": [ROW | {"a": 1}, ROW | {"limits": ["1 deg", "0 deg"]}], "payload": "1 m"}
+    with pytest.raises(ValidationError) as caught:
+        read(section)
+    assert len(caught.value.errors()) == 3
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_every_format_is_frozen_closed_and_described(kind):
+    assert issubclass(kind, RobotFormat)
+    assert kind.model_config["frozen"]
+    assert kind.model_config["extra"] == "forbid"
+    assert kind.model_fields["kind"].default in str(TypeAdapter(RobotSpec).json_schema())
+    assert kind.__doc__
+
+
+ARMS = [
+    # file below example-robot-data/robots, base link, tip link (None: by default), joints
+    ("ur_description/urdf/ur3_robot.urdf", "base_link", "ee_link", 6),
+    ("ur_description/urdf/ur5_robot.urdf", None, None, 6),
+    ("ur_description/urdf/ur10_robot.urdf", None, None, 6),
+    ("ur_description/urdf/ur5_gripper.urdf", "base_link", "tool0", 6),
+    ("panda_description/urdf/panda.urdf", None, "panda_hand_tcp", 7),
+    ("panda_description/urdf/panda.urdf", None, "panda_leftfinger", 8),  # prismatic finger
+    ("kinova_description/robots/kinova.urdf", None, "j2s6s200_end_effector", 6),  # continuous joints
+    ("xarm_description/urdf/xarm7.urdf", None, None, 7),
+    ("z1_description/urdf/z1.urdf", None, None, 7),
+    ("so_arm_description/urdf/so100.urdf", None, None, 6),
+    ("so_arm_description/urdf/so101.urdf", None, "gripper_frame_link", 5),
+    ("talos_data/robots/talos_left_arm.urdf", None, "gripper_left_base_link", 6),
+    ("talos_data/robots/talos_reduced.urdf", None, "gripper_right_base_link", 9),
+    ("tiago_description/robots/tiago.urdf", None, "wrist_ft_tool_link", 8),  # prismatic torso
+    ("baxter_description/urdf/baxter.urdf", None, "left_gripper", 7),
+    ("pr2_description/urdf/pr2.urdf", "base_link", "r_gripper_tool_frame", 8),  # prismatic torso, continuous wrist
+    ("icub_description/robots/icub.urdf", None, "l_hand_dh_frame", 10),  # axes askew
+    ("centauro_description/urdf/centauro.urdf", None, "arm1_8", 7),
+    ("human_description/robots/human.urdf", None, "left_hand", 13),
+    ("romeo_description/urdf/romeo.urdf", None, "l_wrist", 8),
+    ("g1_description/urdf/g1_29dof_rev_1_0.urdf", None, "left_rubber_hand", 10),
+    ("hextilt_description/urdf/hextilt_flying_arm_5.urdf", None, None, 5),
+]
+
+
+@pytest.mark.parametrize(("file", "base", "tip", "joints"), ARMS)
+def test_urdf_arms_agree_with_pinocchio(file, base, tip, joints):
+    path = robots_folder() / file
+    robot = UrdfRobot(file=path.name, base_link=base, tip_link=tip).build(path.parent)
+    assert robot.n == joints
+    base, tip = robot.source.split(", from ")[1].split(" to ")
+    arm = PinArm(path)
+    for q in np.random.default_rng(1).uniform(robot.lower, robot.upper, (5, robot.n)):
+        expected = arm.pose(dict(zip(robot.joint_names, q, strict=True)), base, tip)
+        np.testing.assert_allclose(pose(robot, q), expected, atol=ROUNDING)
+
+
+@pytest.mark.parametrize(("file", "tip"), [
+    ("ur_description/urdf/ur10_robot.urdf", "tool0"),
+    ("panda_description/urdf/panda.urdf", "panda_link8"),  # the hand is fixed to link 7, off the chain
+    ("tiago_description/robots/tiago.urdf", "wrist_ft_tool_link"),
+])  # fmt: skip
+def test_urdf_masses_agree_with_pinocchio(file, tip):
+    path = robots_folder() / file
+    robot = UrdfRobot(file=str(path), tip_link=tip).build(Path())
+    base = robot.source.split(", from ")[1].split(" to ")[0]
+    arm, q = PinArm(path), np.random.default_rng(2).uniform(robot.lower, robot.upper)
+    for index, joint in enumerate(robot.joints):
+        mass, centre = arm.centre(dict(zip(robot.joint_names, q, strict=True)), joint.name, base)
+        assert joint.mass == pytest.approx(mass, rel=1e-12)
+        np.testing.assert_allclose((frame(robot, q, index) @ [*joint.com, 1.0])[:3], centre, atol=ROUNDING)
+
+
+ORIGIN = ((0.1, -0.2, 0.3), (0.4, -0.5, 0.6))
+
+
+@pytest.mark.parametrize("rpy", [(0.4, -0.5, 0.6), (0.3, math.pi / 2, 0.2), (0.3, -math.pi / 2, 0.2),
+                                 (0.0, 1.57079632679, 0.0), (3.0, 1.57079632, -2.0)])  # fmt: skip
+@pytest.mark.parametrize("axis", [(0, 0, 1), (0, -1, 0), (-1, 0, 0), (0, 0, -2), (1, 2, -3), (0, 1, 1e-9)])
+@pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
+def test_urdf_axes_and_origins(tmp_path, kind, axis, rpy):
+    rows = [("lift", *ORIGIN, axis, None), ("bend", ORIGIN[0], rpy, axis, None), ("tip", *ORIGIN, None, None)]
+    text = urdf_text(rows).replace('"revolute"', f'"{kind}"')
+    (tmp_path / "arm.urdf").write_text(text)
+    robot, arm = UrdfRobot(file="arm.urdf").build(tmp_path), PinArm(text)
+    for q in ([0.0, 0.0], [0.7, -1.3]):
+        expected = arm.pose({"lift": q[0], "bend": q[1]}, "base", "link3")
+        np.testing.assert_allclose(pose(robot, q), expected, atol=ROUNDING)
+
+
+def test_urdf_parameters_are_the_errors_of_the_origin(tmp_path):
+    def built(xyz, rpy):
+        (tmp_path / "arm.urdf").write_text(urdf_text([("j", xyz, rpy, (0, 1, 0), None)]))
+        return UrdfRobot(file="arm.urdf").build(tmp_path)
+
+    nominal = built(*ORIGIN)
+    for i, name in enumerate(("x", "y", "z", "roll", "pitch", "yaw")):
+        changed = [*ORIGIN[0], *ORIGIN[1]]
+        changed[i] += 0.01
+        expected = pose(built(tuple(changed[:3]), tuple(changed[3:])), [0.3])
+        np.testing.assert_allclose(pose(nominal, [0.3], {f"j.{name}": 0.01}), expected, atol=ROUNDING)
+    np.testing.assert_allclose(pose(nominal, [0.3], {"j.theta": 0.01}), pose(nominal, [0.31]), atol=ROUNDING)
+
+
+def test_urdf_limits(tmp_path):
+    rows = [(name, (0, 0, 0.1), (0, 0, 0), (0, 0, 1), None) for name in ("a", "b", "c")]
+    text = urdf_text(rows).replace('lower="-3" upper="3"', 'lower="-1" upper="2"', 1)
+    text = text.replace('"b" type="revolute"', '"b" type="continuous"').replace('lower="-3" upper="3"', "", 1)
+    text = text.replace('<limit lower="-3" upper="3" effort="1" velocity="1"/>', "")
+    (tmp_path / "arm.urdf").write_text(text)
+    robot = UrdfRobot(file="arm.urdf").build(tmp_path)
+    turn = 2 * math.pi
+    assert (robot.lower, robot.upper) == ((-1.0, -turn, -turn), (2.0, turn, turn))
+    assert [note.split()[1] for note in robot.notes] == ["c"]
+    assert all(math.isnan(joint.mass) for joint in robot.joints)
+
+
+LINK = '<link name="{}"/>'
+GOOD = urdf_text([("j", (0, 0, 1), (0, 0, 0), (0, 0, 1), None)])
+CHAIN = urdf_text([(name, (0, 0, 1), (0, 0, 0), (0, 0, 1), None) for name in ("first", "second")])
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("", "not XML"),
+    ("robot: {}", "not XML"),
+    ("<robot name='x'><link name='a'></robot>", "not XML"),
+    ("<sdf version='1.7'/>", "begins with <sdf>"),
+    ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>', "expand it first"),
+    ("<robot name='x'/>", "no <link>"),
+    (GOOD.replace('name="link1"', 'name="base"'), "two links are named 'base'"),
+    (CHAIN.replace('name="second"', 'name="first"'), "two joints are named 'first'"),
+    (CHAIN.replace('<parent link="link1"/><child link="link2"/>', '<parent link="base"/><child link="link1"/>'),
+     "hangs on two joints"),
+    (CHAIN.replace('<parent link="base"/>', '<parent link="link2"/>').replace('<link name="base"/>', ""),
+     "closed loop"),
+    (GOOD.replace('<child link="link1"/>', '<child link="hand"/>'), "'hand' that the file does not have"),
+    (GOOD.replace('<child link="link1"/>', ""), "lacks a part"),
+    (GOOD.replace('xyz="0 0 1"', 'xyz="0 0 one"'), "lacks a part or holds no numbers"),
+    (GOOD.replace('origin xyz="0 0 1"', 'origin xyz="0 0 nan"'), "not finite"),
+    (GOOD.replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"'), "axis of length zero"),
+    (GOOD.replace('axis xyz="0 0 1"', 'axis xyz="0 1"'), "not three"),
+    (GOOD.replace('lower="-3"', 'lower="4"'), "crossed"),
+    (GOOD.replace('name="j"', 'name="j.1"'), "'j.1' holds '.'"),
+    (GOOD.replace('"revolute"', '"fixed"'), "no joint moves"),
+    (GOOD.replace('"revolute"', '"floating"'), "'j' is floating"),
+    (GOOD.replace('"revolute"', '"planar"'), "'j' is planar"),
+    (GOOD.replace('"revolute"', '"prismatic"').replace('lower="-3"', ""), "no limits"),
+    (CHAIN.replace("</joint>\n</robot>", '<mimic joint="first"/></joint></robot>'), "mimics 'first'"),
+    (GOOD.replace("</robot>", LINK.format("lonely") + "</robot>"), "2 root links"),
+    (urdf_text([(f"j{i}", (0, 0, 1), (0, 0, 0), (0, 0, 1), None) for i in range(21)]), "21 moving joints"),
+    ('<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><robot name="&b;"/>', "file"),
+])  # fmt: skip
+def test_bad_urdf_files(tmp_path, text, message):
+    (tmp_path / "arm.urdf").write_text(text)
+    with pytest.raises(InputError) as caught:
+        UrdfRobot(file="arm.urdf").build(tmp_path)
+    assert message in str(caught.value)
+    assert all(issue.key for issue in caught.value.issues)
+
+
+def test_every_bad_joint_of_a_chain_at_once(tmp_path):
+    (tmp_path / "arm.urdf").write_text(CHAIN.replace('"revolute"', '"planar"'))
+    with pytest.raises(InputError) as caught:
+        UrdfRobot(file="arm.urdf").build(tmp_path)
+    assert len(caught.value.issues) == 2
+
+
+@pytest.mark.parametrize(("keys", "key", "message"), [
+    ({"tip_link": "link_1"}, "tip_link", "did you mean link1"),
+    ({"base_link": "bass"}, "base_link", "did you mean base"),
+    ({"base_link": "link1", "tip_link": "base"}, "tip_link", "no chain from 'link1' to 'base'"),
+    ({"tip_link": "link2", "base_link": "link2"}, "file", "no joint hangs on 'link2'"),
+])  # fmt: skip
+def test_links_that_make_no_chain(tmp_path, keys, key, message):
+    (tmp_path / "arm.urdf").write_text(CHAIN)
+    with pytest.raises(InputError, match=message) as caught:
+        UrdfRobot(file="arm.urdf", **keys).build(tmp_path)
+    assert caught.value.issues[0].key == (key,)
+
+
+def test_missing_file_and_folder(tmp_path):
+    for file in ("none.urdf", "."):
+        with pytest.raises(InputError, match="cannot be read") as caught:
+            UrdfRobot(file=file).build(tmp_path)
+        assert caught.value.issues[0].key == ("file",)
+
+
+def test_several_leaves_ask_for_one():
+    path = robots_folder() / "panda_description" / "urdf" / "panda.urdf"
+    with pytest.raises(InputError, match="name one: tip_link: panda_hand_tcp"):
+        UrdfRobot(file=str(path)).build(Path())
