@@ -74,7 +74,7 @@ def _factor(unit: str, dimension: str) -> float:
     # "N m" is how people write a product of units; pint wants an operator between them.
     text = re.sub(r"(?<=[A-Za-z°µμ)\d])\s+(?=[A-Za-z°µμ(])", "*", unit)
     try:
-        quantity = units.Quantity(f"1 {text}" if text.startswith("/") else f"1 * {text}")
+        quantity: Any = units.Quantity(f"1 {text}" if text.startswith("/") else f"1 * {text}")
         return float(quantity.to(units.Unit(si)).magnitude)
     except Exception as error:  # pint raises a dozen kinds, among them plain tokenizer errors
         kind = type(error).__name__
@@ -122,7 +122,11 @@ def _quantity(dimension: str) -> Any:
 
 
 if TYPE_CHECKING:
-    Length = Angle = Mass = Temperature = Time = float
+    Length = float
+    Angle = float
+    Mass = float
+    Temperature = float
+    Time = float
 else:
     Length = _quantity("length")
     Angle = _quantity("angle")

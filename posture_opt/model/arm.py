@@ -51,7 +51,9 @@ class Arm:
         """The walk along the chain at ``q`` (n,) and ``p`` (k,): pose and screws as scalars."""
         robot = self.robot
         joints = split(q, robot.n, "posture")
-        named = {} if p is None else dict(zip(self.parameters, split(p, len(self.parameters), "parameters"), strict=True))
+        named: dict[str, Any] = {}
+        if p is not None:
+            named = dict(zip(self.parameters, split(p, len(self.parameters), "parameters"), strict=True))
         return walk(robot.factors, factor_values(robot.factors, joints, named))
 
     def pose(self, q: Any, p: Any = None) -> Any:
@@ -69,8 +71,7 @@ class Arm:
         reached = self.walk(q, p)
         columns = []
         for joint in range(self.robot.n):
-            index, factor = self._moved_by[joint]
-            columns.append([factor.sign * entry for entry in twist_column(reached, index)])
+            columns.append(twist_column(reached, self._moved_by[joint]))
         return stack(list(zip(*columns, strict=True)))
 
     def parameter_jacobian(self, q: Any, p: Any = None) -> Any:
@@ -80,8 +81,8 @@ class Arm:
         return stack(list(zip(*columns, strict=True)))
 
     @cached_property
-    def _moved_by(self) -> dict[int, Any]:
-        return {f.joint: (i, f) for i, f in enumerate(self.robot.factors) if f.joint is not None}
+    def _moved_by(self) -> dict[int, int]:
+        return {f.joint: i for i, f in enumerate(self.robot.factors) if f.joint is not None}
 
 
 def split(values: Any, size: int, what: str) -> Sequence[Any]:

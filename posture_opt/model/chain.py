@@ -52,8 +52,10 @@ def cos_sin(angle: Scalar) -> tuple[Scalar, Scalar]:
     return ca.cos(angle), ca.sin(angle)
 
 
-def factor_values(factors: Sequence[Factor], q: Sequence[Scalar], p: Mapping[str, Scalar] | None = None) -> list[Scalar]:
-    """The value of each factor, ``nominal + p[parameter] + sign * q[joint]`` [rad or m]."""
+def factor_values(
+    factors: Sequence[Factor], q: Sequence[Scalar], p: Mapping[str, Scalar] | None = None
+) -> list[Scalar]:
+    """The value of each factor, ``nominal + p[parameter] + q[joint]`` [rad or m]."""
     p = p or {}
     values: list[Scalar] = []
     for factor in factors:
@@ -61,7 +63,7 @@ def factor_values(factors: Sequence[Factor], q: Sequence[Scalar], p: Mapping[str
         if factor.parameter in p:
             value = value + p[factor.parameter]
         if factor.joint is not None:
-            value = value + factor.sign * q[factor.joint]
+            value = value + q[factor.joint]
         values.append(value)
     return values
 

@@ -13,7 +13,7 @@ Axis = Literal[0, 1, 2]
 class Factor:
     """One elementary transform of the chain: a translation along, or a rotation about, one coordinate axis.
 
-    The value is ``nominal + parameter + sign * q[joint]``: ``parameter`` names the model parameter (an error,
+    The value is ``nominal + parameter + q[joint]``: ``parameter`` names the model parameter (an error,
     zero in the nominal model) that adds to it, ``joint`` is the index of the joint variable that does.
     """
 
@@ -22,7 +22,6 @@ class Factor:
     nominal: float = 0.0
     parameter: str = ""
     joint: int | None = None
-    sign: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -175,14 +175,14 @@ def _xyz_rpy(T: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def _motion(joint: UrdfJoint, index: int) -> tuple[Factor, ...]:
-    """The joint variable about or along its axis; an axis askew is turned onto z by constants and back."""
+    """The joint variable about or along its axis; any but +x, +y, +z is turned onto z by constants and back."""
     kind: Literal["translate", "rotate"] = "translate" if joint.type == "prismatic" else "rotate"
     parameter = f"{joint.name}.{'d' if kind == 'translate' else 'theta'}"
     x, y, z = unit = joint.axis / np.linalg.norm(joint.axis)
     axes: tuple[Axis, ...] = (0, 1, 2)
     for axis in axes:
-        if np.abs(np.delete(unit, axis)).max() < _ON_AXIS:
-            return (Factor(kind, axis, 0.0, parameter, index, math.copysign(1.0, unit[axis])),)
+        if unit[axis] > 0 and np.abs(np.delete(unit, axis)).max() < _ON_AXIS:
+            return (Factor(kind, axis, 0.0, parameter, index),)
     yaw, pitch = math.atan2(y, x), math.atan2(math.hypot(x, y), z)
     return (
         Factor("rotate", 2, yaw),

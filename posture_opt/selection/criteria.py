@@ -68,8 +68,8 @@ def log_miss(C: ca.SX, bias: ca.SX, clearance: ca.SX) -> ca.SX:
     """
     m = C.shape[0]
     if m == 1:
-        s = ca.sqrt(C[0, 0])
-        return _log_tail((clearance - bias[0]) / s, (clearance + bias[0]) / s)
+        sigma = ca.sqrt(C[0, 0])
+        return _log_tail((clearance - bias[0]) / sigma, (clearance + bias[0]) / sigma)
     tiny = 1e-12 * ca.trace(C)
     l11 = ca.sqrt(C[0, 0] + tiny)
     l21 = C[0, 1] / l11

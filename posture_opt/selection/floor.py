@@ -54,7 +54,10 @@ def floor(tool_point: ToolPoint, goal: Goal, basis: Floats) -> Floor | None:
     gains = (vectors[:, -1] @ J) ** 2 * np.diag(covariance)
     first = int(np.argmax(gains))
     return Floor(
-        float(np.sqrt(variance)), tool_point.names[fixed[first]], float(gains[first] / gains.sum()), point,
+        float(np.sqrt(variance)),
+        tool_point.names[fixed[first]],
+        float(gains[first] / gains.sum()),
+        point,
         columns.radius(first, point),
     )
 
@@ -111,6 +114,7 @@ def _conditional(covariance: Floats, fixed: list[int]) -> Floats:
 
 def _least(columns: _Levers, covariance: Floats, goal: Goal, basis: Floats) -> Floats:
     """The point of the box with the least bound, by halving a pattern search: smooth enough, convex, 3 unknowns."""
+
     def value(point: Floats) -> float:
         J = basis.T @ columns.at(point)
         return float(np.linalg.eigvalsh(J @ covariance @ J.T)[-1])
@@ -119,10 +123,12 @@ def _least(columns: _Levers, covariance: Floats, goal: Goal, basis: Floats) -> F
     point = np.clip(columns.origins[0], goal.lower, goal.upper)
     best, step = value(point), (goal.upper - goal.lower) / 2
     while np.max(step) > 1e-5:
-        moves = [np.clip(point + sign * np.eye(3)[k] * step, goal.lower, goal.upper) for k in range(3) for sign in (1, -1)]
+        moves = [
+            np.clip(point + sign * np.eye(3)[k] * step, goal.lower, goal.upper) for k in range(3) for sign in (1, -1)
+        ]
         values = [value(move) for move in moves]
         if min(values) < best * (1 - 1e-9):
             best, point = min(values), moves[int(np.argmin(values))]
         else:
             step = step / 2
-    return point
+    return np.asarray(point)

@@ -88,11 +88,9 @@ def symbols() -> tuple[ca.SX, dict[str, ca.SX]]:
 def complement(d: Floats, reach: Reach) -> Floats:
     """(3, 2) orthonormal basis of the plane across ``d``; its first vector in the arm's plane where there is one."""
     normals = reach.normals
-    helper = normals[:, 0] if normals.shape[1] and abs(normals[:, 0] @ d) < 1e-9 else np.eye(3)[np.argmin(np.abs(d))]
-    if normals.shape[1] and abs(normals[:, 0] @ d) < 1e-9:
-        b1 = np.cross(helper, d)
-    else:
-        b1 = helper - d * (helper @ d)
+    in_plane = normals.shape[1] == 1 and abs(normals[:, 0] @ d) < 1e-9
+    helper = normals[:, 0] if in_plane else np.eye(3)[np.argmin(np.abs(d))]
+    b1 = np.cross(helper, d) if in_plane else helper - d * (helper @ d)
     b1 = b1 / np.linalg.norm(b1)
     # A sign that people expect: the largest component positive.
     b1 = b1 * np.sign(b1[np.argmax(np.abs(b1))])

@@ -31,9 +31,7 @@ def explain(problem: Any, engine: Engine, found: Search, seconds: float) -> Solu
     q, reasons = _Inquiry(engine, found.goal).answer(found)
     evidence = Evidence(0, found.tried, found.polished, 0, 0, 0, math.nan, math.nan, None, math.nan, seconds)
     notes = (*problem.notes, engine.programme.axis_note(found.goal))
-    return Solution(
-        problem, engine.programme, found.goal, "infeasible", q, evidence, lambda: (), notes, tuple(reasons)
-    )
+    return Solution(problem, engine.programme, found.goal, "infeasible", q, evidence, lambda: (), notes, tuple(reasons))
 
 
 @dataclass(frozen=True)
@@ -77,17 +75,13 @@ class _Inquiry:
 
     def _plane(self) -> Reason | None:
         reach, goal = self.engine.programme.reach, self.goal
-        if goal.kind == "anywhere" or not reach.normals.shape[1]:
+        if not reach.misses(goal.lower, goal.upper):
             return None
-        nearest = np.clip(reach.offset, goal.lower, goal.upper)
-        off = nearest - reach.offset
-        gap = reach.normals @ (reach.normals.T @ off)
-        distance = float(np.linalg.norm(gap))
-        if distance < 1e-6:
-            return None
+        shift = reach.outside(goal.lower, goal.upper)
+        distance = float(np.linalg.norm(shift))
         message = (
-            f"the target lies {distance * 1e3:.3g} mm outside the plane that this arm moves in; "
-            f"move it by {_millimetres(-gap)}"
+            f"the target lies {distance * 1e3:.4g} mm outside the plane that this arm moves in: "
+            f"move it by {_millimetres(shift)}"
         )
         return Reason("target", message, distance, "m")
 
@@ -166,7 +160,9 @@ class _Inquiry:
         rows = [row for row in nlp.rows if row.name.startswith("target")]
         g = ca.vertcat(*(row.expression for row in rows)) if rows else ca.SX(0, 1)
         bounds = ca.Function(
-            "b", [nlp.p], [ca.vertcat(ca.SX(0, 1), *(r.lower for r in rows)), ca.vertcat(ca.SX(0, 1), *(r.upper for r in rows))]
+            "b",
+            [nlp.p],
+            [ca.vertcat(ca.SX(0, 1), *(r.lower for r in rows)), ca.vertcat(ca.SX(0, 1), *(r.upper for r in rows))],
         )
         low, high = (np.asarray(b).ravel() for b in bounds(self.goal.parameters()))
         cosine = ca.dot(ca.DM(self.goal.direction), at.axis)
@@ -177,8 +173,8 @@ class _Inquiry:
         tilt = math.acos(min(1.0, max(-1.0, reached)))
         message = (
             f"at this target the tool axis comes no closer than {math.degrees(tilt):.3g} deg to the direction, and "
-            f"{math.degrees(self.goal.tilt):.3g} deg are allowed; set tilt: {math.ceil(math.degrees(tilt) * 10) / 10:g} deg, "
-            "or move the target"
+            f"{math.degrees(self.goal.tilt):.3g} deg are allowed; "
+            f"set tilt: {math.ceil(math.degrees(tilt) * 10) / 10:g} deg, or move the target"
         )
         return q, [Reason("tool_axis", message, tilt - self.goal.tilt, "rad")]
 

@@ -25,11 +25,12 @@ _ROUNDS = (2, 4, 16, 64)
 
 @dataclass(frozen=True)
 class Candidate:
-    """One posture (n,) with its objective (scaled), worst violation of a row, and the solver's word on it."""
+    """One posture (n,): objective (scaled), worst violation of a row, σ_max [m], and the solver's word on it."""
 
     q: Floats
     objective: float
     violation: float
+    sigma: float
     optimal: bool = False
     message: str = "not polished"
 
@@ -45,14 +46,14 @@ class Search:
     Args:
         goal: with the scale that the objectives are divided by.
         found: polished candidates, best first; feasible before infeasible.
-        sampled: (k,) objectives (scaled) of the feasible starts, before polishing.
+        sampled: the feasible starts before polishing, best first.
         tried: postures that the search for feasible ones began with.
         polished: number of local solves.
     """
 
     goal: Goal
     found: tuple[Candidate, ...]
-    sampled: Floats
+    sampled: tuple[Candidate, ...]
     tried: int
     polished: int
 
@@ -81,9 +82,7 @@ class Engine:
     @cached_property
     def ik(self) -> InverseKinematics:
         programme = self.programme
-        return InverseKinematics(
-            programme.robot, programme.task.tool_axis, programme.reach.directions, self.compiled
-        )
+        return InverseKinematics(programme.robot, programme.task.tool_axis, programme.reach.directions, self.compiled)
 
     @cached_property
     def screen(self) -> BatchFunction:
@@ -95,20 +94,23 @@ class Engine:
 
     def candidates(self, Q: Floats, goal: Goal) -> list[Candidate]:
         """The postures (N, n) with objective and violation."""
-        objective, violation, _ = self.screen(Q, goal.parameters())
-        return [Candidate(q, float(f), float(v)) for q, f, v in zip(Q, objective[:, 0], violation[:, 0], strict=True)]
+        objective, violation, _, variance = (column[:, 0] for column in self.screen(Q, goal.parameters()))
+        sigma = np.sqrt(np.maximum(variance, 0.0))
+        return [Candidate(*row) for row in zip(Q, objective.tolist(), violation.tolist(), sigma.tolist(), strict=True)]
 
     def polished(self, start: Candidate, goal: Goal) -> Candidate:
-        """The start improved by the solver; the start itself where the solver made it worse."""
+        """The start improved by the solver; the start itself where the solver made it worse.
+
+        A start may gain a little objective from the last digits of its rows: a tie goes to the solver.
+        """
         outcome: Outcome = self.polish(start.q, goal.parameters())
         if not np.all(np.isfinite(outcome.x)):
             return replace(start, message=outcome.message)
         end = self.candidates(outcome.x[None], goal)[0]
         end = replace(end, optimal=outcome.optimal, message=outcome.message)
         end = self.tidied(end, goal)
-        better = end.feasible and (not start.feasible or end.objective <= start.objective + 1e-9)
-        return end if better else replace(start, message=outcome.message)
-
+        better = end.feasible and (not start.feasible or end.objective <= start.objective + 1e-6)
+        return end if better else self.tidied(replace(start, message=outcome.message), goal)
 
     def tidied(self, candidate: Candidate, goal: Goal) -> Candidate:
         """The same posture as people write it: joints that do not matter at zero, whole turns taken off."""
@@ -149,15 +151,17 @@ def search(
     engine: Engine, goal: Goal, rng: np.random.Generator, starts: int, polish: int, map_polish: MapPolish | None = None
 ) -> Search:
     """Feasible starts, screened by their objective; the ``polish`` best distinct ones handed to the solver."""
+    if engine.programme.reach.misses(goal.lower, goal.upper):
+        return Search(goal, (), (), 0, 0)
     Q, tried = feasible_starts(engine, goal, starts, rng)
     if not len(Q):
-        return Search(goal, (), np.zeros(0), tried, 0)
+        return Search(goal, (), (), tried, 0)
     goal = scaled(engine, goal, Q)
-    candidates = sorted(engine.candidates(Q, goal), key=_rank)
-    sampled = np.array([c.objective for c in candidates if c.feasible])
+    candidates = sorted(engine.candidates(Q, goal), key=rank)
+    sampled = tuple(c for c in candidates if c.feasible)
     chosen = _spread_out(candidates, polish)
     polished = (map_polish or _serial)(engine, chosen, goal)
-    return Search(goal, tuple(sorted(polished, key=_rank)), sampled, tried, len(chosen))
+    return Search(goal, tuple(sorted(polished, key=rank)), sampled, tried, len(chosen))
 
 
 MapPolish = Callable[[Engine, Sequence[Candidate], Goal], list[Candidate]]
@@ -206,8 +210,11 @@ def scaled(engine: Engine, goal: Goal, Q: Floats) -> Goal:
     return replace(goal, scale=middle if middle > 0 else 1.0)
 
 
-def _rank(candidate: Candidate) -> tuple[bool, float]:
-    return (not candidate.feasible, candidate.objective if candidate.feasible else candidate.violation)
+def rank(candidate: Candidate) -> tuple[bool, float, bool]:
+    """Sorting key: feasible ones by objective, then infeasible ones by violation."""
+    # Equal to the sixth digit is equal: the solver's word decides.
+    key = round(candidate.objective, 6) if candidate.feasible else candidate.violation
+    return (not candidate.feasible, key, not candidate.optimal)
 
 
 def _spread_out(candidates: Sequence[Candidate], count: int) -> list[Candidate]:

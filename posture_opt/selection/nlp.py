@@ -35,7 +35,8 @@ class Row:
 class Nlp:
     """``minimise objective(x, p)`` subject to the rows and to the bounds of the variables.
 
-    ``terms`` names the parts of the objective, the task's own first.
+    ``terms`` names the parts of the objective, the task's own first; ``variance`` [m²] along the worst axis of the
+    spread that counts, whatever the criterion, is what postures are compared by in words.
     """
 
     x: ca.SX
@@ -44,6 +45,7 @@ class Nlp:
     objective: ca.SX
     rows: tuple[Row, ...]
     terms: tuple[tuple[str, ca.SX], ...]
+    variance: ca.SX
 
     @cached_property
     def g(self) -> ca.SX:
@@ -77,10 +79,12 @@ class Nlp:
 
     @cached_property
     def screen(self) -> ca.Function:
-        """``(x, p) -> (objective, worst violation of a row, first term)``: all that many cheap starts need."""
+        """``(x, p) -> (objective, worst violation of a row, first term, variance)``: all that cheap starts need."""
         low, high = _stacked([row.lower for row in self.rows]), _stacked([row.upper for row in self.rows])
         beyond = ca.fmax(ca.fmax(low - self.g, self.g - high), 0) if self.rows else ca.SX.zeros(1)
-        return ca.Function("screen", [self.x, self.p], [self.objective, ca.mmax(beyond), self.terms[0][1]])
+        return ca.Function(
+            "screen", [self.x, self.p], [self.objective, ca.mmax(beyond), self.terms[0][1], self.variance]
+        )
 
 
 def _stacked(bounds: Sequence[ca.SX]) -> ca.SX:

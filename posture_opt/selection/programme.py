@@ -18,7 +18,7 @@ from posture_opt.selection.nlp import Nlp, Row, Variable
 from posture_opt.selection.quantities import Quantities, Within
 from posture_opt.selection.reach import Reach
 from posture_opt.selection.tasks import Task
-from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Programme:
         if self.task.axis == "required" and not self.axis_rows and not along:
             raise InputError(
                 Issue(
-                    f"task {self.task.kind} needs the tool axis along the direction, and this arm cannot point it there",
+                    f"{self.task.kind} needs the tool axis along the direction, which this arm cannot give",
                     ("task", "kind"),
                     self.task.kind,
                     "use kind: insert, which leaves the axis out for such an arm",
@@ -77,7 +77,7 @@ class Programme:
         return 1 if ca.SX(C @ n).is_zero() else 2
 
     @cached_property
-    def _moments(self):  # type: ignore[no-untyped-def]
+    def _moments(self) -> Moments:
         return self.tool_point.moments(ca.vertsplit(self.q))
 
     @cached_property
@@ -124,7 +124,8 @@ class Programme:
         terms = self._objective_terms()
         objective = sum((expression for _, expression in terms), ca.SX(0))
         rows = (*self._target_rows(), *self._axis_rows(), *self._bound_rows())
-        return Nlp(self.q, self._symbols[0], variables, objective, rows, tuple(terms))
+        worst = criteria.worst(self.quantities.projected(self.task.within)[0])
+        return Nlp(self.q, self._symbols[0], variables, objective, rows, tuple(terms), worst)
 
     def _objective_terms(self) -> list[tuple[str, ca.SX]]:
         task, at = self.task, self.quantities
@@ -149,7 +150,11 @@ class Programme:
             return [Row(f"target.{c}", "m", at.position[k], p["lower"][k], p["upper"][k]) for k, c in enumerate("xyz")]
         rows = []
         for u in self.reach.directions.T:
-            name = "xyz"[int(np.argmax(np.abs(u)))] if np.max(np.abs(u)) > 1 - 1e-9 else f"({u[0]:.3g}, {u[1]:.3g}, {u[2]:.3g})"
+            name = (
+                "xyz"[int(np.argmax(np.abs(u)))]
+                if np.max(np.abs(u)) > 1 - 1e-9
+                else f"({u[0]:.3g}, {u[1]:.3g}, {u[2]:.3g})"
+            )
             reached, wanted = ca.dot(ca.DM(u), at.position), ca.dot(ca.DM(u), p["lower"])
             rows.append(Row(f"target.{name}", "m", reached, wanted, wanted))
         return rows

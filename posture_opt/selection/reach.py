@@ -13,6 +13,9 @@ Floats = np.ndarray
 _RANK = 1e-9
 _SAMPLES = 12
 
+PLANE_TOLERANCE = 1e-6
+"""Distance [m] from its plane at which a target counts as outside of it."""
+
 
 @dataclass(frozen=True)
 class Reach:
@@ -65,9 +68,15 @@ class Reach:
         full, _, _ = np.linalg.svd(np.hstack([self.directions, np.zeros((3, 1))]))
         return np.asarray(full[:, self.directions.shape[1] :])
 
-    def out_of_plane(self, point: Floats) -> float:
-        """Distance [m] of a target from the plane (or line) that the tool point cannot leave."""
-        return float(np.linalg.norm(self.normals.T @ (point - self.offset)))
+    def outside(self, lower: Floats, upper: Floats) -> Floats:
+        """(3,) shift [m] that brings the box to the plane (or line) that the tool point cannot leave."""
+        N = self.normals
+        nearest = np.clip(self.offset, lower, upper)
+        return np.asarray(N @ (N.T @ (self.offset - nearest)))
+
+    def misses(self, lower: Floats, upper: Floats) -> bool:
+        """Whether no point of the box lies in the plane (or line) of the tool point."""
+        return bool(np.linalg.norm(self.outside(lower, upper)) > PLANE_TOLERANCE)
 
 
 def _range(columns: Floats) -> Floats:

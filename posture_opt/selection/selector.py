@@ -21,12 +21,13 @@ from posture_opt.selection.multistart import (
     Progress,
     Search,
     in_processes,
+    rank,
     search,
     with_progress,
 )
 from posture_opt.selection.programme import Programme
 from posture_opt.selection.reach import Reach
-from posture_opt.selection.solution import Alternative, Evidence, Solution, critical_basis
+from posture_opt.selection.solution import Alternative, Evidence, Solution, Status, critical_basis
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.sweep import Sweep, sweep
 from posture_opt.selection.tasks import Task
@@ -110,7 +111,9 @@ class PostureSelector:
         found = search(self.engine(goal), goal, np.random.default_rng(seed), starts, polish)
         return self._answer(found, None, began)
 
-    def solve_thoroughly(self, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None) -> Solution:
+    def solve_thoroughly(
+        self, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
+    ) -> Solution:
         """The best posture with the evidence that it is: every start polished, the remaining freedom swept."""
         began = time.perf_counter()
         engine, solver = self.engine(self.goal), self._problem.solver
@@ -120,7 +123,7 @@ class PostureSelector:
         swept = sweep(engine, found.goal, rng) if found.found else None
         if swept is not None:
             best = engine.polished(swept.best, found.goal)
-            found = replace(found, found=tuple(sorted((*found.found, best), key=lambda c: (not c.feasible, c.objective))))
+            found = replace(found, found=tuple(sorted((*found.found, best), key=rank)))
         return self._answer(found, swept, began)
 
     def _goal(
@@ -154,10 +157,10 @@ class PostureSelector:
             converged=sum(c.optimal for c in found.found),
             distinct=len(optima),
             hits=len(same) if swept is None else min(len(same), found.polished),
-            typical=self._sigma(found, 50),
-            worst=self._sigma(found, 100),
+            typical=float(np.median([c.sigma for c in found.sampled])),
+            worst=max(c.sigma for c in found.sampled),
             sweep=swept,
-            sweep_sigma=math.nan if swept is None else float(self._sigmas(programme, found.goal, [swept.best])[1][0]),
+            sweep_sigma=math.nan if swept is None else swept.best.sigma,
             seconds=time.perf_counter() - began,
         )
 
@@ -165,33 +168,20 @@ class PostureSelector:
             return self._alternatives(programme, found.goal, optima)
 
         notes = (*self._problem.notes, programme.axis_note(found.goal))
-        status = "optimal" if best.optimal else "feasible"
+        status: Status = "optimal" if best.optimal else "feasible"
         return Solution(self._problem, programme, found.goal, status, best.q, evidence, ranked, notes)
 
-    def _sigma(self, found: Search, percent: float) -> float:
-        """σ_max [m] of the feasible starts at a percentile of the objective, where the objective is a variance."""
-        plain = self.task.criterion == "worst" and not self.task.minimize
-        if not plain or not len(found.sampled):
-            return math.nan
-        return math.sqrt(max(float(np.percentile(found.sampled, percent)) * found.goal.scale, 0.0))
-
-    def _alternatives(
-        self, programme: Programme, goal: Goal, optima: Sequence[Candidate]
-    ) -> tuple[Alternative, ...]:
-        shown = optima[:_MOST_ALTERNATIVES]
-        positions, sigmas = self._sigmas(programme, goal, shown)
-        names = self._problem.robot.joint_names
-        return tuple(
-            Alternative(dict(zip(names, map(float, c.q), strict=True)), x, float(s))
-            for c, x, s in zip(shown, positions, sigmas, strict=True)
-        )
-
-    def _sigmas(self, programme: Programme, goal: Goal, candidates: Sequence[Candidate]) -> tuple[Floats, Floats]:
-        Q = np.array([c.q for c in candidates])
+    def _alternatives(self, programme: Programme, goal: Goal, optima: Sequence[Candidate]) -> tuple[Alternative, ...]:
+        Q = np.array([c.q for c in optima[:_MOST_ALTERNATIVES]])
         moments = self.tool_point.moments([Q[:, k] for k in range(Q.shape[1])])
         B = critical_basis(programme, goal)
-        largest = np.linalg.eigvalsh(B.T @ moments.covariance @ B)[..., -1]
-        return np.broadcast_to(moments.position, (len(Q), 3)), np.sqrt(np.maximum(largest, 0.0))
+        sigmas = np.sqrt(np.linalg.eigvalsh(B.T @ moments.covariance @ B)[..., -1].clip(0))
+        positions = np.broadcast_to(moments.position, (len(Q), 3))
+        names = self._problem.robot.joint_names
+        return tuple(
+            Alternative(dict(zip(names, map(float, q), strict=True)), x, float(s))
+            for q, x, s in zip(Q, positions, sigmas, strict=True)
+        )
 
 
 def select_posture(
@@ -236,8 +226,7 @@ def _task(problem: HasTask) -> Task:
 def _sources(problem: HasTask) -> Sources:
     if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
         mend = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
-        raise InputError(Issue("nothing is uncertain, so no posture is better than another", ("uncertainty",), mend=mend))
+        raise InputError(
+            Issue("nothing is uncertain, so no posture is better than another", ("uncertainty",), mend=mend)
+        )
     return problem.sources
-
-
-

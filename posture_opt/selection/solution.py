@@ -63,7 +63,7 @@ class Evidence:
         tried: random postures that were led towards the target to get them.
         polished: local solves; ``converged`` of them by the solver's own word.
         distinct: different local optima among them; ``hits`` of the polished starts ended at the best one.
-        typical, worst: σ_max [m] of the median and of the worst feasible start; NaN for other criteria.
+        typical, worst: σ_max [m], median and largest over the feasible starts; NaN where there are none.
         sweep: a systematic sweep beside the random starts, or None; ``sweep_sigma`` its best [m].
         seconds: wall time.
     """

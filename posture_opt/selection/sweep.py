@@ -13,7 +13,7 @@ from posture_opt.selection.multistart import ROW_TOLERANCE, Candidate, Engine
 Floats = np.ndarray
 _SPINS = 120
 _SEEDS = 8
-_GRID = 181
+_GRID = 121
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,10 @@ def _spun(engine: Engine, goal: Goal, rng: np.random.Generator) -> Floats:
 def _evaluate(engine: Engine, goal: Goal, Q: Floats, over: str) -> Sweep | None:
     if not len(Q):
         return None
-    objective, violation, _ = engine.screen(Q, goal.parameters())
-    feasible = violation[:, 0] <= ROW_TOLERANCE
+    objective, violation = (column[:, 0] for column in engine.screen(Q, goal.parameters())[:2])
+    feasible = violation <= ROW_TOLERANCE
     if not np.any(feasible):
         return None
-    k = int(np.argmin(np.where(feasible, objective[:, 0], np.inf)))
-    best = Candidate(Q[k], float(objective[k, 0]), float(violation[k, 0]))
+    k = int(np.argmin(np.where(feasible, objective, np.inf)))
+    best = engine.candidates(Q[k : k + 1], goal)[0]
     return Sweep(over, len(Q), int(np.count_nonzero(feasible)), best)

@@ -90,8 +90,10 @@ def planar_moments(
     local = [[xx, xy, lift[0]], [xy, yy, lift[1]], [lift[0], lift[1], height]]
     basis = (plane.e1, plane.e2, plane.normal)
     total = add(add(scale(mean[0], plane.e1), scale(mean[1], plane.e2)), scale(mean[2], plane.normal))
-    world = [[sum(basis[a][r] * local[a][b] * basis[b][c] for a in range(3) for b in range(3)) for c in range(3)]
-             for r in range(3)]
+    world = [
+        [sum(basis[a][r] * local[a][b] * basis[b][c] for a in range(3) for b in range(3)) for c in range(3)]
+        for r in range(3)
+    ]
     return total, world
 
 

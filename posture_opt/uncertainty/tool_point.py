@@ -12,7 +12,7 @@ from posture_opt.model.chain import Scalar, Walk, factor_values, stack, walk
 from posture_opt.model.derivatives import position_column, twist_column
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.moments import exact_moments
-from posture_opt.uncertainty.planar import Plane, plane_of, planar_moments
+from posture_opt.uncertainty.planar import Plane, planar_moments, plane_of
 from posture_opt.uncertainty.second_order import second_order
 
 Method = Literal["exact", "exact, planar", "exact + second order of the correlations"]

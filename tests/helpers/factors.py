@@ -23,7 +23,7 @@ def product(factors, q, parameters=None):
     for f in factors:
         value = f.nominal + (parameters or {}).get(f.parameter, 0.0)
         if f.joint is not None:
-            value += f.sign * q[f.joint]
+            value += q[f.joint]
         T = T @ elementary(f.kind, f.axis, value)
     return T
 
