@@ -1,1 +1,69 @@
-"""posture_opt."""
+"""Pick the robot posture whose position scatter hurts the task least.
+
+::
+
+    problem.yaml ─ load_problem ──────> problem ─ select_posture ─> solution   the best posture, with its reasons
+    {...} ──────── problem_from_dict ─> problem ─ propagate ──────> spread     closed form at one posture
+                                        problem ─ simulate ───────> cloud      Monte Carlo at one posture
+                                        problem ─ PostureSelector              built once, solved again and again
+                                        problem ─ SpreadFunction               covariances of many postures
+                                        problem ─ Arm.from_problem             CasADi expressions of one's own
+
+Inside everything is SI and radians. Wrong input raises ``errors.InputError``, an unsolvable problem
+``errors.NoSolutionError``; all exceptions derive from ``errors.PostureOptError``.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from posture_opt import errors
+    from posture_opt.model.arm import Arm
+    from posture_opt.problem.load import load_problem, problem_from_dict
+    from posture_opt.selection.selector import PostureSelector, select_posture
+    from posture_opt.uncertainty.cloud import simulate
+    from posture_opt.uncertainty.spread import propagate
+    from posture_opt.uncertainty.spread_function import SpreadFunction
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Arm",
+    "PostureSelector",
+    "SpreadFunction",
+    "__version__",
+    "errors",
+    "load_problem",
+    "problem_from_dict",
+    "propagate",
+    "select_posture",
+    "simulate",
+]
+
+_HOMES = {
+    # A name is imported when it is first used: `import posture_opt` and `--help` need none of CasADi.
+    "Arm": "model.arm",
+    "PostureSelector": "selection.selector",
+    "SpreadFunction": "uncertainty.spread_function",
+    "load_problem": "problem.load",
+    "problem_from_dict": "problem.load",
+    "propagate": "uncertainty.spread",
+    "select_posture": "selection.selector",
+    "simulate": "uncertainty.cloud",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "errors":
+        return import_module("posture_opt.errors")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'posture_opt' has no attribute '{name}'")
+    value = getattr(import_module(f"posture_opt.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

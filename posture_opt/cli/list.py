@@ -1,0 +1,89 @@
+"""``optimize-posture list``: everything that a problem file may name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, get_args
+
+import click
+
+from posture_opt.cli.output import json_text
+
+Row = dict[str, str]
+
+
+@click.command("list")
+@click.option("--json", "as_json", is_flag=True, help="Print the JSON document and nothing else.")
+@click.option("--debug", is_flag=True, hidden=True)
+def command(as_json: bool, debug: bool) -> None:
+    """List tasks, effects, presets, solvers, terms and built-in problems."""
+    tables = {title: rows() for title, rows in TABLES.items()}
+    click.echo(json_text({key.replace(" ", "_"): rows for key, rows in tables.items()}) if as_json else _text(tables))
+
+
+def _text(tables: dict[str, list[Row]]) -> str:
+    from tabulate import tabulate
+
+    blocks = []
+    for title, rows in tables.items():
+        body = tabulate(rows, headers="keys", tablefmt="plain", disable_numparse=True) if rows else "none so far"
+        blocks.append("\n".join([title.capitalize(), *(f"  {line}" for line in body.splitlines())]))
+    return "\n\n".join(blocks)
+
+
+def _kinds(specs: Iterable[Any]) -> list[Row]:
+    """Kind and one line of each listed ``Spec``."""
+    return [{"kind": get_args(spec.model_fields["kind"].annotation)[0], "is": spec.summary} for spec in specs]
+
+
+def _tasks() -> list[Row]:
+    from posture_opt.selection.tasks import TASKS
+
+    return _kinds(TASKS)
+
+
+def _terms() -> list[Row]:
+    from posture_opt.selection.terms import TERMS
+
+    return _kinds(TERMS)
+
+
+def _solvers() -> list[Row]:
+    from posture_opt.selection.solvers import SOLVERS
+
+    return _kinds(SOLVERS)
+
+
+def _effects() -> list[Row]:
+    return []
+
+
+def _presets() -> list[Row]:
+    from posture_opt.robot import load_preset, preset_names
+
+    robots = {name: load_preset(name) for name in preset_names()}
+    return [
+        {
+            "name": name,
+            "robot": robot.name,
+            "joints": str(robot.n),
+            "repeatability": f"{robot.repeatability.value * 1e3:g} mm" if robot.repeatability else "not stated",
+        }
+        for name, robot in robots.items()
+    ]
+
+
+def _problems() -> list[Row]:
+    from posture_opt.problem.load import builtin_names, load_builtin
+
+    return [{"name": name, "is": load_builtin(name).name} for name in builtin_names()]
+
+
+TABLES: dict[str, Callable[[], list[Row]]] = {
+    "tasks": _tasks,
+    "effects": _effects,
+    "presets": _presets,
+    "solvers": _solvers,
+    "terms": _terms,
+    "built-in problems": _problems,
+}

@@ -1,0 +1,143 @@
+"""``optimize-posture``: the group of commands, its exit codes, and what it says when something is wrong.
+
+Commands are imported when they are called: a solve does not wait for the others.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any, NoReturn
+
+import click
+
+from posture_opt import __version__
+from posture_opt.cli.options import Common, common_options, problem_options, task_options
+from posture_opt.errors import PostureOptError
+from posture_opt.nearest import nearest
+
+COMMANDS = {
+    # name -> one line for --help; each is the function `command` of the file of its name
+    "export": "Write the covariance of the tool point as C code.",
+    "list": "List tasks, effects, presets, solvers, terms and built-in problems.",
+    "new": "Print a commented problem file to start from.",
+    "schema": "Print the JSON Schema of the problem file.",
+    "simulate": "Monte Carlo cloud of the tool point at one posture, beside the closed form.",
+    "uncertainty": "Covariance, ellipse, coverage regions and error budget at one posture.",
+}
+_INTERRUPTED = 130  # what a shell reports of a program that ^C ended
+
+
+class PostureCommands(click.Group):
+    """The commands by name, imported late; every way out of the program goes through ``main``."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = import_module(f"posture_opt.cli.{cmd_name}").command
+        return command
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        if args and args[0] not in COMMANDS:
+            near = nearest(args[0], COMMANDS)
+            mend = f"Did you mean '{near}'?" if near else f"Commands: {', '.join(sorted(COMMANDS))}."
+            raise click.UsageError(f"No such command '{args[0]}'. {mend}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(sorted(COMMANDS.items()))
+
+    def main(  # type: ignore[override] # it never returns, whatever the mode
+        self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any
+    ) -> NoReturn:
+        """Run the command line and end the program with one of the codes of the help text."""
+        words = list(sys.argv[1:] if args is None else args)
+        extra["standalone_mode"] = False
+        _forgive_narrow_terminals()
+        try:
+            code = super().main(words, prog_name or "optimize-posture", **extra)
+            sys.stdout.flush()
+        except Exception as error:
+            sys.exit(_exit_code(error, debug="--debug" in words))
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def _exit_code(error: Exception, debug: bool) -> int:
+    """The exit code of what went wrong, which is told on standard error."""
+    if isinstance(error, BrokenPipeError):  # the reader, `head` say, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    if isinstance(error, click.Abort):
+        click.echo("interrupted", err=True)
+        return _INTERRUPTED
+    if isinstance(error, click.ClickException):
+        error.show()
+        return 2
+    if debug:
+        traceback.print_exception(error)
+    if isinstance(error, PostureOptError):
+        _tell(error)
+        return error.exit_code
+    hint = "" if debug else " (a defect of this program; --debug shows where)"
+    click.echo(f"error: {type(error).__name__}: {error}".splitlines()[0] + hint, err=True)
+    return 1
+
+
+def _tell(error: PostureOptError) -> None:
+    lines = str(error).splitlines() or [type(error).__name__]
+    if len(lines) == 1:
+        click.echo(f"error: {lines[0]}", err=True)
+        return
+    click.echo(f"{len(lines)} errors:" if error.exit_code == 2 else "error:", err=True)
+    for line in lines:
+        click.echo(f"  {line}", err=True)
+
+
+def _forgive_narrow_terminals() -> None:
+    """A terminal without σ or ° shows a question mark in its place instead of ending the program."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+
+
+@click.command(
+    "optimize-posture",
+    cls=PostureCommands,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    epilog="Exit codes: 0 done, 1 a defect of this program, 2 bad input, 3 no solution, 4 too few data.",
+)
+@task_options
+@problem_options
+@click.option("--explain", is_flag=True, help="Show the optimisation problem with its values at the solution.")
+@common_options
+@click.version_option(__version__, prog_name="optimize-posture")
+@click.pass_context
+def main(ctx: click.Context, /, common: Common, explain: bool, **given: Any) -> None:
+    """Pick the robot posture whose position scatter hurts the task least.
+
+    \b
+    optimize-posture --task insert                         the built-in planar arm
+    optimize-posture --problem FILE.yaml                   a robot, scatter and task of your own
+    optimize-posture --task insert --robot ur10e --position "0.6 m, 0.2 m, 0.1 m"
+    """
+    if ctx.invoked_subcommand is not None:
+        stated = [name for name, value in given.items() if value] + ["explain"] * explain
+        if stated:
+            raise click.UsageError(f"Write --{stated[0].replace('_', '-')} after '{ctx.invoked_subcommand}'.", ctx)
+        return
+    if not any(given.values()):
+        if len(sys.argv) > 1 and common != Common():
+            raise click.UsageError("Nothing to solve: name a --task or a --problem.", ctx)
+        click.echo(ctx.get_help())
+        return
+    from posture_opt.cli.solve import solve
+
+    solve(common, explain, **given)

@@ -1,0 +1,86 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import click
+
+Command = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Common:
+    """What every computing command may be told; the defaults are those of the command line."""
+
+    out: Path | None = None
+    json: bool = False
+    seed: int | None = None
+    workers: int = 1
+    quiet: bool = False
+    plots: bool = True
+    debug: bool = False
+
+
+def common_options(command: Command) -> Command:
+    """Adds the options of ``Common`` to a command, which gets them as its argument ``common``."""
+
+    @wraps(command)
+    def with_common(*args: Any, out: Path | None, as_json: bool, seed: int | None, workers: int, **others: Any) -> Any:
+        quiet, plots, debug = others.pop("quiet"), not others.pop("no_plots"), others.pop("debug")
+        return command(*args, common=Common(out, as_json, seed, workers, quiet, plots, debug), **others)
+
+    return _add(
+        with_common,
+        click.option(
+            "--out", type=click.Path(path_type=Path), metavar="DIR", help="Write JSON, figures and a report here."
+        ),
+        click.option("--json", "as_json", is_flag=True, help="Print the JSON document and nothing else."),
+        click.option(
+            "--seed", type=click.IntRange(min=0), help="Of everything random; the same seed, the same answer."
+        ),
+        click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes to use."),
+        click.option("--quiet", is_flag=True, help="Print no report and no progress."),
+        click.option("--no-plots", is_flag=True, help="Draw no figures into --out."),
+        click.option("--debug", is_flag=True, help="Show the traceback of an error."),
+    )
+
+
+def problem_options(command: Command) -> Command:
+    """Adds the options that name a robot and what is uncertain about it."""
+    return _add(
+        command,
+        click.option("--problem", metavar="FILE", help="Problem file (YAML), or the name of a built-in problem."),
+        click.option("--robot", metavar="PRESET|URDF", help="A preset or a URDF file, in place of a problem file."),
+        click.option("--base-link", metavar="LINK", help="First link of the chain in the URDF file."),
+        click.option("--tip-link", metavar="LINK", help="Last link of the chain in the URDF file."),
+        click.option(
+            "--sigma", metavar="TEXT", help='Scatter of every joint, "0.02 deg"; "0.02 deg, 0.01 mm" with slides.'
+        ),
+    )
+
+
+def task_options(command: Command) -> Command:
+    """Adds the options that name a task and its target."""
+    return _add(
+        command,
+        click.option("--task", metavar="KIND", help="insert, drill, probe, …: see the command 'list'."),
+        click.option("--position", metavar="TEXT", help='Target in the world: "0.6 m, 0.2 m, 0.1 m".'),
+        click.option("--direction", metavar="TEXT", help='Of the task in the world: "0, 0, -1".'),
+    )
+
+
+def posture_option(command: Command) -> Command:
+    """Adds the option that names a posture."""
+    help_text = 'Joint values in order, "90 deg, -180 deg", or by name, "joint1=90 deg, joint2=-180 deg".'
+    return _add(command, click.option("--posture", metavar="TEXT", required=True, help=help_text))
+
+
+def _add(command: Command, *options: Callable[[Command], Command]) -> Command:
+    for option in reversed(options):  # click shows the option that is added last at first
+        command = option(command)
+    return command

@@ -1,0 +1,157 @@
+"""What leaves the program: JSON text, progress, and files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NoReturn
+
+import click
+
+from posture_opt import __version__
+from posture_opt.cli.options import Common
+from posture_opt.errors import InputError, Issue
+
+Progress = Callable[[int, int], None]
+
+
+def show(common: Common, document: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:
+    """Print the JSON document or the report, whichever is asked for."""
+    if common.json:
+        click.echo(json_text(document()))
+    elif not common.quiet:
+        click.echo(text().rstrip("\n"))
+
+
+def json_text(document: dict[str, Any]) -> str:
+    """A document with the version of the program, as JSON; numbers that JSON lacks become null."""
+    return json.dumps({"posture_opt": __version__, **_finite(document)}, indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@contextmanager
+def progress_bar(common: Common, what: str) -> Iterator[Progress | None]:
+    """A callback (done, total) that draws a bar on a terminal, after two seconds; None where nobody looks."""
+    if common.quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from tqdm import tqdm
+
+    with tqdm(desc=what, delay=2.0, leave=False, file=sys.stderr) as bar:
+
+        def advance(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield advance
+
+
+@contextmanager
+def output_folder(out: Path | None) -> Iterator[Path | None]:
+    """A folder to write into, whose files move to ``out`` when all went well and vanish when anything did not.
+
+    Raises:
+        InputError: ``out`` cannot be written to; nothing was computed yet.
+    """
+    if out is None:
+        yield None
+        return
+    made = _missing_parents(out)
+    staging = _staging(out)
+    try:
+        with _ended_politely():
+            yield staging
+            _move_into_place(staging, out)
+    except OSError as error:
+        if error.filename is None or str(staging) not in str(error.filename):
+            raise
+        raise InputError(Issue(f"cannot write to {out}: {error.strerror}", ("--out",))) from error
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+        _remove_empty(made)
+
+
+def _missing_parents(out: Path) -> list[Path]:
+    return [folder for folder in out.absolute().parents if not folder.exists()]
+
+
+def _staging(out: Path) -> Path:
+    """A new folder in the file system of ``out``: inside it where it exists, else beside it."""
+    try:
+        if out.exists() and not out.is_dir():
+            raise NotADirectoryError(20, "this is a file, not a folder")
+        if not out.exists():
+            out.absolute().parent.mkdir(parents=True, exist_ok=True)
+        return Path(tempfile.mkdtemp(prefix=".posture_opt-", dir=out if out.exists() else out.absolute().parent))
+    except OSError as error:
+        message = f"cannot write to {out}: {(error.strerror or str(error)).lower()}"
+        raise InputError(Issue(message, ("--out",), str(out), "name a folder that you may write to")) from None
+
+
+def _move_into_place(staging: Path, out: Path) -> None:
+    if not out.exists():
+        umask = os.umask(0)
+        os.umask(umask)
+        staging.chmod(0o777 & ~umask)  # a temporary folder is private, the result is not
+        staging.rename(out)
+        return
+    for file in sorted(path for path in staging.rglob("*") if path.is_file()):
+        target = out / file.relative_to(staging)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        file.replace(target)
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    """Folders that were made on the way are removed where nothing came of it."""
+    for folder in folders:
+        try:
+            folder.rmdir()
+        except OSError:
+            return
+
+
+@contextmanager
+def _ended_politely() -> Iterator[None]:
+    """A request to end runs the clean-up first."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, frame: Any) -> NoReturn:
+        sys.exit(128 + number)
+
+    former = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, former)
+
+
+def write_text(path: Path | None, text: str) -> None:
+    """Print ``text``, or write it to ``path`` in one go.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    if path is None:
+        click.echo(text.rstrip("\n"))
+        return
+    with output_folder(path.absolute().parent) as folder:
+        assert folder is not None
+        (folder / path.name).write_text(text, encoding="utf-8")

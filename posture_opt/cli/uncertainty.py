@@ -1,0 +1,35 @@
+"""``optimize-posture uncertainty``: the spread of the tool point at one posture, in closed form."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+import posture_opt as po
+from posture_opt.cli.options import Common, common_options, posture_option, problem_options
+from posture_opt.cli.output import output_folder, show
+from posture_opt.cli.request import requested_posture, requested_problem
+
+
+@click.command("uncertainty")
+@problem_options
+@posture_option
+@common_options
+def command(common: Common, posture: str, **given: Any) -> None:
+    """Covariance, ellipse, coverage regions and error budget at one posture, in closed form."""
+    problem = requested_problem(**given)
+    values = requested_posture(posture, problem.robot)
+    with output_folder(common.out) as folder:
+        spread = po.propagate(problem, values)
+        if folder is not None:
+            from posture_opt.report.write import write_spread
+
+            write_spread(folder, problem, spread, plots=common.plots)
+
+    def text() -> str:
+        from posture_opt.report.text import spread_text
+
+        return spread_text(problem, spread)
+
+    show(common, spread.to_json, text)

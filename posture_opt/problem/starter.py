@@ -1,0 +1,110 @@
+"""Commented problem files to start from: one for every preset, each solvable as it is."""
+
+from __future__ import annotations
+
+import string
+
+from posture_opt.robot import load_preset
+from posture_opt.robot.robot import Robot
+
+_TEXT = string.Template("""\
+# A problem file of posture_opt: in which posture does the position scatter of this arm hurt the task least?
+#
+#   optimize-posture --problem THIS_FILE.yaml
+#
+# Every number with a dimension carries its unit: 1 deg, 20 arcsec, 0.05 mm, 2.5 kg. A line behind '#' is a
+# suggestion; 'optimize-posture list' names tasks and terms, 'optimize-posture schema' every key.
+
+name: Insertion with the $title
+
+robot:
+  kind: preset
+  name: $preset
+  # joints: $joints
+  # base: {xyz: [0 m, 0 m, 0 m], rpy: [0 deg, 0 deg, 0 deg]}     # the base in the world
+  # tool: {xyz: [0 m, 0 m, 0.1 m], rpy: [0 deg, 0 deg, 0 deg]}   # the tool point in the flange
+  # payload: 2 kg
+
+uncertainty:
+$uncertainty
+task:
+  kind: insert                      # insert | drill | probe | measure | trace | place
+  direction: $direction             # in the world
+  # Without position and region the workpiece may stand anywhere in reach, and its best place is part of the answer.
+  # position: $position
+  # region: {min: $minimum, max: $maximum}
+  # tool_axis: [0, 0, 1]            # of the tool, laid along the direction where the arm can
+  # tilt: 5 deg                     # how far it may lean
+  # clearance: 0.2 mm               # radial play of the hole: gives the probability of success
+  # criterion: worst                # worst | trace | area | miss
+  # subject_to: [{kind: limit_margin, at_least: 5 deg}]
+
+solver: {kind: ipopt, starts: 32, seed: 0}
+""")
+
+_REPEATABILITY = string.Template("""\
+  # $source
+  repeatability: $value
+  # or the standard deviations of single parameters, JOINT.PARAMETER, in place of it:
+  # sigma:
+$sigma
+  # correlation:
+  #   - [$first, $second, 0.5]
+""")
+
+_SIGMA = string.Template("""\
+  sigma:                            # standard deviations, JOINT.PARAMETER
+$sigma
+  # correlation:
+  #   - [$first, $second, 0.5]
+  # or the data sheet's figure of ISO 9283 in place of it:
+  # repeatability: 0.05 mm
+""")
+
+
+def starter_text(preset: str) -> str:
+    """The text of a problem file for a preset, with comments.
+
+    Raises:
+        InputError: no preset has this name; the nearest is offered.
+    """
+    robot = load_preset(preset)
+    place = [0.45 * _stretched(robot), 0.15 * _stretched(robot), 0.0 if _planar(robot) else 0.1 * _stretched(robot)]
+    return _TEXT.substitute(
+        title=robot.name,
+        preset=preset,
+        joints=", ".join(robot.joint_names),
+        uncertainty=_uncertainty(robot),
+        direction="[0, -1, 0]" if _planar(robot) else "[0, 0, -1]",
+        position=_point(place),
+        minimum=_point([place[0], -place[1], place[2]]),
+        maximum=_point([1.2 * place[0], place[1], place[2]]),
+    )
+
+
+def _uncertainty(robot: Robot) -> str:
+    values = [f"{j.name}.theta: 0.02 deg" if j.type == "revolute" else f"{j.name}.d: 0.01 mm" for j in robot.joints]
+    first, second = (value.split(":")[0] for value in values[:2])
+    if robot.repeatability is None:
+        sigma = "\n".join(f"    {value}" for value in values)
+        return _SIGMA.substitute(sigma=sigma, first=first, second=second)
+    sigma = "\n".join(f"  #   {value}" for value in values)
+    value, source = f"{robot.repeatability.value * 1e3:g} mm", " ".join(robot.repeatability.source.split())
+    return _REPEATABILITY.substitute(sigma=sigma, first=first, second=second, value=value, source=source)
+
+
+def _stretched(robot: Robot) -> float:
+    """The length of all links laid in one line [m]: an upper bound of the reach."""
+    return sum(abs(factor.nominal) for factor in robot.factors if factor.kind == "translate")
+
+
+def _planar(robot: Robot) -> bool:
+    """Whether all joints turn about the z axis of the base and no link leaves its plane."""
+    rotations = [factor for factor in robot.factors if factor.kind == "rotate"]
+    slides = any(factor.kind == "translate" and factor.joint is not None for factor in robot.factors)
+    turned_about = {factor.axis for factor in rotations if factor.nominal or factor.joint is not None}
+    return turned_about == {2} and not slides
+
+
+def _point(values: list[float]) -> str:
+    return f"[{', '.join(f'{value:.2f} m' for value in values)}]"
