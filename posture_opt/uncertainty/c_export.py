@@ -25,7 +25,7 @@ def covariance_c(problem: HasSources, name: str = "tool_covariance") -> tuple[st
     q = ca.SX.sym("q", problem.robot.n)
     moments = tool_point.moments(ca.vertsplit(q))
     results = [moments.position, moments.covariance, moments.first_order]
-    function = ca.Function(name, [q], results, ["q"], ["position", "covariance", "first_order"])
+    function = ca.Function("spread", [q], results, ["q"], ["position", "covariance", "first_order"])
     joints = ", ".join(f"{j.name} [{'rad' if j.type == 'revolute' else 'm'}]" for j in problem.robot.joints)
     described = {
         "q": f"joint values: {joints}",

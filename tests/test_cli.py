@@ -1,0 +1,350 @@
+"""The command line: exit codes, messages, JSON, and files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import posture_opt as po
+from posture_opt.cli.main import COMMANDS, main
+from posture_opt.cli.output import output_folder
+from posture_opt.cli.request import requested_posture
+from posture_opt.errors import InputError
+from posture_opt.problem.load import builtin_problem, load_problem
+from posture_opt.problem.starter import starter_text
+from posture_opt.robot import load_preset, preset_names
+
+ROOT = Path(__file__).parents[1]
+PLANAR = ["--problem", "insert_planar_2r"]
+DOWN = ["--posture", "90 deg, -180 deg"]
+
+
+def run(*words: str) -> Result:
+    return CliRunner().invoke(main, list(words))
+
+
+def shell(*words: str, **options: object) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "posture_opt", *words]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120, **options)  # type: ignore[call-overload]
+
+
+def test_help_names_every_command_and_imports_none() -> None:
+    result = run("--help")
+    assert result.exit_code == 0
+    assert all(name in result.output for name in COMMANDS)
+    code = "import sys; from posture_opt.cli.main import main; print('casadi' in sys.modules, 'yaml' in sys.modules)"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert found.stdout.split() == ["False", "False"]
+
+
+def test_no_words_at_all_show_the_help() -> None:
+    result = shell()
+    assert result.returncode == 0
+    assert result.stdout.startswith("Usage: optimize-posture")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["simulat"], "Did you mean 'simulate'?"),
+        (["--problm", "x"], "--problem"),
+        (["--task"], "requires an argument"),
+        (["--problem", "a.yaml", "--robot", "ur10e", "--task", "insert"], "--problem and --robot both name a robot"),
+        (["--robot", "ur10e"], "Name the --task"),
+        ([*PLANAR, "--sigma", "1 deg"], "go with --robot"),
+        (["--problem", "x.yaml", "simulate"], "Write --problem after 'simulate'"),
+        (["simulate", *DOWN], "Name a --problem or a --robot"),
+        (["simulate", *PLANAR], "Missing option '--posture'"),
+        (["simulate", *PLANAR, *DOWN, "-n", "1"], "-n"),
+        (["simulate", *PLANAR, *DOWN, "--seed", "-1"], "--seed"),
+        (["--task", "insert", "--workers", "0"], "--workers"),
+        (["export", *PLANAR, "--to", "fortran"], "--to"),
+        (["new"], "Name a preset: "),
+    ],
+)
+def test_wrong_usage_is_exit_code_2(words: list[str], message: str) -> None:
+    result = run(*words)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert result.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--task", "insrt"], "--task: 'insrt' is not known here – did you mean 'insert'?"),
+        (["--problem", "no/such.yaml"], "no such file: no/such.yaml"),
+        (["--task", "insert", "--robot", "ur10f"], "--robot: there is no preset 'ur10f' – did you mean 'ur10'"),
+        (["--task", "insert", "--robot", "no.urdf"], "--robot: "),
+        (
+            ["--task", "insert", "--robot", "ur10e", "--position", "1, 0 m, 0 m"],
+            "--position[0]: the length has no unit",
+        ),
+        (["--task", "insert", "--robot", "ur10e", "--position", "1 m, 0 m"], "--position: a position has three"),
+        (["--task", "insert", "--robot", "ur10e", "--direction", "0, 0, 0"], "--direction: a direction of length zero"),
+        (["--task", "insert", "--robot", "ur10e", "--direction", "0, 0, x"], "--direction[2]: 'x' is not a number"),
+        (["--task", "insert", "--robot", "ur10e", "--sigma", "-1 deg"], "--sigma.shoulder_pan.theta: the standard"),
+        (["--task", "insert", "--robot", "ur10e", "--sigma", "0.02"], "has no unit"),
+        (["new", "ur10f"], "PRESET: there is no preset of this name – did you mean ur10?"),
+        (["uncertainty", *PLANAR, "--posture", "90 deg"], "--posture: 1 value for 2 joints – give one value each"),
+        (["uncertainty", *PLANAR, "--posture", "90, 90 deg"], "--posture.joint1: the angle has no unit"),
+        (["uncertainty", *PLANAR, "--posture", "joint1=1 deg"], "--posture: no value for joint2"),
+        (["uncertainty", *PLANAR, "--posture", "nan deg, 1 deg"], "--posture.joint1: 'nan deg' is not a finite"),
+        (["uncertainty", *PLANAR, "--posture", "jont1=1 deg, joint2=1 deg"], "did you mean 'joint1'"),
+        (["export", *PLANAR, "--to", "c", "--name", "1x"], "'1x' is no C identifier"),
+    ],
+)
+def test_bad_input_is_exit_code_2_with_the_mend(words: list[str], message: str) -> None:
+    result = run(*words)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert result.stdout == ""
+    assert "Traceback" not in result.stderr
+
+
+def test_every_fault_of_a_file_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text("robot: {kind: preset, name: planar_2r}\ntask: {kind: insrt}\nsolver: {starts: 0}\n")
+    result = run("--problem", str(path), "--out", str(tmp_path / "out"))
+    assert result.exit_code == 2
+    assert result.stderr.startswith("2 errors:\n")
+    assert f"{path}:2: task.kind: " in result.stderr
+    assert f"{path}:3: solver.starts: " in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_postures_by_order_and_by_name() -> None:
+    robot = builtin_problem("insert").robot
+    expected = {"joint1": np.pi / 2, "joint2": -np.pi}
+    assert requested_posture("90 deg, -180 deg", robot) == pytest.approx(expected)
+    assert requested_posture("[90 deg; -180 deg]", robot) == pytest.approx(expected)
+    assert requested_posture("joint2=-0.5 rev, joint1 = 5400 arcmin", robot) == pytest.approx(expected)
+    assert requested_posture("-90 deg, 0 deg", robot)["joint1"] < 0
+    with pytest.raises(InputError, match="named twice"):
+        requested_posture("joint1=1 deg, joint1=2 deg, joint2=0 deg", robot)
+
+
+def test_unexpected_failure_is_one_line_unless_debugged(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*args: object, **named: object) -> None:
+        raise ZeroDivisionError("first\nsecond")
+
+    monkeypatch.setattr("posture_opt.cli.solve.requested_problem", broken)
+    result = run("--task", "insert")
+    assert result.exit_code == 1
+    assert result.stderr == "error: ZeroDivisionError: first (a defect of this program; --debug shows where)\n"
+    assert "Traceback" in run("--task", "insert", "--debug").stderr
+
+
+def test_a_closed_pipe_is_no_error() -> None:
+    command = f"set -o pipefail; '{sys.executable}' -m posture_opt schema | head -1"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    found = subprocess.run(["bash", "-c", command], capture_output=True, text=True, env=environment, timeout=60)
+    assert found.stdout == "{\n"
+    assert found.stderr == ""
+    assert found.returncode == 0
+
+
+def test_schema_is_json_and_goes_to_a_file(tmp_path: Path) -> None:
+    schema = json.loads(run("schema").stdout)
+    assert schema["title"] == "Problem file of posture_opt"
+    assert run("schema", "--out", str(tmp_path / "s.json")).exit_code == 0
+    assert json.loads((tmp_path / "s.json").read_text()) == schema
+    assert os.listdir(tmp_path) == ["s.json"]
+
+
+def test_list_names_what_files_may_name() -> None:
+    tables = json.loads(run("list", "--json").stdout)
+    assert {row["name"] for row in tables["presets"]} == set(preset_names())
+    assert {row["kind"] for row in tables["tasks"]} == {"insert", "drill", "probe", "measure", "trace", "place"}
+    assert "insert_planar_2r" in run("list").stdout
+
+
+@pytest.mark.parametrize("preset", preset_names())
+def test_starter_file_loads_with_and_without_its_suggestions(preset: str, tmp_path: Path) -> None:
+    path = tmp_path / "start.yaml"
+    assert run("new", preset, "--out", str(path)).exit_code == 0
+    problem = load_problem(path)
+    assert problem.task is not None
+    assert not problem.sources.empty
+    # every suggestion of a goal is itself valid
+    lines = path.read_text().splitlines()
+    for word in ("position", "region", "tool_axis", "tilt", "clearance", "criterion", "subject_to"):
+        fuller = [line.replace("  # ", "  ", 1) if line.startswith(f"  # {word}:") else line for line in lines]
+        assert fuller != lines
+        path.write_text("\n".join(fuller))
+        load_problem(path)
+
+
+def test_new_replaces_a_file_only_on_demand(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("precious")
+    assert run("new", "ur10e", "--out", str(path)).exit_code == 2
+    assert path.read_text() == "precious"
+    assert run("new", "ur10e", "--out", str(path), "--force").exit_code == 0
+    assert path.read_text() == starter_text("ur10e").rstrip("\n") + "\n"
+
+
+def test_out_appears_whole(tmp_path: Path) -> None:
+    out = tmp_path / "a" / "b"
+    with output_folder(out) as folder:
+        assert folder is not None
+        (folder / "one").write_text("1")
+        assert not out.exists()
+    assert os.listdir(out) == ["one"]
+    assert os.listdir(out.parent) == ["b"]
+    with output_folder(out) as folder:
+        assert folder is not None
+        (folder / "one").write_text("2")
+        (folder / "two").write_text("3")
+        assert (out / "one").read_text() == "1"
+    assert sorted(os.listdir(out)) == ["one", "two"]
+    assert (out / "one").read_text() == "2"
+
+
+def write_half(out: Path, error: type[BaseException]) -> None:
+    with output_folder(out) as folder:
+        assert folder is not None
+        (folder / "half").write_text("1")
+        raise error
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_out_of_a_failed_run_is_left_as_it_was(error: type[BaseException], tmp_path: Path) -> None:
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    for out in (kept, tmp_path / "new" / "deep"):
+        with pytest.raises(error):
+            write_half(out, error)
+    assert os.listdir(tmp_path) == ["kept"]
+    assert os.listdir(kept) == []
+
+
+@pytest.mark.parametrize("out", ["file", "file/below", "/proc/none"])
+def test_out_that_cannot_be_written_is_told_before_computing(
+    out: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("1")
+    monkeypatch.setattr(po, "select_posture", lambda *args, **named: pytest.fail("it computed"))
+    result = run("--task", "insert", "--out", out)
+    assert result.exit_code == 2
+    assert f"--out: cannot write to {out}: " in result.stderr
+    assert os.listdir(tmp_path) == ["file"]
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write anywhere")
+def test_out_without_permission(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    result = run("--task", "insert", "--out", str(tmp_path / "out"))
+    assert result.exit_code == 2
+    assert "permission denied" in result.stderr
+
+
+def test_uncertainty_in_json_is_the_covariance_of_the_lecture() -> None:
+    result = run("uncertainty", *PLANAR, *DOWN, "--json")
+    assert result.exit_code == 0
+    document = json.loads(result.stdout)
+    assert document["posture_opt"] == po.__version__
+    # J Sigma J' by hand at (90, -180) deg: x = -cos... both links on one line, tool over the base; sigma 1 and 3 deg
+    expected = np.diag([2.741557e-3, 2.0e-4, 0.0])
+    np.testing.assert_allclose(document["covariance_first_order"], expected, atol=5e-10)
+
+
+def test_simulate_repeats_under_a_seed() -> None:
+    first, again, other = (run("simulate", *PLANAR, *DOWN, "-n", "200", "--seed", s, "--json").stdout for s in "112")
+    assert first == again != other
+    assert json.loads(first)["n"] == 200
+    assert json.loads(first)["seed"] == 1
+
+
+def test_solve_in_json_and_nothing_else() -> None:
+    start = time.perf_counter()
+    result = shell("--task", "insert", "--json")
+    assert time.perf_counter() - start < 5  # s; a second on an idle machine
+    assert result.returncode == 0
+    assert result.stderr == ""
+    document = json.loads(result.stdout)
+    assert document["task"] == "insert"
+    assert set(document["posture"]) == {"joint1", "joint2"}
+
+
+def test_out_of_reach_is_exit_code_3(tmp_path: Path) -> None:
+    words = ["--task", "insert", *PLANAR, "--position", "3 m, 0 m, 0 m", "--out", str(tmp_path / "out")]
+    result = run(*words)
+    assert result.exit_code == 3
+    assert "reach" in result.stderr
+    assert not (tmp_path / "out").exists()
+    assert json.loads(run(*words, "--json").stdout)["status"] == "infeasible"
+
+
+def test_solve_writes_its_files(tmp_path: Path) -> None:
+    result = run("--task", "insert", "--out", str(tmp_path / "out"), "--no-plots", "--quiet")
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout == ""
+    assert json.loads((tmp_path / "out" / "solution.json").read_text())["status"] in ("optimal", "feasible")
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_exported_c_agrees_with_the_package(tmp_path: Path) -> None:
+    assert run("export", "--robot", "ur10e", "--sigma", "0.02 deg", "--to", "c", "--out", str(tmp_path)).exit_code == 0
+    main_c = """
+    #include <stdio.h>
+    #include "tool_covariance.h"
+    int main(void) {
+      double q[6] = {0.1, -1.2, 1.3, -0.7, 0.4, 0.9}, x[3], C[9], F[9];
+      tool_covariance(q, x, C, F);
+      for (int i = 0; i < 9; i++) printf("%.17g %.17g\\n", C[i], F[i]);
+      return 0;
+    }
+    """
+    (tmp_path / "main.c").write_text(main_c)
+    program = tmp_path / "a.out"
+    subprocess.run(["cc", "-std=c99", "main.c", "tool_covariance.c", "-lm", "-o", program], cwd=tmp_path, check=True)
+    out = subprocess.run([program], capture_output=True, text=True, check=True).stdout
+    exact, first = np.loadtxt(out.splitlines()).reshape(3, 3, 2).transpose(2, 0, 1)
+    sigma = {f"{name}.theta": "0.02 deg" for name in load_preset("ur10e").joint_names}
+    problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10e"}, "uncertainty": {"sigma": sigma}})
+    spread = po.propagate(problem, [0.1, -1.2, 1.3, -0.7, 0.4, 0.9])
+    np.testing.assert_allclose(exact, spread.covariance, rtol=1e-12, atol=1e-20)
+    np.testing.assert_allclose(first, spread.covariance_first_order, rtol=1e-12, atol=1e-20)
+
+
+def test_public_names_are_sorted_exist_and_are_all_listed() -> None:
+    assert po.__all__ == sorted(po.__all__)
+    for name in po.__all__:
+        assert getattr(po, name) is not None
+    assert set(po.__all__) <= set(dir(po))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        po.nothing  # noqa: B018
+    typed = next(
+        node for node in ast.parse((ROOT / "posture_opt/__init__.py").read_text()).body if isinstance(node, ast.If)
+    )
+    names = {alias.name for node in typed.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert names == set(po.__all__) - {"__version__"}, "what type checkers see is what there is"
+
+
+def test_version_is_that_of_the_project() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project.get("version", po.__version__) == po.__version__
+    assert run("--version").stdout.split()[-1] == po.__version__
+
+
+def test_importing_the_package_is_quick() -> None:
+    code = "import time; t = time.perf_counter(); import posture_opt; print(time.perf_counter() - t)"
+    seconds = min(
+        float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT).stdout)
+        for _ in range(3)
+    )
+    assert seconds < 0.3
