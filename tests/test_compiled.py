@@ -94,6 +94,19 @@ def test_compiled_keeps_the_digits_of_the_interpreter() -> None:
 
 
 @both_ways
+def test_every_operation_is_rounded_on_its_own(compiled: bool) -> None:
+    x, y, z = (casadi.SX.sym(name) for name in "xyz")
+    # The first output loads all inputs, so that nothing separates the operations of the others.
+    outputs = [x + z + y, x * y - z, (x + y) - z]
+    batch = BatchFunction(casadi.Function("f", [x, y, z], outputs), compiled=compiled)
+    a, b = (value[:, :1] for value in rows(50))
+    # IEEE 754: zero, where a fused multiply-add would leave the rounding error of the product.
+    np.testing.assert_array_equal(batch(a, b, a * b)[1], 0)
+    # 1e16 + 1 rounds to 1e16; an optimiser that rearranges sums (-ffast-math) may return 1.
+    np.testing.assert_array_equal(batch([[1e16]], [[1.0]], [[1e16]])[2], 0)
+
+
+@both_ways
 def test_inputs_broadcast(compiled: bool) -> None:
     batch = BatchFunction(planar(), compiled=compiled)
     q, a = rows(300)
@@ -329,6 +342,13 @@ def test_cache_keeps_the_libraries_used_last(cache: Path, monkeypatch: pytest.Mo
     assert len(list(cache.iterdir())) == 2
     assert libraries[0].exists()
     assert not libraries[1].exists()
+
+
+def hock_schittkowski_71(kind: type) -> dict[str, object]:
+    """min x1 x4 (x1+x2+x3) + x3, x1 x2 x3 x4 >= p, |x|^2 = 40, 1 <= x <= 5 (problem 71, p = 25)."""
+    x, p = kind.sym("x", 4), kind.sym("p")
+    f = x[0] * x[3] * (x[0] + x[1] + x[2]) + x[2]
+    return {"x": x, "p": p, "f": f, "g": casadi.vertcat(x[0] * x[1] * x[2] * x[3] - p, casadi.sumsqr(x))}
 
 
 @both_ways
