@@ -1,0 +1,235 @@
+"""``propagate``: where the tool point scatters at one posture, in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.model.chain import Walk
+from posture_opt.robot.robot import Robot
+from posture_opt.uncertainty.budget import Share, budgets
+from posture_opt.uncertainty.posture import PostureLike, limit_notes, read_posture
+from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
+from posture_opt.uncertainty.second_order import second_order
+from posture_opt.uncertainty.sources import Array, Sources
+from posture_opt.uncertainty.tool_point import ToolPoint
+
+if TYPE_CHECKING:
+    from posture_opt.uncertainty.validity import Validity
+
+
+class HasSources(Protocol):
+    """Anything that names a robot and its sources of error, such as a ``Problem``."""
+
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def sources(self) -> Sources: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Moments of the tool pose at a posture; everything in the world frame unless said.
+
+    Args:
+        tool_point: robot and sources, as `budget` wants them.
+        q: (n,) joint values [rad or m].
+        position: (3,) nominal tool point [m].
+        quaternion_wxyz: (4,) nominal orientation, w ≥ 0.
+        covariance: (3, 3) of the tool point by ``method``, exact wherever a closed form exists [m²].
+        covariance_first_order: (3, 3) ``J Σ Jᵀ`` [m²].
+        bias: (3,) mean minus nominal tool point [m].
+        pose_covariance: (6, 6) first order, of the twist (v, ω): shift of the tool point [m] and small rotation
+            [rad], world-aligned axes with the origin at the tool point.
+        basis: (2, 3) or (3, 3) rows spanning the space of the ellipse: the plane of a planar arm, else all of it.
+        notes: sentences for the report.
+    """
+
+    tool_point: ToolPoint
+    q: tuple[float, ...]
+    position: Array
+    quaternion_wxyz: Array
+    covariance: Array
+    covariance_first_order: Array
+    bias: Array
+    pose_covariance: Array
+    basis: Array
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def robot(self) -> Robot:
+        return self.tool_point.robot
+
+    @property
+    def posture(self) -> dict[str, float]:
+        """Joint name -> value [rad or m]."""
+        return dict(zip(self.robot.joint_names, self.q, strict=True))
+
+    @property
+    def method(self) -> str:
+        """How `covariance` was computed: ``exact``, ``exact, planar`` or ``exact + second order of …``."""
+        return self.tool_point.method
+
+    @property
+    def exact(self) -> Array:
+        """The same as `covariance`."""
+        return self.covariance
+
+    @property
+    def first_order(self) -> Array:
+        """The same as `covariance_first_order`."""
+        return self.covariance_first_order
+
+    @cached_property
+    def ellipse(self) -> Ellipsoid:
+        """About the mean, in the coordinates of `basis`: two-dimensional for planar arms, else three."""
+        return Ellipsoid(self.position + self.bias, self.covariance).project(self.basis)
+
+    @property
+    def axes(self) -> Array:
+        """(m, 3) unit vectors along the axes of the ellipse in the world, one a row, the shortest axis first."""
+        return np.asarray(self.ellipse.axes.T @ self.basis)
+
+    def region(self, p: float) -> Array:
+        """(m,) semi-axes [m], ascending, of the region that holds the tool point with probability p."""
+        return self.ellipse.region(p)
+
+    @cached_property
+    def axis_budgets(self) -> tuple[tuple[Share, ...], ...]:
+        """The error budget of every axis of the ellipse, in the order of `axes`."""
+        return budgets(self.tool_point, self.q, self.axes)
+
+    @property
+    def budget(self) -> tuple[Share, ...]:
+        """The error budget of the longest axis of the ellipse, the largest share first."""
+        return self.axis_budgets[-1]
+
+    @cached_property
+    def validity(self) -> Validity:
+        """Whether the first-order ellipse may be trusted here."""
+        from posture_opt.uncertainty.validity import Validity
+
+        reached, _ = self.tool_point.walk(self.q)
+        parts = second_order(reached, self.tool_point.indices, self.tool_point.covariance)
+        return Validity.of(parts.first, parts.curvature, parts.bias)
+
+    def to_json(self) -> dict[str, Any]:
+        """The document ``spread.json``: SI units, finite numbers only."""
+        return {
+            "posture": self.posture,
+            "tool": {"position": self.position.tolist(), "quaternion_wxyz": self.quaternion_wxyz.tolist()},
+            "covariance": self.covariance.tolist(),
+            "covariance_first_order": self.covariance_first_order.tolist(),
+            "bias": self.bias.tolist(),
+            "pose_covariance": self.pose_covariance.tolist(),
+            "pose_covariance_frame": "twist (v, w), world-aligned axes at the tool point, first order",
+            "ellipse": ellipse_json(self.ellipse, self.basis),
+            "method": self.method,
+            "budget": budget_json(self.budget),
+            "budget_of_axes": [budget_json(shares) for shares in self.axis_budgets],
+            "validity": self.validity.to_json(),
+            "notes": list(self.notes),
+        }
+
+    def plot(self) -> Any:
+        """The arm in its posture with the ellipse, as a matplotlib figure."""
+        from posture_opt.report.figures import plot_spread
+
+        return plot_spread(self)
+
+
+def propagate(problem: HasSources, posture: PostureLike) -> Spread:
+    """Mean and covariance of the tool pose at one posture, in closed form.
+
+    Args:
+        problem: names ``robot`` and ``sources``.
+        posture: n joint values [rad or m], or joint name -> value. Limits are not enforced; a note says where
+            they are exceeded.
+
+    Raises:
+        InputError: a posture that is none, or a problem without sources of error.
+    """
+    robot, sources = problem.robot, problem.sources
+    q = read_posture(robot, posture)
+    require_sources(sources)
+    return spread_of(ToolPoint.of(robot, sources), q, (*sources.notes, *limit_notes(robot, q)))
+
+
+def spread_of(tool_point: ToolPoint, q: Sequence[float], notes: tuple[str, ...] = ()) -> Spread:
+    """The spread of a tool point at ``q`` (n,) [rad or m], nothing checked."""
+    moments = tool_point.moments(q)
+    twists = np.asarray(tool_point.twists(moments.walk)) if tool_point.indices else np.zeros((6, 0))
+    covariance = _symmetric(moments.covariance)
+    return Spread(
+        tool_point=tool_point,
+        q=tuple(q),
+        position=moments.position,
+        quaternion_wxyz=quaternion(moments.walk),
+        covariance=covariance,
+        covariance_first_order=_symmetric(moments.first_order),
+        bias=moments.mean - moments.position,
+        pose_covariance=_symmetric(twists @ tool_point.covariance @ twists.T),
+        basis=ellipse_basis(tool_point, covariance),
+        notes=notes,
+    )
+
+
+def require_sources(sources: Sources) -> None:
+    """Raise InputError where nothing is uncertain."""
+    if sources.empty:
+        mend = "add for example uncertainty: {sigma: {joint1.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
+        raise InputError(Issue("nothing is uncertain, so nothing scatters", ("uncertainty",), mend=mend))
+
+
+def ellipse_basis(tool_point: ToolPoint, covariance: Array) -> Array:
+    """(2, 3) the plane of a planar arm whose tool point cannot leave it, else (3, 3) the world's axes."""
+    plane = tool_point.plane
+    if plane is None:
+        return np.eye(3)
+    normal = np.array(plane.normal)
+    # Rounding of a plane that is tilted in the world leaves 1e-16 of the variance in its normal.
+    if normal @ covariance @ normal > 1e-14 * np.trace(covariance):
+        return np.eye(3)
+    e1, e2 = np.array(plane.e1), np.array(plane.e2)
+    # As one looks at it: what points up, or along a positive axis, is drawn upwards.
+    return np.array([e1, e2 if e2[np.abs(e2).argmax()] > 0 else -e2])
+
+
+def ellipse_json(ellipse: Ellipsoid, basis: Array) -> dict[str, Any]:
+    """Semi-axes of one standard deviation [m] and, one a row, their unit vectors in the world."""
+    return {
+        "semi_axes_1sigma": ellipse.semi_axes.tolist(),
+        "axes": (ellipse.axes.T @ basis).tolist(),
+        "coverage95_factor": coverage_factor(0.95, ellipse.rank) if ellipse.rank else 0.0,
+        "dimension": len(basis),
+    }
+
+
+def budget_json(shares: Sequence[Share]) -> list[dict[str, Any]]:
+    return [{"parameter": share.parameter, "share": share.share} for share in shares]
+
+
+def quaternion(reached: Walk) -> Array:
+    """(4,) w, x, y, z with w ≥ 0 of the tool's orientation in the world."""
+    R = np.array(reached.columns, dtype=float).T
+    # The symmetric 4 x 4 matrix 4 q qᵀ: its largest column is the quaternion without cancellation.
+    (a, b, c), (d, e, f), (g, h, i) = R
+    K = np.array([
+        [1 + a + e + i, h - f, c - g, d - b],
+        [h - f, 1 + a - e - i, b + d, c + g],
+        [c - g, b + d, 1 - a + e - i, f + h],
+        [d - b, c + g, f + h, 1 - a - e + i],
+    ])  # fmt: skip
+    column = K[:, np.diag(K).argmax()]
+    unit: Array = column / np.linalg.norm(column)
+    return unit if unit[0] >= 0 else -unit
+
+
+def _symmetric(matrix: Any) -> Array:
+    array = np.asarray(matrix, dtype=float)
+    return np.asarray((array + array.T) / 2)
