@@ -163,8 +163,8 @@ class Ellipsoid:
         rank = self.rank
         null, span = np.split(offset @ axes, [len(sigma) - rank], axis=1)
         distance: Array = np.linalg.norm(span / sigma[len(sigma) - rank :], axis=1)
-        # Points reach here through rounding too: off the subspace is what exceeds it by as much as a rank needs.
-        reach = math.sqrt(RANK_TOLERANCE) * sigma[-1] + 1e-14 * float(np.abs(self.center).max())
+        # Off the subspace is what lies ten times as far out as a deviation that counts as none, and beyond rounding.
+        reach = 10 * math.sqrt(RANK_TOLERANCE) * sigma[-1] + 1e-14 * float(np.abs(self.center).max())
         distance[(np.abs(null) > reach).any(axis=1)] = math.inf
         return distance
 
