@@ -1,0 +1,44 @@
+"""What a report is made of, whatever it is shown as: blocks of sentences, facts and tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Pairs of a label and what there is to say."""
+
+    rows: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells as text; the first ``text_columns`` of them are words, the others numbers."""
+
+    headers: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    text_columns: int = 1
+
+    def transposed(self) -> Table:
+        """Rows as columns, for a table that is too wide."""
+        cells = tuple(zip(self.headers, *self.rows, strict=True))
+        return Table(cells[0], cells[1:], 1)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A titled part of a report; ``figure`` names the picture that belongs to it."""
+
+    title: str
+    items: tuple[str | Facts | Table, ...]
+    figure: str = ""
+
+
+@dataclass(frozen=True)
+class Report:
+    """A whole report: its title, the answer in a few sentences, the blocks."""
+
+    title: str
+    lead: tuple[str, ...]
+    blocks: tuple[Block, ...]

@@ -1,0 +1,99 @@
+"""The block of checks: what was gained, what cannot be gained, and how sure one may be."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from posture_opt.report.blocks import Block, Facts
+from posture_opt.report.units_text import count, length, number, percent
+from posture_opt.report.words import source_words
+
+SMALL_GAIN = 0.05
+"""Below this gain over a typical posture at a fixed place, placing the workpiece is what helps."""
+
+
+def checks_block(solution: Any) -> Block:
+    """Gain, floor, evidence that no better posture was missed, time."""
+    rows = [*_gain(solution), *_floor(solution), *_evidence(solution)]
+    rows.append(("Time", f"{solution.evidence.seconds:.2f} s"))
+    return Block("Checks", (Facts(tuple(rows)), *_advice(solution)))
+
+
+def _gain(solution: Any) -> list[tuple[str, str]]:
+    typical, worst = solution.evidence.typical, solution.evidence.worst
+    if not (math.isfinite(typical) and math.isfinite(worst)):
+        return []
+    return [
+        ("Gain", f"{_less(solution.gain_over(typical))} a typical posture that does it too ({length(typical)})"),
+        ("", f"{_less(solution.gain_over(worst))} the worst one that was found ({length(worst)})"),
+    ]
+
+
+def _less(gain: float) -> str:
+    if abs(gain) < 5e-4:
+        return "the same scatter as"
+    return f"{percent(abs(gain))} {'less' if gain > 0 else 'more'} scatter than"
+
+
+def _floor(solution: Any) -> list[tuple[str, str]]:
+    floor = solution.floor
+    if floor is None:
+        return []
+    robot = solution.programme.robot
+    where = "at this place" if solution.goal.kind == "point" else "anywhere in this box"
+    lever = f" on a lever of {length(floor.radius, 4)}" if math.isfinite(floor.radius) and floor.radius > 0 else ""
+    share = "alone sets it" if floor.share > 0.995 else f"makes {percent(floor.share)} of it"
+    source = f"the {source_words(floor.source, robot)}{lever} {share}"
+    return [("Floor", f"{where} no posture can get below {length(floor.sigma)}: {source}"), ("", _above(solution.critical.sigma_max / floor.sigma))]
+
+
+def _above(ratio: float) -> str:
+    if ratio > 2:
+        return f"the answer is {number(ratio, 2)} times this floor"
+    if ratio < 1.0005:
+        return "the answer lies on this floor"
+    return f"the answer lies {percent(ratio - 1)} above this floor"
+
+
+def _evidence(solution: Any) -> list[tuple[str, str]]:
+    e = solution.evidence
+    text = (
+        f"{count(e.tried, 'random posture')} led to the target, {count(e.starts, 'feasible one')} compared, "
+        f"{e.polished} of them improved to a local optimum ({min(e.converged, e.polished)} confirmed by the solver)"
+    )
+    rows = [("Search", text)]
+    rows.append(("", f"{count(e.distinct, 'distinct optimum', 'distinct optima')}; the best one was hit {e.hits} times"
+                     f" out of {e.polished}"))  # fmt: skip
+    if e.sweep is not None:
+        rows.append(("Sweep", _sweep(solution)))
+    return rows
+
+
+def _sweep(solution: Any) -> str:
+    sweep = solution.evidence.sweep
+    text = f"{sweep.over}: {count(sweep.points, 'posture')}, {sweep.feasible} of them feasible"
+    sigma, answer = solution.evidence.sweep_sigma, solution.critical.sigma_max
+    if not math.isfinite(sigma):
+        return text
+    # Where something else than the largest scatter is made small, a worse posture may well scatter less.
+    found = "nothing better" if sigma >= answer * (1 - 1e-6) else "less scatter, but not a better posture by what is asked"
+    return f"{text}; found {found} (its best: {length(sigma, 4)})"
+
+
+def _advice(solution: Any) -> tuple[str, ...]:
+    typical = solution.evidence.typical
+    if solution.goal.kind != "point" or not math.isfinite(typical):
+        return ()
+    gain = solution.gain_over(typical)
+    if gain >= SMALL_GAIN:
+        return ()
+    return (
+        f"At this fixed place the posture matters little: a typical one does {_almost(gain)}. If the workpiece may be "
+        "moved, more is to be won by placing it: write region: {min: [...], max: [...]} in the task, in place of "
+        "position: [...].",
+    )
+
+
+def _almost(gain: float) -> str:
+    return "as well" if gain < 5e-4 else f"only {percent(gain)} worse"

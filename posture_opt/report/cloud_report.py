@@ -1,0 +1,80 @@
+"""The report on a Monte Carlo cloud beside the closed form."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.parts import validity_sentence
+from posture_opt.report.spread_report import arm_block, covariance_table, posture_block
+from posture_opt.report.units_text import fixed, length_unit, number
+from posture_opt.report.words import line_words
+
+
+def cloud_report(problem: Any, cloud: Any) -> Report:
+    """Problem, posture, cloud beside closed form, covariance."""
+    spread = cloud.spread
+    lead = (
+        f"{cloud.n} simulated tool points beside the closed form: {100 * cloud.coverage95:.2f} % of them lie in its "
+        "95 % region.",
+    )
+    blocks = (arm_block(problem, spread), posture_block(spread), comparison_block(cloud), covariance_block(cloud))
+    return Report(problem.name or "Simulated spread of the tool point", lead, blocks)
+
+
+def comparison_block(cloud: Any) -> Block:
+    """Standard deviations, mean and coverage of the sample with their sampling intervals."""
+    low, high = cloud.coverage95_interval
+    inside = low <= 0.95 <= high
+    interval = f"sampling interval {100 * low:.2f} to {100 * high:.2f} %"
+    facts = (
+        ("Drawn", f"{cloud.n} samples, seed {cloud.seed}"),
+        ("In the 95 % region", f"{100 * cloud.coverage95:.2f} % ({interval})"),
+        ("", _verdict(inside, cloud.coverage95)),
+    )
+    items = (_axes_table(cloud), _mean_table(cloud), Facts(facts), validity_sentence(cloud.spread))
+    return Block("Simulation beside closed form", items, figure="cloud")
+
+
+def _verdict(inside: bool, coverage: float) -> str:
+    if inside:
+        return "95 % lies in that interval: the closed form holds what it promises"
+    side = "fewer" if coverage < 0.95 else "more"
+    return f"{side} than 95 %: the cloud is not quite normally distributed, see below"
+
+
+def _axes_table(cloud: Any) -> Table:
+    intervals = [[math.sqrt(max(float(v), 0.0)) for v in pair] for pair in cloud.eigenvalue_intervals[::-1]]
+    sampled = [math.sqrt(max(float(v), 0.0)) for v in cloud.eigenvalues[::-1]]
+    closed = [float(v) for v in cloud.spread.ellipse.semi_axes[::-1]]
+    unit, factor = length_unit([*sampled, *closed])
+    axes, ratios = cloud.spread.axes[::-1], [float(v) for v in cloud.ratio[::-1]]
+    rows = tuple(
+        (line_words(a), number(c * factor, 4), number(s * factor, 4), _interval(pair, factor), fixed(ratio, 4))
+        for a, c, s, pair, ratio in zip(axes, closed, sampled, intervals, ratios, strict=True)
+    )
+    headers = ("standard deviation along", f"closed form [{unit}]", f"simulated [{unit}]", "95 % interval", "ratio")
+    return Table(headers, rows)
+
+
+def _mean_table(cloud: Any) -> Table:
+    closed, sampled = [float(v) for v in cloud.spread.bias], [float(v) for v in cloud.bias]
+    errors = [1.96 * float(v) for v in cloud.bias_error]
+    unit, factor = length_unit([*closed, *sampled, *errors])
+    decimals = max(0, 2 - math.floor(math.log10(max(max(errors) * factor, 1e-9))))
+    rows = tuple(
+        (axis, *(fixed(v * factor, decimals) for v in (c, s)), f"+/- {fixed(e * factor, decimals)}")
+        for axis, c, s, e in zip("xyz", closed, sampled, errors, strict=True)
+    )
+    return Table(("mean, off the nominal point", f"closed form [{unit}]", f"simulated [{unit}]", "95 % interval"), rows)
+
+
+def _interval(pair: list[float], factor: float) -> str:
+    return f"{number(pair[0] * factor, 4)} to {number(pair[1] * factor, 4)}"
+
+
+def covariance_block(cloud: Any) -> Block:
+    """Both covariances."""
+    tables = (covariance_table(cloud.covariance), covariance_table(cloud.spread.covariance))
+    return Block("Covariance of the tool point, world frame", ("Simulated:", tables[0], "Closed form:", tables[1]))

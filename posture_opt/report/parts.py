@@ -1,0 +1,162 @@
+"""Blocks and facts that several reports share: sources, joint table, tool point, ellipse, budget, validity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from posture_opt.report.blocks import Table
+from posture_opt.report.units_text import fixed, joint_value, length, lengths, percent, place, shift
+from posture_opt.report.words import METHODS, direction_words, line_words, roll_pitch_yaw, source_size, source_words
+from posture_opt.robot.robot import Joint, Robot
+
+_LISTED = 8  # sources named one by one
+_SMALL_SHARE = 0.01  # of the variance: what lies below is lumped
+_MOST_SHARES = 12
+_AT_LIMIT = 1e-6
+
+
+def robot_facts(problem: Any) -> list[tuple[str, str]]:
+    """Name and size of the robot, and where its numbers come from."""
+    robot: Robot = problem.robot
+    name = f"{robot.name}, {robot.n} joints" if robot.name else f"{robot.n} joints"
+    source = [("Robot data", line) for line in robot.source.splitlines() if line.startswith("geometry")]
+    return [("Robot", name), *source]
+
+
+def source_facts(problem: Any) -> list[tuple[str, str]]:
+    """The standard deviations that everything follows from; equal ones of one kind together."""
+    robot, sources = problem.robot, problem.sources
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name, sigma in zip(sources.names, map(float, sources.sigma), strict=True):
+        groups.setdefault((name.rpartition(".")[2], source_size(name, sigma, robot)), []).append(name)
+    texts = [f"{_group_words(names, robot)} {size}" for (_, size), names in groups.items()]
+    if len(texts) > _LISTED:
+        texts = [*texts[:_LISTED], f"and {len(texts) - _LISTED} more"]
+    correlated = "; some of them vary together" if sources.correlated else ""
+    return [("Scatter of", ", ".join(texts) + f" (standard deviations{correlated})")]
+
+
+def _group_words(names: Sequence[str], robot: Robot) -> str:
+    if len(names) < 3:
+        return " and ".join(source_words(name, robot) for name in names)
+    owners = [name.rpartition(".")[0] for name in names]
+    what = source_words(names[0], robot).removeprefix(owners[0]).strip()
+    kind = [joint.name for joint in robot.joints if joint.type == "revolute"]
+    if set(owners) >= set(kind) and set(owners) <= set(robot.joint_names):
+        return f"the {what} of every joint"
+    return f"the {what} of {', '.join(owners)}"
+
+
+def note_facts(notes: Iterable[str]) -> list[tuple[str, str]]:
+    """Notes, one a line."""
+    return [("Note" if k == 0 else "", sentence(note)) for k, note in enumerate(dict.fromkeys(notes))]
+
+
+def sentence(text: str) -> str:
+    """A note with a capital at its start and a full stop at its end; names of joints stay as they are."""
+    text = text.strip()
+    first = text.split(" ", 1)[0]
+    if first.isalpha():
+        text = text[0].upper() + text[1:]
+    return text if text.endswith((".", "!", "?", ")")) else text + "."
+
+
+def joint_table(robot: Robot, q: Sequence[float]) -> Table:
+    """Every joint with its value, its limits and what is left to the nearer one."""
+    rows = []
+    for joint, value in zip(robot.joints, q, strict=True):
+        limits = f"{joint_value(joint.lower, joint.type)} to {joint_value(joint.upper, joint.type)}"
+        rows.append((joint.name, joint_value(value, joint.type), limits, _margin(joint, value)))
+    return Table(("joint", "value", "limits", "left to the nearer limit"), tuple(rows))
+
+
+def _margin(joint: Joint, value: float) -> str:
+    margin = min(value - joint.lower, joint.upper - value)
+    if not math.isfinite(margin):
+        return "no limit"
+    if margin < -_AT_LIMIT:
+        return f"beyond it by {joint_value(-margin, joint.type)}"
+    return "at its limit" if margin < _AT_LIMIT else joint_value(margin, joint.type)
+
+
+def tool_facts(spread: Any) -> list[tuple[str, str]]:
+    """Nominal place and orientation of the tool."""
+    angles = ", ".join(fixed(math.degrees(a)) for a in roll_pitch_yaw(spread.quaternion_wxyz))
+    return [
+        ("Tool point", f"{place(spread.position)} in the world"),
+        ("Tool turned", f"roll, pitch, yaw = {angles} deg"),
+    ]
+
+
+def ellipse_facts(spread: Any) -> list[tuple[str, str]]:
+    """The 95 % region of the tool point, with the factor that it is drawn with."""
+    from posture_opt.uncertainty.regions import coverage_factor
+
+    ellipse = spread.ellipse
+    if not ellipse.rank:
+        return [("95 % region", "a point: nothing scatters here")]
+    shape = {1: "95 % interval", 2: "95 % ellipse", 3: "95 % ellipsoid"}[ellipse.rank]
+    axes = [(s, a) for s, a in zip(spread.region(0.95)[::-1], spread.axes[::-1], strict=True)][: ellipse.rank]
+    along = ", ".join(line_words(a) for _, a in axes)
+    factor = coverage_factor(0.95, ellipse.rank)
+    half = "half length" if ellipse.rank == 1 else "semi-axes"
+    return [(shape, f"{half} {lengths([s for s, _ in axes])} along {along} ({factor:.3f} standard deviations)")]
+
+
+def first_order_fact(exact: float, linear: float) -> tuple[str, str]:
+    """The first-order figure beside the exact one."""
+    if exact <= 0:
+        return "First order", "none"
+    change = linear / exact - 1
+    if abs(change) < 5e-4:
+        return "First order", f"{length(linear)}, the same within 0.05 %"
+    word = "above" if change > 0 else "below"
+    return "First order", f"{length(linear)}, {percent(abs(change))} {word} the exact figure"
+
+
+def mean_fact(spread: Any) -> tuple[str, str]:
+    """How far the mean tool point lies off the nominal one."""
+    off = math.sqrt(float(spread.bias @ spread.bias))
+    if off < 1e-7:
+        return "On average", "the tool point is where it should be, within 0.1 µm"
+    return "On average", f"the tool point is {length(off)} off the nominal one: {shift(list(map(float, spread.bias)))}"
+
+
+def method_fact(spread: Any) -> tuple[str, str]:
+    """How the figures were computed."""
+    return "Computed by", METHODS.get(spread.method, spread.method)
+
+
+def budget_table(robot: Robot, shares: Sequence[Any], sigma: dict[str, float]) -> Table:
+    """Shares of the sources in a variance, cumulated; the small ones lumped."""
+    shown = [s for s in shares if abs(s.share) >= _SMALL_SHARE][:_MOST_SHARES] or list(shares[:1])
+    rest = [s for s in shares if s not in shown]
+    if len(rest) == 1:
+        shown, rest = [*shown, *rest], []
+    rows, total = [], 0.0
+    for share in shown:
+        total += share.share
+        size = source_size(share.parameter, sigma.get(share.parameter, math.nan), robot)
+        words = source_words(share.parameter, robot)
+        rows.append((words, share.parameter, size, percent(share.share), percent(total)))
+    if rest:
+        lumped = sum(s.share for s in rest)
+        rows.append((f"{len(rest)} others", "", "", percent(lumped), percent(total + lumped)))
+    return Table(("source", "in the file", "standard deviation", "share", "together"), tuple(rows), text_columns=2)
+
+
+def sigma_of(problem: Any) -> dict[str, float]:
+    """Standard deviation of every source [rad or m]."""
+    return dict(zip(problem.sources.names, map(float, problem.sources.sigma), strict=True))
+
+
+def validity_sentence(spread: Any) -> str:
+    """Whether the linear ellipse may be trusted."""
+    return sentence(spread.validity.text)
+
+
+def axis_words(d: Sequence[float]) -> str:
+    """A direction with its frame."""
+    return f"{direction_words(d)} in the world"

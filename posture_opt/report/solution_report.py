@@ -1,0 +1,202 @@
+"""The report on a solution: problem, posture, spread, budget, alternatives, checks."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.checks import checks_block
+from posture_opt.report.parts import (
+    axis_words,
+    budget_table,
+    ellipse_facts,
+    first_order_fact,
+    joint_table,
+    mean_fact,
+    method_fact,
+    note_facts,
+    robot_facts,
+    sigma_of,
+    source_facts,
+    tool_facts,
+    validity_sentence,
+)
+from posture_opt.report.units_text import (
+    fixed,
+    joint_value,
+    length,
+    length_unit,
+    lengths,
+    number,
+    percent,
+    place,
+    probability,
+    quantity,
+    stated_length,
+)
+from posture_opt.report.words import CRITERIA, PARTS, line_words
+from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
+
+
+def solution_report(problem: Any, solution: Any) -> Report:
+    """The blocks of a solution, or those of a failure: why, and what comes nearest."""
+    title = problem.name or "Posture selection"
+    if solution.status == "infeasible":
+        return Report(title, ("There is no posture for this task.",), (
+            Block("Why", tuple(reason.message[0].upper() + reason.message[1:] + "." for reason in solution.reasons)),
+            problem_block(problem, solution),
+            nearest_block(solution),
+        ))  # fmt: skip
+    blocks = [
+        problem_block(problem, solution),
+        posture_block(solution),
+        spread_block(solution),
+        budget_block(problem, solution),
+        alternatives_block(solution),
+        checks_block(solution),
+    ]
+    return Report(title, lead(solution), tuple(block for block in blocks if block.items))
+
+
+def lead(solution: Any) -> tuple[str, ...]:
+    """The answer in two sentences."""
+    robot = solution.programme.robot
+    values = ", ".join(joint_value(v, j.type) for v, j in zip(solution.q, robot.joints, strict=True))
+    critical = solution.critical
+    worst = ", worst axis" if len(critical.covariance) > 1 else ""
+    part = PARTS[critical.within][0].upper() + PARTS[critical.within][1:]
+    answer = f"Best posture: {values}."
+    if solution.status != "optimal":
+        answer += " The solver did not confirm that it is an optimum; it is the best of all that were compared."
+    scatter = f"{length(critical.sigma_max)} (one standard deviation{worst})"
+    return answer, f"{part} the tool point then scatters by {scatter}."
+
+
+def problem_block(problem: Any, solution: Any) -> Block:
+    """What was asked."""
+    programme, goal = solution.programme, solution.goal
+    task = programme.task
+    minimised = CRITERIA[task.criterion].format(part=PARTS[task.within])
+    further = [f"{term.kind} (weight {term.weight:g})" for term in task.minimize]
+    rows = [
+        *robot_facts(problem),
+        ("Task", f"{task.kind} - {task.summary}"),
+        ("Direction", axis_words(goal.direction)),
+        ("Target", target_words(goal)),
+        ("Minimised", minimised + (", and " + ", ".join(further) if further else "")),
+    ]
+    if task.subject_to:
+        rows.append(("Required", ", ".join(_bound_words(term) for term in task.subject_to)))
+    if not math.isnan(goal.clearance):
+        rows.append(("Clearance", f"{stated_length(goal.clearance)} to every side"))
+    rows += source_facts(problem)
+    rows += note_facts((*problem.notes, *solution.notes))
+    return Block("Problem", (Facts(tuple(rows)),))
+
+
+def target_words(goal: Any) -> str:
+    """Where the tool point is to go."""
+    if goal.kind == "point":
+        return f"the point {place(goal.lower)}"
+    if goal.kind == "anywhere":
+        return "anywhere in reach: the workpiece may be placed"
+    return f"anywhere in the box from {place(goal.lower)} to {place(goal.upper)}: the workpiece may be placed"
+
+
+def _bound_words(term: Any) -> str:
+    low, high = term.bounds()
+    sides = [f"at least {quantity(low, term.unit)}"] * math.isfinite(low)
+    sides += [f"at most {quantity(high, term.unit)}"] * math.isfinite(high)
+    return f"{term.kind.replace('_', ' ')} {' and '.join(sides)}".strip()
+
+
+def posture_block(solution: Any) -> Block:
+    """The joints, the tool, and where the workpiece goes."""
+    facts = tool_facts(solution.spread)
+    if solution.goal.kind != "point":
+        facts = [("Workpiece", f"put it where the target comes to lie at {place(solution.spread.position)}"), *facts]
+    return Block("Posture", (joint_table(solution.programme.robot, solution.q), Facts(tuple(facts))), figure="arm")
+
+
+def nearest_block(solution: Any) -> Block:
+    """The posture that violates the requirements least."""
+    table = joint_table(solution.programme.robot, solution.q)
+    return Block("The posture that comes nearest", (table, Facts(tuple(tool_facts(solution.spread)))))
+
+
+def spread_block(solution: Any) -> Block:
+    """How far the tool point scatters, in the part that counts first."""
+    spread, critical = solution.spread, solution.critical
+    first = solution.basis.T @ spread.covariance_first_order @ solution.basis
+    rows = _critical_rows(solution)
+    rows += ellipse_facts(spread)
+    rows.append(mean_fact(spread))
+    rows.append(first_order_fact(critical.sigma_max, math.sqrt(max(float(np.linalg.eigvalsh(first)[-1]), 0.0))))
+    rows.append(method_fact(spread))
+    return Block("Spread of the tool point", (Facts(tuple(rows)), validity_sentence(spread)), figure="cloud")
+
+
+def _critical_rows(solution: Any) -> list[tuple[str, str]]:
+    critical = solution.critical
+    m = len(critical.covariance)
+    name = {"across": "Across", "along": "Along", "all": "In space"}[critical.within]
+    worst = f"{length(critical.sigma_max)} (one standard deviation) along {line_words(critical.worst_axis)}"
+    rows = [(f"{name}, worst" if m > 1 else name, worst)]
+    if critical.within == "across":
+        rows.append(("Along", f"{length(solution.sigma_along)} (one standard deviation); it does not count here"))
+    region = Ellipsoid(np.zeros(m), critical.covariance)
+    if critical.within != "all" and region.rank:
+        factor = coverage_factor(0.95, region.rank)
+        half = [float(s) for s in region.region(0.95)[::-1][: region.rank]]
+        shape = "95 % ellipse" if region.rank == 2 else "95 % interval"
+        size = f"semi-axes {lengths(half)}" if region.rank == 2 else f"+/- {length(half[0])}"
+        rows.append((f"{shape} {critical.within}", f"{size} ({factor:.3f} standard deviations)"))
+    where = {"across": "off the target, measured across the direction", "along": "off the target, along the direction",
+             "all": "off the target"}[critical.within]  # fmt: skip
+    rows.append(("95 of 100 times", f"no more than {length(critical.radius95)} {where}, the mean shift included"))
+    if solution.success_probability is not None:
+        clearance = stated_length(solution.goal.clearance)
+        rows.append(("Success", f"within the clearance of {clearance} {probability(solution.success_probability)}"))
+    return rows
+
+
+def budget_block(problem: Any, solution: Any) -> Block:
+    """Where the scatter along the worst axis comes from."""
+    table = budget_table(problem.robot, solution.budget, sigma_of(problem))
+    axis = line_words(solution.critical.worst_axis)
+    text = f"Share of each source in the variance along {axis}, the axis that counts most:"
+    return Block("Error budget", (text, table), figure="budget")
+
+
+def alternatives_block(solution: Any) -> Block:
+    """The other postures that are locally best."""
+    alternatives = solution.alternatives
+    if len(alternatives) < 2:
+        return Block("Alternatives", ("No other distinct posture was found to be locally best.",), figure="joint_map")
+    joints = solution.programme.robot.joints
+    unit, factor = length_unit([a.sigma_max for a in alternatives])
+    headers = ["rank", f"scatter [{unit}]", "more by"]
+    headers += [f"{j.name} [{'deg' if j.type == 'revolute' else 'mm'}]" for j in joints]
+    free = solution.goal.kind != "point"
+    headers += [f"{c} [mm]" for c in "xyz"] if free else []
+    rows = []
+    for rank, a in enumerate(alternatives, start=1):
+        row = [str(rank), number(a.sigma_max * factor, 4), _more(a.sigma_max, alternatives[0].sigma_max)]
+        row += [_bare(a.posture[j.name], j.type) for j in joints]
+        row += [fixed(1e3 * float(v), 1) for v in a.position] if free else []
+        rows.append(tuple(row))
+    return Block("Alternatives", (Table(tuple(headers), tuple(rows)),), figure="joint_map")
+
+
+def _more(sigma: float, best: float) -> str:
+    more = sigma / best - 1 if best > 0 else 0.0
+    if abs(more) < 5e-5:
+        return "-" if sigma == best else "the same"
+    return percent(more)
+
+
+def _bare(value: float, kind: str) -> str:
+    return fixed(math.degrees(value) if kind == "revolute" else 1e3 * value, 1)

@@ -1,0 +1,91 @@
+"""The report on the spread at one posture, in closed form."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.parts import (
+    budget_table,
+    ellipse_facts,
+    first_order_fact,
+    joint_table,
+    mean_fact,
+    method_fact,
+    note_facts,
+    robot_facts,
+    sigma_of,
+    source_facts,
+    tool_facts,
+    validity_sentence,
+)
+from posture_opt.report.units_text import length, length_unit, number
+from posture_opt.report.words import line_words
+
+
+def spread_report(problem: Any, spread: Any) -> Report:
+    """Problem, posture, spread, covariance, budget."""
+    largest = float(spread.ellipse.semi_axes[-1])
+    lead = (f"At this posture the tool point scatters by {length(largest)} (one standard deviation, worst axis).",)
+    blocks = (
+        arm_block(problem, spread),
+        posture_block(spread),
+        spread_block(spread),
+        covariance_block(spread),
+        budget_block(problem, spread),
+    )
+    return Report(problem.name or "Spread of the tool point", lead, blocks)
+
+
+def arm_block(problem: Any, spread: Any) -> Block:
+    """The robot and the sources."""
+    return Block("Problem", (Facts((*robot_facts(problem), *source_facts(problem), *note_facts(spread.notes))),))
+
+
+def posture_block(spread: Any) -> Block:
+    """Joints and tool."""
+    return Block("Posture", (joint_table(spread.robot, spread.q), Facts(tuple(tool_facts(spread)))), figure="arm")
+
+
+def spread_block(spread: Any) -> Block:
+    """Standard deviations along the axes, regions, mean shift, first order beside exact."""
+    semi_axes = [float(s) for s in spread.ellipse.semi_axes[::-1]]
+    unit, factor = length_unit(semi_axes)
+    linear = [math.sqrt(max(float(a @ spread.covariance_first_order @ a), 0.0)) for a in spread.axes[::-1]]
+    rows = tuple(
+        (line_words(a), number(s * factor), number(f * factor))
+        for a, s, f in zip(spread.axes[::-1], semi_axes, linear, strict=True)
+    )
+    headers = ("axis", f"standard deviation [{unit}]", f"first order [{unit}]")
+    largest = math.sqrt(max(float(np.linalg.eigvalsh(spread.covariance_first_order)[-1]), 0.0))
+    facts = (*ellipse_facts(spread), mean_fact(spread), first_order_fact(semi_axes[0], largest), method_fact(spread))
+    items = (Table(headers, rows), Facts(facts), validity_sentence(spread))
+    return Block("Spread of the tool point", items, figure="cloud")
+
+
+def covariance_block(spread: Any) -> Block:
+    """The covariance in mm²."""
+    return Block("Covariance of the tool point, world frame", (covariance_table(spread.covariance),))
+
+
+def covariance_table(C: Any) -> Table:
+    """A (3, 3) covariance in mm² or µm²."""
+    unit, factor = length_unit([math.sqrt(max(float(np.trace(C)), 0.0))])
+    floor = 1e-12 * float(np.trace(C))
+    entries = [[_entry(float(v), factor, floor) for v in row] for row in C]
+    rows = tuple((f"{name} [{unit}^2]", *row) for name, row in zip("xyz", entries, strict=True))
+    return Table(("", "x", "y", "z"), rows)
+
+
+def _entry(value: float, factor: float, floor: float) -> str:
+    return number(value * factor**2, 4) if abs(value) > floor else "0"
+
+
+def budget_block(problem: Any, spread: Any) -> Block:
+    """Where the scatter along the longest axis comes from."""
+    table = budget_table(problem.robot, spread.budget, sigma_of(problem))
+    text = f"Share of each source in the variance along {line_words(spread.axes[-1])}, the longest axis:"
+    return Block("Error budget", (text, table), figure="budget")

@@ -1,0 +1,106 @@
+"""Reports as plain text: at most 100 columns, fit to be pasted into a mail."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+from posture_opt.report.blocks import Block, Facts, Report, Table
+
+WIDTH = 100
+
+
+def solution_text(problem: Any, solution: Any) -> str:
+    """The report on a solution: problem, posture, spread, budget, alternatives, checks."""
+    from posture_opt.report.solution_report import solution_report
+
+    return render(solution_report(problem, solution))
+
+
+def explain_text(problem: Any, solution: Any) -> str:
+    """The nonlinear programme with bounds and values at the solution."""
+    from posture_opt.report.explain import explain_report
+
+    return render(explain_report(problem, solution))
+
+
+def spread_text(problem: Any, spread: Any) -> str:
+    """The report on the spread at one posture: posture, spread, budget, validity."""
+    from posture_opt.report.spread_report import spread_report
+
+    return render(spread_report(problem, spread))
+
+
+def cloud_text(problem: Any, cloud: Any) -> str:
+    """The report on a Monte Carlo cloud beside the closed form."""
+    from posture_opt.report.cloud_report import cloud_report
+
+    return render(cloud_report(problem, cloud))
+
+
+def render(report: Report) -> str:
+    """A report as text, every line at most 100 columns wide."""
+    title = textwrap.wrap(report.title, WIDTH) or ["Report"]
+    parts = ["\n".join([*title, "=" * max(map(len, title))])]
+    if report.lead:
+        parts.append("\n".join(map(paragraph, report.lead)))
+    parts += [_block(block) for block in report.blocks]
+    return "\n\n".join(parts) + "\n"
+
+
+def paragraph(text: str, indent: str = "") -> str:
+    """Wrapped text."""
+    return textwrap.fill(text, WIDTH, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)
+
+
+def _block(block: Block) -> str:
+    texts = [_item(item) for item in block.items]
+    # Sentences and facts stand close together, a table keeps a blank line on both sides.
+    body = texts[0] if texts else ""
+    for before, item, text in zip(block.items, block.items[1:], texts[1:], strict=False):
+        apart = isinstance(item, Table) or isinstance(before, Table)
+        body += ("\n\n" if apart else "\n") + text
+    return f"{block.title}\n{'-' * len(block.title)}\n{body}"
+
+
+def _item(item: str | Facts | Table) -> str:
+    if isinstance(item, str):
+        return paragraph(item)
+    return _facts(item) if isinstance(item, Facts) else _table(item)
+
+
+def _facts(facts: Facts) -> str:
+    column = max((len(label) for label, _ in facts.rows), default=0) + 2
+    lines = []
+    for label, value in facts.rows:
+        wrapped = textwrap.wrap(value, WIDTH - column, break_on_hyphens=False) or [""]
+        lines += [f"{label:<{column}}{wrapped[0]}", *(" " * column + line for line in wrapped[1:])]
+    return "\n".join(lines)
+
+
+def _table(table: Table) -> str:
+    text = _grid(table)
+    if _width(text) <= WIDTH:
+        return text
+    turned = _grid(table.transposed())
+    return turned if _width(turned) <= WIDTH else _grid(table, narrow=True)
+
+
+def _grid(table: Table, narrow: bool = False) -> str:
+    from tabulate import tabulate
+
+    columns = len(table.headers)
+    align = ["left" if k < table.text_columns else "right" for k in range(columns)]
+    widest = max(8, (WIDTH - 2 * (columns - 1)) // columns) if narrow else None
+    return tabulate(
+        table.rows,
+        headers=[*(textwrap.fill(h, widest) if widest else h for h in table.headers)],
+        tablefmt="simple",
+        disable_numparse=True,
+        colalign=align if table.rows else None,
+        maxcolwidths=widest,
+    )
+
+
+def _width(text: str) -> int:
+    return max(map(len, text.splitlines()), default=0)

@@ -1,0 +1,123 @@
+"""How numbers are written: lengths in mm (µm below 10 µm), angles in deg, shares in percent."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+UNKNOWN = "not known"
+_SMALL = 1e-5  # m: below this a length is written in µm
+_NOTHING = 1e-12  # m: below this it is rounding
+
+
+def number(value: float, digits: int = 3) -> str:
+    """``value`` with at least ``digits`` significant digits and never an exponent: 0.0123, 1.23, 1234."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    if value == 0:
+        return "0"
+    rounded = float(f"{value:.{digits - 1}e}")  # 9.996 has one digit more before the point once it is rounded
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
+    return f"{value:.{decimals}f}"
+
+
+def length(metres: float, digits: int = 3) -> str:
+    """A length with its unit: 12.3 mm, 4.56 µm."""
+    unit, factor = length_unit([metres])
+    return f"{number(metres * factor, digits)} {unit}" if math.isfinite(metres) else UNKNOWN
+
+
+def stated_length(metres: float) -> str:
+    """A length that somebody stated, without digits that he did not write: 10 mm, 0.05 mm, 5 µm."""
+    unit, factor = length_unit([metres])
+    return f"{float(f'{metres * factor:.6g}'):g} {unit}"
+
+
+def stated_angle(radians: float) -> str:
+    """An angle that somebody stated: 1 deg, 0.02 deg; what is no round number of degrees to three digits."""
+    degrees = float(f"{math.degrees(radians):.9g}")
+    return f"{degrees:g} deg" if float(f"{degrees:.4g}") == degrees else f"{number(degrees)} deg"
+
+
+def length_unit(metres: Iterable[float]) -> tuple[str, float]:
+    """The unit that suits lengths which stand together, and the factor from m to it."""
+    largest = max((abs(value) for value in metres if math.isfinite(value)), default=0.0)
+    return ("µm", 1e6) if _NOTHING < largest < _SMALL else ("mm", 1e3)
+
+
+def lengths(metres: Sequence[float], separator: str = " x ", digits: int = 3) -> str:
+    """Lengths that belong together, in one unit: 30.1 x 12.2 mm."""
+    unit, factor = length_unit(metres)
+    texts = [number(value * factor, digits) if abs(value) > _NOTHING else "0" for value in metres]
+    return f"{separator.join(texts)} {unit}"
+
+
+def place(point: Iterable[float]) -> str:
+    """A point in space, to 0.01 mm: (900.00, 400.00, 0.00) mm."""
+    return f"({', '.join(fixed(value * 1e3) for value in point)}) mm"
+
+
+def shift(vector: Sequence[float]) -> str:
+    """A small vector with its unit: (0.12, 0, -0.05) mm."""
+    unit, factor = length_unit(vector)
+    size = max(map(abs, vector), default=0.0)
+    # Digits are counted at the longest component: the others to the same place.
+    decimals = max(0, 2 - math.floor(math.log10(size * factor))) if size > _NOTHING else 0
+    return f"({', '.join(fixed(value * factor, decimals) for value in vector)}) {unit}"
+
+
+def angle(radians: float) -> str:
+    """An angle to 0.01 deg, or three digits where it is smaller: 12.34 deg, 0.00123 deg."""
+    degrees = math.degrees(radians)
+    if not math.isfinite(degrees):
+        return UNKNOWN
+    return f"{fixed(degrees)} deg" if degrees == 0 or abs(degrees) >= 0.1 else f"{number(degrees)} deg"
+
+
+def joint_value(value: float, kind: str) -> str:
+    """A joint value with its unit: 12.34 deg or 120.00 mm."""
+    return f"{fixed(math.degrees(value))} deg" if kind == "revolute" else f"{fixed(value * 1e3)} mm"
+
+
+def quantity(value: float, unit: str) -> str:
+    """A number of any SI unit, as people write it; infinite bounds are ``none``."""
+    if math.isinf(value):
+        return "none"
+    if unit == "rad":
+        return f"{fixed(math.degrees(value), 3)} deg"
+    return f"{fixed(value * 1e3, 4)} mm" if unit == "m" else f"{0.0 if abs(value) < 1e-12 else value:.5g}"
+
+
+def percent(share: float) -> str:
+    """A share: 97 %, 5.6 %, 0.02 %."""
+    if not math.isfinite(share):
+        return UNKNOWN
+    value = 100 * share
+    if value != 0 and abs(value) < 0.005:
+        return "0.00 %"
+    decimals = 0 if abs(value) >= 9.95 else 1 if abs(value) >= 0.95 else 2 if value else 0
+    return f"{value:.{decimals}f} %"
+
+
+def probability(p: float) -> str:
+    """A probability of success in words that survive many nines."""
+    miss = 1 - p
+    if miss < 1e-12:
+        return "practically always (less than one miss in a million million)"
+    if miss < 1e-3:
+        decimals = min(12, 1 - math.floor(math.log10(100 * miss)))
+        return f"{100 * p:.{decimals}f} % of the time (one miss in {1 / miss:,.0f})"
+    return f"{100 * p:.3g} % of the time" if p < 0.99 else f"{100 * p:.2f} % of the time"
+
+
+def fixed(value: float, decimals: int = 2) -> str:
+    """A fixed number of decimals and no negative zero."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    text = f"{value:.{decimals}f}"
+    return text.lstrip("-") if float(text) == 0 else text
+
+
+def count(number_of: int, singular: str, plural: str = "") -> str:
+    """1 posture, 12 postures."""
+    return f"{number_of} {singular if number_of == 1 else plural or singular + 's'}"

@@ -1,0 +1,89 @@
+"""Names of things in the language of the shop floor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from posture_opt.report.units_text import fixed, stated_angle, stated_length
+from posture_opt.robot.robot import Robot
+
+_PARAMETERS = {
+    "theta": "angle",
+    "d": "offset",
+    "a": "link length",
+    "alpha": "twist",
+    "beta": "tilt",
+    "x": "frame, x",
+    "y": "frame, y",
+    "z": "frame, z",
+    "roll": "frame, roll",
+    "pitch": "frame, pitch",
+    "yaw": "frame, yaw",
+}
+CRITERIA = {
+    "worst": "the largest standard deviation {part}",
+    "trace": "the mean square distance {part}",
+    "area": "the size of the region of scatter {part}",
+    "miss": "the probability to miss the clearance",
+}
+PARTS = {"across": "across the direction", "along": "along the direction", "all": "in space"}
+METHODS = {
+    "exact": "closed form, exact for normally distributed errors",
+    "exact, planar": "closed form, exact for normally distributed errors, correlated ones too",
+    "exact + second order of the correlations": (
+        "closed form, exact for the errors by themselves; what their correlations add is complete to second order"
+    ),
+}
+
+
+def source_words(name: str, robot: Robot) -> str:
+    """A named source of error in words: ``joint1.theta`` is the joint1 angle."""
+    owner, _, parameter = name.rpartition(".")
+    prismatic = any(joint.name == owner and joint.type == "prismatic" for joint in robot.joints)
+    if prismatic and parameter == "d":
+        return f"{owner} travel"
+    if owner in ("base", "tool"):
+        return f"{owner} {parameter}"
+    return f"{owner} {_PARAMETERS[parameter]}" if owner and parameter in _PARAMETERS else name
+
+
+def source_size(name: str, sigma: float, robot: Robot) -> str:
+    """The standard deviation of a source with its unit."""
+    factor = robot.parameters.get(name)
+    return stated_length(sigma) if factor is not None and factor.kind == "translate" else stated_angle(sigma)
+
+
+def direction_words(d: Sequence[float]) -> str:
+    """A unit vector: along a coordinate axis by its name, else by its components."""
+    for k, axis in enumerate("xyz"):
+        if abs(abs(d[k]) - 1) < 1e-9:
+            return f"{'+' if d[k] > 0 else '-'}{axis}"
+    return f"({', '.join(fixed(v, 3) for v in d)})"
+
+
+def line_words(d: Sequence[float]) -> str:
+    """An axis without a sense: x, or its components."""
+    return direction_words(d).lstrip("+-") if max(map(abs, d)) > 1 - 1e-9 else direction_words(d)
+
+
+def part_words(within: str) -> str:
+    """The part of the spread that a task cares about."""
+    return PARTS[within]
+
+
+def roll_pitch_yaw(quaternion_wxyz: Sequence[float]) -> tuple[float, float, float]:
+    """Angles about the fixed axes x, y, z [rad] of an orientation, as in ``rpy`` of the problem file."""
+    w, x, y, z = quaternion_wxyz
+    sine = max(-1.0, min(1.0, 2 * (w * y - z * x)))
+    if abs(sine) > 1 - 1e-12:
+        # Roll and yaw turn about one axis there: all of it is given to the yaw.
+        return 0.0, math.copysign(math.pi / 2, sine), -2 * math.copysign(1, sine) * math.atan2(x, w)
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    # Half a turn is one orientation with two names.
+    return _upper(roll), math.asin(sine), _upper(yaw)
+
+
+def _upper(radians: float) -> float:
+    return math.pi if radians < -math.pi + 1e-6 else radians
