@@ -21,7 +21,7 @@ from posture_opt.cli.main import COMMANDS, main
 from posture_opt.cli.output import output_folder
 from posture_opt.cli.request import requested_posture
 from posture_opt.errors import InputError
-from posture_opt.problem.load import builtin_problem, load_problem
+from posture_opt.problem.load import builtin_problem
 from posture_opt.problem.starter import starter_text
 from posture_opt.robot import load_preset, preset_names
 
@@ -169,22 +169,6 @@ def test_list_names_what_files_may_name() -> None:
     assert {row["name"] for row in tables["presets"]} == set(preset_names())
     assert {row["kind"] for row in tables["tasks"]} == {"insert", "drill", "probe", "measure", "trace", "place"}
     assert "insert_planar_2r" in run("list").stdout
-
-
-@pytest.mark.parametrize("preset", preset_names())
-def test_starter_file_loads_with_and_without_its_suggestions(preset: str, tmp_path: Path) -> None:
-    path = tmp_path / "start.yaml"
-    assert run("new", preset, "--out", str(path)).exit_code == 0
-    problem = load_problem(path)
-    assert problem.task is not None
-    assert not problem.sources.empty
-    # every suggestion of a goal is itself valid
-    lines = path.read_text().splitlines()
-    for word in ("position", "region", "tool_axis", "tilt", "clearance", "criterion", "subject_to"):
-        fuller = [line.replace("  # ", "  ", 1) if line.startswith(f"  # {word}:") else line for line in lines]
-        assert fuller != lines
-        path.write_text("\n".join(fuller))
-        load_problem(path)
 
 
 def test_new_replaces_a_file_only_on_demand(tmp_path: Path) -> None:

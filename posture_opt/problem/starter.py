@@ -69,7 +69,7 @@ def starter_text(preset: str) -> str:
         InputError: no preset has this name; the nearest is offered.
     """
     robot = load_preset(preset)
-    place = [0.45 * _stretched(robot), 0.15 * _stretched(robot), 0.0 if _planar(robot) else 0.1 * _stretched(robot)]
+    place = [0.45 * _stretched(robot), 0.15 * _stretched(robot), _height(robot)]
     return _TEXT.substitute(
         title=robot.name,
         preset=preset,
@@ -96,6 +96,18 @@ def _uncertainty(robot: Robot) -> str:
 def _stretched(robot: Robot) -> float:
     """The length of all links laid in one line [m]: an upper bound of the reach."""
     return sum(abs(factor.nominal) for factor in robot.factors if factor.kind == "translate")
+
+
+def _height(robot: Robot) -> float:
+    """A height that the tool reaches easily [m]."""
+    if _planar(robot):
+        return 0.0
+    if all(joint.type == "revolute" for joint in robot.joints):
+        return 0.1 * _stretched(robot)
+    from posture_opt.model.arm import Arm
+
+    middle = [(joint.lower + joint.upper) / 2 for joint in robot.joints]
+    return float(Arm(robot).position(middle)[2])
 
 
 def _planar(robot: Robot) -> bool:
