@@ -145,7 +145,7 @@ def _cone(sigma: Array, b: Array, r: float, power: float) -> tuple[Array, float,
     values, vectors = np.linalg.eigh(sigma[:, None] * inner * sigma)
     low, high = float(values[0]), float(values[1])
     # det G is known without cancellation, so that of the two eigenvalues the smaller follows from the larger.
-    determinant = -float(sigma.prod() * r) ** 2 * power
+    determinant = -(float(sigma.prod() * r) ** 2) * power
     if -low > high:
         high = determinant / low
     elif high > 0:
