@@ -1,0 +1,128 @@
+"""``SpreadFunction``: covariances of many postures at once, as generated C where a compiler is found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.model.compiled import BatchFunction
+from posture_opt.uncertainty.sources import Array
+from posture_opt.uncertainty.spread import HasSources, require_sources
+from posture_opt.uncertainty.tool_point import Moments, ToolPoint
+
+_UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+_FULL = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # where each entry of the matrix stands in the upper triangle
+_BLOCK = 100_000  # rows mirrored at once: the copies beside the result stay small
+
+
+class SpreadFunction:
+    """Moments of the tool point of a problem over many postures; all numbers of the robot are baked in.
+
+    ``spread_at(Q)`` maps postures (N, n) [rad or m] to the covariances (N, 3, 3) [m²] of the tool point in the
+    world that `propagate` gives, and one posture (n,) to one covariance (3, 3). Memory grows linearly in N;
+    batches may run in threads.
+
+    Args:
+        problem: names ``robot`` and ``sources``.
+        compiled: None compiles where a C compiler is found; False never; True or an error.
+
+    Raises:
+        InputError: no sources of error, or ``compiled=True`` and nothing could be compiled; from the calls,
+            postures of another shape or not finite.
+    """
+
+    def __init__(self, problem: HasSources, compiled: bool | None = None) -> None:
+        require_sources(problem.sources)
+        self._tool_point = ToolPoint.of(problem.robot, problem.sources)
+        self._wanted = compiled
+        self._covariance = self._batch(lambda moments: _upper(moments.covariance))
+
+    @property
+    def method(self) -> str:
+        """How the covariance is computed: ``exact``, ``exact, planar`` or ``exact + second order of …``."""
+        return self._tool_point.method
+
+    @property
+    def compiled(self) -> bool:
+        """Whether generated C is evaluated."""
+        return self._covariance.compiled
+
+    def __call__(self, Q: ArrayLike) -> Array:
+        """(N, 3, 3) covariance of the tool point at postures (N, n), by `method` [m²]."""
+        return self._evaluate(self._covariance, Q, _mirrored)
+
+    def first_order(self, Q: ArrayLike) -> Array:
+        """(N, 3, 3) ``J Σ Jᵀ`` at postures (N, n) [m²]."""
+        return self._evaluate(self._first_order, Q, _mirrored)
+
+    def position(self, Q: ArrayLike) -> Array:
+        """(N, 3) nominal tool point in the world at postures (N, n) [m]."""
+        return self._evaluate(self._position, Q, lambda rows: rows)
+
+    def mean(self, Q: ArrayLike) -> Array:
+        """(N, 3) mean tool point in the world at postures (N, n) [m]."""
+        return self._evaluate(self._mean, Q, lambda rows: rows)
+
+    @cached_property
+    def _first_order(self) -> BatchFunction:
+        return self._batch(lambda moments: _upper(moments.first_order))
+
+    @cached_property
+    def _position(self) -> BatchFunction:
+        return self._batch(lambda moments: moments.position)
+
+    @cached_property
+    def _mean(self) -> BatchFunction:
+        return self._batch(lambda moments: moments.mean)
+
+    def _batch(self, select: Callable[[Moments], Any]) -> BatchFunction:
+        q = ca.SX.sym("q", self._tool_point.robot.n)
+        # A robot that does not move its tool point leaves numbers, which CasADi must hear of as SX.
+        entries = ca.densify(ca.SX(ca.vec(select(self._tool_point.moments(ca.vertsplit(q))))))
+        return BatchFunction(ca.Function("moments", [q], [ca.cse(entries)], ["q"], ["moments"]), compiled=self._wanted)
+
+    def _evaluate(self, function: BatchFunction, Q: ArrayLike, shape: Callable[[Array], Array]) -> Array:
+        postures, single = self._read(Q)
+        blocks = [postures[i : i + _BLOCK] for i in range(0, len(postures), _BLOCK)] or [postures]
+        first = shape(function(blocks[0]))
+        if len(blocks) > 1:
+            result = np.empty((len(postures), *first.shape[1:]))
+            result[:_BLOCK] = first
+            for i, block in enumerate(blocks[1:], 1):
+                result[i * _BLOCK : i * _BLOCK + len(block)] = shape(function(block))
+            first = result
+        return first[0] if single else first
+
+    def _read(self, Q: ArrayLike) -> tuple[Array, bool]:
+        robot = self._tool_point.robot
+        mend = (
+            f"give (N, {robot.n}) or ({robot.n},) numbers: {', '.join(robot.joint_names)} (rad, prismatic joints in m)"
+        )
+        try:
+            postures = np.asarray(Q, dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(Issue("the postures are no array of numbers", ("Q",), mend=mend)) from None
+        single = postures.ndim == 1
+        if postures.ndim not in (1, 2) or postures.shape[-1] != robot.n:
+            raise InputError(Issue(f"postures of shape {postures.shape}", ("Q",), mend=mend))
+        rows = np.atleast_2d(postures)
+        if not np.isfinite(rows).all():
+            row = int(np.argmin(np.isfinite(rows).all(axis=1)))
+            raise InputError(Issue(f"the posture in row {row} is not finite", ("Q",), rows[row].tolist(), mend))
+        return rows, single
+
+
+def _upper(matrix: Any) -> ca.SX:
+    """The six entries of a symmetric matrix that are computed; the others are mirrored."""
+    C = ca.SX(matrix)
+    return ca.vertcat(*(C[i, j] for i, j in _UPPER))
+
+
+def _mirrored(upper: Array) -> Array:
+    return np.take(upper, _FULL, axis=1).reshape(-1, 3, 3)
