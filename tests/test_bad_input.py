@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import copy
+import math
 import re
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from posture_opt.errors import InputError
+from posture_opt.errors import InputError, Issue
 from posture_opt.problem.load import load_problem, problem_from_dict
+from posture_opt.problem.yaml_source import parse_yaml
 
 ROBOT = """\
 name: A test
@@ -281,3 +286,63 @@ def test_bad_dict_names_keys_without_a_file() -> None:
     assert str(caught.value) == "task.tilt: the angle has no unit (here 3) – write 3 deg or 3 rad"
     with pytest.raises(InputError, match="a problem is a mapping of sections, not list"):
         problem_from_dict([])  # type: ignore[arg-type]
+
+
+WHOLE = """\
+name: Everything
+robot:
+  kind: dh
+  joints:
+    - {name: joint1, type: revolute, a: 1 m, limits: [-90 deg, 90 deg], mass: 1 kg, com: [0 m, 0 m, 0 m], gear_ratio: 9}
+    - {name: joint2, type: prismatic, limits: [0 m, 1 m]}
+  base: {xyz: [0 m, 0 m, 0 m], rpy: [0 deg, 0 deg, 0 deg]}
+  tool: free
+  payload: 1 kg
+  gravity: [0, 0, -9.81]
+uncertainty:
+  sigma: {joint1.theta: 1 deg, joint1.a: 1 mm}
+  correlation: [[joint1.theta, joint1.a, 0.5]]
+  measurement: {position: 1 mm, orientation: 1 deg}
+task:
+  kind: insert
+  direction: [0, 0, -1]
+  region: {min: [0 m, 0 m, 0 m], max: [1 m, 1 m, 1 m]}
+  tool_axis: [0, 0, 1]
+  tilt: 1 deg
+  clearance: 1 mm
+  criterion: miss
+  minimize: [{kind: limit_margin, at_least: 5 deg}]
+effects: []
+solver: {kind: ipopt, starts: 3, seed: 0}
+data: {distances: [[front/0, front/1, 50 mm]]}
+"""
+JUNK = [None, True, 0, -1, 1.5, math.nan, math.inf, 10**400, "", "x", "1 deg", "-1 mm", "1", "nan m", "1e400 m", "free"]
+JUNK += [[], {}, [[]], [{}], [1], ["1 m", "2 m"], {"kind": "x"}, {"a": 1}]
+JARGON = r"pydantic|Input|literal\[|function-|Error|None|tuple|dict|valid |<class|\bint\b|\bfloat\b|\bstr\b|unable"
+
+
+def places(data: Any, place: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    yield place
+    entries = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in entries:
+        yield from places(value, (*place, key))
+
+
+def test_junk_anywhere_is_told_in_plain_words() -> None:
+    whole = parse_yaml(WHOLE).data
+    problem_from_dict(whole)
+    told: list[Issue] = []
+    for *around, last in list(places(whole))[1:]:
+        for junk in JUNK:
+            data = copy.deepcopy(whole)
+            entry = data
+            for part in around:
+                entry = entry[part]
+            entry[last] = junk
+            try:
+                problem_from_dict(data)
+            except InputError as error:
+                told += error.issues
+    assert len(told) > 1000
+    assert all(issue.key for issue in told)
+    assert [str(issue) for issue in told if re.search(JARGON, str(issue))] == []

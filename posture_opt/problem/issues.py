@@ -136,10 +136,10 @@ def _issue(error: _Placed, data: Any) -> Issue:
     if kind == "extra_forbidden":
         return Issue("unknown key", key, value, did_you_mean(str(key[-1]), known_keys(key[:-1], data)))
     if kind.startswith("union_tag"):
-        return _tag_issue(key, kind, context)
+        return _tag_issue(key, kind, context, data)
     if kind in ("literal_error", "enum"):
         words = _quoted(context["expected"])
-        return Issue(f"{_shown(value)} is not known here", key, value, _one_of(str(value), words))
+        return _unknown_word(key, value, words)
     if kind == "value_error":
         return _split(str(context["error"]), key, value)
     if kind in _SAID:
@@ -149,14 +149,17 @@ def _issue(error: _Placed, data: Any) -> Issue:
     return _type_issue(key, kind, value, data, error.details["msg"])
 
 
-def _tag_issue(key: KeyPath, kind: str, context: Mapping[str, Any]) -> Issue:
+def _tag_issue(key: KeyPath, kind: str, context: Mapping[str, Any], data: Any) -> Issue:
     name = str(context["discriminator"]).strip("'")
     if kind == "union_tag_not_found":
         words = sorted(str(word) for word in _tags(key))
         return Issue("is missing", (*key, name), None, f"write {name}: {' | '.join(words)}")
-    words = _quoted(context["expected_tags"])
-    tag = str(context["tag"])
-    return Issue(f"'{tag}' is not known here", (*key, name), tag, _one_of(tag, words))
+    return _unknown_word((*key, name), _entry(data, key).get(name), _quoted(context["expected_tags"]))
+
+
+def _unknown_word(key: KeyPath, value: Any, words: Sequence[str]) -> Issue:
+    message = "nothing stands here" if value is None else f"{_shown(value)} is not known here"
+    return Issue(message, key, value, _one_of(str(value), words))
 
 
 def _tags(key: KeyPath) -> list[str]:

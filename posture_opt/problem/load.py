@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
@@ -16,6 +17,7 @@ from posture_opt.nearest import did_you_mean
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document, read_yaml
 
+_LARGEST_INT = 10**300  # beyond it no float can follow: it is infinite
 _DEFAULT = "insert_planar_2r"
 
 
@@ -82,4 +84,6 @@ def _plain(value: Any) -> Any:
         return _plain(value.tolist())
     if isinstance(value, list | tuple):
         return [_plain(entry) for entry in value]
+    if isinstance(value, int) and abs(value) > _LARGEST_INT:
+        return math.inf if value > 0 else -math.inf
     return fspath(value) if isinstance(value, PathLike) else value

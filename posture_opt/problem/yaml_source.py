@@ -5,6 +5,7 @@ Values are read by the core schema of YAML 1.2: ``on``, ``yes`` and ``12:30`` st
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -210,8 +211,10 @@ class _Reader:
         text: str = node.value
         kind = node.tag.removeprefix("tag:yaml.org,2002:")
         try:
-            if kind == "int":
+            if kind == "int" and len(text) < 300:  # beyond it no float can follow: it is infinite
                 return int(text, 0) if text.lstrip("+-")[:2] in ("0o", "0x") else int(text)
+            if kind == "int":
+                return -math.inf if text.startswith("-") else math.inf
             if kind == "float":
                 return float(re.sub(r"\.(?=[inIN])", "", text))  # YAML writes .inf and .nan
         except ValueError:  # only an explicit tag can claim a number where none is

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from posture_opt.errors import InputError, Issue
 from posture_opt.model.c_source import c_source
-from posture_opt.uncertainty.spread import HasSources
+from posture_opt.uncertainty.spread import HasSources, require_sources
 from posture_opt.uncertainty.tool_point import ToolPoint
 
 
@@ -18,9 +17,7 @@ def covariance_c(problem: HasSources, name: str = "tool_covariance") -> tuple[st
     Raises:
         InputError: ``name`` is no free C identifier, or nothing is uncertain.
     """
-    if problem.sources.empty:
-        mend = "add uncertainty: {repeatability: 0.05 mm}"
-        raise InputError(Issue("nothing is uncertain, there is no covariance", ("uncertainty",), mend=mend))
+    require_sources(problem.sources)
     tool_point = ToolPoint.of(problem.robot, problem.sources)
     q = ca.SX.sym("q", problem.robot.n)
     moments = tool_point.moments(ca.vertsplit(q))
