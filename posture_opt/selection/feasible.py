@@ -23,6 +23,7 @@ Floats = np.ndarray
 TOLERANCE = 1e-7
 """Largest error [m and rad, combined] of a posture that counts as feasible."""
 _ITERATIONS = 48
+_STANDSTILL = 1e-9  # rad or m
 _LONGEST_STEP = 0.7  # rad or m: longer steps of a linear model of a rotation mean nothing
 
 
@@ -68,16 +69,23 @@ class InverseKinematics:
 
         Stops early when ``enough`` rows have arrived.
         """
-        Q = Q.copy()
         best, error = Q.copy(), np.full(len(Q), np.inf)
+        wanted, arrived = len(Q) if enough is None else enough, 0
+        # Rows that have arrived, or that stand still away from the target, leave the batch.
+        rows, now, targets = np.arange(len(Q)), Q, _arrays(wish)
         for _ in range(_ITERATIONS):
-            moved, now = self._step(Q, *_arrays(wish))
-            better = now[:, 0] < error
-            best[better], error[better] = Q[better], now[better, 0]
-            done = error < TOLERANCE
-            if np.count_nonzero(done) >= (len(Q) if enough is None else enough):
+            moved, distance = self._step(now, *targets)
+            distance = distance[:, 0]
+            better = distance < error[rows]
+            best[rows[better]], error[rows[better]] = now[better], distance[better]
+            moved = np.clip(moved, self._lower, self._upper)
+            there = distance < TOLERANCE
+            arrived += np.count_nonzero(there)
+            alive = ~there & (np.max(np.abs(moved - now), axis=1) > _STANDSTILL)
+            if arrived >= wanted or not np.any(alive):
                 break
-            Q = np.clip(moved, self._lower, self._upper)
+            rows, now = rows[alive], moved[alive]
+            targets = tuple(t[alive] if len(t) == len(alive) and t.ndim == 2 else t for t in targets)
         return best, error
 
 
@@ -102,7 +110,7 @@ def _within_tilt(goal: Goal, count: int, rng: np.random.Generator) -> Floats:
     return np.asarray(np.cos(tilt)[:, None] * goal.direction + np.sin(tilt)[:, None] * sideways)
 
 
-def _arrays(wish: Wish) -> tuple[Floats, Floats, Floats, Floats]:
+def _arrays(wish: Wish) -> tuple[Floats, ...]:
     return wish.position, wish.axis, wish.spin, wish.weights
 
 

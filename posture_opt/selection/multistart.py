@@ -21,6 +21,7 @@ Progress = Callable[[int, int], None]
 ROW_TOLERANCE = 1e-6
 """Largest violation of a row [m, rad or 1] of a posture that counts as feasible."""
 _ROUNDS = (2, 4, 16, 64)
+_CLOSE = 0.3  # rad or m: starts nearer to each other than this mostly end at the same optimum
 
 
 @dataclass(frozen=True)
@@ -46,14 +47,14 @@ class Search:
     Args:
         goal: with the scale that the objectives are divided by.
         found: polished candidates, best first; feasible before infeasible.
-        sampled: the feasible starts before polishing, best first.
+        sampled: (k,) σ_max [m] of the feasible starts before polishing.
         tried: postures that the search for feasible ones began with.
         polished: number of local solves.
     """
 
     goal: Goal
     found: tuple[Candidate, ...]
-    sampled: tuple[Candidate, ...]
+    sampled: Floats
     tried: int
     polished: int
 
@@ -93,10 +94,14 @@ class Engine:
         return self.solver.build(self.programme.nlp, self.compiled)
 
     def candidates(self, Q: Floats, goal: Goal) -> list[Candidate]:
-        """The postures (N, n) with objective and violation."""
+        """The postures (N, n) as candidates."""
+        columns = (column.tolist() for column in self.screened(Q, goal))
+        return [Candidate(*row) for row in zip(Q, *columns, strict=True)]
+
+    def screened(self, Q: Floats, goal: Goal) -> tuple[Floats, Floats, Floats]:
+        """Objective (scaled), worst violation of a row and σ_max [m] of the postures (N, n): three times (N,)."""
         objective, violation, _, variance = (column[:, 0] for column in self.screen(Q, goal.parameters()))
-        sigma = np.sqrt(np.maximum(variance, 0.0))
-        return [Candidate(*row) for row in zip(Q, objective.tolist(), violation.tolist(), sigma.tolist(), strict=True)]
+        return objective, violation, np.sqrt(np.maximum(variance, 0.0))
 
     def polished(self, start: Candidate, goal: Goal) -> Candidate:
         """The start improved by the solver; the start itself where the solver made it worse.
@@ -152,14 +157,16 @@ def search(
 ) -> Search:
     """Feasible starts, screened by their objective; the ``polish`` best distinct ones handed to the solver."""
     if engine.programme.reach.misses(goal.lower, goal.upper):
-        return Search(goal, (), (), 0, 0)
+        return Search(goal, (), np.zeros(0), 0, 0)
     Q, tried = feasible_starts(engine, goal, starts, rng)
     if not len(Q):
-        return Search(goal, (), (), tried, 0)
+        return Search(goal, (), np.zeros(0), tried, 0)
     goal = scaled(engine, goal, Q)
-    candidates = sorted(engine.candidates(Q, goal), key=rank)
-    sampled = tuple(c for c in candidates if c.feasible)
-    chosen = _spread_out(candidates, polish)
+    objective, violation, sigma = engine.screened(Q, goal)
+    order = np.lexsort((objective, np.where(violation <= ROW_TOLERANCE, 0.0, violation)))
+    first = order[_spread_out(Q[order], polish)]
+    chosen = [Candidate(Q[k], float(objective[k]), float(violation[k]), float(sigma[k])) for k in first]
+    sampled = sigma[violation <= ROW_TOLERANCE]
     polished = (map_polish or _serial)(engine, chosen, goal)
     return Search(goal, tuple(sorted(polished, key=rank)), sampled, tried, len(chosen))
 
@@ -210,18 +217,20 @@ def scaled(engine: Engine, goal: Goal, Q: Floats) -> Goal:
     return replace(goal, scale=middle if middle > 0 else 1.0)
 
 
-def rank(candidate: Candidate) -> tuple[bool, float, bool]:
+def rank(candidate: Candidate) -> tuple[bool, float, bool, float]:
     """Sorting key: feasible ones by objective, then infeasible ones by violation."""
-    # Equal to the sixth digit is equal: the solver's word decides.
+    # Equal to the sixth digit is equal: the solver's word decides, then the posture nearer to the zero posture.
     key = round(candidate.objective, 6) if candidate.feasible else candidate.violation
-    return (not candidate.feasible, key, not candidate.optimal)
+    return (not candidate.feasible, key, not candidate.optimal, float(np.linalg.norm(candidate.q)))
 
 
-def _spread_out(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
-    """The best ones that are not close to a better one; filled up with the best of the rest."""
-    chosen: list[Candidate] = []
-    rest: list[Candidate] = []
-    for candidate in candidates:
-        close = any(np.max(np.abs(candidate.q - other.q)) < 0.3 for other in chosen)
-        (rest if close or len(chosen) >= count else chosen).append(candidate)
-    return (chosen + rest)[:count]
+def _spread_out(Q: Floats, count: int) -> list[int]:
+    """Rows of Q (N, n), sorted best first, that are not close to a better one; filled up with the best of the rest."""
+    chosen: list[int] = []
+    for k in range(len(Q)):
+        if len(chosen) == count:
+            return chosen
+        if not chosen or np.min(np.max(np.abs(Q[chosen] - Q[k]), axis=1)) > _CLOSE:
+            chosen.append(k)
+    rest = [k for k in range(len(Q)) if k not in chosen]
+    return sorted((chosen + rest)[:count])

@@ -9,6 +9,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from posture_opt.model.compiled import BatchFunction
+
 
 @dataclass(frozen=True)
 class Variable:
@@ -69,13 +71,13 @@ class Nlp:
 
     def row_bounds(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(m,) lower and upper bounds of the rows for one goal."""
-        low, high = self._row_bounds(parameters)
-        return np.asarray(low).ravel(), np.asarray(high).ravel()
+        low, high = self._row_bounds.one(parameters)
+        return low, high
 
     @cached_property
-    def _row_bounds(self) -> ca.Function:
+    def _row_bounds(self) -> BatchFunction:
         low, high = _stacked([row.lower for row in self.rows]), _stacked([row.upper for row in self.rows])
-        return ca.Function("row_bounds", [self.p], [low, high])
+        return BatchFunction(ca.Function("row_bounds", [self.p], [low, high]), compiled=False)
 
     @cached_property
     def screen(self) -> ca.Function:

@@ -36,8 +36,10 @@ from posture_opt.uncertainty.tool_point import ToolPoint
 
 Floats = np.ndarray
 
-QUICK_STARTS = 48
-QUICK_POLISH = 3
+QUICK_STARTS = 64
+"""Feasible starts of a repeated solve: enough that the best of them lies in the basin of the best optimum."""
+QUICK_POLISH = {"point": 1, "region": 4, "anywhere": 4}
+"""Local solves of a repeated solve. At a point the freedom left is small, and screening finds the basin."""
 _SAME_OPTIMUM = 1e-4
 _DISTINCT = math.radians(5.0)
 _DISTINCT_SHIFT = 0.01
@@ -97,9 +99,17 @@ class PostureSelector:
         *,
         seed: int | None = None,
         starts: int = QUICK_STARTS,
-        polish: int = QUICK_POLISH,
+        polish: int | None = None,
     ) -> Solution:
         """The best posture for the task, or for another position [m], direction or clearance [m], world frame.
+
+        Args:
+            position: (3,) [m].
+            direction: (3,) of any length.
+            clearance: radial [m].
+            seed: of the random starts; default: the problem's.
+            starts: feasible postures to compare.
+            polish: how many of them the solver improves.
 
         Raises:
             NoSolutionError: nothing feasible; carries the nearest posture and the reasons.
@@ -108,6 +118,7 @@ class PostureSelector:
         began = time.perf_counter()
         goal = self._goal(position, direction, clearance)
         seed = self._problem.solver.seed if seed is None else seed
+        polish = QUICK_POLISH[goal.kind] if polish is None else polish
         found = search(self.engine(goal), goal, np.random.default_rng(seed), starts, polish)
         return self._answer(found, None, began)
 
@@ -157,8 +168,8 @@ class PostureSelector:
             converged=sum(c.optimal for c in found.found),
             distinct=len(optima),
             hits=len(same) if swept is None else min(len(same), found.polished),
-            typical=float(np.median([c.sigma for c in found.sampled])),
-            worst=max(c.sigma for c in found.sampled),
+            typical=float(np.median(found.sampled)),
+            worst=float(np.max(found.sampled)),
             sweep=swept,
             sweep_sigma=math.nan if swept is None else swept.best.sigma,
             seconds=time.perf_counter() - began,
