@@ -265,11 +265,13 @@ def test_solve_in_json_and_nothing_else() -> None:
 
 
 def test_out_of_reach_is_exit_code_3(tmp_path: Path) -> None:
-    words = ["--task", "insert", *PLANAR, "--position", "3 m, 0 m, 0 m", "--out", str(tmp_path / "out")]
+    out = tmp_path / "out"
+    words = ["--task", "insert", *PLANAR, "--position", "3 m, 0 m, 0 m", "--out", str(out), "--no-plots"]
     result = run(*words)
     assert result.exit_code == 3
-    assert "reach" in result.stderr
-    assert not (tmp_path / "out").exists()
+    assert "out of reach by 1000 mm" in result.stderr, "links of 1 m and 1 m, the target at 3 m"
+    assert "out of reach by 1000 mm" in result.stdout
+    assert json.loads((out / "solution.json").read_text())["status"] == "infeasible"
     assert json.loads(run(*words, "--json").stdout)["status"] == "infeasible"
 
 

@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 import click
 
-from posture_opt.cli.output import json_text
+from posture_opt.report.document import json_text
 
 Row = dict[str, str]
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import os
 import shutil
 import signal
@@ -17,9 +15,9 @@ from typing import Any, NoReturn
 
 import click
 
-from posture_opt import __version__
 from posture_opt.cli.options import Common
 from posture_opt.errors import InputError, Issue
+from posture_opt.report.document import json_text
 
 Progress = Callable[[int, int], None]
 
@@ -30,19 +28,6 @@ def show(common: Common, document: Callable[[], dict[str, Any]], text: Callable[
         click.echo(json_text(document()))
     elif not common.quiet:
         click.echo(text().rstrip("\n"))
-
-
-def json_text(document: dict[str, Any]) -> str:
-    """A document with the version of the program, as JSON; numbers that JSON lacks become null."""
-    return json.dumps({"posture_opt": __version__, **_finite(document)}, indent=2, ensure_ascii=False, allow_nan=False)
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @contextmanager
