@@ -45,7 +45,8 @@ def _floor(solution: Any) -> list[tuple[str, str]]:
     lever = f" on a lever of {length(floor.radius, 4)}" if math.isfinite(floor.radius) and floor.radius > 0 else ""
     share = "alone sets it" if floor.share > 0.995 else f"makes {percent(floor.share)} of it"
     source = f"the {source_words(floor.source, robot)}{lever} {share}"
-    return [("Floor", f"{where} no posture can get below {length(floor.sigma)}: {source}"), ("", _above(solution.critical.sigma_max / floor.sigma))]
+    return [("Floor", f"{where} no posture can get below {length(floor.sigma)}: {source}"),
+            ("", _above(solution.critical.sigma_max / floor.sigma))]  # fmt: skip
 
 
 def _above(ratio: float) -> str:
@@ -77,7 +78,8 @@ def _sweep(solution: Any) -> str:
     if not math.isfinite(sigma):
         return text
     # Where something else than the largest scatter is made small, a worse posture may well scatter less.
-    found = "nothing better" if sigma >= answer * (1 - 1e-6) else "less scatter, but not a better posture by what is asked"
+    better = sigma < answer * (1 - 1e-6)
+    found = "less scatter, but not a better posture by what is asked" if better else "nothing better"
     return f"{text}; found {found} (its best: {length(sigma, 4)})"
 
 

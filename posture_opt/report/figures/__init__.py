@@ -1,0 +1,11 @@
+"""The figures: each function returns a matplotlib ``Figure`` that belongs to no window."""
+
+from __future__ import annotations
+
+from posture_opt.report.figures.arm import plot_solution, plot_spread
+from posture_opt.report.figures.budget import plot_budget
+from posture_opt.report.figures.cloud import plot_cloud
+from posture_opt.report.figures.joint_map import plot_joint_map
+from posture_opt.report.figures.section import plot_cross_section
+
+__all__ = ["plot_budget", "plot_cloud", "plot_cross_section", "plot_joint_map", "plot_solution", "plot_spread"]

@@ -1,0 +1,42 @@
+"""The error budget as bars."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from posture_opt.report.style import BLUE, LIGHT, new_figure, styled
+from posture_opt.report.units_text import percent
+from posture_opt.report.words import line_words, source_words
+
+_SMALL = 0.01
+_MOST = 12
+
+
+@styled
+def plot_budget(spread: Any, shares: Sequence[Any], axis: Any) -> Figure:
+    """Share of every source in the variance along ``axis`` (3,), the largest on top, the small ones lumped."""
+    robot = spread.robot
+    shown = [s for s in shares if abs(s.share) >= _SMALL][:_MOST] or list(shares[:1])
+    rest = [s for s in shares if s not in shown]
+    names = [source_words(s.parameter, robot) for s in shown]
+    values = [s.share for s in shown]
+    if rest:
+        names.append(f"{len(rest)} others" if len(rest) > 1 else source_words(rest[0].parameter, robot))
+        values.append(sum(s.share for s in rest))
+    figure = new_figure(6.4, 1.3 + 0.36 * len(names))
+    axes = figure.add_subplot()
+    colours = [BLUE] * len(shown) + [LIGHT] * bool(rest)
+    axes.barh(range(len(names)), [100 * v for v in values], color=colours, height=0.68)
+    for k, value in enumerate(values):
+        end = (100 * max(value, 0.0), k)
+        axes.annotate(percent(value), end, xytext=(4, 0), textcoords="offset points", va="center")
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
+    axes.set_xlim(min(0.0, 110 * min(values)), 113 * max(values))
+    axes.set_xlabel(f"share of the variance along {line_words(axis)} [%]")
+    axes.grid(axis="y", visible=False)
+    axes.tick_params(axis="y", length=0)
+    return figure

@@ -1,0 +1,93 @@
+"""The map of the scatter over both joints of a two-joint arm, with the optima."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from posture_opt.report.style import COLOUR_MAP, GREY, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.units_text import length_unit
+from posture_opt.report.words import PARTS
+
+Floats = NDArray[np.float64]
+_GRID = 181
+
+
+@styled
+def plot_joint_map(solution: Any) -> Figure:
+    """Largest standard deviation of the part that counts over both joint values; answer and optima marked.
+
+    Where the target lies in a box, a line encloses the postures that reach it.
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    joints = solution.programme.robot.joints
+    assert len(joints) == 2, "a map has two axes"
+    factors = [math.degrees(1) if joint.type == "revolute" else 1e3 for joint in joints]
+    grid = [_values(joint) for joint in joints]
+    sigma, position = _evaluate(solution, *np.meshgrid(*grid, indexing="ij"))
+    unit, scale = length_unit([float(sigma.max())])
+    figure = new_figure(6.8, 6.2)
+    axes = figure.add_subplot()
+    shown = [g * f for g, f in zip(grid, factors, strict=True)]
+    mesh = axes.contourf(*shown, scale * sigma.T, levels=20, cmap=COLOUR_MAP)
+    mesh.set_rasterized(True)  # as paths, hairlines show between the bands
+    axes.contour(*shown, scale * sigma.T, levels=list(mesh.levels)[::2], colors="white", linewidths=0.6, alpha=0.6)
+    _mark(axes, solution, shown, position, factors)
+    bar = figure.colorbar(mesh, ax=axes, shrink=0.9, ticks=MaxNLocator(7))
+    bar.set_label(f"standard deviation {PARTS[solution.critical.within]} [{unit}]")
+    bar.outline.set_visible(False)
+    names = [f"{j.name} [{'deg' if j.type == 'revolute' else 'mm'}]" for j in joints]
+    axes.set(xlabel=names[0], ylabel=names[1])
+    axes.grid(visible=False)
+    _ticks(axes, joints)
+    legend_below(axes, 3)
+    return figure
+
+
+def _values(joint: Any) -> Floats:
+    """The range of a joint; a turn where it has no limits."""
+    low = joint.lower if math.isfinite(joint.lower) else -math.pi
+    high = joint.upper if math.isfinite(joint.upper) else math.pi
+    return np.linspace(low, high, _GRID)
+
+
+def _evaluate(solution: Any, q1: Floats, q2: Floats) -> tuple[Floats, Floats]:
+    """σ_max (N, N) [m] and tool points (N, N, 3) [m] over the grid."""
+    moments = solution.programme.tool_point.moments([q1.ravel(), q2.ravel()])
+    B = solution.basis
+    largest = np.linalg.eigvalsh(B.T @ moments.covariance @ B)[..., -1]
+    sigma = np.sqrt(np.maximum(largest, 0.0)).reshape(q1.shape)
+    return sigma, np.broadcast_to(moments.position, (q1.size, 3)).reshape(*q1.shape, 3)
+
+
+def _mark(axes: Any, solution: Any, shown: list[Floats], position: Floats, factors: list[float]) -> None:
+    goal = solution.goal
+    if goal.kind == "region":
+        B = solution.programme.reach.directions
+        low, high = B.T @ goal.lower, B.T @ goal.upper
+        at = position @ B
+        inside = np.minimum(at - np.minimum(low, high), np.maximum(low, high) - at).min(axis=-1)
+        axes.contour(*shown, inside.T, levels=[0.0], colors=VERMILLION, linewidths=1.8)
+        axes.plot([], [], color=VERMILLION, label="edge of the postures in the box")
+    optima = [[a.posture[j.name] for j in solution.programme.robot.joints] for a in solution.alternatives[1:]]
+    if optima:
+        points = np.array(optima) * factors
+        label = "other postures at the target" if goal.kind == "point" else "other optima"
+        axes.plot(*points.T, "o", color="white", mec="black", ms=8, clip_on=False, zorder=5, label=label, ls="none")
+    best = np.array(solution.q) * factors
+    axes.plot(*best[:, None], "*", color=ORANGE, mec="black", ms=17, clip_on=False, zorder=6, label="answer", ls="none")
+    axes.spines[:].set_color(GREY)
+
+
+def _ticks(axes: Any, joints: Any) -> None:
+    from matplotlib.ticker import MultipleLocator
+
+    for axis, joint in zip((axes.xaxis, axes.yaxis), joints, strict=True):
+        turn = math.degrees(joint.upper - joint.lower)
+        if joint.type == "revolute" and 170 <= turn <= 400:
+            axis.set_major_locator(MultipleLocator(45 if turn <= 190 else 60))

@@ -1,0 +1,107 @@
+"""The cloud of the tool point as the task sees it: across the direction, with the 95 % ellipse and the clearance."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.units_text import length, length_unit, stated_length
+from posture_opt.report.words import line_words
+from posture_opt.uncertainty.cloud import cloud_of
+from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
+
+Floats = NDArray[np.float64]
+_SAMPLES = 2000
+
+
+@styled
+def plot_cross_section(solution: Any, n: int = _SAMPLES, seed: int = 0) -> Figure:
+    """n simulated tool points about the target, seen along the direction (a planar arm: in its plane)."""
+    spread = solution.spread
+    B = view_basis(solution)
+    points = (cloud_of(spread, n, seed).points - spread.position) @ B.T
+    ellipse = Ellipsoid(B @ spread.bias, B @ spread.covariance @ B.T)
+    unit, scale = length_unit([float(ellipse.semi_axes[-1])])
+    figure = new_figure(6.2, 6.4)
+    axes = figure.add_subplot()
+    label = f"{n} simulated tool points"
+    axes.plot(*(scale * points).T, ".", color=BLUE, ms=3.5, alpha=0.5, mew=0, zorder=2, label=label)
+    factor = coverage_factor(0.95, ellipse.rank) if ellipse.rank else 0.0
+    boundary = scale * ellipse.points(0.95)
+    axes.plot(*boundary.T, color=VERMILLION, zorder=4, label=f"95 % ellipse ({factor:.3f} std. dev.)")
+    axes.plot(*(scale * ellipse.center), "P", color=VERMILLION, mec="white", ms=8, zorder=5, label="mean")
+    axes.plot(0, 0, "x", color="black", ms=8, mew=2, zorder=6, label="target")
+    half = 1.12 * float(np.abs(np.vstack([scale * points, boundary])).max())
+    if len(solution.critical.covariance) == 1:
+        _band(axes, solution, B, scale, half)
+    _clearance(axes, solution, B, scale, half)
+    axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
+    names = [f"{line_words(b)}, off the target [{unit}]" for b in B]
+    axes.set(xlabel=names[0], ylabel=names[1])
+    legend_below(axes, 2)
+    return figure
+
+
+def view_basis(solution: Any) -> Floats:
+    """(2, 3) what is looked at: across the direction where that is a plane, else the plane that shows most."""
+    spread, critical = solution.spread, solution.critical
+    basis: Floats
+    if len(spread.basis) == 2:
+        basis = spread.basis
+    elif len(critical.basis) == 2:
+        basis = critical.basis
+    elif len(critical.basis) == 1:
+        basis = np.array([solution.goal.basis[:, 0], solution.goal.direction])
+    else:
+        basis = spread.axes[::-1][:2]
+    return basis
+
+
+def _band(axes: Any, solution: Any, B: Floats, scale: float, half: float) -> None:
+    """The 95 % interval of the one direction that counts, as a band through the plane."""
+    along = B @ solution.critical.basis[0]
+    centre = float(solution.critical.bias[0]) * scale
+    width = 1.959964 * solution.critical.sigma_max * scale
+    strip = _strip(along, centre - width, centre + width, 3 * half)
+    name = {"across": "across the direction", "along": "along the direction"}.get(solution.critical.within, "")
+    label = f"95 % interval {name}: \N{PLUS-MINUS SIGN}{length(width / scale)}"
+    axes.fill(*strip.T, facecolor=ORANGE, alpha=0.18, edgecolor=ORANGE, lw=1, zorder=1, label=label)
+    axes.annotate("", along * 0.45 * half, -along * 0.45 * half, zorder=7,
+                  arrowprops={"arrowstyle": "<|-|>", "color": PURPLE, "lw": 2.2})  # fmt: skip
+    axes.plot([], [], color=PURPLE, lw=2.2, label="the direction that counts")
+
+
+def _strip(along: Floats, low: float, high: float, reach: float) -> Floats:
+    """(4, 2) corners of the band ``low <= along . y <= high``."""
+    side = np.array([-along[1], along[0]])
+    return np.array([low * along - reach * side, high * along - reach * side, high * along + reach * side,
+                     low * along + reach * side])  # fmt: skip
+
+
+def _clearance(axes: Any, solution: Any, B: Floats, scale: float, half: float) -> None:
+    clearance = solution.goal.clearance
+    if math.isnan(clearance) or solution.critical.within == "all":
+        return
+    r = clearance * scale
+    label = f"clearance {stated_length(clearance)}"
+    if len(solution.critical.covariance) == 1:
+        along = B @ solution.critical.basis[0]
+        side = np.array([-along[1], along[0]])
+        inside = r < half * (abs(along).sum())
+        for sign in (1, -1):
+            line = np.array([sign * r * along - 3 * half * side, sign * r * along + 3 * half * side])
+            axes.plot(*line.T, "--", color=GREEN, zorder=3, label=_seen(label, inside) if sign == 1 else None)
+        return
+    angle = np.linspace(0, 2 * math.pi, 181)
+    axes.plot(r * np.cos(angle), r * np.sin(angle), "--", color=GREEN, zorder=3, label=_seen(label, r < 1.41 * half))
+    axes.axhline(0, color=GREY, lw=0.6, zorder=0)
+    axes.axvline(0, color=GREY, lw=0.6, zorder=0)
+
+
+def _seen(label: str, inside: bool) -> str:
+    return label if inside else f"{label} (outside the picture)"

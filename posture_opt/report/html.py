@@ -1,0 +1,46 @@
+"""``report.html``: the blocks of the text report with the figures inside, one file that needs no other."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Mapping
+from functools import cache
+from typing import TYPE_CHECKING
+
+from posture_opt.report.blocks import Facts, Report, Table
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+CAPTIONS = {
+    "arm": "The arm in its posture, with the region that holds 95 of 100 tool points (enlarged as stated).",
+    "cloud": "Simulated tool points and the ellipse that holds 95 of 100 of them.",
+    "budget": "Which source the scatter comes from.",
+    "joint_map": "The scatter over both joints: dark is good.",
+}
+
+
+def report_html(report: Report, images: Mapping[str, bytes], version: str, problem_file: str = "") -> str:
+    """The report as one page; ``images`` are PNG files by the name of the figure."""
+    embedded = {name: b64encode(data).decode("ascii") for name, data in images.items()}
+    return _template().render(
+        report=report, images=embedded, captions=CAPTIONS, version=version, problem_file=problem_file, kind=_kind
+    )
+
+
+def _kind(item: str | Facts | Table) -> str:
+    return "text" if isinstance(item, str) else type(item).__name__.lower()
+
+
+@cache
+def _template() -> Template:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("posture_opt.report"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    return environment.get_template("report.html")

@@ -1,0 +1,116 @@
+"""The files of ``--out``: JSON, report as text and as a page, figures as PNG and SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from posture_opt.report.blocks import Report
+from posture_opt.report.document import json_text
+from posture_opt.report.html import report_html
+from posture_opt.report.text import render
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Files = dict[str, bytes]
+
+
+def write_solution(folder: Path, problem: Any, solution: Any, plots: bool = True) -> None:
+    """Writes the files of a solution into ``folder``, which exists."""
+    _write(folder, solution_files(problem, solution, plots))
+
+
+def write_spread(folder: Path, problem: Any, spread: Any, plots: bool = True) -> None:
+    """Writes the files of the spread at one posture into ``folder``, which exists."""
+    _write(folder, spread_files(problem, spread, plots))
+
+
+def write_cloud(folder: Path, problem: Any, cloud: Any, plots: bool = True) -> None:
+    """Writes the files of a simulation into ``folder``, which exists."""
+    _write(folder, cloud_files(problem, cloud, plots))
+
+
+def solution_files(problem: Any, solution: Any, plots: bool = True) -> Files:
+    """File name -> content of a solution: solution.json, report.txt, report.html and the figures."""
+    from posture_opt.report.solution_report import solution_report
+
+    figures = _solution_figures(solution) if plots else {}
+    return _files("solution", solution.to_json(), solution_report(problem, solution), figures, problem)
+
+
+def spread_files(problem: Any, spread: Any, plots: bool = True) -> Files:
+    """File name -> content of the spread at one posture: spread.json, report.txt, report.html and the figures."""
+    from posture_opt.report.spread_report import spread_report
+
+    figures = _spread_figures(spread) if plots else {}
+    return _files("spread", spread.to_json(), spread_report(problem, spread), figures, problem)
+
+
+def cloud_files(problem: Any, cloud: Any, plots: bool = True) -> Files:
+    """File name -> content of a simulation: spread.json (of the sample), cloud.csv, reports and figures."""
+    from posture_opt.report.cloud_report import cloud_report
+
+    figures = _cloud_figures(cloud) if plots else {}
+    files = _files("spread", cloud.to_json(), cloud_report(problem, cloud), figures, problem)
+    return {**files, "cloud.csv": _points(cloud)}
+
+
+def _files(name: str, document: dict[str, Any], report: Report, figures: Mapping[str, Figure], problem: Any) -> Files:
+    from posture_opt import __version__
+
+    files = {f"{name}.json": (json_text(document) + "\n").encode(), "report.txt": render(report).encode()}
+    images: dict[str, bytes] = {}
+    if figures:
+        from posture_opt.report.style import image
+
+        images = {figure: image(drawn, "png") for figure, drawn in figures.items()}
+        files |= {f"{figure}.png": data for figure, data in images.items()}
+        files |= {f"{figure}.svg": image(drawn, "svg") for figure, drawn in figures.items()}
+    return {**files, "report.html": report_html(report, images, __version__, problem.to_yaml()).encode()}
+
+
+def _solution_figures(solution: Any) -> dict[str, Figure]:
+    from posture_opt.report import figures
+
+    drawn = {"arm": figures.plot_solution(solution)}
+    if solution.status == "infeasible":
+        return drawn
+    drawn["cloud"] = figures.plot_cross_section(solution)
+    drawn["budget"] = figures.plot_budget(solution.spread, solution.budget, solution.critical.worst_axis)
+    if solution.programme.robot.n == 2:
+        drawn["joint_map"] = figures.plot_joint_map(solution)
+    return drawn
+
+
+def _spread_figures(spread: Any) -> dict[str, Figure]:
+    from posture_opt.report import figures
+    from posture_opt.uncertainty.cloud import cloud_of
+
+    return {
+        "arm": figures.plot_spread(spread),
+        "cloud": figures.plot_cloud(cloud_of(spread, 2000, 0)),
+        "budget": figures.plot_budget(spread, spread.budget, spread.axes[-1]),
+    }
+
+
+def _cloud_figures(cloud: Any) -> dict[str, Figure]:
+    from posture_opt.report import figures
+
+    return {"arm": figures.plot_spread(cloud.spread), "cloud": figures.plot_cloud(cloud)}
+
+
+def _points(cloud: Any) -> bytes:
+    """The simulated tool points in mm."""
+    import numpy as np
+
+    text = StringIO()
+    np.savetxt(text, 1e3 * cloud.points, fmt="%.6f", delimiter=", ", header="x [mm], y [mm], z [mm]", comments="")
+    return text.getvalue().encode()
+
+
+def _write(folder: Path, files: Files) -> None:
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
