@@ -1,0 +1,212 @@
+"""Writes docs/lecture.md and its figures: every number in them is computed here.
+
+    python docs/make_lecture.py            # text and figures
+    python docs/make_lecture.py --text     # the text alone
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import jinja2
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from lecture_numbers import (
+    CLOUD_SIZES,
+    ENTRIES,
+    EXAMPLES,
+    K95,
+    K95_SMALL,
+    K95_SPACE,
+    SMALL,
+    TWO_SIGMA,
+    TWO_SIGMA_LINE,
+    Chance,
+    Closing,
+    Example,
+    Place,
+)
+
+FOLDER = Path(__file__).resolve().parent
+MINUS = "\u2212"
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Fixed decimals with a real minus sign, and no minus before a zero."""
+    text = f"{value:.{digits}f}"
+    return text.replace("-", MINUS) if float(text) else text.replace("-", "")
+
+
+def e4(value: float, digits: int = 4) -> str:
+    """A variance in 10⁻⁴ m²."""
+    return number(value * 1e4, digits)
+
+
+def mm(value: float, digits: int = 3) -> str:
+    return number(value * 1e3, digits)
+
+
+def percent(value: float, digits: int = 2) -> str:
+    return number(value * 100, digits)
+
+
+def probability(p: float) -> str:
+    """Three decimals, or a power of ten where that is zero."""
+    return number(p) if p >= 5e-4 else "0" if p == 0 else f"10{superscript(math.floor(math.log10(p)))}"
+
+
+def superscript(power: int) -> str:
+    return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def sci(value: float, digits: int = 2) -> str:
+    """``4.6·10⁻⁶``."""
+    power = math.floor(math.log10(abs(value)))
+    return f"{number(value / 10**power, digits)}·10{superscript(power)}"
+
+
+def vector(v: Iterable[float], digits: int = 3) -> str:
+    return "[" + ", ".join(number(float(x), digits) for x in v) + "]"
+
+
+def table(header: list[str], rows: Iterable[list[str]]) -> str:
+    lines = [header, ["---"] + ["--:"] * (len(header) - 1), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def with_interval(value: float, low: float, high: float, digits: int) -> str:
+    return f"{e4(value, digits)} ({e4(low, digits)} … {e4(high, digits)})"
+
+
+def example_table(example: Example) -> str:
+    """Entries, eigenvalues and eigenvectors: printed (where it is), closed form, and two clouds."""
+    printed, clouds = example.printed, (example.small, example.large)
+    digits = (2, 4)
+    rows = []
+    for name, (i, j) in ENTRIES.items():
+        row = [name, *([e4(printed.C[i][j], 1)] if printed else []), e4(example.first[i, j]), e4(example.exact[i, j])]
+        for cloud, d in zip(clouds, digits, strict=True):
+            row.append(with_interval(cloud.covariance[i, j], *cloud.covariance_interval[i, j], d))
+        rows.append(row)
+    closed = [np.linalg.eigh(C) for C in (example.first, example.exact)]
+    for k, name in enumerate(("smaller eigenvalue", "larger eigenvalue")):
+        row = [name, *([e4(printed.eigenvalues[k], 1)] if printed else []), *(e4(values[k]) for values, _ in closed)]
+        for cloud, d in zip(clouds, digits, strict=True):
+            row.append(with_interval(cloud.eigenvalues[k], *cloud.eigenvalue_intervals[k], d))
+        rows.append(row)
+    for k, name in enumerate(("its vector (minor axis)", "its vector (major axis)")):
+        like = np.array(printed.vectors[k]) if printed else None
+        vectors = [v[:, k] for _, v in closed] + [cloud.ellipse.axes[:, k] for cloud in clouds]
+        shown = [vector(printed.vectors[k], 2)] if printed else []
+        rows.append([name, *shown, *(vector(_signed(v, like)) for v in vectors)])
+    header = ["10⁻⁴ m²", *(["printed"] if printed else []), "first order", "exact", f"cloud of {SMALL}", "cloud of 10⁶"]
+    return table(header, rows)
+
+
+def _signed(v: np.ndarray, like: np.ndarray | None) -> np.ndarray:
+    """An eigenvector has no sign of its own: it takes that of the printed one, else its largest entry is positive."""
+    sign = np.sign(v[np.argmax(np.abs(v))] if like is None else v @ like)
+    return v * sign
+
+
+def consistency_table() -> str:
+    """The printed matrices against their own eigenvalues and eigenvectors."""
+    rows = []
+    for label, key in PRINTED.items():
+        p = EXAMPLES[key].printed
+        own = ", ".join(e4(v, 2) for v in p.matrix_eigenvalues)
+        said = ", ".join(e4(v, 1) for v in p.eigenvalues)
+        exact = EXAMPLES[key].exact
+        rows.append([label, own, said, e4(p.C[0][1], 1), e4(p.rebuilt[0, 1], 2), e4(exact[0, 1], 2)])
+    header = ["10⁻⁴ m²", "eigenvalues of the printed matrix", "eigenvalues printed", "Cxy printed",
+              "Cxy of the printed eigenvectors", "Cxy exact"]  # fmt: skip
+    return table(header, rows)
+
+
+PRINTED = {"folded, 1° 1°": "folded", "bent, 1° 1°": "bent", "bent, 1° 3°": "weak"}
+
+
+def chance_table() -> str:
+    """The printed entries against what clouds of some sizes may show."""
+    rows = []
+    for label, key in PRINTED.items():
+        example = EXAMPLES[key]
+        for name, (i, j) in ENTRIES.items():
+            row = [f"{label}: {name}", e4(example.printed.C[i][j], 1), e4(example.exact[i, j], 2)]
+            for n in CLOUD_SIZES:
+                chance = Chance(example.exact, (i, j), n)
+                row.append(f"{e4(chance.quantile(0.025), 2)} … {e4(chance.quantile(0.975), 2)}")
+                row.append(probability(chance.as_far_as(example.printed.C[i][j])))
+            rows.append(row)
+    header = ["10⁻⁴ m²", "printed", "exact"]
+    for n in CLOUD_SIZES:
+        header += [f"95 % of clouds of {n}", f"p ({n})"]
+    return table(header, rows)
+
+
+def coverage_table() -> str:
+    rows = []
+    for label, key in PRINTED.items():
+        row = [label]
+        for k in (2.0, K95):
+            share, (low, high) = EXAMPLES[key].within(k)
+            row.append(f"{percent(share)} ({percent(low)} … {percent(high)})")
+        rows.append(row)
+    return table(["% of 10⁶ points inside", "2 sigma", f"{number(K95)} sigma"], rows)
+
+
+def correlated_table() -> str:
+    rows = []
+    for label, key in {"folded (90°, −180°)": "correlated", "stretched (90°, 0°)": "correlated_stretched"}.items():
+        example = EXAMPLES[key]
+        sigma = math.sqrt(example.exact[1, 1])
+        cloud = example.large
+        low, high = (math.sqrt(v) for v in cloud.covariance_interval[1, 1])
+        sampled = f"{mm(math.sqrt(cloud.covariance[1, 1]))} ({mm(low)} … {mm(high)})"
+        rows.append([label, e4(example.exact[1, 1]), mm(sigma), sampled])
+    return table(["both links from one machine, ρ = 0.8", "Cyy, 10⁻⁴ m²", "σy, mm", "cloud of 10⁶, mm"], rows)
+
+
+def place_row(place: Place) -> list[str]:
+    angles = "(" + ", ".join(number(d, 0) + "°" for d in place.degrees) + ")"
+    low, high = place.interval
+    point = vector(place.position[:2], 2)
+    return [place.what, angles, point, mm(place.first), mm(place.exact), f"{mm(place.cloud)} ({mm(low)} … {mm(high)})"]
+
+
+def place_table(places: Iterable[Place]) -> str:
+    header = ["posture", "(θ1, θ2)", "tool point, m", "σx first order, mm", "σx exact, mm", "σx cloud of 2·10⁵, mm"]
+    return table(header, [place_row(place) for place in places])
+
+
+def text() -> str:
+    """The whole document."""
+    environment = jinja2.Environment(undefined=jinja2.StrictUndefined, keep_trailing_newline=True, autoescape=False)
+    environment.filters |= {f.__name__: f for f in (math.sqrt, number, e4, mm, percent, probability, sci)}
+    template = environment.from_string((FOLDER / "lecture.md.j2").read_text(encoding="utf-8"))
+    closing = Closing()
+    return template.render(
+        examples=EXAMPLES, example_table=example_table, consistency_table=consistency_table(), chance=Chance,
+        chance_table=chance_table(), coverage_table=coverage_table(), correlated_table=correlated_table(),
+        closing=closing, place_table=place_table, optima=closing.optima, rivals=closing.rivals,
+        angles_only=closing.angles_only, two_sigma=TWO_SIGMA, two_sigma_line=TWO_SIGMA_LINE, k95_space=K95_SPACE,
+        k95=K95, k95_small=K95_SMALL, small=SMALL, sqrt=math.sqrt,
+        degree=math.pi / 180, smaller=lambda C: np.linalg.eigvalsh(C)[0],
+    )  # fmt: skip
+
+
+def main() -> None:
+    (FOLDER / "lecture.md").write_text(text(), encoding="utf-8")
+    if "--text" not in sys.argv:
+        from lecture_figures import write_figures
+
+        write_figures(FOLDER / "figures", Closing())
+
+
+if __name__ == "__main__":
+    main()
