@@ -55,6 +55,18 @@ _DEFINITIONS = [
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
 
+# What nearly every file uses, so that the usual command does not wait 0.2 s for pint to load.
+_COMMON: dict[tuple[str, str], float] = {
+    ("m", "length"): 1.0,
+    ("mm", "length"): 1e-3,
+    ("um", "length"): 1e-6,
+    ("rad", "angle"): 1.0,
+    ("mrad", "angle"): 1e-3,
+    ("deg", "angle"): math.pi / 180,
+    ("kg", "mass"): 1.0,
+}
+
+
 @cache
 def registry() -> UnitRegistry[float]:
     """The units that files may use."""
@@ -69,6 +81,8 @@ def registry() -> UnitRegistry[float]:
 @cache
 def _factor(unit: str, dimension: str) -> float:
     """The factor from ``unit`` to the SI unit of ``dimension``; ValueError with the mend where there is none."""
+    if (unit, dimension) in _COMMON:
+        return _COMMON[unit, dimension]
     si, example = DIMENSIONS[dimension]
     units = registry()
     # "N m" is how people write a product of units; pint wants an operator between them.
