@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -100,30 +99,19 @@ def planar_moments(
 def _arrows(
     robot: Robot, reached: Walk, lengths: Sequence[Scalar], indices: Sequence[int], plane: Plane
 ) -> list[_Arrow]:
+    # How an axis stands to the normal does not depend on the posture: a number, whatever the walk is made of.
+    fixed = walk(robot.factors, factor_values(robot.factors, [0.3] * robot.n))
     arrows = []
     turned_by = np.zeros(len(indices))
     for i, factor in enumerate(robot.factors):
         acts = np.array([1.0 if index == i else 0.0 for index in indices])
-        axis = reached.screws[i].axis
+        axis, height = reached.screws[i].axis, float(dot(fixed.screws[i].axis, plane.normal))
         if factor.kind == "rotate":
             if acts.any():
-                turned_by = turned_by + acts * (1.0 if dot(axis, plane.normal) > 0 else -1.0)
+                turned_by = turned_by + acts * (1.0 if height > 0 else -1.0)
         elif acts.any() or factor.joint is not None or factor.nominal:
-            # The normal is fixed, so the height of an arrow is a number although its direction is not.
-            height = dot(axis, plane.normal)
-            rise = float(height) if isinstance(height, int | float) else _constant(height)
-            arrows.append(_Arrow(lengths[i], (dot(axis, plane.e1), dot(axis, plane.e2)), rise, acts, turned_by))
+            arrows.append(_Arrow(lengths[i], (dot(axis, plane.e1), dot(axis, plane.e2)), height, acts, turned_by))
     return arrows
-
-
-def _constant(expression: Any) -> float:
-    """The number that an array or an expression always equals."""
-    if isinstance(expression, np.ndarray):
-        return float(np.mean(expression))
-    import casadi as ca
-
-    free = ca.symvar(expression)
-    return float(ca.Function("constant", free, [expression])(*([0.3] * len(free))))
 
 
 def _mean(m: _Arrow, S: np.ndarray) -> Complex:

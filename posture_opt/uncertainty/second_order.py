@@ -61,16 +61,16 @@ def second_order(walk: Walk, indices: Sequence[int], covariance: Floats) -> Seco
     gradient = [_trace_gradient(a, J, H, S, i) for i in range(k)]
     jacobian = stack(list(zip(*J, strict=True)))
     g = stack(list(zip(*gradient, strict=True)))
-    mixed = jacobian @ covariance @ _transpose(g)
+    mixed = jacobian @ covariance @ transpose(g)
     # np.asarray keeps Σ a plain array for CasADi's operators.
     sigma = np.asarray(covariance, dtype=float)
     HS = [stack([[H[i][j][c] for j in range(k)] for i in range(k)]) @ sigma for c in range(3)]
     curvature = [[_inner(HS[c], HS[d]) / 2 for d in range(3)] for c in range(3)]
     return SecondOrder(
         jacobian=jacobian,
-        first=jacobian @ sigma @ _transpose(jacobian),
+        first=jacobian @ sigma @ transpose(jacobian),
         curvature=stack(curvature),
-        mixed=(mixed + _transpose(mixed)) / 2,
+        mixed=(mixed + transpose(mixed)) / 2,
         bias=stack(scale(0.5, _weighted(S, H, 0))),
     )
 
@@ -115,7 +115,8 @@ def _axes(a: Sequence[Vector], weights: Sequence[tuple[float, int]]) -> Vector:
     return total
 
 
-def _transpose(matrix: Any) -> Any:
+def transpose(matrix: Any) -> Any:
+    """Of an SX, or of arrays with the batch axis first."""
     return matrix.T if isinstance(matrix, ca.SX) else np.swapaxes(matrix, -1, -2)
 
 

@@ -13,7 +13,7 @@ from posture_opt.model.derivatives import position_column, twist_column
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.moments import exact_moments
 from posture_opt.uncertainty.planar import Plane, planar_moments, plane_of
-from posture_opt.uncertainty.second_order import second_order
+from posture_opt.uncertainty.second_order import second_order, transpose
 
 Method = Literal["exact", "exact, planar", "exact + second order of the correlations"]
 
@@ -84,7 +84,7 @@ class ToolPoint:
         """Mean and covariance at the posture ``q``: n scalars, arrays (N,) or symbols."""
         reached, values = self.walk(q)
         jacobian = self.jacobian(reached)
-        first = jacobian @ self.covariance @ (jacobian.T if hasattr(jacobian, "is_symbolic") else jacobian.mT)
+        first = jacobian @ self.covariance @ transpose(jacobian)
         position = stack(reached.position)
         if self.method == "exact, planar":
             assert self.plane is not None
