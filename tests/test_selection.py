@@ -341,3 +341,14 @@ def test_nothing_uncertain_and_no_task_are_input_errors() -> None:
 def test_drilling_needs_an_arm_that_can_point_its_tool() -> None:
     with pytest.raises(InputError, match="cannot give"):
         po.select_posture(problem("planar_2r", {"kind": "drill", "direction": [0, -1, 0]}, SIGMA_2R))
+
+
+def test_the_arm_stays_above_the_table_when_asked() -> None:
+    task = {"position": ["0.7 m", "0.2 m", "0.1 m"]}
+    table = task | {"subject_to": [{"kind": "link_height", "at_least": "50 mm"}]}
+    free = po.select_posture(problem("ur10", task))
+    above = po.select_posture(problem("ur10", table))
+    # Elbow and wrist of a UR10 by the published DH table, written out: the elbow ends the upper arm of 0.612 m.
+    elbow = {s: 0.1273 - 0.612 * math.sin(s.posture["shoulder_lift"]) for s in (free, above)}
+    assert elbow[above] >= 0.05 - 1e-6
+    assert free.critical.sigma_max <= above.critical.sigma_max * (1 + 1e-6)

@@ -21,6 +21,7 @@ Progress = Callable[[int, int], None]
 ROW_TOLERANCE = 1e-6
 """Largest violation of a row [m, rad or 1] of a posture that counts as feasible."""
 _ROUNDS = (2, 4, 16, 64)
+_RETRIES = (1, 4, 16)
 _CLOSE = 0.3  # rad or m: starts nearer to each other than this mostly end at the same optimum
 
 
@@ -155,9 +156,23 @@ def feasible_starts(engine: Engine, goal: Goal, count: int, rng: np.random.Gener
 def search(
     engine: Engine, goal: Goal, rng: np.random.Generator, starts: int, polish: int, map_polish: MapPolish | None = None
 ) -> Search:
-    """Feasible starts, screened by their objective; the ``polish`` best distinct ones handed to the solver."""
+    """Feasible starts, screened by their objective; the ``polish`` best distinct ones handed to the solver.
+
+    Starts meet target and tool axis. Where no answer meets the further requirements, many more are tried.
+    """
+    found = Search(goal, (), np.zeros(0), 0, 0)
     if engine.programme.reach.misses(goal.lower, goal.upper):
-        return Search(goal, (), np.zeros(0), 0, 0)
+        return found
+    for more in _RETRIES if engine.programme.task.subject_to else _RETRIES[:1]:
+        found = _search_once(engine, goal, rng, more * starts, more * polish, map_polish)
+        if any(candidate.feasible for candidate in found.found):
+            break
+    return found
+
+
+def _search_once(
+    engine: Engine, goal: Goal, rng: np.random.Generator, starts: int, polish: int, map_polish: MapPolish | None
+) -> Search:
     Q, tried = feasible_starts(engine, goal, starts, rng)
     if not len(Q):
         return Search(goal, (), np.zeros(0), tried, 0)

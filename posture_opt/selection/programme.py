@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.model.chain import stack
+from posture_opt.model.chain import Walk, stack
 from posture_opt.robot.robot import Robot
 from posture_opt.selection import criteria, goal
 from posture_opt.selection.goal import Goal
@@ -109,12 +109,19 @@ class Programme:
             q=self.q,
             position=position,
             axis=ca.SX(axis),
+            frames=self._frames(moments.walk),
             covariance=ca.SX(moments.covariance),
             bias=ca.SX(moments.mean) - position,
             jacobian=ca.SX(U.T) @ ca.jacobian(position, self.q),
             bases=bases,
             clearance=p["clearance"],
         )
+
+    def _frames(self, reached: Walk) -> ca.SX:
+        """(3, n) where each link ends: the origin that the first factor of the next one starts from."""
+        ends = np.cumsum([len(self.robot.base), *(len(link) for link in self.robot.links)])[1:]
+        origins = [*(screw.origin for screw in reached.screws), reached.position]
+        return ca.horzcat(*(ca.vertcat(*origins[end]) for end in ends))
 
     @cached_property
     def nlp(self) -> Nlp:

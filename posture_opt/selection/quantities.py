@@ -19,6 +19,7 @@ class Quantities:
     Args:
         position: (3,) nominal tool point in the world [m].
         axis: (3,) tool axis in the world.
+        frames: (3, n) origins of the frames behind the joints, world [m].
         covariance: (3, 3) exact covariance of the tool point [m²], world frame.
         bias: (3,) exact mean minus nominal [m].
         jacobian: (r, n) Jacobian of the tool point in the r directions that the arm can move it in [m/rad].
@@ -30,6 +31,7 @@ class Quantities:
     q: ca.SX
     position: ca.SX
     axis: ca.SX
+    frames: ca.SX
     covariance: ca.SX
     bias: ca.SX
     jacobian: ca.SX

@@ -1,0 +1,34 @@
+"""Term ``link_height``: keep the arm above the table."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Literal
+
+import casadi as ca
+
+from posture_opt.selection.quantities import Quantities
+from posture_opt.selection.terms.term import BoundedTerm
+from posture_opt.units import Length
+
+
+class LinkHeight(BoundedTerm):
+    """Height (z in the world) of the end of every link that a joint can raise [m]; the tool point is not among them."""
+
+    summary: ClassVar[str] = "height (world z) of the end of every link (at_least)"
+    unit: ClassVar[str] = "m"
+
+    kind: Literal["link_height"]
+    at_least: Length = 0.0
+
+    def quantity(self, at: Quantities) -> ca.SX:
+        heights = [at.frames[2, k] for k in range(at.frames.shape[1])]
+        # What no joint moves – the shoulder on its column – is as high as it was built.
+        moving = [height for height in heights if ca.depends_on(height, at.q)]
+        return ca.vertcat(*moving) if moving else ca.SX(0, 1)
+
+    def bounds(self) -> tuple[float, float]:
+        return self.at_least, math.inf
+
+    def scale(self, at: Quantities) -> float:
+        return 0.1
