@@ -60,8 +60,8 @@ def _above(ratio: float) -> str:
 def _evidence(solution: Any) -> list[tuple[str, str]]:
     e = solution.evidence
     text = (
-        f"{count(e.tried, 'random posture')} led to the target, {count(e.starts, 'feasible one')} compared, "
-        f"{e.polished} of them improved to a local optimum ({min(e.converged, e.polished)} confirmed by the solver)"
+        f"{count(e.tried, 'random start')}, {count(e.starts, 'feasible posture')} found and compared, {e.polished} of "
+        f"them improved to a local optimum ({min(e.converged, e.polished)} confirmed by the solver)"
     )
     rows = [("Search", text)]
     rows.append(("", f"{count(e.distinct, 'distinct optimum', 'distinct optima')}; the best one was hit {e.hits} times"

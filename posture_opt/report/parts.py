@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 from posture_opt.report.blocks import Table
-from posture_opt.report.units_text import fixed, joint_value, length, lengths, percent, place, shift
+from posture_opt.report.units_text import fixed, joint_value, length, lengths, number, percent, place, shift
 from posture_opt.report.words import METHODS, direction_words, line_words, roll_pitch_yaw, source_size, source_words
 from posture_opt.robot.robot import Joint, Robot
 
@@ -154,7 +155,7 @@ def sigma_of(problem: Any) -> dict[str, float]:
 
 def validity_sentence(spread: Any) -> str:
     """Whether the linear ellipse may be trusted."""
-    return sentence(spread.validity.text)
+    return sentence(re.sub(r"\d+(\.\d+)?e-\d+", lambda found: number(float(found[0]), 2), spread.validity.text))
 
 
 def axis_words(d: Sequence[float]) -> str:

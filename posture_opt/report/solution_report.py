@@ -19,6 +19,7 @@ from posture_opt.report.parts import (
     method_fact,
     note_facts,
     robot_facts,
+    sentence,
     sigma_of,
     source_facts,
     tool_facts,
@@ -34,7 +35,7 @@ from posture_opt.report.units_text import (
     percent,
     place,
     probability,
-    quantity,
+    stated,
     stated_length,
 )
 from posture_opt.report.words import CRITERIA, PARTS, line_words
@@ -46,7 +47,7 @@ def solution_report(problem: Any, solution: Any) -> Report:
     title = problem.name or "Posture selection"
     if solution.status == "infeasible":
         return Report(title, ("There is no posture for this task.",), (
-            Block("Why", tuple(reason.message[0].upper() + reason.message[1:] + "." for reason in solution.reasons)),
+            Block("Why", tuple(sentence(reason.message) for reason in solution.reasons)),
             problem_block(problem, solution),
             nearest_block(solution),
         ))  # fmt: skip
@@ -108,8 +109,8 @@ def target_words(goal: Any) -> str:
 
 def _bound_words(term: Any) -> str:
     low, high = term.bounds()
-    sides = [f"at least {quantity(low, term.unit)}"] * math.isfinite(low)
-    sides += [f"at most {quantity(high, term.unit)}"] * math.isfinite(high)
+    sides = [f"at least {stated(low, term.unit)}"] * math.isfinite(low)
+    sides += [f"at most {stated(high, term.unit)}"] * math.isfinite(high)
     return f"{term.kind.replace('_', ' ')} {' and '.join(sides)}".strip()
 
 
@@ -154,9 +155,12 @@ def _critical_rows(solution: Any) -> list[tuple[str, str]]:
         shape = "95 % ellipse" if region.rank == 2 else "95 % interval"
         size = f"semi-axes {lengths(half)}" if region.rank == 2 else f"+/- {length(half[0])}"
         rows.append((f"{shape} {critical.within}", f"{size} ({factor:.3f} standard deviations)"))
-    where = {"across": "off the target, measured across the direction", "along": "off the target, along the direction",
-             "all": "off the target"}[critical.within]  # fmt: skip
-    rows.append(("95 of 100 times", f"no more than {length(critical.radius95)} {where}, the mean shift included"))
+    where = {
+        "across": "off the target, measured across the direction, the mean shift included",
+        "along": "off the target, along the direction, the mean shift included",
+        "all": "off the target",
+    }[critical.within]
+    rows.append(("95 of 100 times", f"no more than {length(critical.radius95)} {where}"))
     if solution.success_probability is not None:
         clearance = stated_length(solution.goal.clearance)
         rows.append(("Success", f"within the clearance of {clearance} {probability(solution.success_probability)}"))

@@ -39,6 +39,13 @@ def stated_angle(radians: float) -> str:
     return f"{degrees:g} deg" if float(f"{degrees:.4g}") == degrees else f"{number(degrees)} deg"
 
 
+def stated(value: float, unit: str) -> str:
+    """A stated number of any SI unit."""
+    if unit == "rad":
+        return stated_angle(value)
+    return stated_length(value) if unit == "m" else f"{value:g}"
+
+
 def length_unit(metres: Iterable[float]) -> tuple[str, float]:
     """The unit that suits lengths which stand together, and the factor from m to it."""
     largest = max((abs(value) for value in metres if math.isfinite(value)), default=0.0)

@@ -17,6 +17,7 @@ from posture_opt.uncertainty.regions import coverage_factor
 
 Floats = NDArray[np.float64]
 _ROUND: dict[str, Any] = {"solid_capstyle": "round", "solid_joinstyle": "round"}
+_APART = 0.1  # mm: from there on the target is marked beside the tool point
 _ARROW = 0.3  # of the arm's extent
 _SHOWN = 0.16  # of the arm's extent: the size at which an ellipse is well seen
 
@@ -121,6 +122,10 @@ def _plane_goal(axes: Any, goal: Any, B: Floats, tool: Floats, extent: float) ->
         corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]], low])
         axes.plot(*corners.T, "--", color=GREY, lw=1.2, zorder=1, label="box for the target")
         seen.append(corners)
+    target = 1e3 * B @ goal.lower
+    if goal.kind == "point" and np.linalg.norm(target - tool) > _APART:
+        axes.plot(*target, "X", color=VERMILLION, mec="white", ms=11, zorder=6, label="target, not reached")
+        seen.append(target[None])
     along = B @ goal.direction
     if np.linalg.norm(along) > 1e-6:
         end = tool + _ARROW * extent * along
@@ -196,6 +201,10 @@ def _space_goal(axes: Any, goal: Any, tool: Floats, extent: float) -> list[Float
             label = None if k else "box for the target"
             axes.plot(*np.array([a, b]).T, "--", color=GREY, lw=1, zorder=2, label=label)
         seen.append(corners)
+    target = 1e3 * goal.lower
+    if goal.kind == "point" and np.linalg.norm(target - tool) > _APART:
+        axes.plot(*target[:, None], "X", color=VERMILLION, mec="white", ms=11, zorder=8, label="target, not reached")
+        seen.append(target[None])
     step = _ARROW * extent * goal.direction
     axes.quiver(*tool, *step, color="black", lw=2, arrow_length_ratio=0.22, zorder=6)
     axes.plot([], [], "-", color="black", lw=2, marker=">", label="direction of the task")
