@@ -1,0 +1,142 @@
+"""The forward model against Pinocchio, plain products of factors, complex steps and its own symbols."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pinocchio
+import pytest
+
+from posture_opt.model.arm import Arm
+from posture_opt.model.chain import factor_values, walk
+from posture_opt.model.derivatives import twist_column
+from posture_opt.robot import UrdfRobot
+from posture_opt.robot.preset import load_preset, preset_names
+from tests.helpers.factors import pose
+from tests.helpers.pin import PinArm, robots_folder
+
+ROUNDING = 1e-12  # dozens of factors of rounding 1e-16, metres and radians of order one
+URDFS = [
+    ("ur_description/urdf/ur10_robot.urdf", "base_link", "tool0"),
+    ("panda_description/urdf/panda.urdf", "panda_link0", "panda_hand_tcp"),
+    ("tiago_description/robots/tiago.urdf", "base_footprint", "wrist_ft_tool_link"),  # with a prismatic torso
+    ("z1_description/urdf/z1.urdf", "link00", "link06"),
+]
+
+
+def read(file, base, tip):
+    return UrdfRobot(file=str(robots_folder() / file), base_link=base, tip_link=tip).build(Path())
+
+
+def postures(robot, n, seed=0):
+    return np.random.default_rng(seed).uniform(robot.lower, robot.upper, (n, robot.n))
+
+
+@pytest.mark.parametrize(("file", "base", "tip"), URDFS)
+def test_pose_and_jacobian_are_pinocchio_s(file, base, tip):
+    robot, outside = read(file, base, tip), PinArm(robots_folder() / file)
+    arm = Arm.from_problem(SimpleNamespace(robot=robot))
+    for q in postures(robot, 20):
+        named = dict(zip(robot.joint_names, q, strict=True))
+        np.testing.assert_allclose(arm.pose(q), outside.pose(named, base, tip), atol=ROUNDING)
+        np.testing.assert_allclose(arm.jacobian(q), pinocchio_jacobian(outside, named, base, tip), atol=ROUNDING)
+
+
+def pinocchio_jacobian(outside, named, base, tip):
+    """(6, n) of the tip, axes of the base link, columns in the order of the names."""
+    model, data = outside.model, outside.data
+    full = pinocchio.computeFrameJacobian(
+        model, data, outside.configuration(named), model.getFrameId(tip), pinocchio.LOCAL_WORLD_ALIGNED
+    )
+    pinocchio.updateFramePlacements(model, data)
+    R = data.oMf[model.getFrameId(base)].rotation.T
+    columns = [full[:, model.joints[model.getJointId(name)].idx_v] for name in named]
+    return np.array([np.concatenate([R @ column[:3], R @ column[3:]]) for column in columns]).T
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_pose_is_the_product_of_the_factors(name):
+    robot = load_preset(name)
+    arm = Arm(robot)
+    rng = np.random.default_rng(0)
+    for q in postures(robot, 3):
+        p = rng.normal(0, 0.1, len(arm.parameters))
+        expected = pose(robot, q, dict(zip(arm.parameters, p, strict=True)))
+        np.testing.assert_allclose(arm.pose(q, p), expected, atol=ROUNDING)
+        np.testing.assert_allclose(arm.position(q, p), expected[:3, 3], atol=ROUNDING)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_parameter_jacobian_is_the_complex_step(name):
+    robot = load_preset(name)
+    arm = Arm(robot)
+    rng = np.random.default_rng(1)
+    (q,) = postures(robot, 1)
+    p = rng.normal(0, 0.1, len(arm.parameters))
+    found = arm.parameter_jacobian(q, p)
+    for k, parameter in enumerate(arm.parameters):
+        shift, rotation = complex_step(robot, q, dict(zip(arm.parameters, p, strict=True)), parameter)
+        np.testing.assert_allclose(found[:, k], [*shift, *rotation], atol=ROUNDING)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_jacobian_is_the_complex_step_of_the_joint(name):
+    robot = load_preset(name)
+    (q,) = postures(robot, 1, seed=2)
+    found = Arm(robot).jacobian(q)
+    joints = {f.joint: f.parameter for f in robot.factors if f.joint is not None}
+    for joint in range(robot.n):  # an error of the joint value adds to it
+        shift, rotation = complex_step(robot, q, {}, joints[joint])
+        np.testing.assert_allclose(found[:, joint], [*shift, *rotation], atol=ROUNDING)
+
+
+def complex_step(robot, q, p, name, h=1e-30):
+    """∂x and the axial vector of ∂R Rᵀ: exact, for the step is too small to matter and nothing is subtracted."""
+    values = factor_values(robot.factors, q, {**p, name: np.array([p.get(name, 0.0) + 1j * h])})
+    reached = walk(robot.factors, [np.atleast_1d(value) for value in values])
+    shift = [complex(np.ravel(entry)[0]).imag / h for entry in reached.position]
+    R = np.array([[np.ravel(entry)[0] for entry in column] for column in reached.columns]).T
+    W = (R.imag / h) @ R.real.T
+    return shift, [W[2, 1], W[0, 2], W[1, 0]]
+
+
+@pytest.mark.parametrize("name", ["planar_2r", "scara", "ur5e", "panda"])
+def test_symbols_give_the_numbers(name):
+    robot = load_preset(name)
+    arm = Arm(robot)
+    p = ca.SX.sym("p", len(arm.parameters))
+    outputs = [arm.pose(arm.q, p), arm.jacobian(arm.q, p), arm.parameter_jacobian(arm.q, p), arm.position(arm.q, p)]
+    function = ca.Function("f", [arm.q, p], outputs)
+    rng = np.random.default_rng(3)
+    for q in postures(robot, 3):
+        given = rng.normal(0, 0.1, len(arm.parameters))
+        numbers = [arm.pose(q, given), arm.jacobian(q, given), arm.parameter_jacobian(q, given), arm.position(q, given)]
+        for symbols, number in zip(function(q, given), numbers, strict=True):
+            np.testing.assert_allclose(symbols.full().reshape(number.shape), number, atol=ROUNDING)
+
+
+def test_symbolic_jacobian_is_the_derivative_of_the_symbolic_position():
+    arm = Arm(load_preset("ur5e"))
+    both = ca.Function("f", [arm.q], [ca.jacobian(arm.position(arm.q), arm.q), arm.jacobian(arm.q)[:3, :]])
+    for expected, found in [both([0.1, -1.2, 1.3, 0.4, -0.5, 0.6])]:
+        np.testing.assert_allclose(found.full(), expected.full(), atol=ROUNDING)
+
+
+def test_arrays_of_postures_are_walked_at_once():
+    arm = Arm(load_preset("panda"))
+    Q = postures(arm.robot, 5)
+    reached = arm.walk(Q)
+    for row, q in enumerate(Q):
+        one = arm.walk(q)
+        for i in range(len(arm.robot.factors)):
+            many = [np.broadcast_to(entry, 5)[row] for entry in twist_column(reached, i)]
+            np.testing.assert_allclose(many, twist_column(one, i), atol=ROUNDING)
+    np.testing.assert_allclose(arm.pose(Q), [arm.pose(q) for q in Q], atol=ROUNDING)
+
+
+def test_a_vector_of_another_length_is_refused():
+    with pytest.raises(ValueError, match="posture: 2 values given, 6 expected"):
+        Arm(load_preset("ur5")).pose([0.0, 1.0])
