@@ -194,7 +194,8 @@ class TestUnits:
 
     @pytest.mark.parametrize(
         ("p", "shown"),
-        [(0.5, "50 % of the time"), (0.9932, "99.32 % of the time"), (1.0, "practically always (less than one miss in a million million)"),
+        [(0.5, "50 % of the time"), (0.9932, "99.32 % of the time"),
+         (1.0, "practically always (less than one miss in a million million)"),
          (0.0, "0 % of the time"),
          (1 - 3.2e-6, "99.99968 % of the time (one miss in 312,500)")],
     )  # fmt: skip

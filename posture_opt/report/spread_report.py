@@ -73,7 +73,8 @@ def covariance_block(spread: Any) -> Block:
 
 def covariance_table(C: Any) -> Table:
     """A (3, 3) covariance in mm² or µm²."""
-    unit, factor = length_unit([math.sqrt(max(float(np.trace(C)), 0.0))])
+    # Squares of small numbers are smaller still: below 0.1 mm the table is in µm².
+    unit, factor = ("µm", 1e6) if float(np.trace(C)) < 1e-8 else ("mm", 1e3)
     floor = 1e-12 * float(np.trace(C))
     entries = [[_entry(float(v), factor, floor) for v in row] for row in C]
     rows = tuple((f"{name} [{unit}^2]", *row) for name, row in zip("xyz", entries, strict=True))

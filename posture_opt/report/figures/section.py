@@ -71,8 +71,9 @@ def _band(axes: Any, solution: Any, B: Floats, scale: float, half: float) -> Non
     name = {"across": "across the direction", "along": "along the direction"}.get(solution.critical.within, "")
     label = f"95 % interval {name}: \N{PLUS-MINUS SIGN}{length(width / scale)}"
     axes.fill(*strip.T, facecolor=ORANGE, alpha=0.18, edgecolor=ORANGE, lw=1, zorder=1, label=label)
-    axes.annotate("", along * 0.45 * half, -along * 0.45 * half, zorder=7,
-                  arrowprops={"arrowstyle": "<|-|>", "color": PURPLE, "lw": 2.2})  # fmt: skip
+    aside = -0.88 * half * np.array([-along[1], along[0]])  # near the edge, where it hides no point
+    ends = (aside + along * 0.45 * half, aside - along * 0.45 * half)
+    axes.annotate("", *ends, zorder=7, arrowprops={"arrowstyle": "<|-|>", "color": PURPLE, "lw": 2.2})
     axes.plot([], [], color=PURPLE, lw=2.2, label="the direction that counts")
 
 
