@@ -1,0 +1,199 @@
+"""The problem files that travel with the package: each loads, solves, and its answer holds against outside checks."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import cache
+
+import numpy as np
+import pytest
+
+from posture_opt.problem.load import builtin_problem, load_problem, problems_folder
+from posture_opt.selection.selector import PostureSelector
+from posture_opt.selection.tasks import TASKS
+from tests.helpers import factors
+from tests.helpers.pin import PinArm
+from tests.helpers.planar_2r import SOURCES, exact, position, postures_at
+
+FILES = sorted(problems_folder().glob("*.yaml"))
+PLANAR = [path for path in FILES if "planar_2r" in path.stem or path.stem.startswith("lecture_")]
+WHOLE_TURN = 2 * math.pi
+
+
+def named(paths):
+    return pytest.mark.parametrize("path", paths, ids=lambda path: path.stem)
+
+
+@cache
+def solved(path):
+    """The problem and its answer; the planar ones with all the evidence, the others as a repeated solve does it."""
+    problem = load_problem(path)
+    selector = PostureSelector(problem, compiled=False)
+    return problem, selector.solve_thoroughly() if path in PLANAR else selector.solve()
+
+
+def tool_pose(path, robot, q):
+    """(4, 4) by a chain product in NumPy, or by Pinocchio where there is a URDF."""
+    if path.stem == "insert_urdf_arm":
+        arm = PinArm(problems_folder() / "bench_arm.urdf")
+        return arm.pose(dict(zip(robot.joint_names, q, strict=True)), "base_link", "peg_tip")
+    return factors.pose(robot, q)
+
+
+def first_order(robot, sources, q):
+    """(3, 3) J Σ Jᵀ with J by central differences of the chain product."""
+    J, h = [], 1e-6
+    for name in sources.names:
+        ends = [factors.pose(robot, q, {name: step})[:3, 3] for step in (h, -h)]
+        J.append((ends[0] - ends[1]) / (2 * h))
+    return np.array(J).T @ sources.covariance @ np.array(J)
+
+
+@named(FILES)
+def test_answer_keeps_limits_and_reaches_the_target(path):
+    problem, solution = solved(path)
+    assert solution.status == "optimal"
+    assert np.all(solution.q >= np.array(problem.robot.lower) - 1e-12)
+    assert np.all(solution.q <= np.array(problem.robot.upper) + 1e-12)
+    point, task = tool_pose(path, problem.robot, solution.q)[:3, 3], problem.task
+    # IPOPT is asked for rows good to 1e-9 m; a tenth of a micrometre is far below every scatter here.
+    if task.position is not None:
+        np.testing.assert_allclose(point, task.position, atol=1e-7)
+    if task.region is not None:
+        assert np.all(point >= np.array(task.region.min) - 1e-7)
+        assert np.all(point <= np.array(task.region.max) + 1e-7)
+
+
+@named([path for path in FILES if path not in PLANAR or "drill" in path.stem])
+def test_answer_holds_the_tool_axis_along_the_direction(path):
+    problem, solution = solved(path)
+    axis = tool_pose(path, problem.robot, solution.q)[:3, :3] @ problem.task.tool_axis
+    d = np.array(problem.task.direction)
+    cosine = axis @ d / np.linalg.norm(axis) / np.linalg.norm(d)
+    # 1e-6 rad is what rows good to 1e-9 leave of an angle, and more: cos loses half of the digits.
+    assert math.acos(min(1.0, cosine)) <= problem.task.tilt + 1e-6
+
+
+@named(FILES)
+def test_answer_keeps_its_further_bounds(path):
+    problem, solution = solved(path)
+    for term in problem.task.subject_to:
+        if term.kind == "limit_margin":
+            room = np.minimum(solution.q - problem.robot.lower, np.array(problem.robot.upper) - solution.q)
+            assert room.min() >= term.at_least - 1e-7
+        elif term.kind == "singularity_margin":
+            h, n = 1e-6, problem.robot.n
+            ahead, behind = (
+                np.array([factors.pose(problem.robot, solution.q + step)[:3, 3] for step in side * h * np.eye(n)])
+                for side in (1, -1)
+            )
+            singular = np.linalg.svd((ahead - behind) / (2 * h), compute_uv=False)
+            assert singular[-1] >= term.at_least - 1e-5
+        else:
+            pytest.fail(f"no check for {term.kind}")
+
+
+@named([path for path in FILES if path not in PLANAR])
+def test_spread_of_real_arms_against_numerical_derivatives(path):
+    problem, solution = solved(path)
+    B = solution.critical.basis
+    C = B @ first_order(problem.robot, problem.sources, solution.q) @ B.T
+    # Errors below 1 mrad: what first order leaves out is some 1e-6 of the variance; differences are good to 1e-8.
+    assert solution.critical.sigma_max == pytest.approx(math.sqrt(np.linalg.eigvalsh(C)[-1]), rel=1e-5)
+
+
+def planar_covariance(problem):
+    names = problem.sources.names
+    full = np.zeros((4, 4))
+    index = [SOURCES.index(name) for name in names]
+    full[np.ix_(index, index)] = problem.sources.covariance
+    return full
+
+
+def planar_value(problem, q):
+    """The variance [m²] that the task minimises, by hand: across a vertical direction x counts, else y."""
+    C = exact(q, planar_covariance(problem))
+    task = problem.task
+    if task.kind == "measure":
+        return C[..., 0, 0] + C[..., 1, 1]
+    d = np.array(task.direction[:2]) / np.linalg.norm(task.direction[:2])
+    u = d if task.kind == "probe" else np.array([d[1], -d[0]])
+    return np.einsum("i,...ij,j->...", u, C, u)
+
+
+def candidates(problem):
+    """(N, 2) postures, fine and complete, that the task allows."""
+    task = problem.task
+    turn = np.radians(np.arange(-180, 180, 0.5))
+    if task.kind == "drill":
+        # The second link, which carries the tool axis, points along the direction.
+        fine = np.radians(np.arange(-180, 180, 0.01))
+        t2 = (math.atan2(task.direction[1], task.direction[0]) - fine + np.pi) % WHOLE_TURN - np.pi
+        Q = np.column_stack([fine, t2])
+        points, box = position(Q), task.region
+        return Q[np.all((points >= box.min[:2]) & (points <= box.max[:2]), axis=1)]
+    if task.position is not None:
+        points = np.array([task.position[:2]])
+    elif task.region is not None:
+        axes = [np.linspace(low, high, 401 if high > low else 1) for low, high in
+                zip(task.region.min[:2], task.region.max[:2], strict=True)]  # fmt: skip
+        points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    else:
+        return np.stack(np.meshgrid(turn, turn), axis=-1).reshape(-1, 2)
+    Q = postures_at(points).reshape(-1, 2)
+    return Q[np.isfinite(Q).all(axis=1)]
+
+
+@named(PLANAR)
+def test_nothing_on_a_fine_grid_beats_the_planar_answer(path):
+    problem, solution = solved(path)
+    own = planar_value(problem, solution.q)
+    least = planar_value(problem, candidates(problem)).min()
+    # 0.1 % of the standard deviation. The grid contains the true optimum or lies within its own step of it; a spread
+    # of exactly zero (lengths alone, links upright) is met to a nanometre.
+    assert math.sqrt(max(own, 0)) <= math.sqrt(max(least, 0)) * 1.001 + 1e-9
+    assert math.sqrt(max(own, 0)) >= math.sqrt(max(least, 0)) * 0.99 - 1e-9, "the grid is too coarse to judge"
+    if problem.task.kind != "measure":
+        assert solution.critical.sigma_max == pytest.approx(math.sqrt(max(own, 0)), rel=1e-6, abs=1e-9)
+
+
+def test_calibrated_covariance_is_that_of_the_stated_measurements():
+    Sigma = planar_covariance(load_problem(problems_folder() / "insert_planar_2r_calibrated.yaml"))
+    information = np.zeros((4, 4))
+    for t1 in np.radians([-60, 0, 60]):
+        for t12 in t1 + np.radians([30, 70, 110, 150]):
+            c1, s1, c12, s12 = math.cos(t1), math.sin(t1), math.cos(t12), math.sin(t12)
+            J = np.array([[-s1 - s12, -s12, c1, c12], [c1 + c12, c12, s1, s12]])
+            information += J.T @ J / 0.5e-3**2
+    # written with ten digits
+    np.testing.assert_allclose(Sigma @ information, np.eye(4), atol=1e-7)
+
+
+@pytest.mark.parametrize("task", [task.model_fields["kind"].annotation.__args__[0] for task in TASKS])
+def test_every_task_has_a_built_in_problem_of_its_own(task):
+    assert (problems_folder() / f"{task}_planar_2r.yaml").is_file()
+    problem = builtin_problem(task)
+    assert problem.task.kind == task
+    assert not problem.notes, "nothing in it was overridden"
+
+
+@named(FILES)
+def test_every_file_says_how_it_is_called(path):
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("#")
+    calls = re.findall(r"#   optimize-posture (.+)", text)
+    assert calls
+    for call in calls:
+        assert "--task" in call or f"--problem problems/{path.name}" in call
+
+
+@pytest.mark.parametrize("stem", ["ur10", "ur5e", "irb120", "iiwa14"])
+def test_stated_repeatability_is_the_data_sheets(stem):
+    """Where a file repeats a preset's data-sheet figure, the two agree."""
+    paths = [path for path in FILES if path not in PLANAR and stem in path.stem]
+    assert paths
+    for path in paths:
+        problem = load_problem(path)
+        stated = problem.spec.uncertainty.repeatability
+        assert stated is None or stated == problem.robot.repeatability.value
