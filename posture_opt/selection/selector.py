@@ -44,6 +44,7 @@ _SAME_OPTIMUM = 1e-4
 _DISTINCT = math.radians(5.0)
 _DISTINCT_SHIFT = 0.01
 _MOST_ALTERNATIVES = 8
+_LINK_HEIGHT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
 
 
 class HasTask(Protocol):
@@ -165,7 +166,7 @@ class PostureSelector:
             starts=len(found.sampled),
             tried=found.tried,
             polished=found.polished,
-            converged=sum(c.optimal for c in found.found),
+            converged=min(sum(c.optimal for c in found.found), found.polished),
             distinct=len(optima),
             hits=len(same) if swept is None else min(len(same), found.polished),
             typical=float(np.median(found.sampled)),
@@ -178,9 +179,15 @@ class PostureSelector:
         def ranked() -> tuple[Alternative, ...]:
             return self._alternatives(programme, found.goal, optima)
 
-        notes = (*self._problem.notes, programme.axis_note(found.goal))
+        notes = (*self._problem.notes, programme.axis_note(found.goal), *self._collisions())
         status: Status = "optimal" if best.optimal else "feasible"
         return Solution(self._problem, programme, found.goal, status, best.q, evidence, ranked, notes)
+
+    def _collisions(self) -> tuple[str, ...]:
+        if self._problem.robot.n < 3:
+            return ()
+        low = "" if any(term.kind == "link_height" for term in self.task.subject_to) else _LINK_HEIGHT
+        return (f"Collisions are not checked.{low}",)
 
     def _alternatives(self, programme: Programme, goal: Goal, optima: Sequence[Candidate]) -> tuple[Alternative, ...]:
         Q = np.array([c.q for c in optima[:_MOST_ALTERNATIVES]])

@@ -14,6 +14,7 @@ from posture_opt.selection.floor import Floor, floor
 from posture_opt.selection.goal import Goal
 from posture_opt.selection.programme import Programme
 from posture_opt.selection.sweep import Sweep
+from posture_opt.uncertainty.ball import radius_in_space
 from posture_opt.uncertainty.budget import Share, budgets
 from posture_opt.uncertainty.clearance import radius_for, success_probability
 from posture_opt.uncertainty.spread import Spread, propagate
@@ -160,7 +161,7 @@ class Solution:
             bias=bias,
             sigma_max=math.sqrt(max(values[-1], 0.0)),
             worst_axis=B @ vectors[:, -1],
-            radius95=radius_for(0.95, C, bias) if len(C) < 3 else math.sqrt(values[-1]) * 2.7955,
+            radius95=radius_for(0.95, C, bias) if len(C) < 3 else radius_in_space(0.95, C, bias),
         )
 
     @property

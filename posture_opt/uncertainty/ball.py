@@ -1,0 +1,63 @@
+"""The distance from the target in space that holds a biased Gaussian point with a given probability.
+
+In three dimensions the direction is integrated over the sphere: with ``x = b + ρ L u`` and ``|b + ρ L u| = r`` at
+``ρ*(u)``, ``P(|x| > r)`` is the mean over all directions u of the tail of the chi distribution with three degrees of
+freedom, ``erfc(ρ*/√2) + √(2/π) ρ* e^{−ρ*²/2}``. In the plane and on a line: :mod:`posture_opt.uncertainty.clearance`.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_POLAR, _AZIMUTHS = 64, 128
+_erfc = np.vectorize(math.erfc, otypes=[float])
+
+
+def radius_in_space(p: float, covariance: Array, bias: Array) -> float:
+    """The radius r [m] with ``P(|x| ≤ r) = p`` for ``x ~ N(bias, covariance)`` in space, by bisection.
+
+    Args:
+        p: probability, at least 0.5.
+        covariance: (3, 3) [m²], positive semidefinite.
+        bias: (3,) [m].
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    L = vectors * np.sqrt(values.clip(0))
+    offset = float(np.linalg.norm(bias))
+    low, high = offset, offset + 20 * math.sqrt(max(float(values[-1]), 0.0))
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if _miss(L, bias, middle) > 1 - p else (low, middle)
+    return high
+
+
+def _miss(L: Array, b: Array, r: float) -> float:
+    """``P(|b + L z| > r)`` for ``|b| ≤ r``."""
+    directions, weights = _sphere()
+    d = directions @ L.T
+    alpha, beta = np.sum(d * d, axis=1), d @ b
+    gap = max(r * r - float(b @ b), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # The positive root in the form that does not cancel; a direction without scatter never leaves the ball.
+        rho = np.where(alpha > 0, gap / (beta + np.sqrt(beta * beta + alpha * gap)), np.inf)
+    rho = np.where(np.isnan(rho), 0.0, rho).clip(0, 40)
+    tail = _erfc(rho / math.sqrt(2)) + math.sqrt(2 / math.pi) * rho * np.exp(-rho * rho / 2)
+    return float(weights @ tail)
+
+
+@functools.cache
+def _sphere() -> tuple[Array, Array]:
+    """Directions (k, 3) and weights (k,) of a product rule on the sphere; the weights add up to one."""
+    z, w = np.polynomial.legendre.leggauss(_POLAR)
+    phi = 2 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS
+    s = np.sqrt(1 - z * z)
+    directions = np.stack(
+        [np.outer(s, np.cos(phi)), np.outer(s, np.sin(phi)), np.outer(z, np.ones(_AZIMUTHS))], axis=-1
+    )
+    return directions.reshape(-1, 3), np.repeat(w / (2 * _AZIMUTHS), _AZIMUTHS)
