@@ -53,6 +53,9 @@ def second_order(walk: Walk, indices: Sequence[int], covariance: Floats) -> Seco
         indices: (k,) factor that each source acts on, ascending: from the base to the tool.
         covariance: (k, k) Σ of the sources [rad, m].
     """
+    if not indices:
+        none = np.zeros((3, 3))
+        return SecondOrder(np.zeros((3, 0)), none, none, none, np.zeros(3))
     J = [position_column(walk, i) for i in indices]
     a = [rotation_column(walk, i) for i in indices]
     S = [[float(entry) for entry in row] for row in covariance]

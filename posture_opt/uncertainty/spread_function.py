@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -17,8 +17,8 @@ from posture_opt.uncertainty.spread import HasSources, require_sources
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
 _UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-_FULL = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # where each entry of the matrix stands in the upper triangle
-_BLOCK = 100_000  # rows mirrored at once: the copies beside the result stay small
+_FULL = (0, 1, 2, 1, 3, 4, 2, 4, 5)  # where each entry of the matrix stands in the upper triangle
+_BLOCK = 20_000  # rows evaluated at once: what stands beside the result stays small, and in the cache
 
 
 class SpreadFunction:
@@ -55,19 +55,19 @@ class SpreadFunction:
 
     def __call__(self, Q: ArrayLike) -> Array:
         """(N, 3, 3) covariance of the tool point at postures (N, n), by `method` [m²]."""
-        return self._evaluate(self._covariance, Q, _mirrored)
+        return self._evaluate(self._covariance, Q, _FULL, (3, 3))
 
     def first_order(self, Q: ArrayLike) -> Array:
         """(N, 3, 3) ``J Σ Jᵀ`` at postures (N, n) [m²]."""
-        return self._evaluate(self._first_order, Q, _mirrored)
+        return self._evaluate(self._first_order, Q, _FULL, (3, 3))
 
     def position(self, Q: ArrayLike) -> Array:
         """(N, 3) nominal tool point in the world at postures (N, n) [m]."""
-        return self._evaluate(self._position, Q, lambda rows: rows)
+        return self._evaluate(self._position, Q, (0, 1, 2), (3,))
 
     def mean(self, Q: ArrayLike) -> Array:
         """(N, 3) mean tool point in the world at postures (N, n) [m]."""
-        return self._evaluate(self._mean, Q, lambda rows: rows)
+        return self._evaluate(self._mean, Q, (0, 1, 2), (3,))
 
     @cached_property
     def _first_order(self) -> BatchFunction:
@@ -87,17 +87,15 @@ class SpreadFunction:
         entries = ca.densify(ca.SX(ca.vec(select(self._tool_point.moments(ca.vertsplit(q))))))
         return BatchFunction(ca.Function("moments", [q], [ca.cse(entries)], ["q"], ["moments"]), compiled=self._wanted)
 
-    def _evaluate(self, function: BatchFunction, Q: ArrayLike, shape: Callable[[Array], Array]) -> Array:
+    def _evaluate(self, function: BatchFunction, Q: ArrayLike, order: Sequence[int], shape: tuple[int, ...]) -> Array:
         postures, single = self._read(Q)
-        blocks = [postures[i : i + _BLOCK] for i in range(0, len(postures), _BLOCK)] or [postures]
-        first = shape(function(blocks[0]))
-        if len(blocks) > 1:
-            result = np.empty((len(postures), *first.shape[1:]))
-            result[:_BLOCK] = first
-            for i, block in enumerate(blocks[1:], 1):
-                result[i * _BLOCK : i * _BLOCK + len(block)] = shape(function(block))
-            first = result
-        return first[0] if single else first
+        result = np.empty((len(postures), len(order)))
+        for start in range(0, len(postures), _BLOCK):
+            block = slice(start, start + _BLOCK)
+            # Unlike "raise", the mode "clip" writes without a copy; all indices are in range.
+            np.take(function(postures[block]), order, axis=1, out=result[block], mode="clip")
+        shaped: Array = result.reshape(-1, *shape)
+        return shaped[0] if single else shaped
 
     def _read(self, Q: ArrayLike) -> tuple[Array, bool]:
         robot = self._tool_point.robot
@@ -122,7 +120,3 @@ def _upper(matrix: Any) -> ca.SX:
     """The six entries of a symmetric matrix that are computed; the others are mirrored."""
     C = ca.SX(matrix)
     return ca.vertcat(*(C[i, j] for i, j in _UPPER))
-
-
-def _mirrored(upper: Array) -> Array:
-    return np.take(upper, _FULL, axis=1).reshape(-1, 3, 3)

@@ -1,0 +1,154 @@
+"""Joint sigmas from a data sheet: the repeatability that they give back."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from posture_opt.errors import InputError
+from posture_opt.robot.preset import load_preset, preset_names
+from posture_opt.robot.robot import Factor, Robot
+from posture_opt.uncertainty.cloud import simulate
+from posture_opt.uncertainty.iso9283 import repeatability_from_covariance
+from posture_opt.uncertainty.repeatability import joint_sigmas, matching_postures
+from posture_opt.uncertainty.spread import propagate
+
+
+def predicted(robot, sources, q):
+    return repeatability_from_covariance(propagate(SimpleNamespace(robot=robot, sources=sources), q).covariance)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_the_median_repeatability_is_the_data_sheet_s(name):
+    robot = load_preset(name)
+    sources = joint_sigmas(robot, 1e-4)
+    found = [predicted(robot, sources, q) for q in matching_postures(robot)]
+    # the exact covariance instead of the first order: relative difference sigma^2 < 1e-8
+    assert np.median(found) == pytest.approx(1e-4, rel=1e-6)
+
+
+def test_one_hinge_by_hand():
+    hinge = replace(load_preset("planar_2r"), joints=load_preset("planar_2r").joints[:1],
+                    links=load_preset("planar_2r").links[:1])  # fmt: skip
+    # l = r |N(0, s)|: E l = r s sqrt(2 / pi), sd = r s sqrt(1 - 2 / pi), so RP = 2.60632 r s; r = 1 m everywhere
+    (sigma,) = joint_sigmas(hinge, 1e-4).sigma
+    assert sigma == pytest.approx(1e-4 / 2.60632, rel=2e-6)
+
+
+def test_slides_of_a_portal_by_hand():
+    # three slides along x, y, z: isotropic scatter, RP = 3.61609 s in every posture
+    joint = load_preset("scara").joints[2]
+    joints = tuple(replace(joint, name=f"slide{k}") for k in range(3))
+    links = tuple((Factor("translate", k, 0.0, f"slide{k}.d", k),) for k in range(3))  # type: ignore[arg-type]
+    sources = joint_sigmas(Robot("portal", joints, links), 1e-4)
+    np.testing.assert_allclose(sources.sigma, 1e-4 / 3.61609, rtol=2e-6)
+    assert "mm each" in sources.notes[0]
+
+
+def test_a_simulated_test_gives_the_data_sheet_s_figure():
+    robot = load_preset("ur10e")
+    sources = joint_sigmas(robot, 5e-5)
+    found = []
+    for seed, q in enumerate(matching_postures(robot)):
+        points = simulate(SimpleNamespace(robot=robot, sources=sources), q, n=2000, seed=seed).points
+        distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
+        found.append(distance.mean() + 3 * distance.std(ddof=1))
+    # RP of 2000 cycles scatters by 1.1 %; near the median of 200 that leaves well under 1 %
+    assert np.median(found) == pytest.approx(5e-5, rel=0.01)
+
+
+def test_repeatability_scales_the_sigmas():
+    robot = load_preset("panda")
+    np.testing.assert_allclose(joint_sigmas(robot, 3e-4).sigma, 3 * joint_sigmas(robot, 1e-4).sigma, rtol=1e-12)
+
+
+def test_weights_share_it_out():
+    robot = load_preset("ur5")
+    first, second, *rest = robot.joint_names
+    sources = joint_sigmas(robot, 1e-4, {first: 0.0, second: 2.0})
+    assert sources.names == tuple(f"{name}.theta" for name in (second, *rest))
+    np.testing.assert_allclose(sources.sigma / sources.sigma[-1], [2, 1, 1, 1, 1], rtol=1e-12)
+    assert "with the given weights" in sources.notes[0]
+    found = [predicted(robot, sources, q) for q in matching_postures(robot)]
+    assert np.median(found) == pytest.approx(1e-4, rel=1e-6)
+
+
+def test_a_slide_scatters_the_tool_point_as_a_turn_does():
+    robot = load_preset("scara")
+    sources = joint_sigmas(robot, 1e-5)
+    sigma = dict(zip(sources.names, sources.sigma, strict=True))
+    slide = next(f"{j.name}.d" for j in robot.joints if j.type == "prismatic")
+    turns = [s for name, s in sigma.items() if name != slide]
+    shifts = []
+    for q in matching_postures(robot):
+        for name in sigma:
+            if name != slide:
+                one = joint_alone(robot, name, q)
+                shifts.append(one @ one)
+    assert sigma[slide] == pytest.approx(turns[0] * math.sqrt(np.mean(shifts)), rel=1e-6)
+
+
+def joint_alone(robot, name, q, h=1e-6):
+    from tests.helpers.factors import pose
+
+    return (pose(robot, q, {name: h})[:3, 3] - pose(robot, q, {name: -h})[:3, 3]) / (2 * h)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_the_postures_lie_within_the_limits_in_the_middle_of_the_reach(name):
+    robot = load_preset(name)
+    Q = matching_postures(robot)
+    assert Q.shape == (200, robot.n)
+    for joint, values in zip(robot.joints, Q.T, strict=True):
+        assert (values >= joint.lower - 1e-12).all()
+        assert (values <= joint.upper + 1e-12).all()
+        span = min(joint.upper - joint.lower, 2 * math.pi)
+        assert np.ptp(values) > 0.6 * span  # spread, not clustered
+    np.testing.assert_array_equal(Q, matching_postures(robot))
+
+
+def test_the_note_states_value_source_and_postures():
+    (note,) = joint_sigmas(load_preset("ur10e"), 5e-5).notes
+    assert note.startswith("joint sigma 0.0")
+    for part in ("mrad each", "RP = 0.05 mm", "ISO 9283: mean + 3 s", "median over 200 postures"):
+        assert part in note
+
+
+@pytest.mark.parametrize(("repeatability", "weights", "words"), [
+    (0.0, {}, "the repeatability is 0 m"),
+    (math.nan, {}, "the repeatability is nan m"),
+    (1e-4, {"elbo": 1.0}, "no such joint"),
+    (1e-4, {"elbow": -1.0}, "the weight is -1"),
+    (1e-4, {"elbow": math.inf}, "the weight is inf"),
+])  # fmt: skip
+def test_bad_figures_are_refused(repeatability, weights, words):
+    with pytest.raises(InputError, match=words):
+        joint_sigmas(load_preset("ur5"), repeatability, weights)
+
+
+def test_joints_that_do_not_move_the_tool_point_cannot_scatter_it():
+    robot = load_preset("ur5")
+    last = robot.joint_names[-1]  # its axis passes through the tool point
+    with pytest.raises(InputError, match="do not move the tool point"):
+        joint_sigmas(robot, 1e-4, {name: float(name == last) for name in robot.joint_names})
+
+
+def test_it_is_quick_and_needs_no_scipy():
+    robot = load_preset("panda")
+    joint_sigmas(robot, 1e-4)
+    start = time.perf_counter()
+    joint_sigmas(robot, 1e-4)
+    assert time.perf_counter() - start < 0.1  # 3 ms when nothing else runs
+    code = (
+        "import sys; from posture_opt.robot.preset import load_preset;"
+        "from posture_opt.uncertainty.repeatability import joint_sigmas;"
+        "joint_sigmas(load_preset('ur10'), 1e-4); print('scipy' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
