@@ -10,7 +10,9 @@ from posture_opt.uncertainty.ball import radius_in_space
 
 
 def test_isotropic_is_the_chi_quantile() -> None:
-    assert radius_in_space(0.95, 4.0 * np.eye(3), np.zeros(3)) == pytest.approx(2 * np.sqrt(chi2.ppf(0.95, 3)), rel=1e-9)
+    assert radius_in_space(0.95, 4.0 * np.eye(3), np.zeros(3)) == pytest.approx(
+        2 * np.sqrt(chi2.ppf(0.95, 3)), rel=1e-9
+    )
 
 
 def test_isotropic_with_bias_is_the_noncentral_quantile() -> None:

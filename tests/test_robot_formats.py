@@ -33,9 +33,7 @@ def textbook_dh(theta, d, a, alpha):
 def textbook_mdh(theta, d, a, alpha):
     """Craig, Introduction to Robotics (2005), equation 3.6."""
     ct, st, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
-    return np.array(
-        [[ct, -st, 0, a], [st * ca, ct * ca, -sa, -sa * d], [st * sa, ct * sa, ca, ca * d], [0, 0, 0, 1]]
-    )
+    return np.array([[ct, -st, 0, a], [st * ca, ct * ca, -sa, -sa * d], [st * sa, ct * sa, ca, ca * d], [0, 0, 0, 1]])
 
 
 @pytest.mark.parametrize(("kind", "textbook"), [("dh", textbook_dh), ("mdh", textbook_mdh)])

@@ -352,3 +352,25 @@ def test_the_arm_stays_above_the_table_when_asked() -> None:
     elbow = {s: 0.1273 - 0.612 * math.sin(s.posture["shoulder_lift"]) for s in (free, above)}
     assert elbow[above] >= 0.05 - 1e-6
     assert free.critical.sigma_max <= above.critical.sigma_max * (1 + 1e-6)
+
+
+def test_a_dense_covariance_of_a_spatial_arm_is_solved_in_first_order_and_reported_in_second() -> None:
+    """Every joint, length and offset of a UR10 correlated with every other, as after a calibration."""
+    names = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+    sigma = {f"{n}.{p}": "0.3 mrad" if p == "theta" else "0.2 mm" for n in names for p in ("theta", "a", "d")}
+    pairs = [[a, b, 0.3] for i, a in enumerate(sigma) for b in list(sigma)[:i]]
+    given = po.problem_from_dict(
+        {
+            "robot": {"kind": "preset", "name": "ur10"},
+            "uncertainty": {"sigma": sigma, "correlation": pairs},
+            "task": {"kind": "insert", "position": ["0.6 m", "0.2 m", "0.3 m"]},
+        }
+    )
+    solution = po.select_posture(given)
+    assert solution.status == "optimal"
+    h = 1e-6
+    J = np.array([(pose(given.robot, solution.q, {n: h}) - pose(given.robot, solution.q, {n: -h}))[:3, 3] / (2 * h)
+                  for n in given.sources.names]).T  # fmt: skip
+    first = (J @ given.sources.covariance @ J.T)[:2, :2]
+    # At these small errors second order adds less than 1e-5.
+    assert solution.critical.sigma_max == pytest.approx(math.sqrt(np.linalg.eigvalsh(first)[-1]), rel=1e-4)

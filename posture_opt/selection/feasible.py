@@ -7,7 +7,7 @@ eq. 27–30): the damping is proportional to the squared error, so that it is ro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
@@ -36,12 +36,14 @@ class Wish:
         axis: (N, 3) or (3,) wanted direction of the tool axis, world.
         spin: (N, 3) or (3,) wanted direction of the tool's spin vector, world.
         weights: (3,) for position, axis and spin; zero leaves a part out.
+        slack: (3,) half sides of a box about ``position`` [m] that is as good as the point.
     """
 
     position: Floats
     axis: Floats
     spin: Floats
     weights: Floats
+    slack: Floats = field(default_factory=lambda: np.zeros(3))
 
 
 class InverseKinematics:
@@ -89,16 +91,23 @@ class InverseKinematics:
         return best, error
 
 
-def wish_for(goal: Goal, count: int, aligned: bool, rng: np.random.Generator) -> Wish:
-    """Targets for ``count`` starts: the point, or points drawn from the region; axes drawn within the tilt."""
+def wish_for(goal: Goal, count: int, aligned: bool, rng: np.random.Generator, *, whole_box: bool = False) -> Wish:
+    """Targets for ``count`` starts: the point, or points drawn from the region; axes drawn within the tilt.
+
+    ``whole_box`` takes any point of the region: an arm with few joints cannot align its tool at a drawn one, while
+    an arm with many comes to lie at the region's edge.
+    """
     anywhere = goal.kind == "anywhere"
     position = np.zeros(3) if anywhere else rng.uniform(goal.lower, goal.upper, (count, 3))
+    slack = np.zeros(3)
+    if whole_box and goal.kind == "region":
+        position, slack = (goal.lower + goal.upper) / 2, (goal.upper - goal.lower) / 2
     axis = goal.direction
     if aligned and goal.tilt > 0:
         axis = _within_tilt(goal, count, rng)
     weights = np.array([0.0 if anywhere else 1.0, 1.0 if aligned else 0.0, 0.0])
     assert np.all(np.abs(position) < FREE)
-    return Wish(position, axis, goal.basis[:, 0], weights)
+    return Wish(position, axis, goal.basis[:, 0], weights, slack)
 
 
 def _within_tilt(goal: Goal, count: int, rng: np.random.Generator) -> Floats:
@@ -111,13 +120,14 @@ def _within_tilt(goal: Goal, count: int, rng: np.random.Generator) -> Floats:
 
 
 def _arrays(wish: Wish) -> tuple[Floats, ...]:
-    return wish.position, wish.axis, wish.spin, wish.weights
+    return wish.position, wish.axis, wish.spin, wish.weights, wish.slack
 
 
 def _step_function(robot: Robot, tool_axis: tuple[float, float, float], directions: Floats) -> ca.Function:
-    """``(q, position, axis, spin, weights) -> (next q, error)``: one damped least squares step."""
+    """``(q, position, axis, spin, weights, slack) -> (next q, error)``: one damped least squares step."""
     q = ca.SX.sym("q", robot.n)
-    position, axis, spin, weights = (ca.SX.sym(name, 3) for name in ("position", "axis", "spin", "weights"))
+    names = ("position", "axis", "spin", "weights", "slack")
+    position, axis, spin, weights, slack = (ca.SX.sym(name, 3) for name in names)
     reached = Arm(robot).walk(q)
     R = ca.SX(stack(list(zip(*reached.columns, strict=True))))
     a = np.array(tool_axis) / np.linalg.norm(tool_axis)
@@ -125,7 +135,7 @@ def _step_function(robot: Robot, tool_axis: tuple[float, float, float], directio
     b = b / np.linalg.norm(b)
     # a - d has its only minimum at a = d; the cross product would also vanish with the tool upside down.
     residual = ca.vertcat(
-        weights[0] * (ca.SX(directions.T) @ (ca.SX(stack(reached.position)) - position)),
+        weights[0] * (ca.SX(directions.T) @ _beyond(ca.SX(stack(reached.position)) - position, slack)),
         weights[1] * (R @ ca.DM(a) - axis),
         weights[2] * (R @ ca.DM(b) - spin),
     )
@@ -136,7 +146,12 @@ def _step_function(robot: Robot, tool_axis: tuple[float, float, float], directio
     longest = ca.mmax(ca.fabs(dq))
     dq = dq * _LONGEST_STEP / ca.fmax(longest, _LONGEST_STEP)
     step = ca.cse([q + dq, ca.sqrt(squared)])
-    return ca.Function("ik_step", [q, position, axis, spin, weights], step)
+    return ca.Function("ik_step", [q, position, axis, spin, weights, slack], step)
+
+
+def _beyond(offset: ca.SX, slack: ca.SX) -> ca.SX:
+    """How far an offset lies outside a box of half sides ``slack`` about zero."""
+    return ca.fmax(offset - slack, 0) + ca.fmin(offset + slack, 0)
 
 
 def _solve_spd(A: ca.SX, b: ca.SX) -> ca.SX:

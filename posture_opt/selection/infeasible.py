@@ -100,7 +100,7 @@ class _Inquiry:
         """(k, n) postures on the target, with or without the tool axis along the direction."""
         rng = np.random.default_rng(1)
         aligned = with_axis and self.engine.programme.axis_rows > 0
-        wish = wish_for(self.goal, _STARTS, aligned, rng)
+        wish = wish_for(self.goal, _STARTS, aligned, rng, whole_box=True)
         Q, errors = ik.solve(ik.random_postures(_STARTS, rng), wish, enough=_STARTS // 4)
         return np.asarray(Q[errors < TOLERANCE])
 

@@ -146,7 +146,8 @@ def feasible_starts(engine: Engine, goal: Goal, count: int, rng: np.random.Gener
         size = factor * count
         Q = engine.ik.random_postures(size, rng)
         tried += size
-        reached, errors = engine.ik.solve(Q, wish_for(goal, size, aligned, rng), enough=count)
+        wish = wish_for(goal, size, aligned, rng, whole_box=factor > _ROUNDS[0])
+        reached, errors = engine.ik.solve(Q, wish, enough=count)
         arrived = reached[errors < TOLERANCE]
         if len(arrived):
             return arrived[: 2 * count], tried

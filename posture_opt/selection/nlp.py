@@ -65,9 +65,14 @@ class Nlp:
 
     @cached_property
     def indifferent(self) -> tuple[int, ...]:
-        """Variables that neither the objective nor any row depends on: a spin about the tool axis, say."""
-        depends = ca.which_depends(ca.vertcat(self.objective, self.g), self.x, 1, False)
-        return tuple(k for k, used in enumerate(depends) if not used)
+        """Variables that neither the objective nor any row depends on: a spin about the tool axis, say.
+
+        A row in one variable alone is a bound on it, and no reason to prefer a value within.
+        """
+        uses = [np.array(ca.which_depends(row.expression, self.x, 1, False)) for row in self.rows]
+        matters = [used for used in uses if np.count_nonzero(used) > 1]
+        matters.append(np.array(ca.which_depends(self.objective, self.x, 1, False)))
+        return tuple(int(k) for k in np.flatnonzero(~np.any(matters, axis=0)))
 
     def row_bounds(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(m,) lower and upper bounds of the rows for one goal."""

@@ -21,6 +21,9 @@ from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
 
+_MOST_CORRELATED = 8
+
+
 @dataclass(frozen=True)
 class Programme:
     """Everything symbolic about selecting a posture for ``task`` with one kind of target.
@@ -78,7 +81,11 @@ class Programme:
 
     @cached_property
     def _moments(self) -> Moments:
-        return self.tool_point.moments(ca.vertsplit(self.q))
+        # A dense covariance, after a calibration say, to second order: 90 000 operations and a solve of minutes.
+        # The objective then takes what the correlations add to first order; the answer is reported to second.
+        off = self.tool_point.covariance - np.diag(np.diag(self.tool_point.covariance))
+        complete = int(np.count_nonzero(np.any(off, axis=0))) <= _MOST_CORRELATED
+        return self.tool_point.moments(ca.vertsplit(self.q), complete=complete)
 
     @cached_property
     def q(self) -> ca.SX:

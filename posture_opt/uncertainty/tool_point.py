@@ -80,8 +80,11 @@ class ToolPoint:
         values = factor_values(self.robot.factors, q)
         return walk(self.robot.factors, values), values
 
-    def moments(self, q: Sequence[Scalar]) -> Moments:
-        """Mean and covariance at the posture ``q``: n scalars, arrays (N,) or symbols."""
+    def moments(self, q: Sequence[Scalar], *, complete: bool = True) -> Moments:
+        """Mean and covariance at the posture ``q``: n scalars, arrays (N,) or symbols.
+
+        Without ``complete`` the correlations of a spatial arm enter to first order only.
+        """
         reached, values = self.walk(q)
         jacobian = self.jacobian(reached)
         first = jacobian @ self.covariance @ transpose(jacobian)
@@ -93,6 +96,10 @@ class ToolPoint:
         mean, C = exact_moments(self.robot.factors, values, self._variances())
         if not self.correlated:
             return Moments(position, stack(mean), stack(C), first, reached)
+        if not complete:
+            across = self.covariance - np.diag(np.diag(self.covariance))
+            covariance = stack(C) + jacobian @ across @ transpose(jacobian)
+            return Moments(position, stack(mean), covariance, first, reached)
         # Exact for the variances; what the correlations add, complete to second order.
         full = second_order(reached, self.indices, self.covariance)
         diagonal = second_order(reached, self.indices, np.diag(np.diag(self.covariance)))
