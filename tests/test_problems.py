@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -90,6 +91,12 @@ def test_answer_keeps_its_further_bounds(path):
             )
             singular = np.linalg.svd((ahead - behind) / (2 * h), compute_uv=False)
             assert singular[-1] >= term.at_least - 1e-5
+        elif term.kind == "link_height":
+            ends = [replace(problem.robot, links=problem.robot.links[: k + 1], tool=()) for k in range(problem.robot.n)]
+            elsewhere = solution.q + 0.3
+            heights = [factors.pose(end, solution.q)[2, 3] for end in ends]
+            moving = [abs(factors.pose(end, elsewhere)[2, 3] - z) > 1e-9 for end, z in zip(ends, heights, strict=True)]
+            assert min(np.array(heights)[moving]) >= term.at_least - 1e-6
         else:
             pytest.fail(f"no check for {term.kind}")
 

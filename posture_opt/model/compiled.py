@@ -130,7 +130,7 @@ class BatchFunction:
     def _read(self, arrays: tuple[npt.ArrayLike, ...]) -> tuple[int, list[Array]]:
         if len(arrays) != len(self._names):
             raise InputError(f"{len(arrays)} arrays given, {len(self._names)} wanted: {', '.join(self._names)}")
-        inputs = [np.ascontiguousarray(np.atleast_2d(np.asarray(array, dtype=float))) for array in arrays]
+        inputs = [_rows(array) for array in arrays]
         rows = next((len(array) for array in inputs if len(array) != 1), 1)
         issues = [
             Issue(f"input {name} has shape {np.shape(given)}", mend=f"give ({size},) or ({rows}, {size})")
@@ -170,6 +170,13 @@ class _Buffered:
             raise SolverError("the function reports a failure")
 
 
+def _rows(array: npt.ArrayLike) -> Array:
+    """The array as contiguous rows of doubles; one that is so already passes as it is."""
+    if type(array) is np.ndarray and array.ndim == 2 and array.dtype == np.float64 and array.flags.c_contiguous:
+        return array
+    return np.ascontiguousarray(np.atleast_2d(np.asarray(array, dtype=float)))
+
+
 def _assign(slots: list[Array], arrays: Sequence[Any]) -> None:
     for slot, array in zip(slots, arrays, strict=True):
         if len(array) != len(slot):  # NumPy would broadcast a single number
@@ -198,7 +205,7 @@ def _fill_compiled(library: Library, rows: int, inputs: list[Array], outputs: li
 
 
 def _pointers(arrays: list[Array]) -> ctypes.Array[ctypes.c_void_p]:
-    return (ctypes.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays))
+    return (ctypes.c_void_p * len(arrays))(*[array.__array_interface__["data"][0] for array in arrays])
 
 
 def _integers(values: list[int]) -> ctypes.Array[ctypes.c_longlong]:

@@ -22,7 +22,7 @@ Floats = np.ndarray
 
 TOLERANCE = 1e-7
 """Largest error [m and rad, combined] of a posture that counts as feasible."""
-_ITERATIONS = 48
+_ITERATIONS = 24  # of two steps
 _STANDSTILL = 1e-9  # rad or m
 _LONGEST_STEP = 0.7  # rad or m: longer steps of a linear model of a rotation mean nothing
 
@@ -45,6 +45,13 @@ class Wish:
     weights: Floats
     slack: Floats = field(default_factory=lambda: np.zeros(3))
 
+    @property
+    def rows(self) -> Floats:
+        """(N, 15) or (1, 15) all parts side by side, as the step takes them."""
+        parts = (self.position, self.axis, self.spin, self.weights, self.slack)
+        count = max(len(part) if part.ndim == 2 else 1 for part in parts)
+        return np.hstack([np.broadcast_to(part, (count, 3)) for part in parts])
+
 
 class InverseKinematics:
     """The batch solver of one robot and tool axis, for positions in the span of ``directions`` (3, r)."""
@@ -62,10 +69,6 @@ class InverseKinematics:
         low, high = np.where(empty, self._lower, low), np.where(empty, self._upper, high)
         return rng.uniform(low, high, (count, len(low)))
 
-    def errors(self, Q: Floats, wish: Wish) -> Floats:
-        """(N,) weighted distance of each posture from what is wished [m and rad]."""
-        return np.asarray(self._step(Q, *_arrays(wish))[1][:, 0])
-
     def solve(self, Q: Floats, wish: Wish, enough: int | None = None) -> tuple[Floats, Floats]:
         """Move the postures (N, n) onto the wish; returns the postures reached and their errors (N,).
 
@@ -74,20 +77,19 @@ class InverseKinematics:
         best, error = Q.copy(), np.full(len(Q), np.inf)
         wanted, arrived = len(Q) if enough is None else enough, 0
         # Rows that have arrived, or that stand still away from the target, leave the batch.
-        rows, now, targets = np.arange(len(Q)), Q, _arrays(wish)
+        rows, now, targets = np.arange(len(Q)), Q, wish.rows
         for _ in range(_ITERATIONS):
-            moved, distance = self._step(now, *targets)
-            distance = distance[:, 0]
+            moved, column = self._step(now, targets)
+            distance = column[:, 0]
             better = distance < error[rows]
             best[rows[better]], error[rows[better]] = now[better], distance[better]
-            moved = np.clip(moved, self._lower, self._upper)
             there = distance < TOLERANCE
             arrived += np.count_nonzero(there)
             alive = ~there & (np.max(np.abs(moved - now), axis=1) > _STANDSTILL)
             if arrived >= wanted or not np.any(alive):
                 break
             rows, now = rows[alive], moved[alive]
-            targets = tuple(t[alive] if len(t) == len(alive) and t.ndim == 2 else t for t in targets)
+            targets = targets[alive] if len(targets) == len(alive) else targets
         return best, error
 
 
@@ -119,15 +121,21 @@ def _within_tilt(goal: Goal, count: int, rng: np.random.Generator) -> Floats:
     return np.asarray(np.cos(tilt)[:, None] * goal.direction + np.sin(tilt)[:, None] * sideways)
 
 
-def _arrays(wish: Wish) -> tuple[Floats, ...]:
-    return wish.position, wish.axis, wish.spin, wish.weights, wish.slack
-
-
 def _step_function(robot: Robot, tool_axis: tuple[float, float, float], directions: Floats) -> ca.Function:
-    """``(q, position, axis, spin, weights, slack) -> (next q, error)``: one damped least squares step."""
-    q = ca.SX.sym("q", robot.n)
-    names = ("position", "axis", "spin", "weights", "slack")
-    position, axis, spin, weights, slack = (ca.SX.sym(name, 3) for name in names)
+    """``(q, wish) -> (next q, error at q)``: two damped least squares steps within the limits.
+
+    Two at a time, because a call from Python costs as much as a step.
+    """
+    once = _single_step(robot, tool_axis, directions)
+    q, wish = ca.SX.sym("q", robot.n), ca.SX.sym("wish", 15)
+    between, error = once(q, wish)
+    after, _ = once(between, wish)
+    return ca.Function("ik_steps", [q, wish], ca.cse([after, error]))
+
+
+def _single_step(robot: Robot, tool_axis: tuple[float, float, float], directions: Floats) -> ca.Function:
+    q, wish = ca.SX.sym("q", robot.n), ca.SX.sym("wish", 15)
+    position, axis, spin, weights, slack = ca.vertsplit(wish, 3)
     reached = Arm(robot).walk(q)
     R = ca.SX(stack(list(zip(*reached.columns, strict=True))))
     a = np.array(tool_axis) / np.linalg.norm(tool_axis)
@@ -145,8 +153,8 @@ def _step_function(robot: Robot, tool_axis: tuple[float, float, float], directio
     dq = -_solve_spd(A, J.T @ residual)
     longest = ca.mmax(ca.fabs(dq))
     dq = dq * _LONGEST_STEP / ca.fmax(longest, _LONGEST_STEP)
-    step = ca.cse([q + dq, ca.sqrt(squared)])
-    return ca.Function("ik_step", [q, position, axis, spin, weights, slack], step)
+    moved = ca.fmin(ca.fmax(q + dq, ca.DM(robot.lower)), ca.DM(robot.upper))
+    return ca.Function("ik_step", [q, wish], [moved, ca.sqrt(squared)])
 
 
 def _beyond(offset: ca.SX, slack: ca.SX) -> ca.SX:

@@ -20,7 +20,6 @@ from posture_opt.selection.reach import Reach
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
-
 _MOST_CORRELATED = 8
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -62,7 +63,7 @@ class Reach:
         axis = axes[0] if rank == 0 else _normal(axes) if rank == 1 else np.zeros(3)
         return cls(U, points[0], rank, axis, bool(orients and rank > 0), max(radius, 1e-3))
 
-    @property
+    @cached_property
     def normals(self) -> Floats:
         """(3, 3 − r) directions in which the tool point cannot move."""
         full, _, _ = np.linalg.svd(np.hstack([self.directions, np.zeros((3, 1))]))

@@ -27,7 +27,7 @@ class Ipopt(Solver):
             "ipopt.max_iter": self.max_iterations,
             "ipopt.constr_viol_tol": 1e-9,
             # Starts are feasible: begin near them, with a small barrier, instead of walking away from them.
-            "ipopt.mu_init": 1e-3,
+            "ipopt.mu_init": 1e-5,
             "ipopt.bound_push": 1e-6,
             "ipopt.bound_frac": 1e-6,
             # Where two eigenvalues meet, the last digits never come; an answer good to 1e-5 is an answer.
