@@ -8,6 +8,7 @@ eq. 27–30): the damping is proportional to the squared error, so that it is ro
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -60,7 +61,16 @@ class InverseKinematics:
         self, robot: Robot, tool_axis: tuple[float, float, float], directions: Floats, compiled: bool | None
     ) -> None:
         self._lower, self._upper = np.array(robot.lower), np.array(robot.upper)
-        self._step = BatchFunction(_step_function(robot, tool_axis, directions), compiled=compiled)
+        self._recipe = robot, tool_axis, directions
+        self._compiled = compiled
+
+    @cached_property
+    def _aim(self) -> BatchFunction:
+        return BatchFunction(_step_function(*self._recipe, spun=False), compiled=self._compiled)
+
+    @cached_property
+    def _aim_and_spin(self) -> BatchFunction:
+        return BatchFunction(_step_function(*self._recipe, spun=True), compiled=self._compiled)
 
     def random_postures(self, count: int, rng: np.random.Generator) -> Floats:
         """(count, n) postures drawn uniformly between the limits (within one turn where these are wider)."""
@@ -78,8 +88,9 @@ class InverseKinematics:
         wanted, arrived = len(Q) if enough is None else enough, 0
         # Rows that have arrived, or that stand still away from the target, leave the batch.
         rows, now, targets = np.arange(len(Q)), Q, wish.rows
+        step = self._aim_and_spin if wish.weights[2] else self._aim
         for _ in range(_ITERATIONS):
-            moved, column = self._step(now, targets)
+            moved, column = step(now, targets)
             distance = column[:, 0]
             better = distance < error[rows]
             best[rows[better]], error[rows[better]] = now[better], distance[better]
@@ -121,19 +132,21 @@ def _within_tilt(goal: Goal, count: int, rng: np.random.Generator) -> Floats:
     return np.asarray(np.cos(tilt)[:, None] * goal.direction + np.sin(tilt)[:, None] * sideways)
 
 
-def _step_function(robot: Robot, tool_axis: tuple[float, float, float], directions: Floats) -> ca.Function:
+def _step_function(
+    robot: Robot, tool_axis: tuple[float, float, float], directions: Floats, *, spun: bool
+) -> ca.Function:
     """``(q, wish) -> (next q, error at q)``: two damped least squares steps within the limits.
 
     Two at a time, because a call from Python costs as much as a step.
     """
-    once = _single_step(robot, tool_axis, directions)
+    once = _single_step(robot, tool_axis, directions, spun)
     q, wish = ca.SX.sym("q", robot.n), ca.SX.sym("wish", 15)
     between, error = once(q, wish)
     after, _ = once(between, wish)
     return ca.Function("ik_steps", [q, wish], ca.cse([after, error]))
 
 
-def _single_step(robot: Robot, tool_axis: tuple[float, float, float], directions: Floats) -> ca.Function:
+def _single_step(robot: Robot, tool_axis: tuple[float, float, float], directions: Floats, spun: bool) -> ca.Function:
     q, wish = ca.SX.sym("q", robot.n), ca.SX.sym("wish", 15)
     position, axis, spin, weights, slack = ca.vertsplit(wish, 3)
     reached = Arm(robot).walk(q)
@@ -145,7 +158,7 @@ def _single_step(robot: Robot, tool_axis: tuple[float, float, float], directions
     residual = ca.vertcat(
         weights[0] * (ca.SX(directions.T) @ _beyond(ca.SX(stack(reached.position)) - position, slack)),
         weights[1] * (R @ ca.DM(a) - axis),
-        weights[2] * (R @ ca.DM(b) - spin),
+        weights[2] * (R @ ca.DM(b) - spin) if spun else ca.SX(0, 1),
     )
     J = ca.jacobian(residual, q)
     squared = ca.sumsqr(residual)

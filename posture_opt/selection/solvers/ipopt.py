@@ -19,7 +19,7 @@ class Ipopt(Solver):
 
     kind: Literal["ipopt"] = "ipopt"
     max_iterations: int = Field(default=200, ge=1)
-    tolerance: float = Field(default=1e-8, gt=0)
+    tolerance: float = Field(default=1e-6, gt=0)
 
     def build(self, nlp: Nlp, compiled: bool | None) -> Polish:
         options = {
@@ -27,7 +27,8 @@ class Ipopt(Solver):
             "ipopt.max_iter": self.max_iterations,
             "ipopt.constr_viol_tol": 1e-9,
             # Starts are feasible: begin near them, with a small barrier, instead of walking away from them.
-            "ipopt.mu_init": 1e-5,
+            "ipopt.mu_init": 1e-6,
+            "ipopt.constr_mult_init_max": 0.0,  # no factorisation for a first guess of the multipliers
             "ipopt.bound_push": 1e-6,
             "ipopt.bound_frac": 1e-6,
             # Where two eigenvalues meet, the last digits never come; an answer good to 1e-5 is an answer.
