@@ -31,6 +31,10 @@ COMMANDS = {
 _INTERRUPTED = 130  # what a shell reports of a program that ^C ended
 
 
+# pydantic would look for plugins in every installed package, 50 ms of a cold start; there are none for our files.
+os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+
+
 class PostureCommands(click.Group):
     """The commands by name, imported late; every way out of the program goes through ``main``."""
 

@@ -95,7 +95,7 @@ class InverseKinematics:
             better = distance < error[rows]
             best[rows[better]], error[rows[better]] = now[better], distance[better]
             there = distance < TOLERANCE
-            arrived += np.count_nonzero(there)
+            arrived += int(np.count_nonzero(there))
             alive = ~there & (np.max(np.abs(moved - now), axis=1) > _STANDSTILL)
             if arrived >= wanted or not np.any(alive):
                 break

@@ -229,8 +229,14 @@ def scaled(engine: Engine, goal: Goal, Q: Floats) -> Goal:
     if engine.programme.task.criterion == "miss":
         return goal
     variances = engine.screen(Q, replace(goal, scale=1.0).parameters())[2][:, 0]
-    middle = float(np.median(variances))
+    middle = median(variances)
     return replace(goal, scale=middle if middle > 0 else 1.0)
+
+
+def median(values: Floats) -> float:
+    """The median of (N,) values; NumPy's own loads its masked arrays first, which a cold start can do without."""
+    ordered = np.sort(values)
+    return float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
 
 
 def rank(candidate: Candidate) -> tuple[bool, float, bool, float]:

@@ -127,7 +127,7 @@ class Programme:
         """(3, n) where each link ends: the origin that the first factor of the next one starts from."""
         ends = np.cumsum([len(self.robot.base), *(len(link) for link in self.robot.links)])[1:]
         origins = [*(screw.origin for screw in reached.screws), reached.position]
-        return ca.horzcat(*(ca.vertcat(*origins[end]) for end in ends))
+        return ca.SX(ca.horzcat(*(ca.vertcat(*origins[end]) for end in ends)))
 
     @cached_property
     def nlp(self) -> Nlp:

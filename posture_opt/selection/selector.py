@@ -21,6 +21,7 @@ from posture_opt.selection.multistart import (
     Progress,
     Search,
     in_processes,
+    median,
     rank,
     search,
     with_progress,
@@ -37,7 +38,7 @@ from posture_opt.uncertainty.tool_point import ToolPoint
 Floats = np.ndarray
 
 QUICK_STARTS = 48
-"""Feasible starts of a repeated solve: enough that the best of them lies in the basin of the best optimum (Panda: 400 of 400 within 1 %)."""
+"""Feasible starts of a repeated solve: enough for the best one to lie in the best optimum's basin (benchmarks/)."""
 QUICK_POLISH = {"point": 1, "region": 4, "anywhere": 4}
 """Local solves of a repeated solve. At a point the freedom left is small, and screening finds the basin."""
 _SAME_OPTIMUM = 1e-4
@@ -169,7 +170,7 @@ class PostureSelector:
             converged=min(sum(c.optimal for c in found.found), found.polished),
             distinct=len(optima),
             hits=len(same) if swept is None else min(len(same), found.polished),
-            typical=float(np.median(found.sampled)),
+            typical=median(found.sampled),
             worst=float(np.max(found.sampled)),
             sweep=swept,
             sweep_sigma=math.nan if swept is None else swept.best.sigma,

@@ -13,7 +13,7 @@ from posture_opt.selection.multistart import ROW_TOLERANCE, Candidate, Engine
 Floats = np.ndarray
 _SPINS = 120
 _SEEDS = 8
-_GRID = 121
+_GRID = 91
 
 
 @dataclass(frozen=True)

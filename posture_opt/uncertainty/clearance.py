@@ -111,7 +111,7 @@ def _log_miss_from_inside(sigma: Array, b: Array, r: float) -> float:
     # The integrand is sharp, at worst, near the axes of the ellipse and where a ray starts at right angles to b.
     tangent = math.atan2(-b[0] * sigma[0], b[1] * sigma[1])
     quarters = np.arange(5) * math.pi / 2
-    breaks = np.unique(np.concatenate([quarters, np.mod([tangent, tangent + math.pi], 2 * math.pi)]))
+    breaks = _ascending(quarters, np.mod([tangent, tangent + math.pi], 2 * math.pi))
     return _log_integral(half_squared_radius, breaks) - math.log(2 * math.pi)
 
 
@@ -134,7 +134,7 @@ def _hit_from_outside(sigma: Array, b: Array, r: float) -> float:
         return result
 
     quarters = np.arange(-4, 5) * math.pi / 2 - math.atan2(axis[1], axis[0])
-    breaks = np.unique(np.concatenate([quarters[np.abs(quarters) < half], [-half, 0.0, half]]))
+    breaks = _ascending(quarters[np.abs(quarters) < half], np.array([-half, 0.0, half]))
     # A miss is at least as likely as a hit here, so that a hit need be known in absolute terms only.
     return min(math.exp(_log_integral(minus_log_hit, breaks, negligible=1e-14) - math.log(2 * math.pi)), 1.0)
 
@@ -152,6 +152,11 @@ def _cone(sigma: Array, b: Array, r: float, power: float) -> tuple[Array, float,
         low = determinant / high
     axis = vectors[:, 1] * -np.sign(b @ (sigma * vectors[:, 1]))  # of the two opposite cones the one towards the circle
     return axis, high - low, math.atan2(math.sqrt(high), math.sqrt(-low)) if high > 0 else 0.0
+
+
+def _ascending(*points: Array) -> Array:
+    """All points once, in order; NumPy's own `unique` loads its masked arrays first, 30 ms of a cold start."""
+    return np.array(sorted({float(point) for group in points for point in group}))
 
 
 def _log_integral(minus_log: Callable[[Array], Array], breaks: Array, negligible: float = 0.0) -> float:
