@@ -8,6 +8,7 @@ that helps names the culprit, and a small programme measures by how much it fail
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +19,8 @@ from posture_opt.model.compiled import IPOPT_OPTIONS
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.feasible import TOLERANCE, InverseKinematics, Wish, wish_for
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.multistart import Candidate, Engine, Search
+from posture_opt.selection.multistart import ROW_TOLERANCE, Engine, Search
+from posture_opt.selection.nlp import Row
 from posture_opt.selection.solution import Evidence, Reason, Solution
 
 Floats = np.ndarray
@@ -26,9 +28,15 @@ _STARTS = 200
 _REFINED = 8
 
 
-def explain(problem: Any, engine: Engine, found: Search, seconds: float) -> Solution:
+def inquire(engine: Engine, found: Search) -> tuple[Floats, list[Reason]]:
+    """The posture (n,) that comes nearest, and why it does not do; no reason where it does after all."""
+    return _Inquiry(engine, found.goal).answer(found)
+
+
+def infeasible(
+    problem: Any, engine: Engine, found: Search, q: Floats, reasons: Sequence[Reason], seconds: float
+) -> Solution:
     """The infeasible solution: nearest posture, and the reasons in words."""
-    q, reasons = _Inquiry(engine, found.goal).answer(found)
     evidence = Evidence(0, found.tried, found.polished, 0, 0, 0, math.nan, math.nan, None, math.nan, seconds)
     notes = (*problem.notes, engine.programme.axis_note(found.goal))
     return Solution(problem, engine.programme, found.goal, "infeasible", q, evidence, lambda: (), notes, tuple(reasons))
@@ -45,7 +53,7 @@ class _Inquiry:
 
     def answer(self, found: Search) -> tuple[Floats, list[Reason]]:
         if found.found:
-            return self._row(found.found[0])
+            return self._row(np.array([candidate.q for candidate in found.found]))
         plane = self._plane()
         if plane is not None:
             return self._nearest()[0], [plane]
@@ -59,19 +67,24 @@ class _Inquiry:
             return self._limits(Q, with_axis=True)
         return self._tilt(self._reached(limited, with_axis=False))
 
-    def _row(self, nearest: Candidate) -> tuple[Floats, list[Reason]]:
-        """Target and axis are fine; a further requirement is not."""
-        nlp, p = self.engine.programme.nlp, self.goal.parameters()
-        low, high = nlp.row_bounds(p)
-        values = np.asarray(ca.Function("g", [nlp.x, nlp.p], [nlp.g])(nearest.q, p)).ravel()
-        beyond = np.maximum(low - values, values - high)
-        k = int(np.argmax(beyond))
-        row, bound = nlp.rows[k], low[k] if values[k] < low[k] else high[k]
+    def _row(self, starts: Floats) -> tuple[Floats, list[Reason]]:
+        """Target and axis can be met; which further requirement cannot, and by how much at least."""
+        nlp = self.engine.programme.nlp
+        required, further = self._rows("target", "tool_axis"), [r for r in nlp.rows if not _is_target(r)]
+        beyond = [ca.fmax(ca.fmax(r.lower - r.expression, r.expression - r.upper), 0) for r in further]
+        lo, hi = nlp.variable_bounds
+        q = self._least(ca.sumsqr(ca.vertcat(*beyond)), starts[:_REFINED], lo, hi, required)
+        at = ca.Function("rows", [nlp.x, nlp.p], [ca.vertcat(*beyond), ca.vertcat(*(r.expression for r in further))])
+        missing, values = (np.asarray(v).ravel() for v in at(q, self.goal.parameters()))
+        k = int(np.argmax(missing))
+        if missing[k] < ROW_TOLERANCE:
+            return q, []
+        row, amount = further[k], float(missing[k])
         message = (
-            f"{row.name} can reach {_amount(values[k], row.unit)} at best, {_amount(float(bound), row.unit)} is asked "
-            f"for: {_amount(float(beyond[k]), row.unit)} are missing"
+            f"{row.name} comes no nearer than {_amount(values[k], row.unit)} while target and tool axis are met; "
+            f"{_amount(amount, row.unit)} are missing"
         )
-        return nearest.q, [Reason(row.name, message, float(beyond[k]), row.unit)]
+        return q, [Reason(row.name, message, amount, row.unit)]
 
     def _plane(self) -> Reason | None:
         reach, goal = self.engine.programme.reach, self.goal
@@ -108,6 +121,8 @@ class _Inquiry:
         q, point = self._nearest()
         gap = np.clip(point, self.goal.lower, self.goal.upper) - point
         distance = float(np.linalg.norm(gap))
+        if distance < ROW_TOLERANCE:
+            return self._tilt(q[None])
         message = (
             f"the target is out of reach by {distance * 1e3:.4g} mm; the nearest point that the tool reaches is "
             f"{_millimetres(point)}: move the target by {_millimetres(-gap)}"
@@ -123,22 +138,19 @@ class _Inquiry:
         middle = Wish((self.goal.lower + self.goal.upper) / 2, np.zeros(3), np.zeros(3), np.array([1.0, 0, 0]))
         start, _ = self.engine.ik.solve(start, middle)
         lo, hi = self.engine.programme.nlp.variable_bounds
-        q = self._least(ca.sumsqr(gap), ca.SX(0, 1), start, lo, hi)
+        q = self._least(ca.sumsqr(gap), start, lo, hi, [])
         return q, np.asarray(ca.Function("x", [at.q, p], [at.position])(q, self.goal.parameters())).ravel()
 
     def _limits(self, starts: Floats, with_axis: bool) -> tuple[Floats, list[Reason]]:
         """Without limits it would work: which limits are in the way, and by how much at least."""
-        nlp, p = self.engine.programme.nlp, self.engine.programme.nlp.p
+        nlp = self.engine.programme.nlp
         lower, upper = (ca.DM(bound) for bound in nlp.variable_bounds)
         excess = ca.fmax(lower - nlp.x, 0) + ca.fmax(nlp.x - upper, 0)
-        rows = [r for r in nlp.rows if r.name.startswith("target") or (with_axis and r.name.startswith("tool_axis"))]
-        g = ca.vertcat(*(row.expression for row in rows))
+        rows = self._rows("target", "tool_axis") if with_axis else self._rows("target")
         span = np.full(self.robot.n, 4 * math.pi)
-        bounds = ca.Function("b", [p], [ca.vertcat(*(r.lower for r in rows)), ca.vertcat(*(r.upper for r in rows))])
-        low, high = (np.asarray(b).ravel() for b in bounds(self.goal.parameters()))
         beyond = np.maximum(np.asarray(lower).ravel() - starts, starts - np.asarray(upper).ravel()).clip(0)
         starts = starts[np.argsort(np.linalg.norm(beyond, axis=1))]
-        q = self._least(ca.sumsqr(excess), g, starts[:_REFINED], -span, span, low, high)
+        q = self._least(ca.sumsqr(excess), starts[:_REFINED], -span, span, rows)
         reasons = []
         for k, joint in enumerate(self.robot.joints):
             amount = max(joint.lower - q[k], q[k] - joint.upper, 0.0)
@@ -151,26 +163,22 @@ class _Inquiry:
                     f"{_amount(bound, unit)}, to meet the {what}"
                 )
                 reasons.append(Reason(f"{joint.name}.limits", message, float(amount), unit))
-        return q, reasons or [Reason("search", "no feasible posture was found, although relaxed ones exist", 0.0, "1")]
+        if reasons or with_axis:
+            return q, reasons
+        return self._tilt(q[None])
 
     def _tilt(self, starts: Floats) -> tuple[Floats, list[Reason]]:
         """The target is reached, but not with the tool axis along the direction: the least tilt that would do."""
         programme = self.engine.programme
         at, nlp = programme.quantities, programme.nlp
-        rows = [row for row in nlp.rows if row.name.startswith("target")]
-        g = ca.vertcat(*(row.expression for row in rows)) if rows else ca.SX(0, 1)
-        bounds = ca.Function(
-            "b",
-            [nlp.p],
-            [ca.vertcat(ca.SX(0, 1), *(r.lower for r in rows)), ca.vertcat(ca.SX(0, 1), *(r.upper for r in rows))],
-        )
-        low, high = (np.asarray(b).ravel() for b in bounds(self.goal.parameters()))
         cosine = ca.dot(ca.DM(self.goal.direction), at.axis)
         order = np.argsort(-np.asarray(ca.Function("c", [nlp.x], [cosine]).map(len(starts))(starts.T)).ravel())
         lo, hi = nlp.variable_bounds
-        q = self._least(-cosine, g, starts[order[:_REFINED]], lo, hi, low, high)
+        q = self._least(-cosine, starts[order[:_REFINED]], lo, hi, self._rows("target"))
         reached = float(ca.Function("c", [nlp.x], [cosine])(q))
         tilt = math.acos(min(1.0, max(-1.0, reached)))
+        if not self.engine.programme.axis_rows or tilt <= self.goal.tilt + ROW_TOLERANCE:
+            return q, []
         message = (
             f"at this target the tool axis comes no closer than {math.degrees(tilt):.3g} deg to the direction, and "
             f"{math.degrees(self.goal.tilt):.3g} deg are allowed; "
@@ -178,30 +186,29 @@ class _Inquiry:
         )
         return q, [Reason("tool_axis", message, tilt - self.goal.tilt, "rad")]
 
-    def _least(
-        self,
-        objective: ca.SX,
-        g: ca.SX,
-        starts: Floats,
-        lower: Floats,
-        upper: Floats,
-        row_lower: Floats | None = None,
-        row_upper: Floats | None = None,
-    ) -> Floats:
-        """The best of IPOPT's answers from the starts; a start itself where IPOPT gives none."""
-        nlp = self.engine.programme.nlp
-        parameters = self.goal.parameters()
-        objective, g = (ca.substitute(e, nlp.p, ca.DM(parameters)) for e in (objective, g))
+    def _rows(self, *names: str) -> list[Row]:
+        return [row for row in self.engine.programme.nlp.rows if row.name.split(".")[0] in names]
+
+    def _least(self, objective: ca.SX, starts: Floats, lower: Floats, upper: Floats, rows: Sequence[Row]) -> Floats:
+        """The least of an objective (n,) that IPOPT finds under ``rows``; a start itself where it finds none."""
+        nlp, p = self.engine.programme.nlp, self.goal.parameters()
+        empty = ca.SX(0, 1)
+        g = ca.vertcat(empty, *(row.expression for row in rows))
+        ends = [ca.vertcat(empty, *(row.lower for row in rows)), ca.vertcat(empty, *(row.upper for row in rows))]
+        low, high = (np.asarray(end).ravel() for end in ca.Function("bounds", [nlp.p], ends)(p))
+        objective, g = (ca.substitute(e, nlp.p, ca.DM(p)) for e in (objective, g))
         options = {**IPOPT_OPTIONS, "ipopt.max_iter": 300}
         solver = ca.nlpsol("least", "ipopt", {"x": nlp.x, "f": objective, "g": g}, options)
-        none = np.zeros(0)
-        row_lower, row_upper = (none if b is None else b for b in (row_lower, row_upper))
         answers = []
         for start in starts:
-            found = solver(x0=start, lbx=lower, ubx=upper, lbg=row_lower, ubg=row_upper)
+            found = solver(x0=start, lbx=lower, ubx=upper, lbg=low, ubg=high)
             if solver.stats()["success"]:
                 answers.append((float(found["f"]), np.asarray(found["x"]).ravel()))
         return min(answers, key=lambda a: a[0])[1] if answers else np.asarray(starts[0])
+
+
+def _is_target(row: Row) -> bool:
+    return row.name.split(".")[0] in ("target", "tool_axis")
 
 
 def _amount(value: float, unit: str) -> str:

@@ -10,10 +10,10 @@ from typing import Protocol
 
 import numpy as np
 
-from posture_opt.errors import InputError, Issue, NoSolutionError
+from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.infeasible import explain
+from posture_opt.selection.infeasible import infeasible, inquire
 from posture_opt.selection.multistart import (
     Candidate,
     Engine,
@@ -156,10 +156,7 @@ class PostureSelector:
     def _answer(self, found: Search, swept: Sweep | None, began: float) -> Solution:
         engine = self.engine(found.goal)
         programme = engine.programme
-        feasible = [c for c in found.found if c.feasible]
-        if not feasible:
-            solution = explain(self._problem, engine, found, time.perf_counter() - began)
-            raise NoSolutionError("\n".join(reason.message for reason in solution.reasons), solution)
+        feasible = [c for c in found.found if c.feasible] or self._rescued(found, began)
         best = feasible[0]
         optima = distinct(feasible, self._problem.robot)
         same = [c for c in feasible if c.objective <= best.objective + _SAME_OPTIMUM * max(abs(best.objective), 1e-9)]
@@ -170,8 +167,8 @@ class PostureSelector:
             converged=min(sum(c.optimal for c in found.found), found.polished),
             distinct=len(optima),
             hits=len(same) if swept is None else min(len(same), found.polished),
-            typical=median(found.sampled),
-            worst=float(np.max(found.sampled)),
+            typical=median(found.sampled) if len(found.sampled) else math.nan,
+            worst=float(np.max(found.sampled)) if len(found.sampled) else math.nan,
             sweep=swept,
             sweep_sigma=math.nan if swept is None else swept.best.sigma,
             seconds=time.perf_counter() - began,
@@ -183,6 +180,21 @@ class PostureSelector:
         notes = (*self._problem.notes, programme.axis_note(found.goal), *self._collisions())
         status: Status = "optimal" if best.optimal else "feasible"
         return Solution(self._problem, programme, found.goal, status, best.q, evidence, ranked, notes)
+
+    def _rescued(self, found: Search, began: float) -> list[Candidate]:
+        """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""
+        engine = self.engine(found.goal)
+        q, reasons = inquire(engine, found)
+        if reasons:
+            solution = infeasible(self._problem, engine, found, q, reasons, time.perf_counter() - began)
+            raise NoSolutionError("\n".join(reason.message for reason in reasons), solution)
+        rescued = engine.polished(engine.candidates(q[None], found.goal)[0], found.goal)
+        if not rescued.feasible:
+            raise SolverError(
+                "the solver failed: each requirement can be met, but no posture was found that meets all of them; "
+                "more starts may help (solver: {starts: 500})"
+            )
+        return [rescued]
 
     def _collisions(self) -> tuple[str, ...]:
         if self._problem.robot.n < 3:
