@@ -17,8 +17,13 @@ from posture_opt.selection.tasks import TASKS
 from posture_opt.selection.terms import TERMS
 
 PACKAGE = Path(posture_opt.__file__).parent
-ORDER = ["errors", "units", "spec", "robot", "model", "uncertainty", "selection", "problem", "report", "cli"]
-HOME = {"casadi": {"model", "uncertainty", "selection"}, "matplotlib": {"report"}, "yaml": {"problem", "robot"}}
+ORDER = "errors units spec robot model uncertainty selection diagnosis problem report cli".split()
+HOME = {
+    "casadi": {"model", "uncertainty", "selection", "diagnosis"},
+    "matplotlib": {"report"},
+    "yaml": {"problem", "robot"},
+}
+BESIDE = {("diagnosis", "selection")}  # two lanes that meet in the arm and know nothing of each other
 # Results draw themselves on request: `solution.plot()` reaches forward, inside the function.
 REACHES_FORWARD = {("uncertainty", "report"), ("selection", "report")}
 FILES = sorted(PACKAGE.rglob("*.py"))
@@ -49,6 +54,7 @@ def test_imports_run_one_way(path: Path) -> None:
         if there in ORDER and ORDER.index(there) > ORDER.index(here):
             assert not at_top, f"{path.name} imports {module} at the top"
             assert (here, there) in REACHES_FORWARD, f"{path.name} reaches forward to {module}"
+        assert (here, there) not in BESIDE, f"{path.name} imports {module}"
         library = module.split(".")[0]
         if library in HOME:
             assert here in HOME[library], f"{library} does not belong in {here}"
