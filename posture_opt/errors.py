@@ -40,9 +40,19 @@ class Issue:
         mend = f" – {self.mend}" if self.mend else ""
         return f"{place}{key}{self.message}{mend}"
 
+    @classmethod
+    def told(cls, text: str, key: KeyPath, value: Any = None) -> Issue:
+        """The issue of a validator, which writes ``what is wrong; how to mend it``."""
+        message, _, mend = text.partition("; ")
+        return cls(message, key, value, mend)
+
     def at(self, *prefix: str | int) -> Issue:
         """The same issue with ``prefix`` put before its key path."""
         return replace(self, key=(*prefix, *self.key))
+
+    def placed(self, file: str, line: int) -> Issue:
+        """The same issue in ``file``, at ``line`` unless it knows its own."""
+        return replace(self, file=file, line=self.line or line)
 
 
 def key_text(key: KeyPath) -> str:

@@ -30,5 +30,17 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     name = nearest(word, names)
     if name:
         return f"did you mean '{name}'?"
-    shown = ", ".join(names[:40]) + (", …" if len(names) > 40 else "")
-    return f"known are {shown}" if names else "none is known"
+    return f"known are {listed(names)}" if names else "none is known"
+
+
+def one_of(word: str, known: Iterable[str], what: str = "one of") -> str:
+    """``did you mean 'x'? one of: x, y``: the nearest name where one is like ``word``, and all that are known."""
+    names = list(known)
+    name = nearest(word, names)
+    return (f"did you mean '{name}'? " if name else "") + f"{what}: {listed(names)}"
+
+
+def listed(names: Iterable[str], most: int = 40) -> str:
+    """The first names of a list, as text."""
+    every = list(names)
+    return ", ".join(every[:most]) + (f", … ({len(every)} in all)" if len(every) > most else "")

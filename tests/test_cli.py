@@ -97,7 +97,7 @@ def test_wrong_usage_is_exit_code_2(words: list[str], message: str) -> None:
         (["--task", "insert", "--robot", "ur10e", "--direction", "0, 0, x"], "--direction[2]: 'x' is not a number"),
         (["--task", "insert", "--robot", "ur10e", "--sigma", "-1 deg"], "--sigma.shoulder_pan.theta: the standard"),
         (["--task", "insert", "--robot", "ur10e", "--sigma", "0.02"], "has no unit"),
-        (["new", "ur10f"], "PRESET: there is no preset of this name – did you mean ur10?"),
+        (["new", "ur10f"], "PRESET: there is no preset of this name – did you mean 'ur10'?"),
         (["uncertainty", *PLANAR, "--posture", "90 deg"], "--posture: 1 value for 2 joints – give one value each"),
         (["uncertainty", *PLANAR, "--posture", "90, 90 deg"], "--posture.joint1: the angle has no unit"),
         (["uncertainty", *PLANAR, "--posture", "joint1=1 deg"], "--posture: no value for joint2"),

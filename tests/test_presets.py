@@ -54,7 +54,7 @@ def test_repeatability_of_the_data_sheet(name, millimetres):
 
 
 def test_unknown_preset_offers_the_nearest():
-    with pytest.raises(InputError, match="did you mean ur10e") as caught:
+    with pytest.raises(InputError, match="did you mean 'ur10e'") as caught:
         load_preset("ur10-e")
     assert caught.value.issues[0].key == ("name",)
 

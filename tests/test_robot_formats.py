@@ -282,8 +282,8 @@ def test_every_bad_joint_of_a_chain_at_once(tmp_path):
 
 
 @pytest.mark.parametrize(("keys", "key", "message"), [
-    ({"tip_link": "link_1"}, "tip_link", "did you mean link1"),
-    ({"base_link": "bass"}, "base_link", "did you mean base"),
+    ({"tip_link": "link_1"}, "tip_link", "did you mean 'link1'"),
+    ({"base_link": "bass"}, "base_link", "did you mean 'base'"),
     ({"base_link": "link1", "tip_link": "base"}, "tip_link", "no chain from 'link1' to 'base'"),
     ({"tip_link": "link2", "base_link": "link2"}, "file", "no joint hangs on 'link2'"),
 ])  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -25,7 +26,7 @@ def command(preset: str | None, out: Path | None, force: bool, debug: bool) -> N
     try:
         text = starter_text(preset)
     except InputError as error:
-        raise InputError([Issue(issue.message, ("PRESET",), preset, issue.mend) for issue in error.issues]) from None
+        raise InputError([replace(issue, key=("PRESET",)) for issue in error.issues]) from None
     if out is not None and out.exists() and not force:
         raise InputError(
             Issue(f"{out} exists", ("--out",), str(out), "choose another name, or replace it with --force")

@@ -183,6 +183,5 @@ def _joint_value(pair: tuple[str, ...], robot: Robot, issues: list[Issue]) -> fl
     try:
         return parse_quantity(pair[1], "angle" if joint.type == "revolute" else "length")
     except ValueError as error:
-        message, _, mend = str(error).partition("; ")
-        issues.append(Issue(message, key, pair[1], mend))
+        issues.append(Issue.told(str(error), key, pair[1]))
         return 0.0

@@ -6,13 +6,14 @@ import copy
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from posture_opt.errors import Issue, KeyPath
-from posture_opt.nearest import did_you_mean, nearest
+from posture_opt.nearest import did_you_mean, nearest, one_of
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.schema_tree import bound_at, example_at, known_keys, nodes_at, size_at
 
@@ -141,7 +142,8 @@ def _issue(error: _Placed, data: Any) -> Issue:
         words = _quoted(context["expected"])
         return _unknown_word(key, value, words)
     if kind == "value_error":
-        return _split(str(context["error"]), key, value)
+        told = Issue.told(str(context["error"]), key, value)
+        return replace(told, message=_with_value(told.message, value))
     if kind in _SAID:
         bounds = {name: bound_at(key, data, bound) for name, bound in context.items()}
         message = _SAID[kind].format(value=_shown(value), **bounds)
@@ -159,7 +161,7 @@ def _tag_issue(key: KeyPath, kind: str, context: Mapping[str, Any], data: Any) -
 
 def _unknown_word(key: KeyPath, value: Any, words: Sequence[str]) -> Issue:
     message = "nothing stands here" if value is None else f"{_shown(value)} is not known here"
-    return Issue(message, key, value, _one_of(str(value), words))
+    return Issue(message, key, value, one_of(str(value), words))
 
 
 def _tags(key: KeyPath) -> list[str]:
@@ -168,17 +170,6 @@ def _tags(key: KeyPath) -> list[str]:
 
 def _quoted(words: Any) -> list[str]:
     return re.findall(r"'([^']*)'", str(words))
-
-
-def _one_of(word: str, words: Sequence[str]) -> str:
-    near = nearest(word, words)
-    return (f"did you mean '{near}'? " if near else "") + f"one of: {', '.join(words)}"
-
-
-def _split(message: str, key: KeyPath, value: Any) -> Issue:
-    """Validators write ``what is wrong; how to mend it``."""
-    message, _, mend = message.partition("; ")
-    return Issue(_with_value(message, value), key, value, mend)
 
 
 def _type_issue(key: KeyPath, kind: str, value: Any, data: Any, fallback: str) -> Issue:

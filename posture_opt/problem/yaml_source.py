@@ -37,8 +37,7 @@ class Document:
         key = issue.key
         while key and key not in self.lines:
             key = key[:-1]
-        line = issue.line or self.lines.get(key, 0)
-        return Issue(issue.message, issue.key, issue.value, issue.mend, self.file, line)
+        return issue.placed(self.file, self.lines.get(key, 0))
 
 
 class _Loader(yaml.SafeLoader):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import replace
 from functools import cache
 from importlib.resources import files
@@ -12,6 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.nearest import one_of
 from posture_opt.robot.dh import DhRobot
 from posture_opt.robot.format import RobotFormat
 from posture_opt.robot.mdh import MdhRobot
@@ -83,9 +83,7 @@ def preset_text(name: str) -> str:
     """
     names = preset_names()
     if name not in names:
-        near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.5)
-        mend = (f"did you mean {near[0]}? " if near else "") + f"presets: {', '.join(names)}"
-        raise InputError(Issue("there is no preset of this name", ("name",), name, mend))
+        raise InputError(Issue("there is no preset of this name", ("name",), name, one_of(name, names, "presets")))
     return (files("posture_opt.robot") / "presets" / f"{name}.yaml").read_text(encoding="utf-8")
 
 

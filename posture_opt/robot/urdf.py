@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.nearest import listed
 from posture_opt.robot.format import FULL_TURN, MAX_JOINTS, RobotFormat, joint_name_fault, limits_fault
 from posture_opt.robot.robot import Axis, Factor, Joint, Robot, frame_factors
-from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree, read_urdf, shown
+from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree, read_urdf
 
 Array = NDArray[np.float64]
 FLANGE = "tool0"
@@ -67,7 +68,7 @@ class UrdfRobot(RobotFormat):
         if not path and tip == base:
             raise InputError(Issue(f"no joint hangs on '{base}'", ("file",), None, "choose another base_link"))
         if not path:
-            below = shown(tree.leaves(base))
+            below = listed(tree.leaves(base))
             message = f"there is no chain from '{base}' to '{tip}'"
             raise InputError(Issue(message, ("tip_link",), tip, f"behind '{base}' hang: {below}"))
         return path
@@ -76,7 +77,7 @@ class UrdfRobot(RobotFormat):
 def _only(links: list[str], key: str, what: str) -> str:
     if len(links) == 1 or (key == "tip_link" and FLANGE in links):
         return links[0] if len(links) == 1 else FLANGE
-    raise InputError(Issue(f"the URDF has {len(links)} {what}", (key,), None, f"name one: {key}: {shown(links)}"))
+    raise InputError(Issue(f"the URDF has {len(links)} {what}", (key,), None, f"name one: {key}: {listed(links)}"))
 
 
 def _check(path: list[UrdfJoint]) -> None:

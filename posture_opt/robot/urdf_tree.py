@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.nearest import one_of
 
 Array = NDArray[np.float64]
 MAX_BYTES = 50_000_000  # a robot of some hundred links takes a few hundred kB
@@ -90,15 +90,7 @@ class UrdfTree:
     def require(self, link: str, key: str) -> None:
         """InputError with the nearest name where the file has no such link."""
         if link not in self.links:
-            near = difflib.get_close_matches(link, self.links, n=1, cutoff=0.5)
-            mend = f"did you mean {near[0]}? " if near else ""
-            raise InputError(Issue("the URDF has no such link", (key,), link, f"{mend}links: {shown(self.links)}"))
-
-
-def shown(names: Iterable[str], most: int = 20) -> str:
-    """The first names of a list, as text."""
-    listed = list(names)
-    return ", ".join(listed[:most]) + (f", … ({len(listed)} in all)" if len(listed) > most else "")
+            raise InputError(Issue("the URDF has no such link", (key,), link, one_of(link, self.links, "links")))
 
 
 def read_urdf(path: Path) -> UrdfTree:
@@ -213,5 +205,5 @@ def _faults(tree: UrdfTree) -> list[str]:
 
 
 def _twice(names: Iterable[str]) -> list[str]:
-    listed = list(names)
-    return sorted({name for name in listed if listed.count(name) > 1})
+    every = list(names)
+    return sorted({name for name in every if every.count(name) > 1})

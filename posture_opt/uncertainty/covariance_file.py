@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.nearest import nearest, nearest_file
+from posture_opt.nearest import nearest_file, one_of
 from posture_opt.uncertainty.sources import Array
 from posture_opt.units import parse_quantity
 
@@ -43,13 +43,9 @@ def read_covariance(path: Path, dimensions: dict[str, str]) -> tuple[tuple[str, 
     matrix, more = _body(rows[1:], names)
     issues += more
     if issues:
-        raise InputError([_placed(issue, path, line) for issue in issues])
+        raise InputError([issue.placed(str(path), line) for issue in issues])
     scale = np.array(factors)
     return tuple(names), matrix * np.outer(scale, scale)
-
-
-def _placed(issue: Issue, path: Path, header_line: int) -> Issue:
-    return Issue(issue.message, issue.key, issue.value, issue.mend, str(path), issue.line or header_line)
 
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
@@ -100,10 +96,7 @@ def name_issues(name: str, known: dict[str, str]) -> list[Issue]:
     """The complaint about a parameter that the robot does not have, with the nearest that it has."""
     if name in known:
         return []
-    near = nearest(name, known)
-    listed = ", ".join(known) if len(known) <= 40 else ", ".join([*list(known)[:40], "…"])
-    mend = f"did you mean '{near}'? " if near else ""
-    return [Issue("the robot has no such parameter", (name,), name, f"{mend}It has: {listed}")]
+    return [Issue("the robot has no such parameter", (name,), name, one_of(name, known, "it has"))]
 
 
 def _body(rows: Sequence[tuple[int, list[str]]], names: Sequence[str]) -> tuple[Array, list[Issue]]:

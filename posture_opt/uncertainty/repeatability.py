@@ -10,6 +10,7 @@ import numpy as np
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.chain import factor_values, stack, walk
 from posture_opt.model.derivatives import position_column
+from posture_opt.nearest import one_of
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.uncertainty.iso9283 import repeatabilities
 from posture_opt.uncertainty.sources import Array, Sources
@@ -139,7 +140,7 @@ def _check(robot: Robot, repeatability: float, weights: Mapping[str, float]) -> 
         issues.append(Issue(f"the repeatability is {repeatability:g} m", ("repeatability",), repeatability, mend))
     for name, weight in weights.items():
         if name not in robot.joint_names:
-            mend = f"joints are {', '.join(robot.joint_names)}"
+            mend = one_of(name, robot.joint_names, "joints")
             issues.append(Issue("the robot has no such joint", ("weights", name), weight, mend))
         elif not (math.isfinite(weight) and weight >= 0):
             issues.append(Issue(f"the weight is {weight:g}", ("weights", name), weight, "give 0 or more"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from pydantic import Field, WithJsonSchema
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.nearest import one_of
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
 from posture_opt.uncertainty.covariance_file import name_issues, read_covariance
@@ -84,12 +86,13 @@ class UncertaintySpec(Spec):
         return issues
 
     def _weight_issues(self, robot: Robot) -> list[Issue]:
-        known = dict.fromkeys(robot.joint_names, "joint")
-        issues = []
-        for name in self.weights:
-            for issue in name_issues(name, known):
-                issues.append(Issue("the robot has no such joint", ("weights", name), name, issue.mend))
-        if self.weights and not any(self.weights.get(name, 1.0) for name in robot.joint_names):
+        names = robot.joint_names
+        issues = [
+            Issue("the robot has no such joint", ("weights", name), name, one_of(name, names, "joints"))
+            for name in self.weights
+            if name not in names
+        ]
+        if self.weights and not any(self.weights.get(name, 1.0) for name in names):
             issues.append(Issue("all weights are zero", ("weights",), mend="give one joint a weight above 0"))
         return issues
 
@@ -103,7 +106,7 @@ class UncertaintySpec(Spec):
         covariance = (covariance + covariance.T) / 2
         issues = covariance_issues(names, covariance)
         if issues:
-            raise InputError([Issue(i.message, ("covariance",), self.covariance, i.mend) for i in issues])
+            raise InputError([replace(issue, key=("covariance",), value=self.covariance) for issue in issues])
         return Sources(names, covariance, (f"covariance from {self.covariance}",))
 
     def _from_sigma(self, dimensions: dict[str, str]) -> Sources:
@@ -157,7 +160,7 @@ class UncertaintySpec(Spec):
             return named.joined(joint_sigmas(robot, self.repeatability, self.weights))
         except InputError as error:
             mend = "the repeatability holds the scatter of all joints: leave these out of sigma, or leave it out"
-            raise InputError([Issue(i.message, ("repeatability",), mend=mend) for i in error.issues]) from None
+            raise InputError([replace(i, key=("repeatability",), mend=mend) for i in error.issues]) from None
 
     @property
     def _stated(self) -> bool:
@@ -173,8 +176,7 @@ def _sigma(name: str, text: Any, dimensions: dict[str, str], issues: list[Issue]
     try:
         value = parse_quantity(text, dimensions[name])
     except ValueError as error:
-        message, _, mend = str(error).partition("; ")
-        issues.append(Issue(message, key, text, mend))
+        issues.append(Issue.told(str(error), key, text))
         return 0.0
     if value < 0:
         mend = f"write {str(text).strip().lstrip('-').strip()}"
