@@ -69,9 +69,7 @@ class Arm:
     def jacobian(self, q: Any, p: Any = None) -> Any:
         """The geometric Jacobian (6, n) of the tool point, rows ``(v, ω)``, world-aligned axes."""
         reached = self.walk(q, p)
-        columns = []
-        for joint in range(self.robot.n):
-            columns.append(twist_column(reached, self._moved_by[joint]))
+        columns = [twist_column(reached, i) for i in self.robot.driven]
         return stack(list(zip(*columns, strict=True)))
 
     def parameter_jacobian(self, q: Any, p: Any = None) -> Any:
@@ -79,10 +77,6 @@ class Arm:
         reached = self.walk(q, p)
         columns = [twist_column(reached, i) for i, factor in enumerate(self.robot.factors) if factor.parameter]
         return stack(list(zip(*columns, strict=True)))
-
-    @cached_property
-    def _moved_by(self) -> dict[int, int]:
-        return {f.joint: i for i, f in enumerate(self.robot.factors) if f.joint is not None}
 
 
 def split(values: Any, size: int, what: str) -> Sequence[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Literal
 
 Axis = Literal[0, 1, 2]
@@ -43,6 +43,11 @@ class Joint:
     com: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     gear_ratio: float = math.nan
 
+    @property
+    def unit(self) -> Literal["rad", "m"]:
+        """SI unit of the joint variable."""
+        return "rad" if self.type == "revolute" else "m"
+
 
 @dataclass(frozen=True)
 class Repeatability:
@@ -72,7 +77,7 @@ class Robot:
     base_free: bool = False
     tool_free: bool = False
     source: str = ""
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:
@@ -101,9 +106,11 @@ class Robot:
     def upper(self) -> tuple[float, ...]:
         return tuple(joint.upper for joint in self.joints)
 
-    def with_tool(self, tool: tuple[Factor, ...]) -> Robot:
-        """The same arm with another tool."""
-        return replace(self, tool=tool)
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """(n,) where in ``factors`` the one of each joint variable stands."""
+        at = {factor.joint: i for i, factor in enumerate(self.factors) if factor.joint is not None}
+        return tuple(at[joint] for joint in range(self.n))
 
 
 def frame_factors(prefix: str, xyz: tuple[float, ...], rpy: tuple[float, ...]) -> tuple[Factor, ...]:

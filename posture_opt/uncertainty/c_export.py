@@ -23,7 +23,7 @@ def covariance_c(problem: HasSources, name: str = "tool_covariance") -> tuple[st
     moments = tool_point.moments(ca.vertsplit(q))
     results = [moments.position, moments.covariance, moments.first_order]
     function = ca.Function("spread", [q], results, ["q"], ["position", "covariance", "first_order"])
-    joints = ", ".join(f"{j.name} [{'rad' if j.type == 'revolute' else 'm'}]" for j in problem.robot.joints)
+    joints = ", ".join(f"{j.name} [{j.unit}]" for j in problem.robot.joints)
     described = {
         "q": f"joint values: {joints}",
         "position": "nominal tool point in the world [m]",

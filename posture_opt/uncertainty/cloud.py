@@ -13,7 +13,7 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.uncertainty.adaptive import AdaptiveResult
 from posture_opt.uncertainty.adaptive import adaptive as adaptive_trials
 from posture_opt.uncertainty.posture import PostureLike
-from posture_opt.uncertainty.regions import Ellipsoid
+from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
 from posture_opt.uncertainty.sampler import PAIRS, PowerSums, Sampler
 from posture_opt.uncertainty.sources import Array
 from posture_opt.uncertainty.spread import HasSources, Spread, budget_json, ellipse_json, propagate
@@ -21,7 +21,7 @@ from posture_opt.uncertainty.spread import HasSources, Spread, budget_json, elli
 LARGEST = 100_000_000
 _BLOCK = 5_000  # samples walked at once: bounds the memory whatever n is
 _KEPT = 1_000_000  # points kept for figures and files
-_Z95 = 1.959963984540054
+_Z95 = coverage_factor(0.95, 1)
 
 Interval = tuple[float, float]
 

@@ -68,12 +68,11 @@ def _by_order(robot: Robot, posture: Any) -> list[Any]:
 
 
 def _not_a_number(joint: Joint, value: Any) -> list[Issue]:
-    unit = "rad" if joint.type == "revolute" else "m"
     key = ("posture", joint.name)
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
-        return [Issue(f"{value!r} is no number", key, value, f"give a value in {unit}")]
+        return [Issue(f"{value!r} is no number", key, value, f"give a value in {joint.unit}")]
     if not math.isfinite(value):
-        return [Issue(f"the value is {value}", key, value, f"give a finite value in {unit}")]
+        return [Issue(f"the value is {value}", key, value, f"give a finite value in {joint.unit}")]
     return []
 
 

@@ -143,9 +143,13 @@ class Ellipsoid:
         variances = self.semi_axes**2
         return int(np.count_nonzero(variances > RANK_TOLERANCE * variances[-1]))
 
+    def factor(self, p: float, n: int | None = None, kind: Kind = "prediction") -> float:
+        """The k of the region that holds with probability p, for `rank` dimensions; zero for a point."""
+        return coverage_factor(p, self.rank, n, kind) if self.rank else 0.0
+
     def region(self, p: float, n: int | None = None, kind: Kind = "prediction") -> Array:
         """(m,) semi-axes, ascending, of the region that holds with probability p; see `coverage_factor`."""
-        return self.semi_axes * self._factor(p, n, kind)
+        return self.semi_axes * self.factor(p, n, kind)
 
     def project(self, basis: ArrayLike) -> Ellipsoid:
         """The ellipsoid of ``B y``, whose region has the factor of its own, lower dimension.
@@ -170,7 +174,7 @@ class Ellipsoid:
 
     def contains(self, points: ArrayLike, p: float) -> NDArray[np.bool_]:
         """(N,) whether each of points (N, m) lies in the region of probability p."""
-        return self.mahalanobis(points) <= self._factor(p)
+        return self.mahalanobis(points) <= self.factor(p)
 
     def points(self, p: float, n: int = 121) -> Array:
         """(n, 2) the boundary of a plane region, counter-clockwise from the major axis, first and last point equal.
@@ -187,9 +191,6 @@ class Ellipsoid:
         boundary: Array = self.center + major * np.cos(angle) * along + minor * np.sin(angle) * across
         boundary[-1] = boundary[0]
         return boundary
-
-    def _factor(self, p: float, n: int | None = None, kind: Kind = "prediction") -> float:
-        return coverage_factor(p, self.rank, n, kind) if self.rank else 0.0
 
     def _axes(self) -> tuple[Array, Array]:
         symmetric = (self.covariance + self.covariance.T) / 2

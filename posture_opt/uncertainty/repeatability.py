@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -54,7 +54,8 @@ def joint_sigmas(robot: Robot, repeatability: float, weights: Mapping[str, float
         mend = "give a weight to a joint whose axis does not pass through the tool point"
         raise InputError(Issue("the joints with a weight do not move the tool point", ("weights",), mend=mend))
     sigma = repeatability / typical * unit
-    named = {name: float(s) for name, s in zip(_joint_parameters(robot), sigma, strict=True) if s > 0}
+    parameters = [robot.factors[i].parameter for i in robot.driven]
+    named = {name: float(s) for name, s in zip(parameters, sigma, strict=True) if s > 0}
     return Sources.independent(named, (_note(robot, sigma, repeatability, len(postures), bool(weights)),))
 
 
@@ -98,14 +99,8 @@ def _range(joint: Joint) -> tuple[float, float]:
 def _joint_columns(robot: Robot, postures: Array) -> Array:
     """(n, N, 3) shift of the tool point per unit of each joint's error."""
     reached = walk(robot.factors, factor_values(robot.factors, list(postures.T)))
-    at = {factor.joint: i for i, factor in enumerate(robot.factors) if factor.joint is not None}
-    columns = [stack(position_column(reached, at[joint])) for joint in range(robot.n)]
+    columns = [stack(position_column(reached, i)) for i in robot.driven]
     return np.array([np.broadcast_to(column, (len(postures), 3)) for column in columns])
-
-
-def _joint_parameters(robot: Robot) -> Sequence[str]:
-    names = {factor.joint: factor.parameter for factor in robot.factors if factor.joint is not None}
-    return [names[joint] for joint in range(robot.n)]
 
 
 def _lever(robot: Robot, columns: Array) -> float:

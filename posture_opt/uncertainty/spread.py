@@ -14,7 +14,7 @@ from posture_opt.model.chain import Walk
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.budget import Share, budgets
 from posture_opt.uncertainty.posture import PostureLike, limit_notes, read_posture
-from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
+from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.second_order import second_order
 from posture_opt.uncertainty.sources import Array, Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
@@ -205,7 +205,7 @@ def ellipse_json(ellipse: Ellipsoid, basis: Array) -> dict[str, Any]:
     return {
         "semi_axes_1sigma": ellipse.semi_axes.tolist(),
         "axes": (ellipse.axes.T @ basis).tolist(),
-        "coverage95_factor": coverage_factor(0.95, ellipse.rank) if ellipse.rank else 0.0,
+        "coverage95_factor": ellipse.factor(0.95),
         "dimension": len(basis),
     }
 

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.compiled import BatchFunction
+from posture_opt.uncertainty.sampler import PAIRS
 from posture_opt.uncertainty.sources import Array
 from posture_opt.uncertainty.spread import HasSources, require_sources
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
-_UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-_FULL = (0, 1, 2, 1, 3, 4, 2, 4, 5)  # where each entry of the matrix stands in the upper triangle
+_FULL = (0, 1, 2, 1, 3, 4, 2, 4, 5)  # where each entry of the matrix stands among the `PAIRS`
 _BLOCK = 20_000  # rows evaluated at once: what stands beside the result stays small, and in the cache
 
 
@@ -119,4 +119,4 @@ class SpreadFunction:
 def _upper(matrix: Any) -> ca.SX:
     """The six entries of a symmetric matrix that are computed; the others are mirrored."""
     C = ca.SX(matrix)
-    return ca.vertcat(*(C[i, j] for i, j in _UPPER))
+    return ca.vertcat(*(C[i, j] for i, j in PAIRS))
