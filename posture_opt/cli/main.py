@@ -138,7 +138,7 @@ def main(ctx: click.Context, /, common: Common, explain: bool, **given: Any) -> 
             raise click.UsageError(f"Write --{stated[0].replace('_', '-')} after '{ctx.invoked_subcommand}'.", ctx)
         return
     if not any(given.values()):
-        if len(sys.argv) > 1 and common != Common():
+        if common != Common():
             raise click.UsageError("Nothing to solve: name a --task or a --problem.", ctx)
         click.echo(ctx.get_help())
         return

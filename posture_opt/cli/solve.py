@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,6 +12,9 @@ from posture_opt.cli.output import output_folder, progress_bar, show
 from posture_opt.cli.request import requested_problem
 from posture_opt.errors import NoSolutionError
 from posture_opt.problem.problem import Problem
+
+if TYPE_CHECKING:
+    from posture_opt.selection.solution import Solution
 
 
 def solve(common: Common, explain: bool, **given: Any) -> None:
@@ -33,7 +36,7 @@ def solve(common: Common, explain: bool, **given: Any) -> None:
         raise reason
 
 
-def _solved(problem: Problem, common: Common) -> tuple[Any, NoSolutionError | None]:
+def _solved(problem: Problem, common: Common) -> tuple[Solution, NoSolutionError | None]:
     """The solution, or the nearest posture with the reason why it is none."""
     with progress_bar(common, "starts") as progress:
         try:
@@ -44,7 +47,7 @@ def _solved(problem: Problem, common: Common) -> tuple[Any, NoSolutionError | No
             return error.solution, error
 
 
-def _text(problem: Problem, solution: Any, explain: bool) -> str:
+def _text(problem: Problem, solution: Solution, explain: bool) -> str:
     from posture_opt.report import text
 
     report = text.solution_text(problem, solution)

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Block, Facts
 from posture_opt.report.units_text import count, length, number, percent
 from posture_opt.report.words import source_words
 
+if TYPE_CHECKING:
+    from posture_opt.selection.solution import Solution
+    from posture_opt.selection.sweep import Sweep
+
 SMALL_GAIN = 0.05
 """Below this gain over a typical posture at a fixed place, placing the workpiece is what helps."""
 
 
-def checks_block(solution: Any) -> Block:
+def checks_block(solution: Solution) -> Block:
     """Gain, floor, evidence that no better posture was missed, time."""
     rows = [*_gain(solution), *_floor(solution), *_evidence(solution)]
     rows.append(("Time", f"{solution.evidence.seconds:.2f} s"))
     return Block("Checks", (Facts(tuple(rows)), *_advice(solution)))
 
 
-def _gain(solution: Any) -> list[tuple[str, str]]:
+def _gain(solution: Solution) -> list[tuple[str, str]]:
     typical, worst = solution.evidence.typical, solution.evidence.worst
     if not (math.isfinite(typical) and math.isfinite(worst)):
         return []
@@ -36,7 +40,7 @@ def _less(gain: float) -> str:
     return f"{percent(abs(gain))} {'less' if gain > 0 else 'more'} scatter than"
 
 
-def _floor(solution: Any) -> list[tuple[str, str]]:
+def _floor(solution: Solution) -> list[tuple[str, str]]:
     floor = solution.floor
     if floor is None:
         return []
@@ -57,7 +61,7 @@ def _above(ratio: float) -> str:
     return f"the answer lies {percent(ratio - 1)} above this floor"
 
 
-def _evidence(solution: Any) -> list[tuple[str, str]]:
+def _evidence(solution: Solution) -> list[tuple[str, str]]:
     e = solution.evidence
     text = (
         f"{count(e.tried, 'random start')}, {count(e.starts, 'feasible posture')} found and compared, {e.polished} of "
@@ -67,12 +71,11 @@ def _evidence(solution: Any) -> list[tuple[str, str]]:
     rows.append(("", f"{count(e.distinct, 'distinct optimum', 'distinct optima')}; the best one was hit {e.hits} times"
                      f" out of {e.polished}"))  # fmt: skip
     if e.sweep is not None:
-        rows.append(("Sweep", _sweep(solution)))
+        rows.append(("Sweep", _sweep(solution, e.sweep)))
     return rows
 
 
-def _sweep(solution: Any) -> str:
-    sweep = solution.evidence.sweep
+def _sweep(solution: Solution, sweep: Sweep) -> str:
     text = f"{sweep.over}: {count(sweep.points, 'posture')}, {sweep.feasible} of them feasible"
     sigma, answer = solution.evidence.sweep_sigma, solution.critical.sigma_max
     if not math.isfinite(sigma):
@@ -83,7 +86,7 @@ def _sweep(solution: Any) -> str:
     return f"{text}; found {found} (its best: {length(sigma, 4)})"
 
 
-def _advice(solution: Any) -> tuple[str, ...]:
+def _advice(solution: Solution) -> tuple[str, ...]:
     typical = solution.evidence.typical
     if solution.goal.kind != "point" or not math.isfinite(typical):
         return ()

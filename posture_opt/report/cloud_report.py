@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.parts import validity_sentence
 from posture_opt.report.spread_report import arm_block, covariance_table, posture_block
 from posture_opt.report.units_text import fixed, length_unit, number
 from posture_opt.report.words import line_words
+from posture_opt.uncertainty.regions import coverage_factor
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.uncertainty.cloud import Cloud
 
 
-def cloud_report(problem: Any, cloud: Any) -> Report:
+def cloud_report(problem: Problem, cloud: Cloud) -> Report:
     """Problem, posture, cloud beside closed form, covariance."""
     spread = cloud.spread
     lead = (
@@ -23,7 +28,7 @@ def cloud_report(problem: Any, cloud: Any) -> Report:
     return Report(problem.name or "Simulated spread of the tool point", lead, blocks)
 
 
-def comparison_block(cloud: Any) -> Block:
+def comparison_block(cloud: Cloud) -> Block:
     """Standard deviations, mean and coverage of the sample with their sampling intervals."""
     low, high = cloud.coverage95_interval
     inside = low <= 0.95 <= high
@@ -44,7 +49,7 @@ def _verdict(inside: bool, coverage: float) -> str:
     return f"{side} than 95 %: the cloud is not quite normally distributed, see below"
 
 
-def _axes_table(cloud: Any) -> Table:
+def _axes_table(cloud: Cloud) -> Table:
     intervals = [[math.sqrt(max(float(v), 0.0)) for v in pair] for pair in cloud.eigenvalue_intervals[::-1]]
     sampled = [math.sqrt(max(float(v), 0.0)) for v in cloud.eigenvalues[::-1]]
     closed = [float(v) for v in cloud.spread.ellipse.semi_axes[::-1]]
@@ -58,9 +63,9 @@ def _axes_table(cloud: Any) -> Table:
     return Table(headers, rows)
 
 
-def _mean_table(cloud: Any) -> Table:
+def _mean_table(cloud: Cloud) -> Table:
     closed, sampled = [float(v) for v in cloud.spread.bias], [float(v) for v in cloud.bias]
-    errors = [1.96 * float(v) for v in cloud.bias_error]
+    errors = [coverage_factor(0.95, 1) * float(v) for v in cloud.bias_error]
     unit, factor = length_unit([*closed, *sampled, *errors])
     decimals = max(0, 2 - math.floor(math.log10(max(max(errors) * factor, 1e-9))))
     rows = tuple(
@@ -74,7 +79,7 @@ def _interval(pair: list[float], factor: float) -> str:
     return f"{number(pair[0] * factor, 4)} to {number(pair[1] * factor, 4)}"
 
 
-def covariance_block(cloud: Any) -> Block:
+def covariance_block(cloud: Cloud) -> Block:
     """Both covariances."""
     tables = (covariance_table(cloud.covariance), covariance_table(cloud.spread.covariance))
     return Block("Covariance of the tool point, world frame", ("Simulated:", tables[0], "Closed form:", tables[1]))

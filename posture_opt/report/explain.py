@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Block, Report, Table
 from posture_opt.report.units_text import UNKNOWN, quantity
 from posture_opt.selection.goal import FREE, SIZES
-from posture_opt.selection.values import Values
+from posture_opt.selection.values import Floats, Values
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.nlp import Nlp
+    from posture_opt.selection.solution import Solution
 
 _LENGTHS = ("lower", "upper", "clearance")
 _MEANING = {
@@ -23,7 +28,7 @@ _MEANING = {
 }
 
 
-def explain_report(problem: Any, solution: Any) -> Report:
+def explain_report(problem: Problem, solution: Solution) -> Report:
     """The programme as it was solved."""
     nlp = solution.programme.nlp
     parameters = solution.goal.parameters()
@@ -41,12 +46,12 @@ def explain_report(problem: Any, solution: Any) -> Report:
     return Report(f"Nonlinear programme of: {problem.name}", lead, blocks)
 
 
-def _objective(nlp: Any, values: Values) -> Table:
+def _objective(nlp: Nlp, values: Values) -> Table:
     rows = [(name, _plain(float(value))) for (name, _), value in zip(nlp.terms, values.terms, strict=True)]
     return Table(("term", "value"), (*rows, ("objective", _plain(values.objective))))
 
 
-def _variables(nlp: Any, q: Any) -> Table:
+def _variables(nlp: Nlp, q: Floats) -> Table:
     rows = tuple(
         (v.name, *(quantity(float(x), v.unit) for x in (v.lower, value, v.upper)), _binding(v.lower, value, v.upper))
         for v, value in zip(nlp.variables, q, strict=True)
@@ -54,7 +59,7 @@ def _variables(nlp: Any, q: Any) -> Table:
     return Table(("variable", "at least", "value", "at most", ""), rows)
 
 
-def _rows(nlp: Any, values: Values) -> Table:
+def _rows(nlp: Nlp, values: Values) -> Table:
     rows = tuple(
         (row.name, *(quantity(float(x), row.unit) for x in (low, value, high)), _binding(low, value, high))
         for row, low, value, high in zip(nlp.rows, values.row_lower, values.rows, values.row_upper, strict=True)
@@ -71,7 +76,7 @@ def _binding(low: float, value: float, high: float) -> str:
     return "at its bound" if min(value - low, high - value) < tolerance else ""
 
 
-def _parameters(parameters: Any) -> Table:
+def _parameters(parameters: Floats) -> Table:
     rows, at = [], 0
     for name, size in SIZES.items():
         entries = [float(v) for v in parameters[at : at + size]]

@@ -5,12 +5,25 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Table
 from posture_opt.report.units_text import fixed, joint_value, length, lengths, number, percent, place, shift
-from posture_opt.report.words import METHODS, direction_words, line_words, roll_pitch_yaw, source_size, source_words
+from posture_opt.report.words import (
+    METHODS,
+    REGIONS,
+    Vector,
+    line_words,
+    roll_pitch_yaw,
+    source_size,
+    source_words,
+)
 from posture_opt.robot.robot import Joint, Robot
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.uncertainty.budget import Share
+    from posture_opt.uncertainty.spread import Spread
 
 _LISTED = 8  # sources named one by one
 _SMALL_SHARE = 0.01  # of the variance: what lies below is lumped
@@ -18,7 +31,7 @@ _MOST_SHARES = 12
 _AT_LIMIT = 1e-6
 
 
-def robot_facts(problem: Any) -> list[tuple[str, str]]:
+def robot_facts(problem: Problem) -> list[tuple[str, str]]:
     """Name and size of the robot, and where its numbers come from."""
     robot: Robot = problem.robot
     name = f"{robot.name}, {robot.n} joints" if robot.name else f"{robot.n} joints"
@@ -26,7 +39,7 @@ def robot_facts(problem: Any) -> list[tuple[str, str]]:
     return [("Robot", name), *source]
 
 
-def source_facts(problem: Any) -> list[tuple[str, str]]:
+def source_facts(problem: Problem) -> list[tuple[str, str]]:
     """The standard deviations that everything follows from; equal ones of one kind together."""
     robot, sources = problem.robot, problem.sources
     groups: dict[tuple[str, str], list[str]] = {}
@@ -64,7 +77,7 @@ def sentence(text: str) -> str:
     return text if text.endswith((".", "!", "?", ")")) else text + "."
 
 
-def joint_table(robot: Robot, q: Sequence[float]) -> Table:
+def joint_table(robot: Robot, q: Vector) -> Table:
     """Every joint with its value, its limits and what is left to the nearer one."""
     rows = []
     for joint, value in zip(robot.joints, q, strict=True):
@@ -82,7 +95,7 @@ def _margin(joint: Joint, value: float) -> str:
     return "at its limit" if margin < _AT_LIMIT else joint_value(margin, joint.type)
 
 
-def tool_facts(spread: Any) -> list[tuple[str, str]]:
+def tool_facts(spread: Spread) -> list[tuple[str, str]]:
     """Nominal place and orientation of the tool."""
     angles = ", ".join(fixed(math.degrees(a)) for a in roll_pitch_yaw(spread.quaternion_wxyz))
     return [
@@ -91,19 +104,16 @@ def tool_facts(spread: Any) -> list[tuple[str, str]]:
     ]
 
 
-def ellipse_facts(spread: Any) -> list[tuple[str, str]]:
+def ellipse_facts(spread: Spread) -> list[tuple[str, str]]:
     """The 95 % region of the tool point, with the factor that it is drawn with."""
-    from posture_opt.uncertainty.regions import coverage_factor
-
     ellipse = spread.ellipse
     if not ellipse.rank:
-        return [("95 % region", "a point: nothing scatters here")]
-    shape = {1: "95 % interval", 2: "95 % ellipse", 3: "95 % ellipsoid"}[ellipse.rank]
-    axes = [(s, a) for s, a in zip(spread.region(0.95)[::-1], spread.axes[::-1], strict=True)][: ellipse.rank]
-    along = ", ".join(line_words(a) for _, a in axes)
-    factor = coverage_factor(0.95, ellipse.rank)
-    half = "half length" if ellipse.rank == 1 else "semi-axes"
-    return [(shape, f"{half} {lengths([s for s, _ in axes])} along {along} ({factor:.3f} standard deviations)")]
+        return [(REGIONS[0], "a point: nothing scatters here")]
+    along = ", ".join(line_words(a) for a in spread.axes[::-1][: ellipse.rank])
+    half = lengths([float(s) for s in spread.region(0.95)[::-1][: ellipse.rank]])
+    word = "half length" if ellipse.rank == 1 else "semi-axes"
+    factor = f"{ellipse.factor(0.95):.3f} standard deviations"
+    return [(REGIONS[ellipse.rank], f"{word} {half} along {along} ({factor})")]
 
 
 def first_order_fact(exact: float, linear: float) -> tuple[str, str]:
@@ -117,7 +127,7 @@ def first_order_fact(exact: float, linear: float) -> tuple[str, str]:
     return "First order", f"{length(linear)}, {percent(abs(change))} {word} the exact figure"
 
 
-def mean_fact(spread: Any) -> tuple[str, str]:
+def mean_fact(spread: Spread) -> tuple[str, str]:
     """How far the mean tool point lies off the nominal one."""
     off = math.sqrt(float(spread.bias @ spread.bias))
     if off < 1e-7:
@@ -125,17 +135,21 @@ def mean_fact(spread: Any) -> tuple[str, str]:
     return "On average", f"the tool point is {length(off)} off the nominal one: {shift(list(map(float, spread.bias)))}"
 
 
-def method_fact(spread: Any) -> tuple[str, str]:
+def method_fact(spread: Spread) -> tuple[str, str]:
     """How the figures were computed."""
     return "Computed by", METHODS.get(spread.method, spread.method)
 
 
-def budget_table(robot: Robot, shares: Sequence[Any], sigma: dict[str, float]) -> Table:
-    """Shares of the sources in a variance, cumulated; the small ones lumped."""
+def main_shares(shares: Sequence[Share]) -> tuple[list[Share], list[Share]]:
+    """The shares that are shown one by one, and those that are lumped: none or at least two."""
     shown = [s for s in shares if abs(s.share) >= _SMALL_SHARE][:_MOST_SHARES] or list(shares[:1])
     rest = [s for s in shares if s not in shown]
-    if len(rest) == 1:
-        shown, rest = [*shown, *rest], []
+    return ([*shown, *rest], []) if len(rest) == 1 else (shown, rest)
+
+
+def budget_table(robot: Robot, shares: Sequence[Share], sigma: dict[str, float]) -> Table:
+    """Shares of the sources in a variance, cumulated; the small ones lumped."""
+    shown, rest = main_shares(shares)
     rows, total = [], 0.0
     for share in shown:
         total += share.share
@@ -148,16 +162,11 @@ def budget_table(robot: Robot, shares: Sequence[Any], sigma: dict[str, float]) -
     return Table(("source", "in the file", "standard deviation", "share", "together"), tuple(rows), text_columns=2)
 
 
-def sigma_of(problem: Any) -> dict[str, float]:
+def sigma_of(problem: Problem) -> dict[str, float]:
     """Standard deviation of every source [rad or m]."""
     return dict(zip(problem.sources.names, map(float, problem.sources.sigma), strict=True))
 
 
-def validity_sentence(spread: Any) -> str:
+def validity_sentence(spread: Spread) -> str:
     """Whether the linear ellipse may be trusted."""
     return sentence(re.sub(r"\d+(\.\d+)?e-\d+", lambda found: number(float(found[0]), 2), spread.validity.text))
-
-
-def axis_words(d: Sequence[float]) -> str:
-    """A direction with its frame."""
-    return f"{direction_words(d)} in the world"

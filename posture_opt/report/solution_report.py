@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.checks import checks_block
 from posture_opt.report.parts import (
-    axis_words,
     budget_table,
     ellipse_facts,
     first_order_fact,
@@ -27,6 +26,7 @@ from posture_opt.report.parts import (
 )
 from posture_opt.report.units_text import (
     fixed,
+    joint_unit,
     joint_value,
     length,
     length_unit,
@@ -38,11 +38,17 @@ from posture_opt.report.units_text import (
     stated,
     stated_length,
 )
-from posture_opt.report.words import CRITERIA, PARTS, line_words
-from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
+from posture_opt.report.words import CRITERIA, PARTS, REGIONS, direction_words, line_words
+from posture_opt.uncertainty.regions import Ellipsoid
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.goal import Goal
+    from posture_opt.selection.solution import Solution
+    from posture_opt.selection.terms import Term
 
 
-def solution_report(problem: Any, solution: Any) -> Report:
+def solution_report(problem: Problem, solution: Solution) -> Report:
     """The blocks of a solution, or those of a failure: why, and what comes nearest."""
     title = problem.name or "Posture selection"
     if solution.status == "infeasible":
@@ -62,7 +68,7 @@ def solution_report(problem: Any, solution: Any) -> Report:
     return Report(title, lead(solution), tuple(block for block in blocks if block.items))
 
 
-def lead(solution: Any) -> tuple[str, ...]:
+def lead(solution: Solution) -> tuple[str, ...]:
     """The answer in two sentences."""
     robot = solution.programme.robot
     values = ", ".join(joint_value(v, j.type) for v, j in zip(solution.q, robot.joints, strict=True))
@@ -76,7 +82,7 @@ def lead(solution: Any) -> tuple[str, ...]:
     return answer, f"{part} the tool point then scatters by {scatter}."
 
 
-def problem_block(problem: Any, solution: Any) -> Block:
+def problem_block(problem: Problem, solution: Solution) -> Block:
     """What was asked."""
     programme, goal = solution.programme, solution.goal
     task = programme.task
@@ -85,7 +91,7 @@ def problem_block(problem: Any, solution: Any) -> Block:
     rows = [
         *robot_facts(problem),
         ("Task", f"{task.kind} - {task.summary}"),
-        ("Direction", axis_words(goal.direction)),
+        ("Direction", f"{direction_words(goal.direction)} in the world"),
         ("Target", target_words(goal)),
         ("Minimised", minimised + (", and " + ", ".join(further) if further else "")),
     ]
@@ -98,7 +104,7 @@ def problem_block(problem: Any, solution: Any) -> Block:
     return Block("Problem", (Facts(tuple(rows)),))
 
 
-def target_words(goal: Any) -> str:
+def target_words(goal: Goal) -> str:
     """Where the tool point is to go."""
     if goal.kind == "point":
         return f"the point {place(goal.lower)}"
@@ -107,14 +113,14 @@ def target_words(goal: Any) -> str:
     return f"anywhere in the box from {place(goal.lower)} to {place(goal.upper)}: the workpiece may be placed"
 
 
-def _bound_words(term: Any) -> str:
+def _bound_words(term: Term) -> str:
     low, high = term.bounds()
     sides = [f"at least {stated(low, term.unit)}"] * math.isfinite(low)
     sides += [f"at most {stated(high, term.unit)}"] * math.isfinite(high)
     return f"{term.kind.replace('_', ' ')} {' and '.join(sides)}".strip()
 
 
-def posture_block(solution: Any) -> Block:
+def posture_block(solution: Solution) -> Block:
     """The joints, the tool, and where the workpiece goes."""
     facts = tool_facts(solution.spread)
     if solution.goal.kind != "point":
@@ -122,13 +128,13 @@ def posture_block(solution: Any) -> Block:
     return Block("Posture", (joint_table(solution.programme.robot, solution.q), Facts(tuple(facts))), figure="arm")
 
 
-def nearest_block(solution: Any) -> Block:
+def nearest_block(solution: Solution) -> Block:
     """The posture that violates the requirements least."""
     table = joint_table(solution.programme.robot, solution.q)
     return Block("The posture that comes nearest", (table, Facts(tuple(tool_facts(solution.spread)))))
 
 
-def spread_block(solution: Any) -> Block:
+def spread_block(solution: Solution) -> Block:
     """How far the tool point scatters, in the part that counts first."""
     spread, critical = solution.spread, solution.critical
     first = solution.basis.T @ spread.covariance_first_order @ solution.basis
@@ -140,7 +146,7 @@ def spread_block(solution: Any) -> Block:
     return Block("Spread of the tool point", (Facts(tuple(rows)), validity_sentence(spread)), figure="cloud")
 
 
-def _critical_rows(solution: Any) -> list[tuple[str, str]]:
+def _critical_rows(solution: Solution) -> list[tuple[str, str]]:
     critical = solution.critical
     m = len(critical.covariance)
     name = {"across": "Across", "along": "Along", "all": "In space"}[critical.within]
@@ -150,11 +156,10 @@ def _critical_rows(solution: Any) -> list[tuple[str, str]]:
         rows.append(("Along", f"{length(solution.sigma_along)} (one standard deviation); it does not count here"))
     region = Ellipsoid(np.zeros(m), critical.covariance)
     if critical.within != "all" and region.rank:
-        factor = coverage_factor(0.95, region.rank)
         half = [float(s) for s in region.region(0.95)[::-1][: region.rank]]
-        shape = "95 % ellipse" if region.rank == 2 else "95 % interval"
         size = f"semi-axes {lengths(half)}" if region.rank == 2 else f"+/- {length(half[0])}"
-        rows.append((f"{shape} {critical.within}", f"{size} ({factor:.3f} standard deviations)"))
+        factor = f"{region.factor(0.95):.3f} standard deviations"
+        rows.append((f"{REGIONS[region.rank]} {critical.within}", f"{size} ({factor})"))
     where = {
         "across": "off the target, measured across the direction, the mean shift included",
         "along": "off the target, along the direction, the mean shift included",
@@ -167,7 +172,7 @@ def _critical_rows(solution: Any) -> list[tuple[str, str]]:
     return rows
 
 
-def budget_block(problem: Any, solution: Any) -> Block:
+def budget_block(problem: Problem, solution: Solution) -> Block:
     """Where the scatter along the worst axis comes from."""
     table = budget_table(problem.robot, solution.budget, sigma_of(problem))
     axis = line_words(solution.critical.worst_axis)
@@ -175,7 +180,7 @@ def budget_block(problem: Any, solution: Any) -> Block:
     return Block("Error budget", (text, table), figure="budget")
 
 
-def alternatives_block(solution: Any) -> Block:
+def alternatives_block(solution: Solution) -> Block:
     """The other postures that are locally best."""
     alternatives = solution.alternatives
     if len(alternatives) < 2:
@@ -183,13 +188,13 @@ def alternatives_block(solution: Any) -> Block:
     joints = solution.programme.robot.joints
     unit, factor = length_unit([a.sigma_max for a in alternatives])
     headers = ["rank", f"scatter [{unit}]", "more by"]
-    headers += [f"{j.name} [{'deg' if j.type == 'revolute' else 'mm'}]" for j in joints]
+    headers += [f"{j.name} [{joint_unit(j.type)[0]}]" for j in joints]
     free = solution.goal.kind != "point"
     headers += [f"{c} [mm]" for c in "xyz"] if free else []
     rows = []
     for rank, a in enumerate(alternatives, start=1):
         row = [str(rank), number(a.sigma_max * factor, 4), _more(a.sigma_max, alternatives[0].sigma_max)]
-        row += [_bare(a.posture[j.name], j.type) for j in joints]
+        row += [fixed(a.posture[j.name] * joint_unit(j.type)[1], 1) for j in joints]
         row += [fixed(1e3 * float(v), 1) for v in a.position] if free else []
         rows.append(tuple(row))
     return Block("Alternatives", (Table(tuple(headers), tuple(rows)),), figure="joint_map")
@@ -200,7 +205,3 @@ def _more(sigma: float, best: float) -> str:
     if abs(more) < 5e-5:
         return "-" if sigma == best else "the same"
     return percent(more)
-
-
-def _bare(value: float, kind: str) -> str:
-    return fixed(math.degrees(value) if kind == "revolute" else 1e3 * value, 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,8 +25,13 @@ from posture_opt.report.parts import (
 from posture_opt.report.units_text import length, length_unit, number
 from posture_opt.report.words import line_words
 
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.uncertainty.sources import Array
+    from posture_opt.uncertainty.spread import Spread
 
-def spread_report(problem: Any, spread: Any) -> Report:
+
+def spread_report(problem: Problem, spread: Spread) -> Report:
     """Problem, posture, spread, covariance, budget."""
     largest = float(spread.ellipse.semi_axes[-1])
     lead = (f"At this posture the tool point scatters by {length(largest)} (one standard deviation, worst axis).",)
@@ -40,17 +45,17 @@ def spread_report(problem: Any, spread: Any) -> Report:
     return Report(problem.name or "Spread of the tool point", lead, blocks)
 
 
-def arm_block(problem: Any, spread: Any) -> Block:
+def arm_block(problem: Problem, spread: Spread) -> Block:
     """The robot and the sources."""
     return Block("Problem", (Facts((*robot_facts(problem), *source_facts(problem), *note_facts(spread.notes))),))
 
 
-def posture_block(spread: Any) -> Block:
+def posture_block(spread: Spread) -> Block:
     """Joints and tool."""
     return Block("Posture", (joint_table(spread.robot, spread.q), Facts(tuple(tool_facts(spread)))), figure="arm")
 
 
-def spread_block(spread: Any) -> Block:
+def spread_block(spread: Spread) -> Block:
     """Standard deviations along the axes, regions, mean shift, first order beside exact."""
     semi_axes = [float(s) for s in spread.ellipse.semi_axes[::-1]]
     unit, factor = length_unit(semi_axes)
@@ -66,12 +71,12 @@ def spread_block(spread: Any) -> Block:
     return Block("Spread of the tool point", items, figure="cloud")
 
 
-def covariance_block(spread: Any) -> Block:
+def covariance_block(spread: Spread) -> Block:
     """The covariance in mm²."""
     return Block("Covariance of the tool point, world frame", (covariance_table(spread.covariance),))
 
 
-def covariance_table(C: Any) -> Table:
+def covariance_table(C: Array) -> Table:
     """A (3, 3) covariance in mm² or µm²."""
     # Squares of small numbers are smaller still: below 0.1 mm the table is in µm².
     unit, factor = ("µm", 1e6) if float(np.trace(C)) < 1e-8 else ("mm", 1e3)
@@ -85,7 +90,7 @@ def _entry(value: float, factor: float, floor: float) -> str:
     return number(value * factor**2, 4) if abs(value) > floor else "0"
 
 
-def budget_block(problem: Any, spread: Any) -> Block:
+def budget_block(problem: Problem, spread: Spread) -> Block:
     """Where the scatter along the longest axis comes from."""
     table = budget_table(problem.robot, spread.budget, sigma_of(problem))
     text = f"Share of each source in the variance along {line_words(spread.axes[-1])}, the longest axis:"

@@ -3,35 +3,41 @@
 from __future__ import annotations
 
 import textwrap
-from typing import Any
+from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Block, Facts, Report, Table
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.solution import Solution
+    from posture_opt.uncertainty.cloud import Cloud
+    from posture_opt.uncertainty.spread import Spread
 
 WIDTH = 100
 
 
-def solution_text(problem: Any, solution: Any) -> str:
+def solution_text(problem: Problem, solution: Solution) -> str:
     """The report on a solution: problem, posture, spread, budget, alternatives, checks."""
     from posture_opt.report.solution_report import solution_report
 
     return render(solution_report(problem, solution))
 
 
-def explain_text(problem: Any, solution: Any) -> str:
+def explain_text(problem: Problem, solution: Solution) -> str:
     """The nonlinear programme with bounds and values at the solution."""
     from posture_opt.report.explain import explain_report
 
     return render(explain_report(problem, solution))
 
 
-def spread_text(problem: Any, spread: Any) -> str:
+def spread_text(problem: Problem, spread: Spread) -> str:
     """The report on the spread at one posture: posture, spread, budget, validity."""
     from posture_opt.report.spread_report import spread_report
 
     return render(spread_report(problem, spread))
 
 
-def cloud_text(problem: Any, cloud: Any) -> str:
+def cloud_text(problem: Problem, cloud: Cloud) -> str:
     """The report on a Monte Carlo cloud beside the closed form."""
     from posture_opt.report.cloud_report import cloud_report
 

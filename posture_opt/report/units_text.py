@@ -81,9 +81,15 @@ def angle(radians: float) -> str:
     return f"{fixed(degrees)} deg" if degrees == 0 or abs(degrees) >= 0.1 else f"{number(degrees)} deg"
 
 
+def joint_unit(kind: str) -> tuple[str, float]:
+    """The unit that joint values are written in, deg or mm, and the factor from rad or m to it."""
+    return ("deg", math.degrees(1.0)) if kind == "revolute" else ("mm", 1e3)
+
+
 def joint_value(value: float, kind: str) -> str:
     """A joint value with its unit: 12.34 deg or 120.00 mm."""
-    return f"{fixed(math.degrees(value))} deg" if kind == "revolute" else f"{fixed(value * 1e3)} mm"
+    unit, factor = joint_unit(kind)
+    return f"{fixed(value * factor)} {unit}"
 
 
 def quantity(value: float, unit: str) -> str:

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from posture_opt.report.units_text import fixed, stated_angle, stated_length
 from posture_opt.robot.robot import Robot
+
+Vector: TypeAlias = Sequence[float] | NDArray[np.float64]
 
 _PARAMETERS = {
     "theta": "angle",
@@ -27,6 +33,8 @@ CRITERIA = {
     "area": "the size of the region of scatter {part}",
     "miss": "the probability to miss the clearance",
 }
+REGIONS = {0: "95 % region", 1: "95 % interval", 2: "95 % ellipse", 3: "95 % ellipsoid"}
+"""What the 95 % region of a covariance of that rank is called."""
 PARTS = {"across": "across the direction", "along": "along the direction", "all": "in space"}
 METHODS = {
     "exact": "closed form, exact for normally distributed errors",
@@ -54,7 +62,7 @@ def source_size(name: str, sigma: float, robot: Robot) -> str:
     return stated_length(sigma) if factor is not None and factor.kind == "translate" else stated_angle(sigma)
 
 
-def direction_words(d: Sequence[float]) -> str:
+def direction_words(d: Vector) -> str:
     """A unit vector: along a coordinate axis by its name, else by its components."""
     for k, axis in enumerate("xyz"):
         if abs(abs(d[k]) - 1) < 1e-9:
@@ -62,17 +70,12 @@ def direction_words(d: Sequence[float]) -> str:
     return f"({', '.join(fixed(v, 3) for v in d)})"
 
 
-def line_words(d: Sequence[float]) -> str:
+def line_words(d: Vector) -> str:
     """An axis without a sense: x, or its components."""
     return direction_words(d).lstrip("+-") if max(map(abs, d)) > 1 - 1e-9 else direction_words(d)
 
 
-def part_words(within: str) -> str:
-    """The part of the spread that a task cares about."""
-    return PARTS[within]
-
-
-def roll_pitch_yaw(quaternion_wxyz: Sequence[float]) -> tuple[float, float, float]:
+def roll_pitch_yaw(quaternion_wxyz: Vector) -> tuple[float, float, float]:
     """Angles about the fixed axes x, y, z [rad] of an orientation, as in ``rpy`` of the problem file."""
     w, x, y, z = quaternion_wxyz
     sine = max(-1.0, min(1.0, 2 * (w * y - z * x)))

@@ -15,25 +15,30 @@ from posture_opt.report.text import render
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.solution import Solution
+    from posture_opt.uncertainty.cloud import Cloud
+    from posture_opt.uncertainty.spread import Spread
+
 Files = dict[str, bytes]
 
 
-def write_solution(folder: Path, problem: Any, solution: Any, plots: bool = True) -> None:
+def write_solution(folder: Path, problem: Problem, solution: Solution, plots: bool = True) -> None:
     """Writes the files of a solution into ``folder``, which exists."""
     _write(folder, solution_files(problem, solution, plots))
 
 
-def write_spread(folder: Path, problem: Any, spread: Any, plots: bool = True) -> None:
+def write_spread(folder: Path, problem: Problem, spread: Spread, plots: bool = True) -> None:
     """Writes the files of the spread at one posture into ``folder``, which exists."""
     _write(folder, spread_files(problem, spread, plots))
 
 
-def write_cloud(folder: Path, problem: Any, cloud: Any, plots: bool = True) -> None:
+def write_cloud(folder: Path, problem: Problem, cloud: Cloud, plots: bool = True) -> None:
     """Writes the files of a simulation into ``folder``, which exists."""
     _write(folder, cloud_files(problem, cloud, plots))
 
 
-def solution_files(problem: Any, solution: Any, plots: bool = True) -> Files:
+def solution_files(problem: Problem, solution: Solution, plots: bool = True) -> Files:
     """File name -> content of a solution: solution.json, report.txt, report.html and the figures."""
     from posture_opt.report.solution_report import solution_report
 
@@ -41,7 +46,7 @@ def solution_files(problem: Any, solution: Any, plots: bool = True) -> Files:
     return _files("solution", solution.to_json(), solution_report(problem, solution), figures, problem)
 
 
-def spread_files(problem: Any, spread: Any, plots: bool = True) -> Files:
+def spread_files(problem: Problem, spread: Spread, plots: bool = True) -> Files:
     """File name -> content of the spread at one posture: spread.json, report.txt, report.html and the figures."""
     from posture_opt.report.spread_report import spread_report
 
@@ -49,7 +54,7 @@ def spread_files(problem: Any, spread: Any, plots: bool = True) -> Files:
     return _files("spread", spread.to_json(), spread_report(problem, spread), figures, problem)
 
 
-def cloud_files(problem: Any, cloud: Any, plots: bool = True) -> Files:
+def cloud_files(problem: Problem, cloud: Cloud, plots: bool = True) -> Files:
     """File name -> content of a simulation: spread.json (of the sample), cloud.csv, reports and figures."""
     from posture_opt.report.cloud_report import cloud_report
 
@@ -58,7 +63,9 @@ def cloud_files(problem: Any, cloud: Any, plots: bool = True) -> Files:
     return {**files, "cloud.csv": _points(cloud)}
 
 
-def _files(name: str, document: dict[str, Any], report: Report, figures: Mapping[str, Figure], problem: Any) -> Files:
+def _files(
+    name: str, document: dict[str, Any], report: Report, figures: Mapping[str, Figure], problem: Problem
+) -> Files:
     from posture_opt import __version__
 
     files = {f"{name}.json": (json_text(document) + "\n").encode(), "report.txt": render(report).encode()}
@@ -72,7 +79,7 @@ def _files(name: str, document: dict[str, Any], report: Report, figures: Mapping
     return {**files, "report.html": report_html(report, images, __version__, problem.to_yaml()).encode()}
 
 
-def _solution_figures(solution: Any) -> dict[str, Figure]:
+def _solution_figures(solution: Solution) -> dict[str, Figure]:
     from posture_opt.report import figures
 
     drawn = {"arm": figures.plot_solution(solution)}
@@ -85,7 +92,7 @@ def _solution_figures(solution: Any) -> dict[str, Figure]:
     return drawn
 
 
-def _spread_figures(spread: Any) -> dict[str, Figure]:
+def _spread_figures(spread: Spread) -> dict[str, Figure]:
     from posture_opt.report import figures
     from posture_opt.uncertainty.cloud import cloud_of
 
@@ -96,13 +103,13 @@ def _spread_figures(spread: Any) -> dict[str, Figure]:
     }
 
 
-def _cloud_figures(cloud: Any) -> dict[str, Figure]:
+def _cloud_figures(cloud: Cloud) -> dict[str, Figure]:
     from posture_opt.report import figures
 
     return {"arm": figures.plot_spread(cloud.spread), "cloud": figures.plot_cloud(cloud)}
 
 
-def _points(cloud: Any) -> bytes:
+def _points(cloud: Cloud) -> bytes:
     """The simulated tool points in mm."""
     import numpy as np
 

@@ -5,15 +5,20 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from posture_opt.report.style import BLUE, GREY, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
-from posture_opt.report.words import line_words
-from posture_opt.uncertainty.regions import coverage_factor
+from posture_opt.report.words import REGIONS, line_words
+
+if TYPE_CHECKING:
+    from posture_opt.selection.goal import Goal
+    from posture_opt.selection.solution import Solution
+    from posture_opt.uncertainty.spread import Spread
+    from posture_opt.uncertainty.tool_point import ToolPoint
 
 Floats = NDArray[np.float64]
 _ROUND: dict[str, Any] = {"solid_capstyle": "round", "solid_joinstyle": "round"}
@@ -36,15 +41,14 @@ class Skeleton:
     prismatic: tuple[bool, ...]
 
     @classmethod
-    def of(cls, tool_point: Any, q: Any) -> Skeleton:
+    def of(cls, tool_point: ToolPoint, q: Any) -> Skeleton:
         """The skeleton at the posture ``q`` (n,)."""
         robot = tool_point.robot
         reached, _ = tool_point.walk([float(v) for v in q])
         origins = np.array([screw.origin for screw in reached.screws] + [reached.position], dtype=float) * 1e3
         keep = [0, *(k for k in range(1, len(origins)) if np.linalg.norm(origins[k] - origins[k - 1]) > 1e-6)]
-        at = {factor.joint: k for k, factor in enumerate(robot.factors) if factor.joint is not None}
-        joints = origins[[at[k] for k in range(robot.n)]]
-        return cls(origins[keep], joints, tuple(joint.type == "prismatic" for joint in robot.joints))
+        slides = tuple(joint.type == "prismatic" for joint in robot.joints)
+        return cls(origins[keep], origins[list(robot.driven)], slides)
 
     @property
     def extent(self) -> float:
@@ -62,37 +66,37 @@ def enlargement(size: float, extent: float) -> float:
 
 
 @styled
-def plot_solution(solution: Any) -> Figure:
+def plot_solution(solution: Solution) -> Figure:
     """The arm in the best posture, the 95 % region enlarged by a stated factor, direction and target."""
     return _draw(solution.spread, solution.goal)
 
 
 @styled
-def plot_spread(spread: Any) -> Figure:
+def plot_spread(spread: Spread) -> Figure:
     """The arm at a posture with the 95 % region enlarged by a stated factor."""
     return _draw(spread, None)
 
 
-def _draw(spread: Any, goal: Any) -> Figure:
+def _draw(spread: Spread, goal: Goal | None) -> Figure:
     skeleton = Skeleton.of(spread.tool_point, spread.q)
     factor = enlargement(1e3 * float(spread.region(0.95)[-1]), skeleton.extent)
     return _plane(spread, goal, skeleton, factor) if len(spread.basis) == 2 else _space(spread, goal, skeleton, factor)
 
 
-def region_label(spread: Any, factor: float) -> str:
+def region_label(spread: Spread, factor: float) -> str:
     """What the drawn region is, with the factor that it is enlarged by."""
-    name = {1: "95 % interval", 2: "95 % ellipse", 3: "95 % ellipsoid"}.get(spread.ellipse.rank, "95 % region")
+    name = REGIONS[spread.ellipse.rank]
     return f"{name}, enlarged {factor:g}\N{MULTIPLICATION SIGN}" if factor > 1 else f"{name}, true to scale"
 
 
-def enlarged_ellipse(spread: Any, factor: float) -> Floats:
+def enlarged_ellipse(spread: Spread, factor: float) -> Floats:
     """(121, 2) boundary of the 95 % ellipse of a planar arm, enlarged about the mean, in the arm's plane [mm]."""
     ellipse = spread.ellipse
     boundary: Floats = 1e3 * (ellipse.center + factor * (ellipse.points(0.95) - ellipse.center))
     return boundary
 
 
-def _plane(spread: Any, goal: Any, skeleton: Skeleton, factor: float) -> Figure:
+def _plane(spread: Spread, goal: Goal | None, skeleton: Skeleton, factor: float) -> Figure:
     B = spread.basis
     line, joints = skeleton.points @ B.T, skeleton.joints @ B.T
     boundary = enlarged_ellipse(spread, factor)
@@ -114,7 +118,7 @@ def _plane(spread: Any, goal: Any, skeleton: Skeleton, factor: float) -> Figure:
     return figure
 
 
-def _plane_goal(axes: Any, goal: Any, B: Floats, tool: Floats, extent: float) -> list[Floats]:
+def _plane_goal(axes: Any, goal: Goal, B: Floats, tool: Floats, extent: float) -> list[Floats]:
     """Draws direction and region; the points that must be seen."""
     seen = []
     if goal.kind == "region":
@@ -146,10 +150,10 @@ def _limits(axes: Any, points: Floats) -> None:
     axes.set_ylim(low[1] - margin, high[1] + margin)
 
 
-def enlarged_ellipsoid(spread: Any, factor: float, n: int = 24) -> Floats:
+def enlarged_ellipsoid(spread: Spread, factor: float, n: int = 24) -> Floats:
     """(3, n, 2n) surface of the 95 % region in space, enlarged about the mean, world [mm]."""
     ellipse = spread.ellipse
-    k = factor * coverage_factor(0.95, ellipse.rank) if ellipse.rank else 0.0
+    k = factor * ellipse.factor(0.95)
     u, v = np.meshgrid(np.linspace(0, math.pi, n), np.linspace(0, 2 * math.pi, 2 * n), indexing="ij")
     sphere = np.array([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)])
     center = 1e3 * (spread.basis.T @ ellipse.center)
@@ -158,7 +162,7 @@ def enlarged_ellipsoid(spread: Any, factor: float, n: int = 24) -> Floats:
     return surface
 
 
-def _space(spread: Any, goal: Any, skeleton: Skeleton, factor: float) -> Figure:
+def _space(spread: Spread, goal: Goal | None, skeleton: Skeleton, factor: float) -> Figure:
     figure = new_figure(6.8, 5.8)
     # What lies in front is decided here: sorted by depth, the region would hide the tool point at its centre.
     axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
@@ -192,7 +196,7 @@ def _look(axes: Any, skeleton: Skeleton) -> None:
     axes.locator_params(nbins=6)
 
 
-def _space_goal(axes: Any, goal: Any, tool: Floats, extent: float) -> list[Floats]:
+def _space_goal(axes: Any, goal: Goal, tool: Floats, extent: float) -> list[Floats]:
     seen = []
     if goal.kind == "region":
         corners = 1e3 * np.array(list(itertools.product(*zip(goal.lower, goal.upper, strict=True))))

@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
+from posture_opt.report.parts import main_shares
 from posture_opt.report.style import BLUE, LIGHT, new_figure, styled
 from posture_opt.report.units_text import percent
 from posture_opt.report.words import line_words, source_words
 
-_SMALL = 0.01
-_MOST = 12
+if TYPE_CHECKING:
+    from posture_opt.uncertainty.budget import Share
+    from posture_opt.uncertainty.spread import Spread
 
 
 @styled
-def plot_budget(spread: Any, shares: Sequence[Any], axis: Any) -> Figure:
+def plot_budget(spread: Spread, shares: Sequence[Share], axis: Any) -> Figure:
     """Share of every source in the variance along ``axis`` (3,), the largest on top, the small ones lumped."""
     robot = spread.robot
-    shown = [s for s in shares if abs(s.share) >= _SMALL][:_MOST] or list(shares[:1])
-    rest = [s for s in shares if s not in shown]
+    shown, rest = main_shares(shares)
     names = [source_words(s.parameter, robot) for s in shown]
     values = [s.share for s in shown]
     if rest:
-        names.append(f"{len(rest)} others" if len(rest) > 1 else source_words(rest[0].parameter, robot))
+        names.append(f"{len(rest)} others")
         values.append(sum(s.share for s in rest))
     figure = new_figure(6.4, 1.3 + 0.36 * len(names))
     axes = figure.add_subplot()

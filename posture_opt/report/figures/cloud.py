@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,14 +12,17 @@ from numpy.typing import NDArray
 from posture_opt.report.style import BLUE, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.units_text import length_unit
 from posture_opt.report.words import line_words
-from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
+from posture_opt.uncertainty.regions import Ellipsoid
+
+if TYPE_CHECKING:
+    from posture_opt.uncertainty.cloud import Cloud
 
 Floats = NDArray[np.float64]
 _DRAWN = 5000
 
 
 @styled
-def plot_cloud(cloud: Any) -> Figure:
+def plot_cloud(cloud: Cloud) -> Figure:
     """The simulated tool points with the 95 % ellipses of the closed form and of the sample.
 
     A planar arm is drawn in its plane, others in the three views along the axes of the world.
@@ -41,15 +44,14 @@ def plot_cloud(cloud: Any) -> Figure:
     return figure
 
 
-def _view(axes: Any, cloud: Any, B: Floats, points: Floats, scale: float) -> None:
+def _view(axes: Any, cloud: Cloud, B: Floats, points: Floats, scale: float) -> None:
     spread = cloud.spread
     shown = f"{len(points)} of " if len(points) < cloud.n else ""
     drawn = f"{shown}{cloud.n} simulated tool points"
     axes.plot(*(scale * points).T, ".", color=BLUE, ms=3.5, alpha=0.5, mew=0, zorder=2, label=drawn)
     closed = Ellipsoid(B @ spread.bias, B @ spread.covariance @ B.T)
     sampled = Ellipsoid(B @ (cloud.mean - spread.position), B @ cloud.covariance @ B.T)
-    factor = coverage_factor(0.95, closed.rank) if closed.rank else 0.0
-    label = f"95 % ellipse, closed form ({factor:.3f} std. dev.)"
+    label = f"95 % ellipse, closed form ({closed.factor(0.95):.3f} std. dev.)"
     axes.plot(*(scale * closed.points(0.95)).T, color=VERMILLION, lw=2.6, zorder=4, label=label)
     axes.plot(*(scale * sampled.points(0.95)).T, "--", color=ORANGE, zorder=5, label="95 % ellipse, simulated")
     axes.plot(0, 0, "x", color="black", ms=8, mew=2, zorder=6, label="nominal tool point")

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from posture_opt.report.style import COLOUR_MAP, GREY, ORANGE, VERMILLION, legend_below, new_figure, styled
-from posture_opt.report.units_text import length_unit
+from posture_opt.report.units_text import joint_unit, length_unit
 from posture_opt.report.words import PARTS
+
+if TYPE_CHECKING:
+    from posture_opt.robot.robot import Joint
+    from posture_opt.selection.solution import Solution
 
 Floats = NDArray[np.float64]
 _GRID = 181
 
 
 @styled
-def plot_joint_map(solution: Any) -> Figure:
+def plot_joint_map(solution: Solution) -> Figure:
     """Largest standard deviation of the part that counts over both joint values; answer and optima marked.
 
     Where the target lies in a box, a line encloses the postures that reach it.
@@ -27,7 +31,8 @@ def plot_joint_map(solution: Any) -> Figure:
 
     joints = solution.programme.robot.joints
     assert len(joints) == 2, "a map has two axes"
-    factors = [math.degrees(1) if joint.type == "revolute" else 1e3 for joint in joints]
+    units = [joint_unit(joint.type) for joint in joints]
+    factors = [factor for _, factor in units]
     grid = [_values(joint) for joint in joints]
     sigma, position = _evaluate(solution, *np.meshgrid(*grid, indexing="ij"))
     unit, scale = length_unit([float(sigma.max())])
@@ -41,7 +46,7 @@ def plot_joint_map(solution: Any) -> Figure:
     bar = figure.colorbar(mesh, ax=axes, shrink=0.9, ticks=MaxNLocator(7))
     bar.set_label(f"standard deviation {PARTS[solution.critical.within]} [{unit}]")
     bar.outline.set_visible(False)
-    names = [f"{j.name} [{'deg' if j.type == 'revolute' else 'mm'}]" for j in joints]
+    names = [f"{joint.name} [{written}]" for joint, (written, _) in zip(joints, units, strict=True)]
     axes.set(xlabel=names[0], ylabel=names[1])
     axes.grid(visible=False)
     _ticks(axes, joints)
@@ -49,14 +54,14 @@ def plot_joint_map(solution: Any) -> Figure:
     return figure
 
 
-def _values(joint: Any) -> Floats:
+def _values(joint: Joint) -> Floats:
     """The range of a joint; a turn where it has no limits."""
     low = joint.lower if math.isfinite(joint.lower) else -math.pi
     high = joint.upper if math.isfinite(joint.upper) else math.pi
     return np.linspace(low, high, _GRID)
 
 
-def _evaluate(solution: Any, q1: Floats, q2: Floats) -> tuple[Floats, Floats]:
+def _evaluate(solution: Solution, q1: Floats, q2: Floats) -> tuple[Floats, Floats]:
     """σ_max (N, N) [m] and tool points (N, N, 3) [m] over the grid."""
     moments = solution.programme.tool_point.moments([q1.ravel(), q2.ravel()])
     B = solution.basis
@@ -65,7 +70,7 @@ def _evaluate(solution: Any, q1: Floats, q2: Floats) -> tuple[Floats, Floats]:
     return sigma, np.broadcast_to(moments.position, (q1.size, 3)).reshape(*q1.shape, 3)
 
 
-def _mark(axes: Any, solution: Any, shown: list[Floats], position: Floats, factors: list[float]) -> None:
+def _mark(axes: Any, solution: Solution, shown: list[Floats], position: Floats, factors: list[float]) -> None:
     goal = solution.goal
     if goal.kind == "region":
         B = solution.programme.reach.directions

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,12 +15,15 @@ from posture_opt.report.words import line_words
 from posture_opt.uncertainty.cloud import cloud_of
 from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
 
+if TYPE_CHECKING:
+    from posture_opt.selection.solution import Solution
+
 Floats = NDArray[np.float64]
 _SAMPLES = 2000
 
 
 @styled
-def plot_cross_section(solution: Any, n: int = _SAMPLES, seed: int = 0) -> Figure:
+def plot_cross_section(solution: Solution, n: int = _SAMPLES, seed: int = 0) -> Figure:
     """n simulated tool points about the target, seen along the direction (a planar arm: in its plane)."""
     spread = solution.spread
     B = view_basis(solution)
@@ -31,9 +34,8 @@ def plot_cross_section(solution: Any, n: int = _SAMPLES, seed: int = 0) -> Figur
     axes = figure.add_subplot()
     label = f"{n} simulated tool points"
     axes.plot(*(scale * points).T, ".", color=BLUE, ms=3.5, alpha=0.5, mew=0, zorder=2, label=label)
-    factor = coverage_factor(0.95, ellipse.rank) if ellipse.rank else 0.0
     boundary = scale * ellipse.points(0.95)
-    axes.plot(*boundary.T, color=VERMILLION, zorder=4, label=f"95 % ellipse ({factor:.3f} std. dev.)")
+    axes.plot(*boundary.T, color=VERMILLION, zorder=4, label=f"95 % ellipse ({ellipse.factor(0.95):.3f} std. dev.)")
     axes.plot(*(scale * ellipse.center), "P", color=VERMILLION, mec="white", ms=8, zorder=5, label="mean")
     axes.plot(0, 0, "x", color="black", ms=8, mew=2, zorder=6, label="target")
     half = 1.12 * float(np.abs(np.vstack([scale * points, boundary])).max())
@@ -47,7 +49,7 @@ def plot_cross_section(solution: Any, n: int = _SAMPLES, seed: int = 0) -> Figur
     return figure
 
 
-def view_basis(solution: Any) -> Floats:
+def view_basis(solution: Solution) -> Floats:
     """(2, 3) what is looked at: across the direction where that is a plane, else the plane that shows most."""
     spread, critical = solution.spread, solution.critical
     basis: Floats
@@ -62,11 +64,11 @@ def view_basis(solution: Any) -> Floats:
     return basis
 
 
-def _band(axes: Any, solution: Any, B: Floats, scale: float, half: float) -> None:
+def _band(axes: Any, solution: Solution, B: Floats, scale: float, half: float) -> None:
     """The 95 % interval of the one direction that counts, as a band through the plane."""
     along = B @ solution.critical.basis[0]
     centre = float(solution.critical.bias[0]) * scale
-    width = 1.959964 * solution.critical.sigma_max * scale
+    width = coverage_factor(0.95, 1) * solution.critical.sigma_max * scale
     strip = _strip(along, centre - width, centre + width, 3 * half)
     name = {"across": "across the direction", "along": "along the direction"}.get(solution.critical.within, "")
     label = f"95 % interval {name}: \N{PLUS-MINUS SIGN}{length(width / scale)}"
@@ -84,7 +86,7 @@ def _strip(along: Floats, low: float, high: float, reach: float) -> Floats:
                      low * along + reach * side])  # fmt: skip
 
 
-def _clearance(axes: Any, solution: Any, B: Floats, scale: float, half: float) -> None:
+def _clearance(axes: Any, solution: Solution, B: Floats, scale: float, half: float) -> None:
     clearance = solution.goal.clearance
     if math.isnan(clearance) or solution.critical.within == "all":
         return
