@@ -17,7 +17,8 @@ from posture_opt.selection.tasks import TASKS
 from posture_opt.selection.terms import TERMS
 
 PACKAGE = Path(posture_opt.__file__).parent
-ORDER = ["errors", "units", "spec", "robot", "model", "uncertainty", "selection", "diagnosis", "problem", "report", "cli"]
+ORDER = ["errors", "units", "spec", "robot", "model", "uncertainty"]
+ORDER += ["selection", "diagnosis", "problem", "report", "cli"]
 HOME = {
     "casadi": {"model", "uncertainty", "selection", "diagnosis"},
     "matplotlib": {"report"},
