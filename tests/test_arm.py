@@ -15,7 +15,7 @@ from posture_opt.model.chain import factor_values, walk
 from posture_opt.model.derivatives import twist_column
 from posture_opt.robot import UrdfRobot
 from posture_opt.robot.preset import load_preset, preset_names
-from tests.helpers.factors import pose
+from tests.helpers.factors import pose, random_postures
 from tests.helpers.pin import PinArm, robots_folder
 
 ROUNDING = 1e-12  # dozens of factors of rounding 1e-16, metres and radians of order one
@@ -31,15 +31,11 @@ def read(file, base, tip):
     return UrdfRobot(file=str(robots_folder() / file), base_link=base, tip_link=tip).build(Path())
 
 
-def postures(robot, n, seed=0):
-    return np.random.default_rng(seed).uniform(robot.lower, robot.upper, (n, robot.n))
-
-
 @pytest.mark.parametrize(("file", "base", "tip"), URDFS)
 def test_pose_and_jacobian_are_pinocchio_s(file, base, tip):
     robot, outside = read(file, base, tip), PinArm(robots_folder() / file)
     arm = Arm.from_problem(SimpleNamespace(robot=robot))
-    for q in postures(robot, 20):
+    for q in random_postures(robot, 20):
         named = dict(zip(robot.joint_names, q, strict=True))
         np.testing.assert_allclose(arm.pose(q), outside.pose(named, base, tip), atol=ROUNDING)
         np.testing.assert_allclose(arm.jacobian(q), pinocchio_jacobian(outside, named, base, tip), atol=ROUNDING)
@@ -62,7 +58,7 @@ def test_pose_is_the_product_of_the_factors(name):
     robot = load_preset(name)
     arm = Arm(robot)
     rng = np.random.default_rng(0)
-    for q in postures(robot, 3):
+    for q in random_postures(robot, 3):
         p = rng.normal(0, 0.1, len(arm.parameters))
         expected = pose(robot, q, dict(zip(arm.parameters, p, strict=True)))
         np.testing.assert_allclose(arm.pose(q, p), expected, atol=ROUNDING)
@@ -74,7 +70,7 @@ def test_parameter_jacobian_is_the_complex_step(name):
     robot = load_preset(name)
     arm = Arm(robot)
     rng = np.random.default_rng(1)
-    (q,) = postures(robot, 1)
+    (q,) = random_postures(robot, 1)
     p = rng.normal(0, 0.1, len(arm.parameters))
     found = arm.parameter_jacobian(q, p)
     for k, parameter in enumerate(arm.parameters):
@@ -85,7 +81,7 @@ def test_parameter_jacobian_is_the_complex_step(name):
 @pytest.mark.parametrize("name", preset_names())
 def test_jacobian_is_the_complex_step_of_the_joint(name):
     robot = load_preset(name)
-    (q,) = postures(robot, 1, seed=2)
+    (q,) = random_postures(robot, 1, seed=2)
     found = Arm(robot).jacobian(q)
     joints = {f.joint: f.parameter for f in robot.factors if f.joint is not None}
     for joint in range(robot.n):  # an error of the joint value adds to it
@@ -111,7 +107,7 @@ def test_symbols_give_the_numbers(name):
     outputs = [arm.pose(arm.q, p), arm.jacobian(arm.q, p), arm.parameter_jacobian(arm.q, p), arm.position(arm.q, p)]
     function = ca.Function("f", [arm.q, p], outputs)
     rng = np.random.default_rng(3)
-    for q in postures(robot, 3):
+    for q in random_postures(robot, 3):
         given = rng.normal(0, 0.1, len(arm.parameters))
         numbers = [arm.pose(q, given), arm.jacobian(q, given), arm.parameter_jacobian(q, given), arm.position(q, given)]
         for symbols, number in zip(function(q, given), numbers, strict=True):
@@ -127,7 +123,7 @@ def test_symbolic_jacobian_is_the_derivative_of_the_symbolic_position():
 
 def test_arrays_of_postures_are_walked_at_once():
     arm = Arm(load_preset("panda"))
-    Q = postures(arm.robot, 5)
+    Q = random_postures(arm.robot, 5)
     reached = arm.walk(Q)
     for row, q in enumerate(Q):
         one = arm.walk(q)

@@ -9,7 +9,7 @@ import pytest
 
 from posture_opt.errors import InputError
 from posture_opt.robot import PresetRobot, load_preset, preset_names
-from tests.helpers.factors import frame, pose
+from tests.helpers.factors import frame, pose, random_postures
 from tests.helpers.pin import PinArm, robots_folder
 from tests.helpers.urdfs import IIWA14, IRB120, UR5, UR5E, UR10, UR10E, urdf_text
 
@@ -18,10 +18,6 @@ ROUNDING = 1e-12  # a few dozen factors of rounding 1e-16 each
 # Two descriptions round pi/2 to 1.5708 or to eleven digits; that is worth up to 1e-8 m at arm's length.
 DIGITS = 1e-8
 TURNED = np.diag([-1.0, -1.0, 1.0, 1.0])  # ROS base_link against the controller's Base, by the makers' own account
-
-
-def sample(robot, count=10, seed=0):
-    return np.random.default_rng(seed).uniform(robot.lower, robot.upper, (count, robot.n))
 
 
 def at(robot, degrees):
@@ -73,7 +69,7 @@ def test_keys_beside_the_name_replace_those_of_the_preset():
 def test_universal_robots_against_ros_description(name, file):
     robot = load_preset(name)
     arm = PinArm(robots_folder() / "ur_description" / "urdf" / file)
-    for q in sample(robot):
+    for q in random_postures(robot, 10):
         named = {f"{joint}_joint": value for joint, value in zip(robot.joint_names, q, strict=True)}
         np.testing.assert_allclose(pose(robot, q), TURNED @ arm.pose(named, "base_link", "tool0"), atol=DIGITS)
 
@@ -81,7 +77,7 @@ def test_universal_robots_against_ros_description(name, file):
 @pytest.mark.parametrize(("name", "rows"), [("ur5", UR5), ("ur10", UR10), ("ur5e", UR5E), ("ur10e", UR10E)])
 def test_universal_robots_against_their_own_kinematics(name, rows):
     robot, arm = load_preset(name), PinArm(urdf_text(rows))
-    for q in sample(robot):
+    for q in random_postures(robot, 10):
         expected = arm.pose(dict(zip(robot.joint_names, q, strict=True)), "base", "link6")
         np.testing.assert_allclose(pose(robot, q), expected, atol=ROUNDING)
 
@@ -89,7 +85,7 @@ def test_universal_robots_against_their_own_kinematics(name, rows):
 @pytest.mark.parametrize(("name", "rows"), [("irb120", IRB120), ("iiwa14", IIWA14)])
 def test_against_ros_industrial(name, rows):
     robot, arm = load_preset(name), PinArm(urdf_text(rows))
-    for q in sample(robot):
+    for q in random_postures(robot, 10):
         expected = arm.pose(dict(zip(robot.joint_names, q, strict=True)), "base", f"link{len(rows)}")
         np.testing.assert_allclose(pose(robot, q), expected, atol=ROUNDING)
 
@@ -97,7 +93,7 @@ def test_against_ros_industrial(name, rows):
 def test_panda_against_franka_description():
     robot = load_preset("panda")
     arm = PinArm(robots_folder() / "panda_description" / "urdf" / "panda.urdf")
-    for q in sample(robot):
+    for q in random_postures(robot, 10):
         named = dict(zip(robot.joint_names, q, strict=True))
         np.testing.assert_allclose(pose(robot, q), arm.pose(named, "panda_link0", "panda_link8"), atol=ROUNDING)
     np.testing.assert_allclose(robot.lower, arm.model.lowerPositionLimit[:7])
@@ -105,7 +101,7 @@ def test_panda_against_franka_description():
 
 
 def check_centres(robot, arm, base, joints):
-    q = sample(robot, 1)[0]
+    q = random_postures(robot, 1)[0]
     for index in joints:
         mass, centre = arm.centre(dict(zip(robot.joint_names, q, strict=True)), robot.joints[index].name, base)
         here = frame(robot, q, index) @ np.append(robot.joints[index].com, 1.0)

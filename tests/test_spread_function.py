@@ -15,6 +15,7 @@ from posture_opt.robot.preset import load_preset, preset_names
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.spread import propagate
 from posture_opt.uncertainty.spread_function import SpreadFunction
+from tests.helpers.factors import random_postures
 from tests.helpers.moments import correlated, errors_of, planar
 
 needs_compiler = pytest.mark.skipif(not find_compiler(), reason="no C compiler on this machine")
@@ -26,10 +27,6 @@ def problem(name, angle=0.05, length=0.01, kinds=("theta", "a", "d"), coupled=Fa
     return SimpleNamespace(robot=robot, sources=correlated(sources) if coupled else sources)
 
 
-def postures(robot, n, seed=0):
-    return np.random.default_rng(seed).uniform(robot.lower, robot.upper, (n, robot.n))
-
-
 CASES = [(name, False) for name in preset_names()] + [("planar_2r", True), ("scara", True), ("ur5", True)]
 
 
@@ -39,7 +36,7 @@ def test_it_gives_what_propagate_gives(name, coupled, compiled):
     given = problem(name, coupled=coupled, kinds=("theta",) if name == "ur5" and coupled else ("theta", "a", "d"))
     spread_at = SpreadFunction(given, compiled=compiled)
     assert spread_at.compiled is compiled
-    Q = postures(given.robot, 4)
+    Q = random_postures(given.robot, 4)
     found = spread_at(Q), spread_at.first_order(Q), spread_at.position(Q), spread_at.mean(Q)
     for row, q in enumerate(Q):
         spread = propagate(given, q)
@@ -70,7 +67,7 @@ def test_any_number_of_postures(n):
 def test_blocks_do_not_show():
     given = problem("ur5")
     spread_at = SpreadFunction(given)
-    Q = postures(given.robot, 200_003)
+    Q = random_postures(given.robot, 200_003)
     found = spread_at(Q)
     assert found.shape == (200_003, 3, 3)
     for row in (0, 99_999, 100_000, 199_999, 200_002):
@@ -82,10 +79,10 @@ def test_blocks_do_not_show():
 def test_memory_is_linear_in_the_postures():
     given = problem("ur5")
     spread_at = SpreadFunction(given)
-    spread_at(postures(given.robot, 10))
+    spread_at(random_postures(given.robot, 10))
     peaks = {}
     for n in (100_000, 400_000):
-        Q = postures(given.robot, n)
+        Q = random_postures(given.robot, n)
         tracemalloc.start()
         spread_at(Q)
         peaks[n] = tracemalloc.get_traced_memory()[1]
@@ -100,7 +97,7 @@ def test_thirty_sources_take_about_a_microsecond():
     given = problem("ur10", kinds=("theta", "d", "a", "alpha", "beta"))
     assert len(given.sources.names) == 30
     spread_at = SpreadFunction(given, compiled=True)
-    Q = postures(given.robot, 100_000)
+    Q = random_postures(given.robot, 100_000)
     spread_at(Q[:10])
     seconds = []
     for _ in range(5):

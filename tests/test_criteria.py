@@ -1,0 +1,82 @@
+"""The smooth criteria of the programme against NumPy's eigenvalues and the quadrature that reports use."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from posture_opt.selection import criteria
+from posture_opt.uncertainty.clearance import log_miss_probability
+
+ROUNDED = 2e-4  # of the trace: the corner where eigenvalues meet is rounded off by 1e-4 of it, in 3D by some more
+
+
+def evaluated(expressions, C):
+    symbol = ca.SX.sym("C", *C.shape)
+    function = ca.Function("f", [symbol], [ca.vertcat(*expressions(symbol))])
+    return np.asarray(function(C)).ravel()
+
+
+def covariances(m):
+    """Random ones, those with equal eigenvalues, and flat ones; far from unit size, as variances in m² are."""
+    rng = np.random.default_rng(m)
+    spectra = [rng.uniform(0, 1, m) for _ in range(20)]
+    spectra += [np.ones(m), np.eye(m)[0], np.append(np.ones(m - 1), 0.0), np.append(1e-4, np.ones(m - 1))]
+    turns = [np.linalg.qr(rng.standard_normal((m, m)))[0] for _ in spectra]
+    return [1e-8 * Q @ np.diag(values) @ Q.T for values, Q in zip(spectra, turns, strict=True)]
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_eigenvalues_are_numpy_s_but_for_the_rounded_corner(m):
+    for C in covariances(m):
+        atol = ROUNDED * np.trace(C)
+        values = np.linalg.eigvalsh(C)
+        np.testing.assert_allclose(evaluated(criteria.eigenvalues, C), values, atol=atol)
+        assert evaluated(lambda C: [criteria.worst(C)], C) == pytest.approx(values[-1], abs=atol)
+
+
+@pytest.mark.parametrize("m", [1, 2, 3])
+def test_trace_and_area_are_sum_and_geometric_mean(m):
+    for C in covariances(m):
+        values = np.linalg.eigvalsh(C).clip(0)
+        assert evaluated(lambda C: [criteria.trace(C)], C) == pytest.approx(values.sum(), rel=1e-12)
+        # Where the area is zero the root of its rounding is left: 1e-4 of the mean.
+        expected = np.prod(values) ** (1 / m)
+        assert evaluated(lambda C: [criteria.area(C)], C) == pytest.approx(
+            expected, rel=1e-3, abs=ROUNDED * values.sum()
+        )
+
+
+@pytest.mark.parametrize("m", [2, 3])
+def test_criteria_have_a_slope_where_eigenvalues_meet(m):
+    C = ca.SX.sym("C", m, m)
+    for criterion in (criteria.worst, criteria.area):
+        slope = ca.Function("slope", [C], [ca.jacobian(criterion(C), C)])
+        assert np.isfinite(np.asarray(slope(1e-8 * np.eye(m)))).all()
+
+
+def log_miss(C, bias, clearance):
+    symbols = ca.SX.sym("C", *C.shape), ca.SX.sym("b", len(C)), ca.SX.sym("r")
+    return float(ca.Function("f", [*symbols], [criteria.log_miss(*symbols)])(C, bias, clearance))
+
+
+@pytest.mark.parametrize("ratio", [1.0, 0.5, 0.2, 0.05])
+@pytest.mark.parametrize("clearance", [0.5, 1.0, 3.0, 8.0])
+def test_odds_in_the_plane_are_those_of_the_quadrature(ratio, clearance):
+    C, bias = np.diag([1.0, ratio**2]), np.array([0.1, 0.2])
+    # 48 nodes of the trapezoid rule: the thinner the ellipse, the sharper the integrand. A fifth keeps four digits.
+    atol = 1e-6 if ratio >= 0.5 else 2e-4
+    assert log_miss(C, bias, clearance) == pytest.approx(log_miss_probability(C, clearance, bias), abs=atol)
+
+
+@pytest.mark.parametrize("clearance", [0.5, 1.0, 2.0, 4.0, 8.0, 20.0])
+def test_odds_on_a_line_are_two_normal_tails(clearance):
+    # A rational approximation of erfc: seven digits near the middle, a constant factor far out.
+    found = log_miss(np.eye(1), np.array([0.3]), clearance)
+    assert found == pytest.approx(log_miss_probability([[1.0]], clearance, [0.3]), rel=5e-4)
+
+
+@pytest.mark.parametrize("C", [np.eye(1), np.diag([1.0, 0.2])])
+def test_odds_keep_a_slope_where_the_probability_is_below_every_float(C):
+    assert log_miss(C, np.zeros(len(C)), 60.0) > log_miss(C, np.zeros(len(C)), 61.0) > -2000
