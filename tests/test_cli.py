@@ -19,9 +19,9 @@ from click.testing import CliRunner, Result
 import posture_opt as po
 from posture_opt.cli.main import COMMANDS, main
 from posture_opt.cli.output import output_folder
-from posture_opt.cli.request import requested_posture
+from posture_opt.cli.request import requested_posture, requested_problem
 from posture_opt.errors import InputError
-from posture_opt.problem.load import builtin_problem
+from posture_opt.problem.load import builtin_problem, load_builtin
 from posture_opt.problem.starter import starter_text
 from posture_opt.robot import load_preset, preset_names
 from tests.helpers.fresh import ROOT, loaded_by
@@ -93,8 +93,15 @@ def test_wrong_usage_is_exit_code_2(words: list[str], message: str) -> None:
         (["--task", "insert", "--robot", "ur10e", "--position", "1 m, 0 m"], "--position: a position has three"),
         (["--task", "insert", "--robot", "ur10e", "--direction", "0, 0, 0"], "--direction: a direction of length zero"),
         (["--task", "insert", "--robot", "ur10e", "--direction", "0, 0, x"], "--direction[2]: 'x' is not a number"),
-        (["--task", "insert", "--robot", "ur10e", "--sigma", "-1 deg"], "--sigma.shoulder_pan.theta: the standard"),
-        (["--task", "insert", "--robot", "ur10e", "--sigma", "0.02"], "has no unit"),
+        (["--task", "insert", "--robot", "ur10e", "--sigma", "-1 deg"], "error: --sigma: the standard"),
+        (["--task", "insert", "--robot", "ur10e", "--sigma", "0.02 mm"], "all are revolute, write an angle: 0.02 deg"),
+        (["--task", "insert", "--robot", "scara", "--sigma", "1 deg, 2 deg"], "two angles, 1 deg and 2 deg"),
+        (
+            ["--task", "insert", "--robot", "ur10e", "--link-height", "5"],
+            "error: --link-height: the length has no unit",
+        ),
+        (["--robot", "ur10e", "--link-height", "5 mm"], "Name the --task of the robot"),
+        (["--task", "insert", "--robot", "ur10e", "--sigma", "0.02"], "error: --sigma: the angle has no unit"),
         (["new", "ur10f"], "PRESET: there is no preset of this name – did you mean 'ur10'?"),
         (["uncertainty", *PLANAR, "--posture", "90 deg"], "--posture: 1 value for 2 joints – give one value each"),
         (["uncertainty", *PLANAR, "--posture", "90, 90 deg"], "--posture.joint1: the angle has no unit"),
@@ -132,6 +139,23 @@ def test_postures_by_order_and_by_name() -> None:
     assert requested_posture("-90 deg, 0 deg", robot)["joint1"] < 0
     with pytest.raises(InputError, match="named twice"):
         requested_posture("joint1=1 deg, joint1=2 deg, joint2=0 deg", robot)
+
+
+def test_a_slide_without_sigma_is_told_to_be_exact() -> None:
+    solve = ["--task", "insert", "--robot", "scara", "--position", "0.3 m, 0.2 m, 0.1 m", "--sigma"]
+    assert "the slide joint3, taken as exact" in " ".join(run(*solve, "0.02 deg").output.split())
+    assert "taken as exact" not in run(*solve, "0.02 deg, 0.01 mm").output
+
+
+def test_link_height_is_a_bound_also_over_a_file() -> None:
+    former, now = (
+        p.task.subject_to
+        for p in (load_builtin("drill_ur5e"), requested_problem("drill_ur5e", None, link_height="120 mm"))
+    )
+    assert {term.kind for term in now} == {term.kind for term in former}
+    assert [term.at_least for term in now if term.kind == "link_height"] == [pytest.approx(0.12)]
+    problem = requested_problem(None, "ur10e", task="insert", link_height="50 mm")
+    assert [(term.kind, term.at_least) for term in problem.task.subject_to] == [("link_height", pytest.approx(0.05))]
 
 
 def test_unexpected_failure_is_one_line_unless_debugged(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -71,6 +71,7 @@ def task_options(command: Command) -> Command:
         click.option("--task", metavar="KIND", help="insert, drill, probe, …: see the command 'list'."),
         click.option("--position", metavar="TEXT", help='Target in the world: "0.6 m, 0.2 m, 0.1 m".'),
         click.option("--direction", metavar="TEXT", help='Of the task in the world: "0, 0, -1".'),
+        click.option("--link-height", metavar="TEXT", help='Keep all links at least this high in the world: "50 mm".'),
     )
 
 

@@ -42,6 +42,7 @@ def requested_problem(
     task: str | None = None,
     position: str | None = None,
     direction: str | None = None,
+    link_height: str | None = None,
 ) -> Problem:
     """The problem that the options describe.
 
@@ -58,6 +59,8 @@ def requested_problem(
         goal["position"] = _entries(position)
     if direction:
         goal["direction"] = _entries(direction)
+    if link_height:
+        goal["subject_to"] = [_link_height(link_height)]
     if robot:
         return _as_options(lambda: _problem_of_robot(str(robot), base_link, tip_link, sigma, task, goal))
     if problem:
@@ -66,6 +69,9 @@ def requested_problem(
         chosen = _as_options(lambda: builtin_problem(task))
     else:
         raise click.UsageError("Name a --problem or a --robot.")
+    if link_height:
+        former = (chosen.document.get("task") or {}).get("subject_to") or []
+        goal["subject_to"] = [*(term for term in former if term["kind"] != "link_height"), *goal["subject_to"]]
     return _as_options(lambda: chosen.with_task(task, **goal)) if task or goal else chosen
 
 
@@ -82,13 +88,15 @@ def _problem_of_robot(
     section = _robot_section(robot, base_link, tip_link)
     data: dict[str, Any] = {"name": f"{task or 'robot'}: {Path(robot).stem}", "robot": section}
     if goal and not task:
-        raise click.UsageError("--position and --direction belong to a task: name it with --task.")
+        raise click.UsageError("--position, --direction and --link-height belong to a task: name it with --task.")
     if task:
         data["task"] = {"kind": task, **goal}
-    if sigma:
-        joints = problem_from_dict({"robot": section}).robot.joints
-        data["uncertainty"] = {"sigma": _joint_sigmas(sigma, joints)}
-    return problem_from_dict(data)
+    if not sigma:
+        return problem_from_dict(data)
+    joints = problem_from_dict({"robot": section}).robot.joints
+    data["uncertainty"] = {"sigma": _joint_sigmas(sigma, joints)}
+    problem = problem_from_dict(data)
+    return replace(problem, notes=(*problem.notes, *_exact_note(joints, data["uncertainty"]["sigma"])))
 
 
 def _robot_section(robot: str, base_link: str | None, tip_link: str | None) -> dict[str, Any]:
@@ -106,12 +114,58 @@ def _robot_section(robot: str, base_link: str | None, tip_link: str | None) -> d
 
 def _joint_sigmas(text: str, joints: tuple[Joint, ...]) -> dict[str, str]:
     """Parameter -> quantity: an angle is meant for all revolute joints, a length for all prismatic ones."""
-    sigma: dict[str, str] = {}
+    given: dict[str, str] = {}
+    issues: list[Issue] = []
     for entry in _entries(text):
         kind = "prismatic" if _is_length(entry) else "revolute"
-        symbol = "theta" if kind == "revolute" else "d"
-        sigma |= {f"{joint.name}.{symbol}": entry for joint in joints if joint.type == kind}
-    return sigma
+        if fault := _sigma_fault(entry, kind, given, joints):
+            issues.append(Issue.told(fault, ("--sigma",), entry))
+        given[kind] = entry
+    if issues:
+        raise InputError(issues)
+    return {_own_parameter(joint): given[joint.type] for joint in joints if joint.type in given}
+
+
+def _sigma_fault(entry: str, kind: str, given: dict[str, str], joints: tuple[Joint, ...]) -> str:
+    """What is wrong with one entry of ``--sigma``, and how to mend it; else nothing."""
+    if kind in given:
+        what = "length" if kind == "prismatic" else "angle"
+        return f"two {what}s, {given[kind]} and {entry}; give one for all joints, or each its own in a problem file"
+    try:
+        value = parse_quantity(entry, "length" if kind == "prismatic" else "angle")
+    except ValueError as error:
+        return str(error)
+    if value < 0:
+        return f"the standard deviation {entry} is negative; write {entry.lstrip('- ')}"
+    if not any(joint.type == kind for joint in joints):
+        there = ("revolute", "an angle: 0.02 deg") if kind == "prismatic" else ("prismatic", "a length: 0.01 mm")
+        return f"{entry} is meant for {kind} joints, and this arm has none; all are {there[0]}, write {there[1]}"
+    return ""
+
+
+def _exact_note(joints: tuple[Joint, ...], sigma: dict[str, str]) -> tuple[str, ...]:
+    """What to tell of joints that ``--sigma`` says nothing about."""
+    exact = [joint for joint in joints if _own_parameter(joint) not in sigma]
+    if not exact:
+        return ()
+    what, example = ("slide", "0.01 mm") if exact[0].type == "prismatic" else ("turning joint", "0.02 deg")
+    names, many = ", ".join(joint.name for joint in exact), "s" * (len(exact) > 1)
+    text = ", ".join([*dict.fromkeys(sigma.values()), example])
+    return (f'--sigma says nothing of the {what}{many} {names}, taken as exact: else write --sigma "{text}"',)
+
+
+def _own_parameter(joint: Joint) -> str:
+    """The parameter that adds to the joint's own variable."""
+    return f"{joint.name}.{'theta' if joint.type == 'revolute' else 'd'}"
+
+
+def _link_height(text: str) -> dict[str, str]:
+    """The bound that keeps all links at least this high."""
+    try:
+        parse_quantity(text, "length")
+    except ValueError as error:
+        raise InputError(Issue.told(str(error), ("--link-height",), text)) from None
+    return {"kind": "link_height", "at_least": text}
 
 
 def _is_length(text: str) -> bool:
