@@ -2,7 +2,8 @@
 
 In three dimensions the direction is integrated over the sphere: with ``x = b + ρ L u`` and ``|b + ρ L u| = r`` at
 ``ρ*(u)``, ``P(|x| > r)`` is the mean over all directions u of the tail of the chi distribution with three degrees of
-freedom, ``erfc(ρ*/√2) + √(2/π) ρ* e^{−ρ*²/2}``. In the plane and on a line: :mod:`posture_opt.uncertainty.clearance`.
+freedom, ``erfc(ρ*/√2) + √(2/π) ρ* e^{−ρ*²/2}`` (M. Abramowitz and I. A. Stegun, Handbook of Mathematical Functions
+(1964), 26.4.4). In the plane and on a line: :mod:`posture_opt.uncertainty.clearance`.
 """
 
 from __future__ import annotations
@@ -11,16 +12,17 @@ import functools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from posture_opt.uncertainty.clearance import decreasing_root
+from posture_opt.uncertainty.regions import coverage_factor
+from posture_opt.uncertainty.sources import Array
 
-_POLAR, _AZIMUTHS = 64, 128
+_POLAR, _AZIMUTHS = 64, 128  # ten digits of a round ellipsoid, three of a line in space
 _erfc = np.vectorize(math.erfc, otypes=[float])
 
 
 def radius_in_space(p: float, covariance: Array, bias: Array) -> float:
-    """The radius r [m] with ``P(|x| ≤ r) = p`` for ``x ~ N(bias, covariance)`` in space, by bisection.
+    """The radius r [m] with ``P(|x| ≤ r) = p`` for ``x ~ N(bias, covariance)`` in space.
 
     Args:
         p: probability, at least 0.5.
@@ -29,16 +31,13 @@ def radius_in_space(p: float, covariance: Array, bias: Array) -> float:
     """
     values, vectors = np.linalg.eigh(covariance)
     L = vectors * np.sqrt(values.clip(0))
-    offset = float(np.linalg.norm(bias))
-    low, high = offset, offset + 20 * math.sqrt(max(float(values[-1]), 0.0))
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if _miss(L, bias, middle) > 1 - p else (low, middle)
-    return high
+    # All within k times the largest deviation of the mean lie in this ball, and that is p of them at the least.
+    outer = float(np.linalg.norm(bias)) + coverage_factor(p, 3) * math.sqrt(max(float(values[-1]), 0.0))
+    return decreasing_root(lambda r: _miss(L, bias, r) - (1 - p), outer) if values[-1] > 0 else outer
 
 
 def _miss(L: Array, b: Array, r: float) -> float:
-    """``P(|b + L z| > r)`` for ``|b| ≤ r``."""
+    """``P(|b + L z| > r)`` for ``|b| ≤ r``; one for a smaller r, which holds less than half of the points."""
     directions, weights = _sphere()
     d = directions @ L.T
     alpha, beta = np.sum(d * d, axis=1), d @ b

@@ -69,7 +69,7 @@ def radius_for(p: float, covariance: ArrayLike, bias: ArrayLike | None = None) -
     goal = math.log1p(-p)
     # All within k times the largest deviation of the mean lie in this circle, and that is p of them at the least.
     outer = math.hypot(*b) + sigma[0] * math.sqrt(-2 * goal)
-    return _decreasing_root(lambda r: _log_miss(sigma, b, r) - goal, outer) if sigma[0] > 0 else outer
+    return decreasing_root(lambda r: _log_miss(sigma, b, r) - goal, outer) if sigma[0] > 0 else outer
 
 
 def _principal(covariance: ArrayLike, bias: ArrayLike | None) -> tuple[Array, Array]:
@@ -195,7 +195,7 @@ def _double_exponential(level: int) -> tuple[Array, Array]:
     return ends, h * math.pi * np.cosh(t) * ends * (1 - ends)
 
 
-def _decreasing_root(f: Callable[[float], float], outer: float) -> float:
+def decreasing_root(f: Callable[[float], float], outer: float) -> float:
     """The root of a decreasing f between 0 and outer by regula falsi that halves a stuck end (the Illinois rule)."""
     inner, outer_value = 0.0, f(outer)
     inner_value, side = f(inner), 0

@@ -18,7 +18,13 @@ PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 @dataclass(frozen=True, eq=False)
 class Sampler:
-    """Draws tool poses: shift of the tool point (N, 3) [m] and rotation vector (N, 3) [rad] from the nominal pose."""
+    """Draws tool poses: shift of the tool point (N, 3) [m] and rotation vector (N, 3) [rad] from the nominal pose.
+
+    Args:
+        q: (n,) posture [rad or m].
+        names: (k,) of the sources, ``root`` (k, k) of their covariance, see `covariance_root`.
+        nominal: the walk without errors.
+    """
 
     robot: Robot
     q: tuple[float, ...]
@@ -74,6 +80,7 @@ class PowerSums:
         self.inside = 0
 
     def add(self, shift: Array, rotation: Array) -> None:
+        """Take in a block of shifts (N, 3) [m] and rotation vectors (N, 3) [rad] from the nominal pose."""
         spread = self.spread
         centred = shift - spread.bias
         pose = np.hstack([centred, rotation])

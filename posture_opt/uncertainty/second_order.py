@@ -17,8 +17,7 @@ import numpy as np
 
 from posture_opt.model.chain import Vector, Walk, add, cross, scale, stack
 from posture_opt.model.derivatives import ZERO, position_column, rotation_column
-
-Floats = np.ndarray
+from posture_opt.uncertainty.sources import Array
 
 
 @dataclass(frozen=True)
@@ -26,14 +25,12 @@ class SecondOrder:
     """The parts of the expansion, world frame.
 
     Args:
-        jacobian: (3, k) derivative of the tool point with respect to the sources.
         first: (3, 3) ``J Σ Jᵀ`` [m²].
         curvature: (3, 3) ``½ tr(H_a Σ H_b Σ)`` [m²].
         mixed: (3, 3) first-order times third-order term [m²].
         bias: (3,) ``½ tr(Σ H)`` [m].
     """
 
-    jacobian: Any
     first: Any
     curvature: Any
     mixed: Any
@@ -45,7 +42,7 @@ class SecondOrder:
         return self.first + self.curvature + self.mixed
 
 
-def second_order(walk: Walk, indices: Sequence[int], covariance: Floats) -> SecondOrder:
+def second_order(walk: Walk, indices: Sequence[int], covariance: Array) -> SecondOrder:
     """The expansion at the pose of ``walk``.
 
     Args:
@@ -55,7 +52,7 @@ def second_order(walk: Walk, indices: Sequence[int], covariance: Floats) -> Seco
     """
     if not indices:
         none = np.zeros((3, 3))
-        return SecondOrder(np.zeros((3, 0)), none, none, none, np.zeros(3))
+        return SecondOrder(none, none, none, np.zeros(3))
     J = [position_column(walk, i) for i in indices]
     a = [rotation_column(walk, i) for i in indices]
     S = [[float(entry) for entry in row] for row in covariance]
@@ -65,13 +62,10 @@ def second_order(walk: Walk, indices: Sequence[int], covariance: Floats) -> Seco
     jacobian = stack(list(zip(*J, strict=True)))
     g = stack(list(zip(*gradient, strict=True)))
     mixed = jacobian @ covariance @ transpose(g)
-    # np.asarray keeps Σ a plain array for CasADi's operators.
-    sigma = np.asarray(covariance, dtype=float)
-    HS = [stack([[H[i][j][c] for j in range(k)] for i in range(k)]) @ sigma for c in range(3)]
+    HS = [stack([[H[i][j][c] for j in range(k)] for i in range(k)]) @ covariance for c in range(3)]
     curvature = [[_inner(HS[c], HS[d]) / 2 for d in range(3)] for c in range(3)]
     return SecondOrder(
-        jacobian=jacobian,
-        first=jacobian @ sigma @ transpose(jacobian),
+        first=jacobian @ covariance @ transpose(jacobian),
         curvature=stack(curvature),
         mixed=(mixed + transpose(mixed)) / 2,
         bias=stack(scale(0.5, _weighted(S, H, 0))),

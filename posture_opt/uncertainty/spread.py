@@ -211,6 +211,7 @@ def ellipse_json(ellipse: Ellipsoid, basis: Array) -> dict[str, Any]:
 
 
 def budget_json(shares: Sequence[Share]) -> list[dict[str, Any]]:
+    """The shares as the documents list them."""
     return [{"parameter": share.parameter, "share": share.share} for share in shares]
 
 

@@ -67,6 +67,7 @@ class ToolPoint:
 
     @property
     def correlated(self) -> bool:
+        """Whether any two sources vary together."""
         return bool(np.any(self.covariance != np.diag(np.diag(self.covariance))))
 
     @property
@@ -77,6 +78,7 @@ class ToolPoint:
         return "exact, planar" if self.plane is not None else "exact + second order of the correlations"
 
     def walk(self, q: Sequence[Scalar]) -> tuple[Walk, list[Scalar]]:
+        """The walk along the nominal chain at ``q`` (n,), and the value of every factor [rad or m]."""
         values = factor_values(self.robot.factors, q)
         return walk(self.robot.factors, values), values
 
