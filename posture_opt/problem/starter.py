@@ -30,15 +30,17 @@ $uncertainty
 task:
   kind: insert                      # insert | drill | probe | measure | trace | place
   direction: $direction             # in the world
-  # Without position and region the workpiece may stand anywhere in reach, and its best place is part of the answer.
-  # position: $position
+  position: $position
+  # In place of it, a box to put the workpiece in; without both it may stand anywhere in reach, and its place is part
+  # of the answer.
   # region: {min: $minimum, max: $maximum}
   # tool_axis: [0, 0, 1]            # of the tool, laid along the direction where the arm can
   # tilt: 5 deg                     # how far it may lean
   # clearance: 0.2 mm               # radial play of the hole: gives the probability of success
   # criterion: worst                # worst | trace | area | miss
-  # subject_to: [{kind: limit_margin, at_least: 5 deg}]
-
+  subject_to:
+    - {kind: limit_margin, at_least: 5 deg}     # no joint near its end
+$table
 solver: {kind: ipopt, starts: 32, seed: 0}
 """)
 
@@ -61,6 +63,8 @@ $sigma
   # repeatability: 0.05 mm
 """)
 
+_TABLE = "    - {kind: link_height, at_least: 50 mm}      # elbow and wrist stay above the table: world z\n"
+
 
 def starter_text(preset: str) -> str:
     """The text of a problem file for a preset, with comments.
@@ -69,7 +73,9 @@ def starter_text(preset: str) -> str:
         InputError: no preset has this name; the nearest is offered.
     """
     robot = load_preset(preset)
-    place = [0.45 * _stretched(robot), 0.15 * _stretched(robot), _height(robot)]
+    # Well off the base axis and well within reach; a SCARA, which has no wrist to turn down, may stretch further.
+    x, y = (0.45, 0.15) if _all_turn(robot) else (0.6, 0.3)
+    place = [x * _stretched(robot), y * _stretched(robot), _height(robot)]
     return _TEXT.substitute(
         title=robot.name,
         preset=preset,
@@ -79,6 +85,8 @@ def starter_text(preset: str) -> str:
         position=_point(place),
         minimum=_point([place[0], -place[1], place[2]]),
         maximum=_point([1.2 * place[0], place[1], place[2]]),
+        # The arm of a SCARA stays at its height and its quill has to go below it; a planar arm lies in its table.
+        table=_TABLE if _all_turn(robot) and not _planar(robot) else "",
     )
 
 
@@ -102,12 +110,16 @@ def _height(robot: Robot) -> float:
     """A height that the tool reaches easily [m]."""
     if _planar(robot):
         return 0.0
-    if all(joint.type == "revolute" for joint in robot.joints):
+    if _all_turn(robot):
         return 0.1 * _stretched(robot)
     from posture_opt.model.arm import Arm
 
     middle = [(joint.lower + joint.upper) / 2 for joint in robot.joints]
     return float(Arm(robot).position(middle)[2])
+
+
+def _all_turn(robot: Robot) -> bool:
+    return all(joint.type == "revolute" for joint in robot.joints)
 
 
 def _planar(robot: Robot) -> bool:
