@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from posture_opt import errors
+    from posture_opt.diagnosis.measurements import Measurements
+    from posture_opt.diagnosis.reading import read_measurements
     from posture_opt.model.arm import Arm
     from posture_opt.problem.load import load_problem, problem_from_dict
     from posture_opt.selection.selector import PostureSelector, select_posture
@@ -31,6 +33,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Arm",
+    "Measurements",
     "PostureSelector",
     "SpreadFunction",
     "__version__",
@@ -38,6 +41,7 @@ __all__ = [
     "load_problem",
     "problem_from_dict",
     "propagate",
+    "read_measurements",
     "select_posture",
     "simulate",
 ]
@@ -45,11 +49,13 @@ __all__ = [
 _HOMES = {
     # A name is imported when it is first used: `import posture_opt` and `--help` need none of CasADi.
     "Arm": "model.arm",
+    "Measurements": "diagnosis.measurements",
     "PostureSelector": "selection.selector",
     "SpreadFunction": "uncertainty.spread_function",
     "load_problem": "problem.load",
     "problem_from_dict": "problem.load",
     "propagate": "uncertainty.spread",
+    "read_measurements": "diagnosis.reading",
     "select_posture": "selection.selector",
     "simulate": "uncertainty.cloud",
 }

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from posture_opt.diagnosis.data_spec import DataSpec
 from posture_opt.errors import InputError, Issue
 from posture_opt.problem.issues import schema_issues
 from posture_opt.problem.schema import ProblemSpec
@@ -36,6 +37,7 @@ class Problem:
     solver: Solver
     effects: tuple[Any, ...]
     measurement: MeasurementSpec | None
+    data: DataSpec
     spec: ProblemSpec
     folder: Path
     notes: tuple[str, ...] = ()
@@ -107,6 +109,7 @@ def build_problem(document: Document, folder: Path, name: str) -> Problem:
         solver=spec.solver,
         effects=spec.effects,
         measurement=spec.uncertainty.measurement,
+        data=spec.data,
         spec=spec,
         folder=folder,
         notes=sources.notes,

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, WithJsonSchema, field_validator
 
+from posture_opt.diagnosis.data_spec import DataSpec
 from posture_opt.robot import RobotSpec
 from posture_opt.selection.solvers import SolverSpec
 from posture_opt.selection.tasks import TaskSpec
@@ -28,7 +29,7 @@ class ProblemSpec(Spec):
     task: TaskSpec | None = Field(None, description="what the tool point has to do")
     effects: tuple[Section, ...] = Field((), description="extensions of the model")
     solver: SolverSpec = Field(SolverSpec(), description="how the best posture is searched for")
-    data: Section = Field({}, description="what is known about measurements besides their file")
+    data: DataSpec = Field(DataSpec(), description="what is known about measurements besides their file")
 
     @field_validator("effects")
     @classmethod

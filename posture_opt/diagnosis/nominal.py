@@ -1,0 +1,28 @@
+"""The nominal arm at many postures, in plain NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.measurements import Floats
+from posture_opt.model.chain import factor_values, stack, walk
+from posture_opt.robot.robot import Robot
+
+_STILL = 1e-9  # m; rounding of half turns at a reach of metres is 1e-15
+
+
+def nominal_poses(robot: Robot, q: Floats) -> tuple[Floats, Floats]:
+    """Tool point (N, 3) [m] and rotation (N, 3, 3), both in the world, of postures (N, n)."""
+    reached = walk(robot.factors, factor_values(robot.factors, [np.ascontiguousarray(column) for column in q.T]))
+    points = np.broadcast_to(stack(reached.position), (len(q), 3))
+    rotations = np.broadcast_to(stack(list(zip(*reached.columns, strict=True))), (len(q), 3, 3))
+    return np.asarray(points), np.asarray(rotations)
+
+
+def still_axes(robot: Robot) -> NDArray[np.bool_]:
+    """(3,) along which world axes the tool point cannot move, as z of a planar arm."""
+    lower, upper = np.array(robot.lower), np.array(robot.upper)
+    q = np.random.default_rng(0).uniform(lower, upper, (32, robot.n))
+    points, _ = nominal_poses(robot, q)
+    return np.asarray(np.ptp(points, axis=0) < _STILL)
