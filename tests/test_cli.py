@@ -304,6 +304,19 @@ def test_solve_writes_its_files(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out" / "solution.json").read_text())["status"] in ("optimal", "feasible")
 
 
+def test_files_of_an_earlier_report_do_not_stay_beside_the_new_one(tmp_path: Path) -> None:
+    own = ["cloud.csv", "report.html", "report.txt", "spread.json"]
+    (tmp_path / "arm.png").write_text("somebody's")
+    (tmp_path / "joint_map.txt").write_text("somebody's")
+    simulate = ["simulate", *PLANAR, *DOWN, "-n", "10", "--no-plots", "--quiet", "--out", str(tmp_path)]
+    assert run(*simulate).exit_code == 0
+    assert sorted(os.listdir(tmp_path)) == sorted(["arm.png", "joint_map.txt", *own]), "no earlier report, none removed"
+    assert run("--task", "insert", "--no-plots", "--quiet", "--out", str(tmp_path)).exit_code == 0
+    assert sorted(os.listdir(tmp_path)) == ["joint_map.txt", "report.html", "report.txt", "solution.json"]
+    assert run("schema", "--out", str(tmp_path / "schema.json")).exit_code == 0
+    assert len(os.listdir(tmp_path)) == 5, "what is no report replaces none"
+
+
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_exported_c_agrees_with_the_package(tmp_path: Path) -> None:
     assert run("export", "--robot", "ur10e", "--sigma", "0.02 deg", "--to", "c", "--out", str(tmp_path)).exit_code == 0

@@ -19,7 +19,7 @@ from posture_opt.report import figures, text, units_text
 from posture_opt.report.figures.arm import enlarged_ellipse, enlarged_ellipsoid, enlargement, region_label
 from posture_opt.report.style import image
 from posture_opt.report.words import roll_pitch_yaw, source_words
-from posture_opt.report.write import cloud_files, solution_files, spread_files, write_solution
+from posture_opt.report.write import OWN_FILES, cloud_files, solution_files, spread_files, write_solution
 from posture_opt.uncertainty.cloud import cloud_of
 from tests.helpers.fresh import loaded_by
 
@@ -361,6 +361,7 @@ class TestFiles:
         write_solution(tmp_path, *planar)
         drawn = {f"{name}.{kind}" for name in ("arm", "cloud", "budget", "joint_map") for kind in ("png", "svg")}
         assert {file.name for file in tmp_path.iterdir()} == {"solution.json", "report.txt", "report.html", *drawn}
+        assert {file.name for file in tmp_path.iterdir()} <= OWN_FILES
         document = json.loads((tmp_path / "solution.json").read_text())
         assert next(iter(document)) == "posture_opt"
         assert document["posture_opt"] == po.__version__

@@ -96,10 +96,25 @@ def _move_into_place(staging: Path, out: Path) -> None:
         staging.chmod(0o777 & ~umask)  # a temporary folder is private, the result is not
         staging.rename(out)
         return
+    stale = _stale(staging, out)
     for file in sorted(path for path in staging.rglob("*") if path.is_file()):
         target = out / file.relative_to(staging)
         target.parent.mkdir(parents=True, exist_ok=True)
         file.replace(target)
+    for file in stale:
+        file.unlink(missing_ok=True)
+
+
+def _stale(staging: Path, out: Path) -> list[Path]:
+    """Files of an earlier report in ``out`` that the new one does not replace: they would pass for its own."""
+    if not (staging / "report.html").exists():
+        return []
+    from posture_opt.report.write import DOCUMENTS, OWN_FILES
+
+    former = {name for name in OWN_FILES if (out / name).is_file()}
+    # A figure alone may be anybody's; a report of ours never comes without one of these.
+    reported = former & set(DOCUMENTS)
+    return sorted(out / name for name in former if reported and not (staging / name).exists())
 
 
 def _remove_empty(folders: list[Path]) -> None:

@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 
 Files = dict[str, bytes]
 
+FIGURES = ("arm", "cloud", "budget", "joint_map")
+DOCUMENTS = ("solution.json", "spread.json", "report.txt", "report.html")
+OWN_FILES = frozenset((*DOCUMENTS, "cloud.csv", *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg"))))
+"""Every name that a report's files may have: of an earlier run they would speak of another problem."""
+
 
 def write_solution(folder: Path, problem: Problem, solution: Solution, plots: bool = True) -> None:
     """Writes the files of a solution into ``folder``, which exists."""
