@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from statistics import NormalDist
 from typing import Literal
 
@@ -130,12 +131,12 @@ class Ellipsoid:
     @property
     def semi_axes(self) -> Array:
         """(m,) standard deviations along the axes, ascending: the square roots of the eigenvalues."""
-        return self._axes()[0]
+        return self._axes[0]
 
     @property
     def axes(self) -> Array:
         """(m, m) unit vectors in columns, ``axes[:, i]`` along ``semi_axes[i]``; their largest entry is positive."""
-        return self._axes()[1]
+        return self._axes[1]
 
     @property
     def rank(self) -> int:
@@ -163,7 +164,7 @@ class Ellipsoid:
     def mahalanobis(self, points: ArrayLike) -> Array:
         """(N,) distances ``sqrt((y - center)' C^+ (y - center))`` of points (N, m); infinite off the subspace of C."""
         offset = np.atleast_2d(np.asarray(points, dtype=float)) - self.center
-        sigma, axes = self._axes()
+        sigma, axes = self._axes
         rank = self.rank
         null, span = np.split(offset @ axes, [len(sigma) - rank], axis=1)
         distance: Array = np.linalg.norm(span / sigma[len(sigma) - rank :], axis=1)
@@ -192,12 +193,16 @@ class Ellipsoid:
         boundary[-1] = boundary[0]
         return boundary
 
+    @cached_property
     def _axes(self) -> tuple[Array, Array]:
         symmetric = (self.covariance + self.covariance.T) / 2
         variances, axes = np.linalg.eigh(symmetric)
         largest = np.abs(axes).argmax(axis=0)
         signs = np.sign(axes[largest, np.arange(len(variances))])
-        return np.sqrt(np.clip(variances, 0, None)), axes * signs
+        semi_axes, axes = np.sqrt(np.clip(variances, 0, None)), axes * signs
+        semi_axes.setflags(write=False)
+        axes.setflags(write=False)
+        return semi_axes, axes
 
 
 def _check(p: float, m: int) -> None:

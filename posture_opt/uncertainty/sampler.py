@@ -78,6 +78,8 @@ class PowerSums:
         self.second = np.zeros((6, 6))
         self.fourth = np.zeros((6, 6))
         self.inside = 0
+        # In coordinates about the nominal point: a micrometre on a metre would lose ten digits.
+        self._region = Ellipsoid(spread.bias, spread.covariance).project(spread.basis)
 
     def add(self, shift: Array, rotation: Array) -> None:
         """Take in a block of shifts (N, 3) [m] and rotation vectors (N, 3) [rad] from the nominal pose."""
@@ -88,9 +90,7 @@ class PowerSums:
         self.first += pose.sum(axis=0)
         self.second += pose.T @ pose
         self.fourth += products.T @ products
-        # In coordinates about the nominal point: a micrometre on a metre would lose ten digits.
-        centre = Ellipsoid(spread.bias, spread.covariance).project(spread.basis)
-        self.inside += int(np.count_nonzero(centre.contains(shift @ spread.basis.T, 0.95)))
+        self.inside += int(np.count_nonzero(self._region.contains(shift @ spread.basis.T, 0.95)))
 
     def moments(self, n: int) -> tuple[Array, Array]:
         """(6,) sample mean less the closed-form one, and (6, 6) sample covariance, of shift and rotation vector."""
