@@ -104,7 +104,7 @@ def test_thirty_sources_take_about_a_microsecond():
         start = time.perf_counter()
         spread_at(Q)
         seconds.append(time.perf_counter() - start)
-    # 0.3 to 0.4 us on an idle 2-core machine; interpreted it would be 20 us. A busy machine may take thrice as long.
+    # 0.3 to 0.4 us on an idle 2-core machine; interpreted it would be 3 us. A busy machine may take thrice as long.
     assert min(seconds) / len(Q) < 1.5e-6
 
 
