@@ -227,6 +227,31 @@ def test_all_faults_of_all_sections_at_once(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("robot", "name", "mend"),
+    [
+        ("ur10e", "wrist_1.thta", "did you mean 'wrist_1.theta'? wrist_1 has theta, d, a, alpha, beta"),
+        ("ur10e", "wrist_1", "wrist_1 has theta, d, a, alpha, beta"),
+        ("ur10e", "wrst_1.theta", "did you mean 'wrist_1.theta'? parameters have: base, shoulder_pan, "),
+        ("ur10e", "hand.grip", "parameters have: base, shoulder_pan, "),
+        ("ur10f", "wrist_1.thta", "did you mean 'wrist_1.theta'? wrist_1 has "),  # the robot itself is not known
+    ],
+)
+def test_unknown_parameter_offers_those_of_its_joint_first(robot: str, name: str, mend: str, tmp_path: Path) -> None:
+    text = f"robot: {{kind: preset, name: {robot}}}\nuncertainty: {{sigma: {{{name}: 0.02 deg}}}}\n"
+    found = faults(tmp_path, text)[-1]
+    start = f"problem.yaml:2: uncertainty.sigma.{name}: the robot has no such parameter – {mend}"
+    assert found.startswith(start)
+    assert found.count(",") < 13, "a short list"
+
+
+def test_a_slide_of_a_urdf_has_a_length(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF.replace("revolute", "prismatic"))
+    text = "robot: {kind: urdf, file: arm.urdf}\nuncertainty: {sigma: {j1.theta: 0.02 deg}}\n"
+    (found,) = faults(tmp_path, text)
+    assert "did you mean 'j1.d'? j1 has x, y, z" in found
+
+
 def test_urdf_without_such_a_link(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(URDF)
     found = faults(tmp_path, "robot:\n  kind: urdf\n  file: arm.urdf\n  base_link: base\n  tip_link: tool\n")

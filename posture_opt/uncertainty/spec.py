@@ -22,7 +22,8 @@ Quantity = Annotated[Any, WithJsonSchema({"type": "string", "examples": ["1 deg"
 Correlation = Annotated[tuple[str, str, float], Field(examples=[["joint1.a", "joint2.a", 0.8]])]
 
 
-_ANGLES = (".theta", ".alpha", ".beta", ".roll", ".pitch", ".yaw")
+_ANGLES = ("theta", "alpha", "beta", "roll", "pitch", "yaw")
+_LENGTHS = ("d", "a", "x", "y", "z")
 
 
 class MeasurementSpec(Spec):
@@ -66,10 +67,9 @@ class UncertaintySpec(Spec):
         Raises:
             InputError: everything wrong with the section, keys relative to it.
         """
-        named = {*self.sigma, *(name for a, b, _ in self.correlation for name in (a, b))}
         issues = self._contradictions()
         try:
-            self._from_sigma({name: "angle" if name.endswith(_ANGLES) else "length" for name in named})
+            self._from_sigma(None)
         except InputError as error:
             issues += error.issues
         if issues:
@@ -109,7 +109,7 @@ class UncertaintySpec(Spec):
             raise InputError([replace(issue, key=("covariance",), value=self.covariance) for issue in issues])
         return Sources(names, covariance, (f"covariance from {self.covariance}",))
 
-    def _from_sigma(self, dimensions: dict[str, str]) -> Sources:
+    def _from_sigma(self, dimensions: dict[str, str] | None) -> Sources:
         issues: list[Issue] = []
         sigma = {name: _sigma(name, text, dimensions, issues) for name, text in self.sigma.items()}
         names = tuple(sigma)
@@ -167,14 +167,15 @@ class UncertaintySpec(Spec):
         return bool(self.sigma or self.covariance)
 
 
-def _sigma(name: str, text: Any, dimensions: dict[str, str], issues: list[Issue]) -> float:
+def _sigma(name: str, text: Any, dimensions: dict[str, str] | None, issues: list[Issue]) -> float:
     key = ("sigma", name)
-    unknown = name_issues(name, dimensions)
+    known = _usual_parameters(name) if dimensions is None else dimensions
+    unknown = name_issues(name, known)
     if unknown:
         issues.extend(issue.at("sigma") for issue in unknown)
         return 0.0
     try:
-        value = parse_quantity(text, dimensions[name])
+        value = parse_quantity(text, known[name])
     except ValueError as error:
         issues.append(Issue.told(str(error), key, text))
         return 0.0
@@ -182,3 +183,9 @@ def _sigma(name: str, text: Any, dimensions: dict[str, str], issues: list[Issue]
         mend = f"write {str(text).strip().lstrip('-').strip()}"
         issues.append(Issue(f"the standard deviation {text} is negative", key, text, mend))
     return value
+
+
+def _usual_parameters(name: str) -> dict[str, str]:
+    """The parameters that a joint of some robot has, of the joint that ``name`` speaks of, with their dimensions."""
+    joint = name.rpartition(".")[0] or name
+    return {f"{joint}.{word}": "angle" for word in _ANGLES} | {f"{joint}.{word}": "length" for word in _LENGTHS}
