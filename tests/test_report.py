@@ -332,6 +332,12 @@ class TestFigures:
         marks = {line.get_label(): np.asarray(line.get_xydata()) for line in axes.lines}
         assert marks["answer"][0] == pytest.approx(np.degrees(solution.q))
 
+    def test_joint_map_of_a_joint_with_more_than_a_turn_shows_one(self, planar: tuple[Any, Any]) -> None:
+        robot = {"kind": "dh", "joints": [{"name": f"joint{k}", "a": "1 m"} for k in (1, 2)]}  # limits: ±360 deg
+        problem = planar[0].with_robot(robot)
+        axes = figures.plot_joint_map(po.select_posture(problem)).axes[0]
+        assert (*axes.get_xlim(), *axes.get_ylim()) == pytest.approx((-180, 180, -180, 180))
+
 
 class Page(HTMLParser):
     """Open tags, links and text of a page."""

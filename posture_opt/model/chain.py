@@ -88,22 +88,27 @@ def walk(factors: Sequence[Factor], values: Sequence[Scalar]) -> Walk:
 
 
 def add(u: Vector, v: Vector) -> Vector:
+    """``u + v``."""
     return (u[0] + v[0], u[1] + v[1], u[2] + v[2])
 
 
 def subtract(u: Vector, v: Vector) -> Vector:
+    """``u − v``."""
     return (u[0] - v[0], u[1] - v[1], u[2] - v[2])
 
 
 def scale(factor: Scalar, v: Vector) -> Vector:
+    """``factor v``."""
     return (factor * v[0], factor * v[1], factor * v[2])
 
 
 def cross(u: Vector, v: Vector) -> Vector:
+    """``u × v``."""
     return (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
 
 
 def dot(u: Sequence[Scalar], v: Sequence[Scalar]) -> Scalar:
+    """``u · v``."""
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 

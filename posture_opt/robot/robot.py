@@ -91,6 +91,7 @@ class Robot:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
+        """(n,) from the base to the tool."""
         return tuple(joint.name for joint in self.joints)
 
     @property
@@ -100,10 +101,12 @@ class Robot:
 
     @property
     def lower(self) -> tuple[float, ...]:
+        """(n,) lower limits of the joints [rad or m]."""
         return tuple(joint.lower for joint in self.joints)
 
     @property
     def upper(self) -> tuple[float, ...]:
+        """(n,) upper limits of the joints [rad or m]."""
         return tuple(joint.upper for joint in self.joints)
 
     @property

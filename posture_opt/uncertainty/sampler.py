@@ -34,11 +34,13 @@ class Sampler:
 
     @classmethod
     def of(cls, spread: Spread) -> Sampler:
+        """The sampler of robot, posture and sources of a closed-form spread."""
         tool_point = spread.tool_point
         root = covariance_root(tool_point.covariance)
         return cls(spread.robot, spread.q, tool_point.names, root, tool_point.walk(spread.q)[0])
 
     def __call__(self, rng: np.random.Generator, n: int) -> tuple[Array, Array]:
+        """n draws: shifts (n, 3) [m] and rotation vectors (n, 3) [rad], world axes."""
         p = rng.standard_normal((n, len(self.names))) @ self.root.T
         named = dict(zip(self.names, p.T, strict=True))
         reached = walk(self.robot.factors, factor_values(self.robot.factors, self.q, named))

@@ -63,6 +63,7 @@ class Spread:
 
     @property
     def robot(self) -> Robot:
+        """The robot that ``q`` is a posture of."""
         return self.tool_point.robot
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,16 +50,16 @@ def plot_joint_map(solution: Solution) -> Figure:
     names = [f"{joint.name} [{written}]" for joint, (written, _) in zip(joints, units, strict=True)]
     axes.set(xlabel=names[0], ylabel=names[1])
     axes.grid(visible=False)
-    _ticks(axes, joints)
+    _ticks(axes, joints, shown)
     legend_below(axes, 3)
     return figure
 
 
 def _values(joint: Joint) -> Floats:
-    """The range of a joint; a turn where it has no limits."""
-    low = joint.lower if math.isfinite(joint.lower) else -math.pi
-    high = joint.upper if math.isfinite(joint.upper) else math.pi
-    return np.linspace(low, high, _GRID)
+    """(181,) values over the range of a joint [rad or m]; more than a turn repeats itself, so one about zero does."""
+    if joint.type == "revolute" and joint.lower <= -math.pi and joint.upper >= math.pi:
+        return np.linspace(-math.pi, math.pi, _GRID)
+    return np.linspace(joint.lower, joint.upper, _GRID)
 
 
 def _evaluate(solution: Solution, q1: Floats, q2: Floats) -> tuple[Floats, Floats]:
@@ -89,10 +90,10 @@ def _mark(axes: Any, solution: Solution, shown: list[Floats], position: Floats, 
     axes.spines[:].set_color(GREY)
 
 
-def _ticks(axes: Any, joints: Any) -> None:
+def _ticks(axes: Any, joints: Sequence[Joint], shown: list[Floats]) -> None:
     from matplotlib.ticker import MultipleLocator
 
-    for axis, joint in zip((axes.xaxis, axes.yaxis), joints, strict=True):
-        turn = math.degrees(joint.upper - joint.lower)
+    for axis, joint, values in zip((axes.xaxis, axes.yaxis), joints, shown, strict=True):
+        turn = float(np.ptp(values))
         if joint.type == "revolute" and 170 <= turn <= 400:
             axis.set_major_locator(MultipleLocator(45 if turn <= 190 else 60))
