@@ -64,8 +64,9 @@ def _above(ratio: float) -> str:
 def _evidence(solution: Solution) -> list[tuple[str, str]]:
     e = solution.evidence
     text = (
-        f"{count(e.tried, 'random start')}, {count(e.starts, 'feasible posture')} found and compared, {e.polished} of "
-        f"them improved to a local optimum ({min(e.converged, e.polished)} confirmed by the solver)"
+        f"{count(e.tried, 'random start')} led towards the target, {e.starts} arrived, {e.feasible} of these meet "
+        f"every requirement; the best {e.polished} improved to a local optimum, {min(e.converged, e.polished)} of them "
+        "confirmed by the solver"
     )
     rows = [("Search", text)]
     rows.append(("", f"{count(e.distinct, 'distinct optimum', 'distinct optima')}; the best one was hit {e.hits} times"

@@ -7,7 +7,7 @@ eq. 27–30): the damping is proportional to the squared error, so that it is ro
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import casadi as ca
@@ -17,10 +17,13 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.chain import stack
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.goal import FREE, Goal
+from posture_opt.selection.goal import AXIS_SLACK, FREE, Goal
+from posture_opt.selection.reach import drawn_between
 
 Floats = np.ndarray
 
+ROW_TOLERANCE = 1e-6
+"""Largest violation of a row [m, rad or 1] of a posture that counts as feasible."""
 TOLERANCE = 1e-7
 """Largest error [m and rad, combined] of a posture that counts as feasible."""
 _ITERATIONS = 24  # of two steps
@@ -38,6 +41,7 @@ class Wish:
         spin: (N, 3) or (3,) wanted direction of the tool's spin vector, world.
         weights: (3,) for position, axis and spin; zero leaves a part out.
         slack: (3,) half sides of a box about ``position`` [m] that is as good as the point.
+        cone: (N, 1) or (1,) distance of unit vectors within which an axis is as good as ``axis``.
     """
 
     position: Floats
@@ -45,13 +49,14 @@ class Wish:
     spin: Floats
     weights: Floats
     slack: Floats = field(default_factory=lambda: np.zeros(3))
+    cone: Floats = field(default_factory=lambda: np.zeros(1))
 
     @property
     def rows(self) -> Floats:
-        """(N, 15) or (1, 15) all parts side by side, as the step takes them."""
-        parts = (self.position, self.axis, self.spin, self.weights, self.slack)
+        """(N, 16) or (1, 16) all parts side by side, as the step takes them."""
+        parts = (self.position, self.axis, self.spin, self.weights, self.slack, self.cone)
         count = max(len(part) if part.ndim == 2 else 1 for part in parts)
-        return np.hstack([np.broadcast_to(part, (count, 3)) for part in parts])
+        return np.hstack([np.broadcast_to(part, (count, part.shape[-1])) for part in parts])
 
 
 class InverseKinematics:
@@ -60,7 +65,7 @@ class InverseKinematics:
     def __init__(
         self, robot: Robot, tool_axis: tuple[float, float, float], directions: Floats, compiled: bool | None
     ) -> None:
-        self._lower, self._upper = np.array(robot.lower), np.array(robot.upper)
+        self._drawn = drawn_between(robot)
         self._recipe = robot, tool_axis, directions
         self._compiled = compiled
 
@@ -74,9 +79,7 @@ class InverseKinematics:
 
     def random_postures(self, count: int, rng: np.random.Generator) -> Floats:
         """(count, n) postures drawn uniformly between the limits (within one turn where these are wider)."""
-        low, high = np.maximum(self._lower, -np.pi), np.minimum(self._upper, np.pi)
-        empty = low >= high
-        low, high = np.where(empty, self._lower, low), np.where(empty, self._upper, high)
+        low, high = self._drawn
         return rng.uniform(low, high, (count, len(low)))
 
     def solve(self, Q: Floats, wish: Wish, enough: int | None = None) -> tuple[Floats, Floats]:
@@ -104,23 +107,35 @@ class InverseKinematics:
         return best, error
 
 
-def wish_for(goal: Goal, count: int, aligned: bool, rng: np.random.Generator, *, whole_box: bool = False) -> Wish:
+def wish_for(
+    goal: Goal,
+    count: int,
+    aligned: bool,
+    rng: np.random.Generator,
+    *,
+    whole_box: bool = False,
+    slack_of_axis: float = 0.0,
+) -> Wish:
     """Targets for ``count`` starts: the point, or points drawn from the region; axes drawn within the tilt.
 
     ``whole_box`` takes any point of the region: an arm with few joints cannot align its tool at a drawn one, while
-    an arm with many comes to lie at the region's edge.
+    an arm with many comes to lie at the region's edge. ``slack_of_axis`` is as good as no error of the axis.
     """
     anywhere = goal.kind == "anywhere"
     position = np.zeros(3) if anywhere else rng.uniform(goal.lower, goal.upper, (count, 3))
     slack = np.zeros(3)
     if whole_box and goal.kind == "region":
         position, slack = (goal.lower + goal.upper) / 2, (goal.upper - goal.lower) / 2
-    axis = goal.direction
+    axis, cone = goal.direction, np.array([slack_of_axis])
     if aligned and goal.tilt > 0:
-        axis = _within_tilt(goal, count, rng)
+        # Half of the starts aim at drawn axes; the others take any axis of the cone, as an arm must that cannot
+        # turn its tool everywhere.
+        axis, any_axis = _within_tilt(goal, count, rng), np.arange(count) % 2 == 1
+        axis[any_axis] = goal.direction
+        cone = np.where(any_axis, 2 * np.sin(0.999 * goal.tilt / 2), 0.0)[:, None]
     weights = np.array([0.0 if anywhere else 1.0, 1.0 if aligned else 0.0, 0.0])
     assert np.all(np.abs(position) < FREE)
-    return Wish(position, axis, goal.basis[:, 0], weights, slack)
+    return Wish(position, axis, goal.basis[:, 0], weights, slack, cone)
 
 
 def _within_tilt(goal: Goal, count: int, rng: np.random.Generator) -> Floats:
@@ -140,15 +155,34 @@ def _step_function(
     Two at a time, because a call from Python costs as much as a step.
     """
     once = _single_step(robot, tool_axis, directions, spun)
-    q, wish = ca.SX.sym("q", robot.n), ca.SX.sym("wish", 15)
+    q, wish = ca.SX.sym("q", robot.n), ca.SX.sym("wish", 16)
     between, error = once(q, wish)
     after, _ = once(between, wish)
     return ca.Function("ik_steps", [q, wish], ca.cse([after, error]))
 
 
+def unlimited(robot: Robot) -> Robot:
+    """The same arm with joints that turn freely and slides that go far."""
+    joints = tuple(
+        replace(j, lower=-2 * np.pi, upper=2 * np.pi)
+        if j.type == "revolute"
+        else replace(j, lower=j.lower - 10.0, upper=j.upper + 10.0)
+        for j in robot.joints
+    )
+    return replace(robot, joints=joints)
+
+
+def axis_can_reach(robot: Robot, tool_axis: tuple[float, float, float], goal: Goal) -> bool:
+    """Whether the tool axis can come within the allowed tilt of the direction at all, wherever the tool point is."""
+    ik = InverseKinematics(unlimited(robot), tool_axis, np.eye(3), compiled=False)
+    wish = Wish(np.zeros(3), goal.direction, goal.basis[:, 0], np.array([0.0, 1.0, 0.0]))
+    _, errors = ik.solve(ik.random_postures(64, np.random.default_rng(0)), wish)
+    return bool(np.min(errors) <= 2 * np.sin(goal.tilt / 2) + AXIS_SLACK)
+
+
 def _single_step(robot: Robot, tool_axis: tuple[float, float, float], directions: Floats, spun: bool) -> ca.Function:
-    q, wish = ca.SX.sym("q", robot.n), ca.SX.sym("wish", 15)
-    position, axis, spin, weights, slack = ca.vertsplit(wish, 3)
+    q, wish = ca.SX.sym("q", robot.n), ca.SX.sym("wish", 16)
+    position, axis, spin, weights, slack, cone = ca.vertsplit(wish, [0, 3, 6, 9, 12, 15, 16])
     reached = Arm(robot).walk(q)
     R = ca.SX(stack(list(zip(*reached.columns, strict=True))))
     a = np.array(tool_axis) / np.linalg.norm(tool_axis)
@@ -157,7 +191,7 @@ def _single_step(robot: Robot, tool_axis: tuple[float, float, float], directions
     # a - d has its only minimum at a = d; the cross product would also vanish with the tool upside down.
     residual = ca.vertcat(
         weights[0] * (ca.SX(directions.T) @ _beyond(ca.SX(stack(reached.position)) - position, slack)),
-        weights[1] * (R @ ca.DM(a) - axis),
+        weights[1] * _outside_cone(R @ ca.DM(a) - axis, cone),
         weights[2] * (R @ ca.DM(b) - spin) if spun else ca.SX(0, 1),
     )
     J = ca.jacobian(residual, q)
@@ -173,6 +207,12 @@ def _single_step(robot: Robot, tool_axis: tuple[float, float, float], directions
 def _beyond(offset: ca.SX, slack: ca.SX) -> ca.SX:
     """How far an offset lies outside a box of half sides ``slack`` about zero."""
     return ca.fmax(offset - slack, 0) + ca.fmin(offset + slack, 0)
+
+
+def _outside_cone(difference: ca.SX, cone: ca.SX) -> ca.SX:
+    """The part of a difference of unit vectors that lies beyond the length ``cone``."""
+    length = ca.sqrt(ca.sumsqr(difference) + 1e-24)
+    return difference * ca.fmax(1 - cone / length, 0)
 
 
 def _solve_spd(A: ca.SX, b: ca.SX) -> ca.SX:

@@ -108,7 +108,7 @@ def _conditional(covariance: Floats, fixed: list[int]) -> Floats:
     ff, fo, oo = covariance[np.ix_(fixed, fixed)], covariance[np.ix_(fixed, other)], covariance[np.ix_(other, other)]
     remaining = ff - fo @ np.linalg.pinv(oo) @ fo.T if other and np.any(fo) else ff
     # A finite rotation error scatters a little less than its linear lever says; stay below it.
-    shrink = np.exp(-2 * np.diag(remaining).clip(0) * (np.diag(remaining) < 1))
+    shrink = np.exp(-2 * np.diag(remaining).clip(0))
     return np.asarray(remaining * np.sqrt(np.outer(shrink, shrink)))
 
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from posture_opt.model.compiled import IPOPT_OPTIONS
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.feasible import TOLERANCE, InverseKinematics, Wish, wish_for
+from posture_opt.selection.feasible import ROW_TOLERANCE, TOLERANCE, InverseKinematics, Wish, unlimited
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.multistart import ROW_TOLERANCE, Engine, Search
+from posture_opt.selection.multistart import Engine, Search
 from posture_opt.selection.nlp import Row
 from posture_opt.selection.solution import Evidence, Reason, Solution
 
@@ -37,7 +37,7 @@ def infeasible(
     problem: Any, engine: Engine, found: Search, q: Floats, reasons: Sequence[Reason], seconds: float
 ) -> Solution:
     """The infeasible solution: nearest posture, and the reasons in words."""
-    evidence = Evidence(0, found.tried, found.polished, 0, 0, 0, math.nan, math.nan, None, math.nan, seconds)
+    evidence = Evidence(found.arrived, found.tried, found.polished, 0, 0, 0, found.sampled, None, math.nan, seconds)
     notes = (*problem.notes, engine.programme.axis_note(found.goal))
     return Solution(problem, engine.programme, found.goal, "infeasible", q, evidence, lambda: (), notes, tuple(reasons))
 
@@ -99,21 +99,15 @@ class _Inquiry:
         return Reason("target", message, distance, "m")
 
     def _unlimited(self) -> InverseKinematics:
-        joints = tuple(
-            replace(j, lower=-2 * math.pi, upper=2 * math.pi)
-            if j.type == "revolute"
-            else replace(j, lower=j.lower - 10.0, upper=j.upper + 10.0)
-            for j in self.robot.joints
-        )
-        programme = self.engine.programme
-        robot = replace(self.robot, joints=joints)
-        return InverseKinematics(robot, programme.task.tool_axis, programme.reach.directions, self.engine.compiled)
+        task, reach = self.engine.programme.task, self.engine.programme.reach
+        return InverseKinematics(unlimited(self.robot), task.tool_axis, reach.directions, self.engine.compiled)
 
     def _reached(self, ik: InverseKinematics, with_axis: bool) -> Floats:
         """(k, n) postures on the target, with or without the tool axis along the direction."""
         rng = np.random.default_rng(1)
-        aligned = with_axis and self.engine.programme.axis_rows > 0
-        wish = wish_for(self.goal, _STARTS, aligned, rng, whole_box=True)
+        wish = self.engine.wish(self.goal, _STARTS, rng, whole_box=True)
+        if not with_axis:
+            wish = replace(wish, weights=wish.weights * np.array([1.0, 0.0, 0.0]))
         Q, errors = ik.solve(ik.random_postures(_STARTS, rng), wish, enough=_STARTS // 4)
         return np.asarray(Q[errors < TOLERANCE])
 
@@ -218,4 +212,4 @@ def _amount(value: float, unit: str) -> str:
 
 
 def _millimetres(vector: Floats) -> str:
-    return "(" + ", ".join(f"{v * 1e3:.1f}" for v in vector + 0.0) + ") mm"
+    return "(" + ", ".join(f"{round(v * 1e3, 1) + 0.0:.1f}" for v in vector) + ") mm"

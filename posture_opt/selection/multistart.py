@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -10,18 +11,20 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.selection.feasible import TOLERANCE, InverseKinematics, wish_for
-from posture_opt.selection.goal import Goal
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.feasible import ROW_TOLERANCE, TOLERANCE, InverseKinematics, Wish, wish_for
+from posture_opt.selection.goal import AXIS_SLACK, Goal
 from posture_opt.selection.programme import Programme
 from posture_opt.selection.solvers import Outcome, Polish, Solver
 
 Floats = np.ndarray
 Progress = Callable[[int, int], None]
 
-ROW_TOLERANCE = 1e-6
-"""Largest violation of a row [m, rad or 1] of a posture that counts as feasible."""
-_ROUNDS = (2, 4, 16, 64)
+_OVERSAMPLING = 2
+_EFFORT = 80
 _RETRIES = (1, 4, 16)
+_DISTINCT = math.radians(5.0)
+_DISTINCT_SHIFT = 0.01  # m
 _CLOSE = 0.3  # rad or m: starts nearer to each other than this mostly end at the same optimum
 
 
@@ -42,20 +45,47 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class Sampled:
+    """Feasible postures Q (k, n) that random starts led to, with their σ_max (k,) [m]."""
+
+    robot: Robot
+    Q: Floats
+    sigma: Floats
+
+    @classmethod
+    def none(cls, robot: Robot) -> Sampled:
+        return cls(robot, np.zeros((0, robot.n)), np.zeros(0))
+
+    @cached_property
+    def typical(self) -> float:
+        """σ_max [m], median over the distinct postures: how often a start found each must not count. NaN for none."""
+        if not len(self.Q):
+            return math.nan
+        return median(self.sigma[distinct(self.Q, self.robot)])
+
+    @property
+    def worst(self) -> float:
+        """The largest σ_max [m]; NaN for none."""
+        return float(np.max(self.sigma)) if len(self.Q) else math.nan
+
+
+@dataclass(frozen=True)
 class Search:
     """What a global search found.
 
     Args:
         goal: with the scale that the objectives are divided by.
         found: polished candidates, best first; feasible before infeasible.
-        sampled: (k,) σ_max [m] of the feasible starts before polishing.
+        sampled: the feasible starts before polishing.
+        arrived: how many starts met target and tool axis.
         tried: postures that the search for feasible ones began with.
         polished: number of local solves.
     """
 
     goal: Goal
     found: tuple[Candidate, ...]
-    sampled: Floats
+    sampled: Sampled
+    arrived: int
     tried: int
     polished: int
 
@@ -93,6 +123,12 @@ class Engine:
     @cached_property
     def polish(self) -> Polish:
         return self.solver.build(self.programme.nlp, self.compiled)
+
+    def wish(self, goal: Goal, count: int, rng: np.random.Generator, *, whole_box: bool = False) -> Wish:
+        """What ``count`` starts are led to."""
+        slack = AXIS_SLACK / 2 if self.programme.alignment == "loose" else 0.0
+        aligned = self.programme.axis_rows > 0
+        return wish_for(goal, count, aligned, rng, whole_box=whole_box, slack_of_axis=slack)
 
     def candidates(self, Q: Floats, goal: Goal) -> list[Candidate]:
         """The postures (N, n) as candidates."""
@@ -137,21 +173,22 @@ class Engine:
 
 
 def feasible_starts(engine: Engine, goal: Goal, count: int, rng: np.random.Generator) -> tuple[Floats, int]:
-    """At least one and about ``count`` postures on the target, and how many random ones that took.
+    """About ``count`` postures on the target, and how many random ones that took.
 
-    An empty array means that thousands of restarts found none.
+    Fewer mean that the effort, a multiple of ``count``, was used up; an empty array, that thousands of restarts
+    found none.
     """
-    aligned, tried = engine.programme.axis_rows > 0, 0
-    for factor in _ROUNDS:
-        size = factor * count
-        Q = engine.ik.random_postures(size, rng)
-        tried += size
-        wish = wish_for(goal, size, aligned, rng, whole_box=factor > _ROUNDS[0])
-        reached, errors = engine.ik.solve(Q, wish, enough=count)
-        arrived = reached[errors < TOLERANCE]
-        if len(arrived):
-            return arrived[: 2 * count], tried
-    return np.zeros((0, engine.programme.robot.n)), tried
+    programme, tried = engine.programme, 0
+    arrived = np.zeros((0, programme.robot.n))
+    size = _OVERSAMPLING * count
+    while len(arrived) < count and tried < _EFFORT * count:
+        # Points of a region are drawn at first; where none of them is reached, any point of it will do.
+        wish = engine.wish(goal, size, rng, whole_box=tried > 0 and not len(arrived))
+        Q, errors = engine.ik.solve(engine.ik.random_postures(size, rng), wish, enough=count - len(arrived))
+        arrived, tried = np.vstack([arrived, Q[errors < TOLERANCE]]), tried + size
+        rate = max(len(arrived), 1) / tried
+        size = int(min(max(1.5 * (count - len(arrived)) / rate, count / 4), 16 * count))
+    return arrived[: 2 * count], tried
 
 
 def search(
@@ -161,7 +198,7 @@ def search(
 
     Starts meet target and tool axis. Where no answer meets the further requirements, many more are tried.
     """
-    found = Search(goal, (), np.zeros(0), 0, 0)
+    found = Search(goal, (), Sampled.none(engine.programme.robot), 0, 0, 0)
     if engine.programme.reach.misses(goal.lower, goal.upper):
         return found
     for more in _RETRIES if engine.programme.task.subject_to else _RETRIES[:1]:
@@ -176,15 +213,16 @@ def _search_once(
 ) -> Search:
     Q, tried = feasible_starts(engine, goal, starts, rng)
     if not len(Q):
-        return Search(goal, (), np.zeros(0), tried, 0)
+        return Search(goal, (), Sampled.none(engine.programme.robot), 0, tried, 0)
     goal = scaled(engine, goal, Q)
     objective, violation, sigma = engine.screened(Q, goal)
     order = np.lexsort((objective, np.where(violation <= ROW_TOLERANCE, 0.0, violation)))
     first = order[_spread_out(Q[order], polish)]
     chosen = [Candidate(Q[k], float(objective[k]), float(violation[k]), float(sigma[k])) for k in first]
-    sampled = sigma[violation <= ROW_TOLERANCE]
+    met = violation <= ROW_TOLERANCE
+    sampled = Sampled(engine.programme.robot, Q[met], sigma[met])
     polished = (map_polish or _serial)(engine, chosen, goal)
-    return Search(goal, tuple(sorted(polished, key=rank)), sampled, tried, len(chosen))
+    return Search(goal, tuple(sorted(polished, key=rank)), sampled, len(Q), tried, len(chosen))
 
 
 MapPolish = Callable[[Engine, Sequence[Candidate], Goal], list[Candidate]]
@@ -244,6 +282,19 @@ def rank(candidate: Candidate) -> tuple[bool, float, bool, float]:
     # Equal to the sixth digit is equal: the solver's word decides, then the posture nearer to the zero posture.
     key = round(candidate.objective, 6) if candidate.feasible else candidate.violation
     return (not candidate.feasible, key, not candidate.optimal, float(np.linalg.norm(candidate.q)))
+
+
+def distinct(Q: Floats, robot: Robot) -> list[int]:
+    """Rows of Q (k, n) that differ from every earlier one by more than 5° or 10 mm in a joint, whole turns apart."""
+    revolute = np.array([joint.type == "revolute" for joint in robot.joints])
+    kept: list[int] = []
+    for k, q in enumerate(Q):
+        difference = Q[kept] - q
+        turned = np.abs((difference + np.pi) % (2 * np.pi) - np.pi)
+        apart = np.where(revolute, turned > _DISTINCT, np.abs(difference) > _DISTINCT_SHIFT)
+        if np.all(np.any(apart, axis=1)):
+            kept.append(k)
+    return kept
 
 
 def _spread_out(Q: Floats, count: int) -> list[int]:

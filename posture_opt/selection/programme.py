@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -13,7 +14,7 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.model.chain import Walk, stack
 from posture_opt.robot.robot import Robot
 from posture_opt.selection import criteria, goal
-from posture_opt.selection.goal import Goal
+from posture_opt.selection.goal import AXIS_SLACK, Goal
 from posture_opt.selection.nlp import Nlp, Row, Variable
 from posture_opt.selection.quantities import Quantities, Within
 from posture_opt.selection.reach import Reach
@@ -22,12 +23,16 @@ from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
 _MOST_CORRELATED = 8
 
+Alignment = Literal["exact", "loose", "free"]
+
 
 @dataclass(frozen=True)
 class Programme:
     """Everything symbolic about selecting a posture for ``task`` with one kind of target.
 
-    ``kind`` is ``point``, ``region`` or ``anywhere``: it decides which rows there are, the numbers come later.
+    ``kind`` is ``point``, ``region`` or ``anywhere``; ``alignment`` says whether the tool axis is held along the
+    direction exactly, within ``AXIS_SLACK`` (an arm with too few joints for more), or not at all. They decide which
+    rows there are; the numbers come later.
     """
 
     robot: Robot
@@ -35,14 +40,19 @@ class Programme:
     task: Task
     reach: Reach
     kind: str
+    alignment: Alignment
 
-    @cached_property
+    @property
     def axis_rows(self) -> int:
-        """How many rows align the tool axis with the direction: 0, 1 (planar arm) or 2."""
-        can = self.reach.orients_at_point or (self.kind != "point" and self.reach.axis_rank > 0)
-        if self.task.axis == "free" or not can:
+        """How many rows hold the tool axis along the direction: 0, 1 (it turns in a plane that holds both) or 2."""
+        if self.alignment == "free":
             return 0
-        return self.reach.axis_rank
+        return self.reach.axis_rank if self.alignment == "exact" else 2
+
+    def fixed_along(self, target: Goal) -> bool:
+        """Whether no joint turns the tool axis, and it lies along the direction (within the tilt) as it is."""
+        angle = math.acos(max(-1.0, min(1.0, float(self.reach.axis @ target.direction))))
+        return self.reach.axis_rank == 0 and angle <= target.tilt + AXIS_SLACK
 
     def axis_note(self, target: Goal) -> str:
         """What became of the wish to have the tool axis along the direction, in words."""
@@ -51,14 +61,13 @@ class Programme:
         if self.axis_rows:
             tilt = f", within a tilt of {math.degrees(target.tilt):g} deg" if target.tilt else ""
             return f"The tool axis is held along the direction{tilt}; its spin is free."
-        if self.reach.axis_rank == 0 and float(self.reach.axis @ target.direction) > 1 - 1e-9:
+        if self.fixed_along(target):
             return "The arm holds its tool axis along the direction in every posture."
         return "This arm cannot point its tool axis along the direction: the axis is left out."
 
     def check_axis(self, target: Goal) -> None:
         """Raise InputError where the task requires an axis that the arm cannot give."""
-        along = self.reach.axis_rank == 0 and float(self.reach.axis @ target.direction) > 1 - 1e-9
-        if self.task.axis == "required" and not self.axis_rows and not along:
+        if self.task.axis == "required" and not self.axis_rows and not self.fixed_along(target):
             raise InputError(
                 Issue(
                     f"{self.task.kind} needs the tool axis along the direction, which this arm cannot give",
@@ -176,10 +185,12 @@ class Programme:
         if not self.axis_rows:
             return []
         at, p, zero = self.quantities, self._symbols[1], ca.SX(0)
-        sideways = [ca.dot(p[b], at.axis) for b in ("b1", "b2")[: self.axis_rows]]
+        sideways = [ca.dot(p[b], at.axis) for b in ("b1", "b2")]
+        slack = ca.SX(0.0 if self.alignment == "exact" else AXIS_SLACK)
         facing = Row("tool_axis.facing", "1", ca.dot(p["direction"], at.axis), zero, ca.SX(math.inf))
         if self.task.tilt == 0:
-            return [Row(f"tool_axis.{k + 1}", "1", s, zero, zero) for k, s in enumerate(sideways)] + [facing]
+            sideways = sideways[: self.axis_rows]
+            return [Row(f"tool_axis.{k + 1}", "1", s, -slack, slack) for k, s in enumerate(sideways)] + [facing]
         tilt = ca.sumsqr(ca.vertcat(*sideways))
         return [Row("tool_axis.sin2_tilt", "1", tilt, ca.SX(-math.inf), p["sin_tilt"] ** 2), facing]
 
@@ -188,7 +199,6 @@ class Programme:
         for term in self.task.subject_to:
             low, high = term.bounds()
             values = ca.vertsplit(ca.vec(term.quantity(self.quantities)))
-            for k, value in enumerate(values):
-                label = f"{term.kind}[{k}]" if len(values) > 1 else term.kind
+            for label, value in zip(term.labels(self.quantities), values, strict=True):
                 rows.append(Row(label, term.unit, value, ca.SX(low), ca.SX(high)))
         return rows

@@ -13,6 +13,7 @@ from posture_opt.robot.robot import Robot
 Floats = np.ndarray
 _RANK = 1e-9
 _SAMPLES = 12
+_SWEEPS = 200
 
 PLANE_TOLERANCE = 1e-6
 """Distance [m] from its plane at which a target counts as outside of it."""
@@ -27,6 +28,7 @@ class Reach:
         offset: (3,) a point that the tool reaches; where r < 3 all reachable points share its other components.
         axis_rank: how many ways the tool axis turns: 0 fixed, 1 in a plane, 2 everywhere.
         axis: (3,) the tool axis where it is fixed, the normal of its plane where it turns in one, else zeros.
+        axis_freedom: in how many ways the axis moves at one posture; less than ``axis_rank`` on a cone.
         orients_at_point: whether the axis can still be turned with the tool point held fixed.
         radius: largest distance between tool points seen [m], a length scale.
     """
@@ -35,18 +37,18 @@ class Reach:
     offset: Floats
     axis_rank: int
     axis: Floats
+    axis_freedom: int
     orients_at_point: bool
     radius: float
 
     @classmethod
     def of(cls, robot: Robot, tool_axis: tuple[float, float, float]) -> Reach:
         rng = np.random.default_rng(0)
-        lower, upper = np.array(robot.lower), np.array(robot.upper)
         arm = Arm(robot)
         a_tool = np.array(tool_axis) / np.linalg.norm(tool_axis)
         points, axes, jacobians, turns = [], [], [], []
         for _ in range(_SAMPLES):
-            q = rng.uniform(np.maximum(lower, -3.0), np.minimum(upper, 3.0))
+            q = rng.uniform(*drawn_between(robot))
             T = np.asarray(arm.pose(q), dtype=float)
             J = np.asarray(arm.jacobian(q), dtype=float)
             axis = T[:3, :3] @ a_tool
@@ -61,7 +63,8 @@ class Reach:
         orients = max(np.linalg.matrix_rank(M, tol=1e-7) for M in both) >= U.shape[1] + rank
         radius = max(float(np.linalg.norm(p - points[0])) for p in points)
         axis = axes[0] if rank == 0 else _normal(axes) if rank == 1 else np.zeros(3)
-        return cls(U, points[0], rank, axis, bool(orients and rank > 0), max(radius, 1e-3))
+        freedom = max(int(np.linalg.matrix_rank(A, tol=1e-7)) for A in turns)
+        return cls(U, points[0], rank, axis, freedom, bool(orients and rank > 0), max(radius, 1e-3))
 
     @cached_property
     def normals(self) -> Floats:
@@ -72,12 +75,27 @@ class Reach:
     def outside(self, lower: Floats, upper: Floats) -> Floats:
         """(3,) shift [m] that brings the box to the plane (or line) that the tool point cannot leave."""
         N = self.normals
-        nearest = np.clip(self.offset, lower, upper)
-        return np.asarray(N @ (N.T @ (self.offset - nearest)))
+        point = np.clip(self.offset, lower, upper)
+        # Least distance from the box by exact steps along one coordinate at a time: a convex quadratic in 3 unknowns.
+        for _ in range(_SWEEPS if N.shape[1] else 0):
+            for k in range(3):
+                slope, curvature = N[k] @ (N.T @ (point - self.offset)), N[k] @ N[k]
+                if curvature > 1e-15:
+                    point[k] = np.clip(point[k] - slope / curvature, lower[k], upper[k])
+        return np.asarray(N @ (N.T @ (self.offset - point)))
 
     def misses(self, lower: Floats, upper: Floats) -> bool:
         """Whether no point of the box lies in the plane (or line) of the tool point."""
         return bool(np.linalg.norm(self.outside(lower, upper)) > PLANE_TOLERANCE)
+
+
+def drawn_between(robot: Robot) -> tuple[Floats, Floats]:
+    """(n,) bounds that random postures are drawn between: the limits; of a turning joint one turn at most of them."""
+    lower, upper = np.array(robot.lower), np.array(robot.upper)
+    low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
+    slides = np.array([joint.type == "prismatic" for joint in robot.joints])
+    whole = slides | (low >= high)
+    return np.where(whole, lower, low), np.where(whole, upper, high)
 
 
 def _range(columns: Floats) -> Floats:

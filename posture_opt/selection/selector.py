@@ -6,13 +6,15 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.goal import Goal
+from posture_opt.selection.feasible import TOLERANCE, InverseKinematics, axis_can_reach, wish_for
+from posture_opt.selection.goal import AXIS_SLACK, Goal
 from posture_opt.selection.infeasible import infeasible, inquire
 from posture_opt.selection.multistart import (
     Candidate,
@@ -20,13 +22,13 @@ from posture_opt.selection.multistart import (
     MapPolish,
     Progress,
     Search,
+    distinct,
     in_processes,
-    median,
     rank,
     search,
     with_progress,
 )
-from posture_opt.selection.programme import Programme
+from posture_opt.selection.programme import Alignment, Programme
 from posture_opt.selection.reach import Reach
 from posture_opt.selection.solution import Alternative, Evidence, Solution, Status, critical_basis
 from posture_opt.selection.solvers import Solver
@@ -42,9 +44,12 @@ QUICK_STARTS = 48
 QUICK_POLISH = {"point": 1, "region": 4, "anywhere": 4}
 """Local solves of a repeated solve. At a point the freedom left is small, and screening finds the basin."""
 _SAME_OPTIMUM = 1e-4
-_DISTINCT = math.radians(5.0)
-_DISTINCT_SHIFT = 0.01
+_TRIALS = 96
 _MOST_ALTERNATIVES = 8
+_ONE_ONLY = (
+    "No random start met all requirements; one posture was found by relaxing them in turn. Whether a better one "
+    "exists is not known."
+)
 _LINK_HEIGHT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
 
 
@@ -83,15 +88,40 @@ class PostureSelector:
         self.tool_point = ToolPoint.of(problem.robot, _sources(problem))
         self.reach = Reach.of(problem.robot, self.task.tool_axis)
         self.goal = Goal.of(self.task, self.reach)
-        self._engines: dict[str, Engine] = {}
+        self._engines: dict[tuple[str, Alignment], Engine] = {}
         self.engine(self.goal).programme.check_axis(self.goal)
 
     def engine(self, goal: Goal) -> Engine:
         """The functions that solve goals of this kind; built on first use."""
-        if goal.kind not in self._engines:
-            programme = Programme(self._problem.robot, self.tool_point, self.task, self.reach, goal.kind)
-            self._engines[goal.kind] = Engine(programme, self._problem.solver, self._compiled)
-        return self._engines[goal.kind]
+        key = goal.kind, self._alignment(goal)
+        if key not in self._engines:
+            programme = Programme(self._problem.robot, self.tool_point, self.task, self.reach, *key)
+            self._engines[key] = Engine(programme, self._problem.solver, self._compiled)
+        return self._engines[key]
+
+    def _alignment(self, goal: Goal) -> Alignment:
+        """Whether the tool axis is asked for, and what the arm can give at such a target."""
+        reach = self.reach
+        if self.task.axis == "free" or reach.axis_rank == 0:
+            return "free"
+        if reach.axis_freedom == 2 and reach.orients_at_point:
+            return "exact"
+        # Too few joints to turn the tool at will: it depends on direction and target, so try.
+        if reach.axis_rank == 1 and self._can_align(goal, 0.0):
+            return "exact"
+        if self._can_align(goal, AXIS_SLACK / 2):
+            return "loose"
+        can_turn = goal.kind != "point" or reach.orients_at_point
+        return "loose" if can_turn and axis_can_reach(self._problem.robot, self.task.tool_axis, goal) else "free"
+
+    def _can_align(self, goal: Goal, slack: float) -> bool:
+        rng, ik = np.random.default_rng(0), self._trial
+        wish = wish_for(goal, _TRIALS, True, rng, whole_box=True, slack_of_axis=slack)
+        return bool(np.min(ik.solve(ik.random_postures(_TRIALS, rng), wish, enough=1)[1]) < TOLERANCE)
+
+    @cached_property
+    def _trial(self) -> InverseKinematics:
+        return InverseKinematics(self._problem.robot, self.task.tool_axis, self.reach.directions, self._compiled)
 
     def solve(
         self,
@@ -134,9 +164,6 @@ class PostureSelector:
         how: MapPolish | None = in_processes(workers) if workers > 1 else with_progress(progress) if progress else None
         found = search(engine, self.goal, rng, solver.starts, solver.starts, how)
         swept = sweep(engine, found.goal, rng) if found.found else None
-        if swept is not None:
-            best = engine.polished(swept.best, found.goal)
-            found = replace(found, found=tuple(sorted((*found.found, best), key=rank)))
         return self._answer(found, swept, began)
 
     def _goal(
@@ -156,19 +183,22 @@ class PostureSelector:
     def _answer(self, found: Search, swept: Sweep | None, began: float) -> Solution:
         engine = self.engine(found.goal)
         programme = engine.programme
-        feasible = [c for c in found.found if c.feasible] or self._rescued(found, began)
+        by_starts = [c for c in found.found if c.feasible]
+        by_sweep = [engine.polished(swept.best, found.goal)] if swept is not None else []
+        feasible = sorted(by_starts + by_sweep, key=rank) or self._rescued(found, began)
         best = feasible[0]
-        optima = distinct(feasible, self._problem.robot)
-        same = [c for c in feasible if c.objective <= best.objective + _SAME_OPTIMUM * max(abs(best.objective), 1e-9)]
+        # A solve that stalled is no optimum; it counts only where nothing better is known.
+        ended = [c for c in feasible if c.optimal] or feasible[:1]
+        optima = [ended[k] for k in distinct(np.array([c.q for c in ended]), self._problem.robot)]
+        same = [c for c in by_starts if c.objective <= best.objective + _SAME_OPTIMUM * max(abs(best.objective), 1e-9)]
         evidence = Evidence(
-            starts=len(found.sampled),
+            starts=found.arrived,
             tried=found.tried,
             polished=found.polished,
-            converged=min(sum(c.optimal for c in found.found), found.polished),
+            converged=sum(c.optimal for c in by_starts),
             distinct=len(optima),
-            hits=len(same) if swept is None else min(len(same), found.polished),
-            typical=median(found.sampled) if len(found.sampled) else math.nan,
-            worst=float(np.max(found.sampled)) if len(found.sampled) else math.nan,
+            hits=len(same),
+            sampled=found.sampled,
             sweep=swept,
             sweep_sigma=math.nan if swept is None else swept.best.sigma,
             seconds=time.perf_counter() - began,
@@ -178,6 +208,8 @@ class PostureSelector:
             return self._alternatives(programme, found.goal, optima)
 
         notes = (*self._problem.notes, programme.axis_note(found.goal), *self._collisions())
+        if not by_starts and not by_sweep:
+            notes = (*notes, _ONE_ONLY)
         status: Status = "optimal" if best.optimal else "feasible"
         return Solution(self._problem, programme, found.goal, status, best.q, evidence, ranked, notes)
 
@@ -231,21 +263,6 @@ def select_posture(
         InputError: no task, nothing uncertain, or a task that the arm cannot do.
     """
     return PostureSelector(problem, compiled=False).solve_thoroughly(seed=seed, workers=workers, progress=progress)
-
-
-def distinct(candidates: Sequence[Candidate], robot: Robot) -> list[Candidate]:
-    """The candidates that differ from every better one by more than 5° (or 10 mm) in some joint, whole turns apart."""
-    revolute = np.array([joint.type == "revolute" for joint in robot.joints])
-    kept: list[Candidate] = []
-    for candidate in candidates:
-        if all(_apart(candidate.q - other.q, revolute) for other in kept):
-            kept.append(candidate)
-    return kept
-
-
-def _apart(difference: Floats, revolute: Floats) -> bool:
-    turned = np.abs((difference + np.pi) % (2 * np.pi) - np.pi)
-    return bool(np.any(np.where(revolute, turned > _DISTINCT, np.abs(difference) > _DISTINCT_SHIFT)))
 
 
 def _task(problem: HasTask) -> Task:

@@ -12,6 +12,7 @@ import numpy as np
 
 from posture_opt.selection.floor import Floor, floor
 from posture_opt.selection.goal import Goal
+from posture_opt.selection.multistart import Sampled
 from posture_opt.selection.programme import Programme
 from posture_opt.selection.sweep import Sweep
 from posture_opt.uncertainty.ball import radius_in_space
@@ -60,11 +61,11 @@ class Evidence:
     """How the answer was searched for.
 
     Args:
-        starts: feasible postures that were compared.
-        tried: random postures that were led towards the target to get them.
+        tried: random postures that were led towards the target.
+        starts: those of them that arrived, with the tool axis as it should be.
         polished: local solves; ``converged`` of them by the solver's own word.
         distinct: different local optima among them; ``hits`` of the polished starts ended at the best one.
-        typical, worst: σ_max [m], median and largest over the feasible starts; NaN where there are none.
+        sampled: those of these that meet all further requirements too.
         sweep: a systematic sweep beside the random starts, or None; ``sweep_sigma`` its best [m].
         seconds: wall time.
     """
@@ -75,11 +76,25 @@ class Evidence:
     converged: int
     distinct: int
     hits: int
-    typical: float
-    worst: float
+    sampled: Sampled
     sweep: Sweep | None
     sweep_sigma: float
     seconds: float
+
+    @property
+    def feasible(self) -> int:
+        """How many starts met every requirement."""
+        return len(self.sampled.Q)
+
+    @property
+    def typical(self) -> float:
+        """σ_max [m], median over the distinct feasible starts; NaN where there are none."""
+        return self.sampled.typical
+
+    @property
+    def worst(self) -> float:
+        """σ_max [m] of the worst feasible start; NaN where there are none."""
+        return self.sampled.worst
 
 
 @dataclass(frozen=True)
@@ -224,6 +239,7 @@ class Solution:
             "worst_sigma_max": _finite(evidence.worst),
             "solver": {
                 "starts": evidence.starts,
+                "feasible": evidence.feasible,
                 "tried": evidence.tried,
                 "polished": evidence.polished,
                 "converged": evidence.converged,

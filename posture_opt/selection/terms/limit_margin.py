@@ -29,6 +29,10 @@ class LimitMargin(BoundedTerm):
                 margins += [at.q[k] - joint.lower, joint.upper - at.q[k]]
         return ca.vertcat(*margins)
 
+    def labels(self, at: Quantities) -> list[str]:
+        names = [joint.name for joint in at.robot.joints if joint.type == "revolute"]
+        return [f"limit_margin of {name} ({side} limit)" for name in names for side in ("lower", "upper")]
+
     def bounds(self) -> tuple[float, float]:
         return self.at_least, math.inf
 

@@ -22,10 +22,14 @@ class LinkHeight(BoundedTerm):
     at_least: Length = 0.0
 
     def quantity(self, at: Quantities) -> ca.SX:
-        heights = [at.frames[2, k] for k in range(at.frames.shape[1])]
-        # What no joint moves – the shoulder on its column – is as high as it was built.
-        moving = [height for height in heights if ca.depends_on(height, at.q)]
-        return ca.vertcat(*moving) if moving else ca.SX(0, 1)
+        return ca.vertcat(ca.SX(0, 1), *(at.frames[2, k] for k in self._moving(at)))
+
+    def labels(self, at: Quantities) -> list[str]:
+        return [f"link_height behind {at.robot.joints[k].name}" for k in self._moving(at)]
+
+    def _moving(self, at: Quantities) -> list[int]:
+        """What no joint moves – the shoulder on its column – is as high as it was built."""
+        return [k for k in range(at.frames.shape[1]) if ca.depends_on(at.frames[2, k], at.q)]
 
     def bounds(self) -> tuple[float, float]:
         return self.at_least, math.inf

@@ -27,6 +27,10 @@ class Term(Spec):
     def quantity(self, at: Quantities) -> ca.SX:
         """The (k,) expression."""
 
+    def labels(self, at: Quantities) -> list[str]:
+        """A name for every entry of the quantity, for people."""
+        return [self.kind]
+
     @abstractmethod
     def bounds(self) -> tuple[float, float]:
         """Lower and upper bound of every entry, infinite where there is none."""
