@@ -351,20 +351,22 @@ def test_rows_of_one_pose_with_other_commands_are_told(tmp_path: Path) -> None:
     assert "1 rows have another posture than the first row of their pose, by up to 0.0175" in warning
 
 
-def test_good_data_raise_no_suspicion() -> None:
-    data = po.read_measurements(six_table(), po.problem_from_dict(SIX))
+FEW_OR_MANY = pytest.mark.parametrize("rows", [8, 12, 80])  # few rows do not determine a free linear map
+
+
+@FEW_OR_MANY
+def test_good_data_raise_no_suspicion(rows: int) -> None:
+    data = po.read_measurements(six_table(rows), po.problem_from_dict(SIX))
     assert data.warnings == ()
 
 
-def test_millimetres_read_as_metres() -> None:
-    table = six_table()
-    for rows in (80, 12):  # few rows are judged by distances, as the map between the frames is not determined
-        some = {head: values[:rows] * (1 if head[0] == "j" else 1e3) for head, values in table.items()}
-        (line,) = refused(some, SIX)
-        assert "look like mm: write x [mm], y [mm], z [mm]" in line
-        shrunk = {head: values[:rows] for head, values in renamed(table, x="x [mm]", y="y [mm]", z="z [mm]").items()}
-        (line,) = refused(shrunk, SIX)
-        assert "look like m: write x [m], y [m], z [m]" in line
+@pytest.mark.parametrize("rows", [3, 12, 80])  # three rows are judged by the distances between their points
+def test_millimetres_read_as_metres(rows: int) -> None:
+    table = six_table(rows)
+    (line,) = refused({head: values * (1 if head[0] == "j" else 1e3) for head, values in table.items()}, SIX)
+    assert "look like mm: write x [mm], y [mm], z [mm]" in line
+    (line,) = refused(renamed(table, x="x [mm]", y="y [mm]", z="z [mm]"), SIX)
+    assert "look like m: write x [m], y [m], z [m]" in line
 
 
 def test_one_column_in_another_unit_in_a_known_number_of_axes() -> None:
@@ -383,8 +385,9 @@ def test_degrees_read_as_radians() -> None:
     assert all("they look like deg: write j" in line for line in said)
 
 
-def test_radians_read_as_degrees() -> None:
-    table = six_table()
+@FEW_OR_MANY
+def test_radians_read_as_degrees(rows: int) -> None:
+    table = six_table(rows)
     every = {f"j{k}": f"j{k} [deg]" for k in range(1, 7)}
     (line,) = refused(renamed(table, **every), SIX)
     assert "the numbers of j1, j2, j3, j4, j5, j6 are rad" in line
@@ -393,16 +396,23 @@ def test_radians_read_as_degrees() -> None:
     assert line.endswith("write j3 [rad]")
 
 
-def test_swapped_joint_columns() -> None:
-    (line,) = refused(renamed(six_table(), j2="j4 [rad]", j4="j2 [rad]"), SIX)
+@FEW_OR_MANY
+def test_swapped_joint_columns(rows: int) -> None:
+    (line,) = refused(renamed(six_table(rows), j2="j4 [rad]", j4="j2 [rad]"), SIX)
     assert "if the columns j2 and j4 are exchanged" in line
     assert "are the two swapped?" in line
 
 
-def test_mirrored_frame_and_swapped_coordinates() -> None:
-    table = six_table()
+@FEW_OR_MANY
+def test_mirrored_frame(rows: int) -> None:
+    table = six_table(rows)
     (line,) = refused({**table, "z [m]": -table["z [m]"]}, SIX)
     assert "the measured frame is left-handed" in line
+    (line,) = refused(renamed(table, x="y [m]", y="x [m]"), SIX)
+    assert "the measured frame is left-handed" in line
+
+
+def test_swapped_or_reversed_coordinates_in_a_known_frame() -> None:
     q = np.random.default_rng(2).uniform(-2.5, 2.5, (60, 2))
     x, y = planar_position(q).T
     known = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1]}
@@ -424,6 +434,15 @@ def test_a_sliding_joint_in_another_unit() -> None:
     assert po.read_measurements({**table, "slide [m]": slide}, problem).warnings == ()
     assert "they look like mm: write slide [mm]" in refused({**table, "slide [m]": 1e3 * slide}, SLIDER)[0]
     assert "the numbers of slide are m" in refused({**table, "slide [mm]": slide}, SLIDER)[0]
+
+
+def test_joints_that_scatter_by_degrees_are_no_mistake() -> None:
+    # the lecture's arm: 1 deg and 3 deg
+    rng = np.random.default_rng(4)
+    q = rng.uniform(-2.5, 2.5, (200, 2))
+    x, y = planar_position(q + rng.normal(0, [1 * DEG, 3 * DEG], (200, 2))).T
+    table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": x, "y [m]": y}
+    assert po.read_measurements(table, po.problem_from_dict(PLANAR)).warnings == ()
 
 
 def test_another_robots_file_with_the_same_joint_names() -> None:
@@ -476,6 +495,24 @@ def test_real_measurements(file: str, problem: str, rows: int) -> None:
     data = po.read_measurements(SHARED / file, po.load_problem(SHARED / problem))
     assert len(data) == rows
     assert data.warnings == ()
+
+
+@pytest.mark.parametrize("file", ["grid.csv", "random.csv"])
+def test_mistakes_in_real_measurements(file: str, tmp_path: Path) -> None:
+    path = SHARED / "jacobi_ur5" / file
+    if not path.is_file():
+        pytest.skip(f"the real data jacobi_ur5/{file} are not beside this repository")
+    head, _, rows = path.read_text(encoding="utf-8").partition("\n")
+    problem = po.load_problem(path.parent / "problem.yaml")
+    for wrong, said in (
+        (head.replace("[rad]", "[deg]"), "wrist_3 are rad"),
+        (head.replace("x [m],y [m],z [m]", "x [m],z [m],y [m]"), "left-handed"),
+        (head.replace("[m]", "[cm]"), "look like m: write x [m]"),
+        (head.replace("elbow", "?").replace("wrist_1", "elbow").replace("?", "wrist_1"), "elbow and wrist_1 are exch"),
+    ):
+        with pytest.raises(InputError) as caught:
+            po.read_measurements(write(tmp_path, f"{wrong}\n{rows}"), problem)
+        assert said in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["ur10", "panda"])

@@ -3,7 +3,8 @@
 With the flange at ``p(q)``, ``R(q)``, a tool offset t and the base turned by B and shifted by b, the tool point is
 ``x = B p + B R t + b``: linear in B, in the products ``B ⊗ t`` and in b. So one linear least-squares fit tells
 whether the commanded joints can have led to the measured points, and ``B`` comes out as a free 3×3 matrix: its
-scale is that of the units, its determinant says whether the frame is right-handed.
+scale is that of the units, its determinant says whether the frame is right-handed. Where the rows are too few for
+all its unknowns, B is held to a scaled rotation or reflection and found in turns with t.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from posture_opt.robot.robot import Robot
 
 _ROWS = 400  # postures suffice for a question about whole columns
 _RANK = 1e-8  # of the largest singular value; below it a direction is rounding
+_FEWEST = 6  # postures for the scaled rotation: 18 coordinates for its 10 unknowns
+_TURNS = 20  # of rotation and tool; five suffice for measured arms
 _MOVED = 0.02  # of the tool's motion that must be free of the wrist's for B to be told from the tool
 
 Misfit = Callable[[Floats], float]
@@ -59,14 +62,40 @@ def agreement(robot: Robot, q: Floats, measured: Floats) -> Agreement:
     moved = _without(moved[:, axes], basis)
     free = len(q) - 1 - basis.shape[1] - len(axes)
     spread = np.sqrt(np.sum(target**2) / len(q))
-    if not len(axes) or free < (len(q) - 1) / 2 or spread == 0:
+    if not len(axes) or spread == 0:
         return Agreement(np.nan, None, axes)
+    if free < (len(q) - 1) / 2:
+        return _similarity(_centred(points), _centred(rotations), target, axes)
     rest = _without(target, basis)
     singular = np.linalg.svd(moved, compute_uv=False) / np.sqrt(len(q))
     known = singular[-1] > _MOVED * np.sqrt(np.mean(np.sum(_centred(points) ** 2, axis=1)))
     fitted, *_ = np.linalg.lstsq(moved, rest, rcond=_RANK)
     misfit = np.sqrt(np.sum((rest - moved @ fitted) ** 2) / free) / spread
     return Agreement(float(misfit), np.asarray(fitted.T, dtype=float) if known else None, axes)
+
+
+def _similarity(points: Floats, rotations: Floats, measured: Floats, axes: Codes) -> Agreement:
+    """The agreement by a scaled rotation, or by a reflection where only that one fits."""
+    if len(points) < _FEWEST or measured.shape[1] < 3:
+        return Agreement(np.nan, None, axes)
+    (proper, turn), (improper, flip) = (_scaled(points, rotations, measured, sign) for sign in (1.0, -1.0))
+    best, found = (improper, flip) if improper < proper / 5 else (proper, turn)
+    return Agreement(best, found[:, axes], axes)
+
+
+def _scaled(points: Floats, rotations: Floats, measured: Floats, sign: float) -> tuple[float, Floats]:
+    """Misfit and map of the scaled rotation, in turns with the tool offset (Umeyama 1991, eqs. 40-43)."""
+    tool = np.zeros(3)
+    for _ in range(_TURNS):
+        reached = points + rotations @ tool
+        left, singular, right = np.linalg.svd(measured.T @ reached)
+        signs = np.array([1.0, 1.0, sign * np.sign(np.linalg.det(left @ right))])
+        turn, scale = (left * signs) @ right, (singular @ signs) / max(np.sum(reached**2), 1e-300)
+        wanted = measured @ turn / scale - points if scale > 0 else np.zeros_like(points)
+        tool, *_ = np.linalg.lstsq(rotations.reshape(-1, 3), wanted.ravel(), rcond=_RANK)
+    rest = measured - scale * (points + rotations @ tool) @ turn.T
+    free = (measured.size - 10) / measured.size
+    return float(np.sqrt(np.sum(rest**2) / np.sum(measured**2) / free)), np.asarray(scale * turn)
 
 
 def touch_misfit(robot: Robot, q: Floats, point: Codes) -> float:

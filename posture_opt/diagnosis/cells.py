@@ -66,7 +66,7 @@ def _word(cell: Any) -> str:
     if isinstance(cell, str):
         return cell.strip()
     if isinstance(cell, float | np.floating):
-        return "" if math.isnan(cell) else f"{cell:.17g}"
+        return "" if math.isnan(cell) else repr(float(cell)).removesuffix(".0")
     return "" if cell is None else str(cell)
 
 

@@ -21,8 +21,9 @@ from posture_opt.robot.robot import Robot
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254}
 _POOR = 0.03  # unexplained share of the motion from which a wrong column is looked for; joint errors of 2 deg leave it
-_GOOD = 0.02  # what a guess must leave at most,
+_GOOD = 0.05  # what a guess must leave at most,
 _BETTER = 5.0  # and how many times less than the columns as given
+_UNLIKE = 0.1  # unexplained share from which it is said that another robot may have been measured
 _TRUSTED = 0.2  # unexplained share up to which scale and sign of the fitted map mean something
 
 
@@ -206,7 +207,7 @@ def _turned(found: Agreement, robot: Robot, named: list[str]) -> list[str]:
 
 def _unlike(misfit: float, scale: float | None, what: str) -> list[str]:
     """A warning where no base and no tool lets the nominal robot come near the data."""
-    if misfit > _POOR:
+    if misfit > _UNLIKE:
         return [
             f"whatever base and tool, the nominal robot leaves {100 * misfit:.3g} % unexplained ({what}): is it "
             "another robot's file, or are signs or zeros of joints different?"

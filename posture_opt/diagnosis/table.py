@@ -88,7 +88,7 @@ def _rows(path: Path, faults: Faults) -> Iterator[tuple[int, list[str]]]:
         with path.open(encoding="utf-8-sig", newline="") as stream:
             reader = csv.reader(_lines(stream, faults))
             for row in reader:
-                if any(cell and not cell.isspace() for cell in row):
+                if any(map(str.strip, row)):
                     yield reader.line_num, row
     except FileNotFoundError:
         near = nearest_file(path)
