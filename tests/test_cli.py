@@ -130,6 +130,33 @@ def test_every_fault_of_a_file_is_told(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("task", "uncertainty", "words", "message"),
+    [
+        ("", "sigma: {joint1.theta: 1 deg}", [], "p.yaml:1: task: the problem states no task – add task: {kind"),
+        ("task: {kind: insert}", "sigma: {}", [], "p.yaml:2: uncertainty: nothing is uncertain"),
+        ("task: {kind: insert, direction: [1, 0, 0]}", "sigma: {joint1.theta: 1 deg}", ["--task", "drill"], "--task: "),
+        ("task:\n  direction: [1, 0, 0]\n  kind: drill", "sigma: {joint1.theta: 1 deg}", [], "p.yaml:5: task.kind: "),
+    ],
+)
+def test_a_fault_that_shows_in_solving_has_its_place(
+    task: str, uncertainty: str, words: list[str], message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "p.yaml"
+    path.write_text(f"robot: {{kind: preset, name: planar_2r}}\nuncertainty: {{{uncertainty}}}\n{task}\n")
+    result = run("--problem", str(path), *words)
+    assert result.exit_code == 2
+    assert result.stderr.replace(f"{tmp_path}/", "").startswith(f"error: {message}")
+
+
+@pytest.mark.parametrize("command", [["uncertainty", *DOWN], ["simulate", *DOWN], ["--task", "insert"]])
+def test_nothing_uncertain_names_the_option(command: list[str]) -> None:
+    result = run(*command, "--robot", "planar_2r")
+    assert result.exit_code == 2
+    assert result.stderr.startswith("error: --sigma: nothing is uncertain")
+    assert '– write for example --sigma "0.02 deg"' in result.stderr
+
+
 def test_postures_by_order_and_by_name() -> None:
     robot = builtin_problem("insert").robot
     expected = {"joint1": np.pi / 2, "joint2": -np.pi}

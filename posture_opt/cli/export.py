@@ -8,7 +8,7 @@ import click
 
 from posture_opt.cli.options import Common, common_options, problem_options
 from posture_opt.cli.output import output_folder, show
-from posture_opt.cli.request import requested_problem
+from posture_opt.cli.request import placed, requested_problem
 
 
 @click.command("export")
@@ -21,7 +21,7 @@ def command(common: Common, target: str, name: str, **given: Any) -> None:
     problem = requested_problem(**given)
     from posture_opt.uncertainty.c_export import covariance_c
 
-    with output_folder(common.out) as folder:
+    with output_folder(common.out) as folder, placed(problem):
         source, header = covariance_c(problem, name)
         files = {f"{name}.h": header, f"{name}.c": source}
         if folder is not None:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
+from posture_opt.cli.sigma import entries, exact_note, joint_sigmas
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.nearest import did_you_mean
 from posture_opt.problem.load import builtin_names, builtin_problem, load_builtin, load_problem, problem_from_dict
 from posture_opt.problem.problem import Problem
 from posture_opt.robot import preset_names
-from posture_opt.robot.robot import Joint, Robot
+from posture_opt.robot.robot import Robot
 from posture_opt.units import parse_quantity
 
 T = TypeVar("T")
@@ -30,6 +31,7 @@ _OPTION_OF: dict[KeyPath, str] = {
     ("robot", "base_link"): "--base-link",
     ("robot", "tip_link"): "--tip-link",
     ("uncertainty", "sigma"): "--sigma",
+    ("uncertainty",): "--sigma",
 }
 
 
@@ -56,9 +58,9 @@ def requested_problem(
         raise click.UsageError("--sigma, --base-link and --tip-link go with --robot; a problem file has them inside.")
     goal: dict[str, Any] = {}
     if position:
-        goal["position"] = _entries(position)
+        goal["position"] = entries(position)
     if direction:
-        goal["direction"] = _entries(direction)
+        goal["direction"] = entries(direction)
     if link_height:
         goal["subject_to"] = [_link_height(link_height)]
     if robot:
@@ -94,9 +96,9 @@ def _problem_of_robot(
     if not sigma:
         return problem_from_dict(data)
     joints = problem_from_dict({"robot": section}).robot.joints
-    data["uncertainty"] = {"sigma": _joint_sigmas(sigma, joints)}
+    data["uncertainty"] = {"sigma": joint_sigmas(sigma, joints)}
     problem = problem_from_dict(data)
-    return replace(problem, notes=(*problem.notes, *_exact_note(joints, data["uncertainty"]["sigma"])))
+    return replace(problem, notes=(*problem.notes, *exact_note(joints, data["uncertainty"]["sigma"])))
 
 
 def _robot_section(robot: str, base_link: str | None, tip_link: str | None) -> dict[str, Any]:
@@ -112,53 +114,6 @@ def _robot_section(robot: str, base_link: str | None, tip_link: str | None) -> d
     return {"kind": "preset", "name": robot}
 
 
-def _joint_sigmas(text: str, joints: tuple[Joint, ...]) -> dict[str, str]:
-    """Parameter -> quantity: an angle is meant for all revolute joints, a length for all prismatic ones."""
-    given: dict[str, str] = {}
-    issues: list[Issue] = []
-    for entry in _entries(text):
-        kind = "prismatic" if _is_length(entry) else "revolute"
-        if fault := _sigma_fault(entry, kind, given, joints):
-            issues.append(Issue.told(fault, ("--sigma",), entry))
-        given[kind] = entry
-    if issues:
-        raise InputError(issues)
-    return {_own_parameter(joint): given[joint.type] for joint in joints if joint.type in given}
-
-
-def _sigma_fault(entry: str, kind: str, given: dict[str, str], joints: tuple[Joint, ...]) -> str:
-    """What is wrong with one entry of ``--sigma``, and how to mend it; else nothing."""
-    if kind in given:
-        what = "length" if kind == "prismatic" else "angle"
-        return f"two {what}s, {given[kind]} and {entry}; give one for all joints, or each its own in a problem file"
-    try:
-        value = parse_quantity(entry, "length" if kind == "prismatic" else "angle")
-    except ValueError as error:
-        return str(error)
-    if value < 0:
-        return f"the standard deviation {entry} is negative; write {entry.lstrip('- ')}"
-    if not any(joint.type == kind for joint in joints):
-        there = ("revolute", "an angle: 0.02 deg") if kind == "prismatic" else ("prismatic", "a length: 0.01 mm")
-        return f"{entry} is meant for {kind} joints, and this arm has none; all are {there[0]}, write {there[1]}"
-    return ""
-
-
-def _exact_note(joints: tuple[Joint, ...], sigma: dict[str, str]) -> tuple[str, ...]:
-    """What to tell of joints that ``--sigma`` says nothing about."""
-    exact = [joint for joint in joints if _own_parameter(joint) not in sigma]
-    if not exact:
-        return ()
-    what, example = ("slide", "0.01 mm") if exact[0].type == "prismatic" else ("turning joint", "0.02 deg")
-    names, many = ", ".join(joint.name for joint in exact), "s" * (len(exact) > 1)
-    text = ", ".join([*dict.fromkeys(sigma.values()), example])
-    return (f'--sigma says nothing of the {what}{many} {names}, taken as exact: else write --sigma "{text}"',)
-
-
-def _own_parameter(joint: Joint) -> str:
-    """The parameter that adds to the joint's own variable."""
-    return f"{joint.name}.{'theta' if joint.type == 'revolute' else 'd'}"
-
-
 def _link_height(text: str) -> dict[str, str]:
     """The bound that keeps all links at least this high."""
     try:
@@ -168,28 +123,23 @@ def _link_height(text: str) -> dict[str, str]:
     return {"kind": "link_height", "at_least": text}
 
 
-def _is_length(text: str) -> bool:
-    try:
-        parse_quantity(text, "length")
-    except ValueError:
-        return False
-    return True
-
-
-def _entries(text: str) -> list[str]:
-    """The entries of ``"0.6 m, 0.2 m, 0.1 m"``; bare numbers may stand with blanks between them."""
-    text = text.strip().strip("[]()")
-    if "," not in text and ";" not in text and re.fullmatch(r"[-+.\deE\s]+", text):
-        return text.split()
-    return [entry.strip() for entry in re.split(r"[,;]", text)]
-
-
 def _as_options(build: Callable[[], T]) -> T:
     """What ``build`` makes; its complaints name options in place of keys of a file."""
     try:
         return build()
     except InputError as error:
         raise InputError([_named_as_option(issue) for issue in error.issues]) from None
+
+
+@contextmanager
+def placed(problem: Problem) -> Iterator[None]:
+    """What is wrong with the input and shows in computing only, with its file and line or its option."""
+    try:
+        yield
+    except InputError as error:
+        issues = [_named_as_option(problem.placed(issue)) for issue in error.issues]
+        mend = 'write for example --sigma "0.02 deg"'
+        raise InputError([replace(i, mend=mend) if i.key == ("--sigma",) else i for i in issues]) from None
 
 
 def _named_as_option(issue: Issue) -> Issue:
@@ -203,7 +153,7 @@ def requested_posture(text: str, robot: Robot) -> dict[str, float]:
     Raises:
         InputError: everything wrong with the posture; the message names the joints that are expected.
     """
-    pairs = [tuple(part.strip() for part in entry.split("=", 1)) for entry in _entries(text) if entry]
+    pairs = [tuple(part.strip() for part in entry.split("=", 1)) for entry in entries(text) if entry]
     by_name = any(len(pair) == 2 for pair in pairs)
     issues: list[Issue] = []
     if not by_name and len(pairs) != robot.n:

@@ -9,7 +9,7 @@ import click
 import posture_opt as po
 from posture_opt.cli.options import Common
 from posture_opt.cli.output import output_folder, progress_bar, show
-from posture_opt.cli.request import requested_problem
+from posture_opt.cli.request import placed, requested_problem
 from posture_opt.errors import NoSolutionError
 from posture_opt.problem.problem import Problem
 
@@ -38,7 +38,7 @@ def solve(common: Common, explain: bool, **given: Any) -> None:
 
 def _solved(problem: Problem, common: Common) -> tuple[Solution, NoSolutionError | None]:
     """The solution, or the nearest posture with the reason why it is none."""
-    with progress_bar(common, "starts") as progress:
+    with progress_bar(common, "starts") as progress, placed(problem):
         try:
             return po.select_posture(problem, seed=common.seed, workers=common.workers, progress=progress), None
         except NoSolutionError as error:

@@ -9,7 +9,7 @@ import click
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, posture_option, problem_options
 from posture_opt.cli.output import output_folder, show
-from posture_opt.cli.request import requested_posture, requested_problem
+from posture_opt.cli.request import placed, requested_posture, requested_problem
 
 
 @click.command("uncertainty")
@@ -20,7 +20,7 @@ def command(common: Common, posture: str, **given: Any) -> None:
     """Covariance, ellipse, coverage regions and error budget at one posture, in closed form."""
     problem = requested_problem(**given)
     values = requested_posture(posture, problem.robot)
-    with output_folder(common.out) as folder:
+    with output_folder(common.out) as folder, placed(problem):
         spread = po.propagate(problem, values)
         if folder is not None:
             from posture_opt.report.write import write_spread

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from posture_opt.diagnosis.data_spec import DataSpec
-from posture_opt.errors import InputError, Issue
+from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.problem.issues import schema_issues
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document, dump_yaml
@@ -27,7 +27,8 @@ class Problem:
     """What a problem file says, in SI units and radians.
 
     ``task`` is ``None`` where the file names none; ``notes`` are sentences for the report on what was assumed
-    or overridden; ``document`` is the file's plain data, units and all; relative file names start at ``folder``.
+    or overridden; ``document`` is the file's plain data, units and all; relative file names start at ``folder``;
+    ``origin`` is the file as it was read, ``overridden`` the keys that no longer say what it says.
     """
 
     name: str
@@ -42,6 +43,13 @@ class Problem:
     folder: Path
     notes: tuple[str, ...] = ()
     document: Mapping[str, Any] = field(default_factory=dict)
+    origin: Document = field(default_factory=lambda: Document({}))
+    overridden: frozenset[KeyPath] = frozenset()
+
+    def placed(self, issue: Issue) -> Issue:
+        """An issue that computing raised, with the file and line it speaks of; as it is where no file says it."""
+        said = issue.key and issue.key[0] in ProblemSpec.model_fields and issue.key[:2] not in self.overridden
+        return self.origin.placed(issue) if said else issue
 
     def with_task(self, kind: str | None = None, **keys: Any) -> Problem:
         """The same problem with the task ``kind`` and other keys of the task replaced, as in the file.
@@ -61,7 +69,10 @@ class Problem:
         notes = self.notes
         if kind and former.get("kind", kind) != kind:
             notes = (*notes, f"the task '{former['kind']}' of the file is overridden by '{kind}'")
-        return replace(self, task=spec.task, spec=spec, document=document, notes=notes)
+        overridden = self.overridden | {("task", key) for key in (*keys, *(["kind"] if kind else []))}
+        return replace(
+            self, task=spec.task, spec=spec, document=document, notes=notes, overridden=frozenset(overridden)
+        )
 
     def with_robot(self, robot: Mapping[str, Any]) -> Problem:
         """The same problem with another ``robot`` section, as in the file.
@@ -114,6 +125,7 @@ def build_problem(document: Document, folder: Path, name: str) -> Problem:
         folder=folder,
         notes=sources.notes,
         document=document.data,
+        origin=document,
     )
 
 
