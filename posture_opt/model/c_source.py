@@ -35,6 +35,8 @@ def c_source(function: casadi.Function, name: str, descriptions: Mapping[str, st
         "name": name,
         "guard": f"{name.upper()}_H",
         "prototype": prototype,
+        "input_order": _order(inputs, "column-major"),
+        "output_order": f"{_order(outputs, 'row-major')}; NULL where not wanted",
         "inputs": _c_comment(inputs, descriptions or {}),
         "outputs": _c_comment(outputs, descriptions or {}),
         "args": ", ".join(key for key, _ in inputs),
@@ -79,9 +81,9 @@ $prototype {
 """)
 _HEADER_C = string.Template("""/* Written by posture_opt. Link with -lm.
  *
- * Inputs (matrices column-major):
+ * Inputs ($input_order):
 $inputs
- * Outputs (matrices row-major; NULL where not wanted):
+ * Outputs ($output_order):
 $outputs
  * Returns 0.
  */
@@ -100,10 +102,16 @@ $prototype;
 """)
 
 
+def _order(arguments: list[tuple[str, tuple[int, int]]], major: str) -> str:
+    """How the arguments lie in memory: of vectors there is one way only."""
+    matrices = any(min(size) > 1 for _, size in arguments)
+    return f"matrices {major}" if matrices else "vector" if len(arguments) == 1 else "vectors"
+
+
 def _c_comment(arguments: list[tuple[str, tuple[int, int]]], descriptions: Mapping[str, str]) -> str:
     lines = []
     for key, (rows, columns) in arguments:
-        size = f"{rows}" if columns == 1 else f"{rows} x {columns}"
+        size = f"{rows * columns}" if 1 in (rows, columns) else f"{rows} x {columns}"
         text = descriptions.get(key, "").replace("*/", "* /")
         lines.append(f" *   {key} ({size}) {text}".rstrip())
     return "\n".join(lines)
