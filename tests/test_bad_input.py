@@ -262,7 +262,22 @@ def test_urdf_without_such_a_link(tmp_path: Path) -> None:
 
 def test_urdf_that_does_not_exist(tmp_path: Path) -> None:
     (found,) = faults(tmp_path, "robot:\n  kind: urdf\n  file: none.urdf\n  base_link: base\n  tip_link: tool\n")
-    assert found.startswith("problem.yaml:3: robot.file: ")
+    assert found == "problem.yaml:3: robot.file: none.urdf: no such file"
+    (tmp_path / "arm.urdf").write_text("<robot")
+    text = "robot: {kind: urdf, file: am.urdf}\n"
+    (found,) = faults(tmp_path, text)
+    assert found == "problem.yaml:1: robot.file: am.urdf: no such file – did you mean arm.urdf in the same folder?"
+    (found,) = faults(tmp_path, text.replace("am.", "arm."))
+    assert found.startswith("problem.yaml:1: robot.file: arm.urdf: the file is not XML: ")
+
+
+def test_urdf_named_relative_to_a_folder_says_where_it_was_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError) as caught:
+        problem_from_dict({"robot": {"kind": "urdf", "file": "none.urdf"}})
+    assert str(caught.value).startswith(f"robot.file: none.urdf (in {tmp_path}): no such file")
 
 
 def covariance_faults(folder: Path, table: str) -> list[str]:

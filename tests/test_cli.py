@@ -102,6 +102,7 @@ def test_wrong_usage_is_exit_code_2(words: list[str], message: str) -> None:
         ),
         (["--robot", "ur10e", "--link-height", "5 mm"], "Name the --task of the robot"),
         (["--task", "insert", "--robot", "ur10e", "--sigma", "0.02"], "error: --sigma: the angle has no unit"),
+        (["--problem", "insert_scrara"], "no such file: insert_scrara – did you mean the built-in 'insert_scara'?"),
         (["new", "ur10f"], "PRESET: there is no preset of this name – did you mean 'ur10'?"),
         (["uncertainty", *PLANAR, "--posture", "90 deg"], "--posture: 1 value for 2 joints – give one value each"),
         (["uncertainty", *PLANAR, "--posture", "90, 90 deg"], "--posture.joint1: the angle has no unit"),
@@ -347,6 +348,9 @@ def test_files_of_an_earlier_report_do_not_stay_beside_the_new_one(tmp_path: Pat
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_exported_c_agrees_with_the_package(tmp_path: Path) -> None:
     assert run("export", "--robot", "ur10e", "--sigma", "0.02 deg", "--to", "c", "--out", str(tmp_path)).exit_code == 0
+    header = (tmp_path / "tool_covariance.h").read_text()
+    assert "Inputs (vector):\n *   q (6) " in header
+    assert "Outputs (matrices row-major; NULL" in header
     main_c = """
     #include <stdio.h>
     #include "tool_covariance.h"

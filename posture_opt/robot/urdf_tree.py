@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.nearest import one_of
+from posture_opt.nearest import nearest_file, one_of
 
 Array = NDArray[np.float64]
 MAX_BYTES = 50_000_000  # a robot of some hundred links takes a few hundred kB
@@ -103,6 +103,10 @@ def read_urdf(path: Path) -> UrdfTree:
         if path.stat().st_size > MAX_BYTES:
             raise _refused("the file is larger than any robot description; is it a mesh?", path)
         data = path.read_bytes()
+    except FileNotFoundError:
+        near = Path(nearest_file(path)).name
+        mend = f"did you mean {near} in the same folder?" if near else ""
+        raise InputError(replace(_issue("no such file", path), mend=mend)) from None
     except OSError as error:
         raise _refused(f"the file cannot be read ({error.strerror or error})", path) from None
     robot = _parse(_bare(data, path), path)
@@ -118,7 +122,9 @@ def read_urdf(path: Path) -> UrdfTree:
 
 
 def _issue(message: str, path: Path) -> Issue:
-    return Issue(message, ("file",), str(path))
+    """``message`` about the file, with the place where it was looked for."""
+    where = "" if path.is_absolute() else f" (in {path.absolute().parent})"
+    return Issue(f"{path}{where}: {message}", ("file",), str(path))
 
 
 def _refused(message: str, path: Path) -> InputError:
