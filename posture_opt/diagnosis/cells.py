@@ -14,6 +14,8 @@ from posture_opt.diagnosis.faults import Faults
 from posture_opt.diagnosis.measurements import Codes, Floats
 from posture_opt.diagnosis.table import Block
 
+_HUGE = 1e15  # in any unit; squares of larger numbers leave the range of floats sooner or later
+
 
 @dataclass
 class Cells:
@@ -82,7 +84,7 @@ def _numbers(texts: Sequence[Any], lines: Sequence[int], column: Column, faults:
         values = np.fromiter(map(float, texts), dtype=float, count=len(texts))
     except (ValueError, TypeError):
         values = np.full(len(texts), math.nan)
-    bad = np.flatnonzero(~np.isfinite(values))
+    bad = np.flatnonzero(~(np.abs(values) < _HUGE))
     for row in map(int, bad):
         values[row] = _number(texts[row], int(lines[row]), column, optional, faults)
     if optional:
@@ -100,10 +102,12 @@ def _number(cell: Any, line: int, column: Column, optional: bool, faults: Faults
             faults.add(f"the cell {said}", column.name, cell, "give a number, or leave out the row", line)
         return math.nan if optional else 0.0
     try:
-        value = math.nan if isinstance(cell, bool | np.bool_) else float(text)
-        if "_" not in text and math.isfinite(value):
+        if "_" in text or isinstance(cell, bool | np.bool_):
+            raise ValueError
+        value = float(text)
+        if abs(value) < _HUGE:
             return value
-        message = f"{text} is not a finite number"
+        message = f"{text[:40]} is {'larger than anything measured' if math.isfinite(value) else 'not a finite number'}"
     except ValueError:
         message = f"'{text[:40]}' is not a number"
     mend = "leave out the row"

@@ -79,6 +79,8 @@ def _csv_table(path: Path) -> Table:
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if len(heads) == 1 and mark in heads[0]:
             faults.stop(f"the columns are separated by {name}", "separate them by commas, with decimal points", line)
+    if not all(head.strip().isprintable() for head in heads):
+        faults.stop("the header is no plain text", "is it a CSV file, with its quotes closed?", line)
     return Table(tuple(heads), line, _blocks(rows, len(heads), faults), faults)
 
 
