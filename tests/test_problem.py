@@ -231,3 +231,23 @@ def test_every_problem_file_loads_and_comes_back(path: Path) -> None:
     again = problem_from_dict(parse_yaml(problem.to_yaml()).data, problem.folder)
     assert again.spec == problem.spec
     np.testing.assert_array_equal(again.sources.covariance, problem.sources.covariance)
+
+
+@pytest.mark.parametrize(
+    ("uncertainty", "note"),
+    [
+        ("repeatability: 50 mm", "repeatability 50 mm is 1000 times the data sheet's 0.05 mm"),
+        ("repeatability: 0.05 um", "repeatability 5e-05 mm is 1/1000 of the data sheet's 0.05 mm"),
+        ("repeatability: 0.5 mm", ""),
+        ("sigma: {elbow.theta: 5 deg, elbow.a: 5 m}", "deviation of elbow.theta, 5 deg, is 4800 times"),
+        ("sigma: {elbow.theta: 0.01 deg}", ""),
+        ("sigma: {elbow.theta: 0 deg}", ""),
+        ("sigma: {elbow.theta: 1 urad, wrist_1.theta: 1e-3 urad}", "wrist_1.theta, 1e-3 urad, is 1/18000 of"),
+    ],
+)
+def test_scatter_far_off_the_data_sheet_is_remarked_on(uncertainty: str, note: str) -> None:
+    # UR10e: RP 0.05 mm, which leaves each joint 0.0183 mrad = 0.00105 deg
+    text = f"robot: {{kind: preset, name: ur10e}}\nuncertainty: {{{uncertainty}}}\n"
+    found = [n for n in problem_from_dict(parse_yaml(text).data).notes if "right?" in n]
+    assert len(found) == bool(note)
+    assert all(note in n for n in found)

@@ -165,6 +165,13 @@ class TestText:
         assert "2000 samples, seed 1" in cloud
         assert "sampling interval" in cloud
 
+    def test_a_free_frame_is_told_to_stand_at_its_start(self) -> None:
+        robot = {"kind": "preset", "name": "planar_2r", "base": "free"}
+        problem = po.problem_from_dict({**PROBLEMS["planar"], "robot": robot})
+        spread = " ".join(text.spread_text(problem, po.propagate(problem, [0.5, 0.5])).split())
+        assert "The base is free, to be found from measurements: here it is taken at its start value." in spread
+        assert "The tool is free" not in spread
+
     def test_many_long_names_still_fit(self) -> None:
         joints = [
             {"name": f"left_arm_of_the_machine_joint_{k}", "type": "revolute", "a": "0.3 m",

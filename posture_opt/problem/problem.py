@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from posture_opt.diagnosis.data_spec import DataSpec
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.problem.issues import schema_issues
+from posture_opt.problem.plausible import plausibility_notes
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document, dump_yaml
 from posture_opt.robot.robot import Robot
@@ -123,7 +124,7 @@ def build_problem(document: Document, folder: Path, name: str) -> Problem:
         data=spec.data,
         spec=spec,
         folder=folder,
-        notes=sources.notes,
+        notes=(*sources.notes, *plausibility_notes(robot, spec.uncertainty, sources)),
         document=document.data,
         origin=document,
     )

@@ -68,6 +68,16 @@ def note_facts(notes: Iterable[str]) -> list[tuple[str, str]]:
     return [("Note" if k == 0 else "", sentence(note)) for k, note in enumerate(dict.fromkeys(notes))]
 
 
+def frame_notes(robot: Robot) -> list[str]:
+    """What became of a base or tool that the problem file leaves free."""
+    free = {"base": robot.base_free, "tool": robot.tool_free}
+    return [
+        f"The {frame} is free, to be found from measurements: here it is taken at its start value."
+        for frame, is_free in free.items()
+        if is_free
+    ]
+
+
 def sentence(text: str) -> str:
     """A note with a capital at its start and a full stop at its end; names of joints stay as they are."""
     text = text.strip()

@@ -13,6 +13,7 @@ from posture_opt.report.parts import (
     budget_table,
     ellipse_facts,
     first_order_fact,
+    frame_notes,
     joint_table,
     mean_fact,
     method_fact,
@@ -100,7 +101,7 @@ def problem_block(problem: Problem, solution: Solution) -> Block:
     if not math.isnan(goal.clearance):
         rows.append(("Clearance", f"{stated_length(goal.clearance)} to every side"))
     rows += source_facts(problem)
-    rows += note_facts((*problem.notes, *solution.notes))
+    rows += note_facts((*problem.notes, *frame_notes(problem.robot), *solution.notes))
     return Block("Problem", (Facts(tuple(rows)),))
 
 

@@ -12,6 +12,7 @@ from posture_opt.report.parts import (
     budget_table,
     ellipse_facts,
     first_order_fact,
+    frame_notes,
     joint_table,
     mean_fact,
     method_fact,
@@ -47,7 +48,8 @@ def spread_report(problem: Problem, spread: Spread) -> Report:
 
 def arm_block(problem: Problem, spread: Spread) -> Block:
     """The robot and the sources."""
-    return Block("Problem", (Facts((*robot_facts(problem), *source_facts(problem), *note_facts(spread.notes))),))
+    notes = note_facts((*problem.notes, *frame_notes(problem.robot), *spread.notes))
+    return Block("Problem", (Facts((*robot_facts(problem), *source_facts(problem), *notes)),))
 
 
 def posture_block(spread: Spread) -> Block:
