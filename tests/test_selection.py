@@ -363,3 +363,90 @@ def test_a_dense_covariance_of_a_spatial_arm_is_solved_in_first_order_and_report
     first = (J @ given.sources.covariance @ J.T)[:2, :2]
     # At these small errors second order adds less than 1e-5.
     assert solution.critical.sigma_max == pytest.approx(math.sqrt(np.linalg.eigvalsh(first)[-1]), rel=1e-4)
+
+
+# --- arms with few joints ---------------------------------------------------------------------------------------------
+
+PITCH = {"type": "revolute", "limits": ["-180 deg", "180 deg"]}
+
+
+def base_and_pitches(rpy: list[str] | None = None) -> dict[str, Any]:
+    """A turning base and three pitch joints: 4 joints, the tool axis stays in the arm's vertical plane."""
+    joints = [
+        {"name": "turn", "alpha": "90 deg", "d": "0.3 m", **PITCH},
+        {"name": "shoulder", "a": "0.5 m", **PITCH},
+        {"name": "elbow", "a": "0.4 m", **PITCH},
+        {"name": "wrist", "a": "0.1 m", **PITCH},
+    ]
+    base = {"xyz": ["0 m", "0 m", "0 m"], "rpy": rpy or ["0 deg", "0 deg", "0 deg"]}
+    return {"kind": "dh", "joints": joints, "base": base}
+
+
+def few(task: dict[str, Any], robot: dict[str, Any]) -> Any:
+    sigma = {f"{joint['name']}.theta": "0.5 mrad" for joint in robot["joints"]}
+    return po.problem_from_dict({"robot": robot, "uncertainty": {"sigma": sigma}, "task": {"kind": "insert", **task}})
+
+
+@pytest.mark.parametrize("kind", ["insert", "drill"])
+def test_four_joints_hold_the_tool_straight_down(kind: str) -> None:
+    given = few({"kind": kind, "position": ["0.6 m", "0.2 m", "0.1 m"], "tool_axis": [1, 0, 0]}, base_and_pitches())
+    T = pose(given.robot, po.select_posture(given).q)
+    assert T[:3, 3] == pytest.approx([0.6, 0.2, 0.1], abs=2e-6)
+    # Within the slack of an arm whose quarter turns may be rounded.
+    assert T[:3, 0] == pytest.approx([0, 0, -1], abs=3e-5)
+
+
+def test_an_axis_that_never_comes_near_the_direction_is_left_out_in_a_region_too() -> None:
+    region = {"min": ["0.3 m", "-0.3 m", "0.1 m"], "max": ["0.6 m", "0.3 m", "0.4 m"]}
+    given = few({"region": region}, base_and_pitches())  # tool_axis z: horizontal in every posture
+    solution = po.select_posture(given)
+    assert any("left out" in note for note in solution.notes)
+    with pytest.raises(InputError, match="cannot give"):
+        po.select_posture(few({"kind": "drill", "region": region}, base_and_pitches()))
+
+
+def test_a_tilt_out_of_the_plane_of_the_axis_is_counted_whole() -> None:
+    """A planar 3R arm, its x axis in the plane, and a direction 10° out of it."""
+    joints = [{"name": f"j{k}", "a": "0.5 m", **PITCH} for k in (1, 2, 3)]
+    off = math.radians(10)
+    direction = [0, -math.cos(off), math.sin(off)]
+    task = {"direction": direction, "tool_axis": [1, 0, 0], "tilt": "10.5 deg", "position": ["0.6 m", "0.3 m", "0 m"]}
+    given = few(task, {"kind": "dh", "joints": joints})
+    axis = pose(given.robot, po.select_posture(given).q)[:3, 0]
+    assert math.degrees(math.acos(axis @ np.array(direction))) <= 10.5 + 1e-3
+
+
+def test_a_box_cut_by_an_oblique_plane_holds_the_target() -> None:
+    joints = [{"name": f"j{k}", "a": "1 m", **PITCH} for k in (1, 2)]
+    base = {"xyz": ["0 m", "0 m", "0 m"], "rpy": ["90 deg", "0 deg", "45 deg"]}
+    region = {"min": ["0.8 m", "0.2 m", "0.1 m"], "max": ["1 m", "1.2 m", "0.5 m"]}
+    given = few({"region": region}, {"kind": "dh", "joints": joints, "base": base})
+    x = po.select_posture(given).spread.position
+    assert np.all(x >= np.array([0.8, 0.2, 0.1]) - 2e-6)
+    assert np.all(x <= np.array([1.0, 1.2, 0.5]) + 2e-6)
+
+
+@pytest.mark.parametrize("limits", [["200 deg", "340 deg"], ["-350 deg", "-190 deg"]])
+def test_limits_beyond_half_a_turn_are_searched(limits: list[str]) -> None:
+    joints = [{"name": "j1", "type": "revolute", "a": "1 m", "limits": limits}, {"name": "j2", "a": "1 m", **PITCH}]
+    given = few({"direction": [0, -1, 0]}, {"kind": "dh", "joints": joints})
+    solution = po.select_posture(given)
+    assert given.robot.lower[0] <= solution.q[0] <= given.robot.upper[0]
+
+
+def test_starts_come_in_the_number_asked_for() -> None:
+    task = {"position": ["0.45 m", "0.1 m", "0.25 m"]}
+    given = problem("panda", task, tool={"xyz": ["0 m", "0 m", "0.1 m"], "rpy": ["0 deg", "0 deg", "0 deg"]})
+    assert po.select_posture(given).evidence.starts >= 32
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ({"kind": "near_posture", "posture": {"joint9": "1 deg"}, "at_most": "5 deg"}, "no joint of this arm"),
+        ({"kind": "spread", "within": "along"}, "states no bound"),
+    ],
+)
+def test_a_requirement_that_says_nothing_is_refused(entry: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        po.select_posture(problem("planar_2r", {"direction": [0, -1, 0], "subject_to": [entry]}, SIGMA_2R))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -48,9 +48,9 @@ class Candidate:
 class Sampled:
     """Feasible postures Q (k, n) that random starts led to, with their σ_max (k,) [m]."""
 
-    robot: Robot
-    Q: Floats
-    sigma: Floats
+    robot: Robot = field(repr=False)
+    Q: Floats = field(repr=False)
+    sigma: Floats = field(repr=False)
 
     @classmethod
     def none(cls, robot: Robot) -> Sampled:

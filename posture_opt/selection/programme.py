@@ -198,6 +198,9 @@ class Programme:
         rows = []
         for term in self.task.subject_to:
             low, high = term.bounds()
+            if math.isinf(low) and math.isinf(high):
+                mend = "add at_most or at_least"
+                raise InputError(Issue(f"{term.kind} states no bound", ("task", "subject_to"), term.kind, mend))
             values = ca.vertsplit(ca.vec(term.quantity(self.quantities)))
             for label, value in zip(term.labels(self.quantities), values, strict=True):
                 rows.append(Row(label, term.unit, value, ca.SX(low), ca.SX(high)))

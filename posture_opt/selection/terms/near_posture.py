@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal
 import casadi as ca
 from pydantic import Field
 
+from posture_opt.errors import InputError, Issue
 from posture_opt.selection.quantities import Quantities
 from posture_opt.selection.terms.term import BoundedTerm
 from posture_opt.units import Angle
@@ -25,6 +26,12 @@ class NearPosture(BoundedTerm):
 
     def quantity(self, at: Quantities) -> ca.SX:
         names = at.robot.joint_names
+        unknown = [name for name in self.posture if name not in names]
+        if unknown:
+            mend = f"the joints are {', '.join(names)}"
+            raise InputError(
+                Issue(f"near_posture names {', '.join(unknown)}, no joint of this arm", ("task",), mend=mend)
+            )
         differences = [at.q[names.index(name)] - value for name, value in self.posture.items()]
         return ca.sqrt(ca.sumsqr(ca.vertcat(*differences)) / len(differences) + 1e-12)
 
