@@ -152,8 +152,20 @@ class TestText:
         assert "There is no posture for this task." in report
         assert "out of reach by 500 mm" in report  # both links stretched reach 2 m
         assert "The posture that comes nearest" in report
-        assert set(solution_files(problem, caught.value.solution)) >= {"solution.json", "report.txt", "arm.png"}
+        files = solution_files(problem, caught.value.solution)
+        assert set(files) >= {"solution.json", "report.txt", "arm.png"}
+        assert files["report.html"].count(b"data:image/png;base64,") == 1, "the arm beside its target"
         assert "violated" in text.explain_text(problem, caught.value.solution)
+
+    def test_bounds_say_of_what_and_in_which_unit(self) -> None:
+        bounds = [{"kind": "spread", "at_most": "5 mm"}, {"kind": "spread", "within": "all", "at_most": "1 m"},
+                  {"kind": "singularity_margin", "at_least": "10 mm"}]  # fmt: skip
+        task = {"kind": "insert", "position": ["0.7 m", "0.2 m", "0.1 m"], "subject_to": bounds}
+        problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur5e"}, "task": task,
+                                        "solver": {"kind": "ipopt", "starts": 2}})  # fmt: skip
+        report = " ".join(text.solution_text(problem, po.select_posture(problem)).split())
+        assert "Required spread along the direction at most 5 mm, spread in space at most 1000 mm, " in report
+        assert "singularity margin at least 10 mm per rad" in report
 
     def test_spread_and_cloud(self, solved: tuple[Any, Any]) -> None:
         problem, solution = solved
@@ -201,7 +213,8 @@ class TestUnits:
     @pytest.mark.parametrize(
         ("p", "shown"),
         [(0.5, "50 % of the time"), (0.9932, "99.32 % of the time"),
-         (1.0, "practically always (less than one miss in a million million)"),
+         (1.0, "practically always (better than one miss in a million)"),
+         (1 - 1e-11, "practically always (better than one miss in a million)"),
          (0.0, "0 % of the time"),
          (1 - 3.2e-6, "99.99968 % of the time (one miss in 312,500)")],
     )  # fmt: skip
@@ -214,6 +227,9 @@ class TestUnits:
 
     def test_what_is_stated_comes_back_as_stated(self) -> None:
         assert units_text.stated_length(0.05e-3) == "0.05 mm"
+        assert units_text.stated_length(123.45e-3) == "123.45 mm"
+        assert units_text.stated_length(2.20863e-6) == "2.21 µm"
+        assert units_text.stated(0.05, "m/rad") == "50 mm per rad"
         assert units_text.stated_angle(math.radians(0.02)) == "0.02 deg"
         assert units_text.stated_angle(0.3e-3) == "0.0172 deg"
 

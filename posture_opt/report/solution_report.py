@@ -40,6 +40,7 @@ from posture_opt.report.units_text import (
     stated_length,
 )
 from posture_opt.report.words import CRITERIA, PARTS, REGIONS, direction_words, line_words
+from posture_opt.selection.terms.spread import SpreadTerm
 from posture_opt.uncertainty.regions import Ellipsoid
 
 if TYPE_CHECKING:
@@ -118,7 +119,8 @@ def _bound_words(term: Term) -> str:
     low, high = term.bounds()
     sides = [f"at least {stated(low, term.unit)}"] * math.isfinite(low)
     sides += [f"at most {stated(high, term.unit)}"] * math.isfinite(high)
-    return f"{term.kind.replace('_', ' ')} {' and '.join(sides)}".strip()
+    of = f" {PARTS[term.within]}" if isinstance(term, SpreadTerm) else ""
+    return f"{term.kind.replace('_', ' ')}{of} {' and '.join(sides)}".strip()
 
 
 def posture_block(solution: Solution) -> Block:
@@ -132,7 +134,7 @@ def posture_block(solution: Solution) -> Block:
 def nearest_block(solution: Solution) -> Block:
     """The posture that violates the requirements least."""
     table = joint_table(solution.programme.robot, solution.q)
-    return Block("The posture that comes nearest", (table, Facts(tuple(tool_facts(solution.spread)))))
+    return Block("The posture that comes nearest", (table, Facts(tuple(tool_facts(solution.spread)))), figure="arm")
 
 
 def spread_block(solution: Solution) -> Block:

@@ -28,9 +28,10 @@ def length(metres: float, digits: int = 3) -> str:
 
 
 def stated_length(metres: float) -> str:
-    """A length that somebody stated, without digits that he did not write: 10 mm, 0.05 mm, 5 µm."""
+    """A length that somebody stated, 10 mm, 0.05 mm, 5 µm; what is no round number of its unit to three digits."""
     unit, factor = length_unit([metres])
-    return f"{float(f'{metres * factor:.6g}'):g} {unit}"
+    value = float(f"{metres * factor:.9g}")
+    return f"{value:g} {unit}" if float(f"{value:.5g}") == value else f"{number(value)} {unit}"
 
 
 def stated_angle(radians: float) -> str:
@@ -43,6 +44,8 @@ def stated(value: float, unit: str) -> str:
     """A stated number of any SI unit."""
     if unit == "rad":
         return stated_angle(value)
+    if unit == "m/rad":
+        return f"{stated_length(value)} per rad"
     return stated_length(value) if unit == "m" else f"{value:g}"
 
 
@@ -115,10 +118,10 @@ def percent(share: float) -> str:
 def probability(p: float) -> str:
     """A probability of success in words that survive many nines."""
     miss = 1 - p
-    if miss < 1e-12:
-        return "practically always (less than one miss in a million million)"
+    if miss < 1e-6:  # what is left out of the model is likelier than that
+        return "practically always (better than one miss in a million)"
     if miss < 1e-3:
-        decimals = min(12, 1 - math.floor(math.log10(100 * miss)))
+        decimals = 1 - math.floor(math.log10(100 * miss))
         return f"{100 * p:.{decimals}f} % of the time (one miss in {1 / miss:,.0f})"
     return f"{100 * p:.3g} % of the time" if p < 0.99 else f"{100 * p:.2f} % of the time"
 

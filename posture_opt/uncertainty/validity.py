@@ -75,17 +75,20 @@ class Validity:
                 "The first-order ellipse is wrong here: it has no width in a direction in which the tool point does "
                 "move, as in a singular posture. Use the exact covariance."
             )
-        seen = f"curvature index {self.curvature:.2g}, bias {self.bias_mahalanobis:.2g} sigma"
+        seen = f"(curvature index {self.curvature:.2g}, mean shift {self.bias_mahalanobis:.2g} standard deviations; "
         if self.verdict == "good":
-            return f"The first-order ellipse can be trusted here ({seen}; both below {GOOD:g})."
+            return (
+                "The first-order ellipse can be trusted here: errors of this size move the tool point along nearly "
+                f"straight lines {seen}both below {GOOD:g})."
+            )
         if self.verdict == "doubtful":
             return (
-                f"The first-order ellipse is doubtful here ({seen}; {GOOD:g} is the limit): its 95 % region holds "
-                "noticeably less. Use the exact covariance."
+                "The first-order ellipse is doubtful here: the errors bend its narrow axis, and its 95 % region holds "
+                f"noticeably less. Use the exact covariance {seen}{GOOD:g} is the limit)."
             )
         return (
-            f"The first-order ellipse is wrong here ({seen}; {GOOD:g} is the limit): its 95 % region holds far less, "
-            "as the errors bend its narrow axis. Use the exact covariance."
+            "The first-order ellipse is wrong here: the errors bend its narrow axis, and its 95 % region holds far "
+            f"less. Use the exact covariance {seen}{GOOD:g} is the limit)."
         )
 
     def to_json(self) -> dict[str, Any]:
