@@ -1,0 +1,98 @@
+"""An arm set against measurements: what is unknown, how it starts, and the free frames fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.estimation import Estimate, estimate
+from posture_opt.diagnosis.identifiability import identify
+from posture_opt.diagnosis.measurements import Measurements
+from posture_opt.diagnosis.parameters import CalibrationProblem, candidates
+from posture_opt.diagnosis.residuals import Distance, Residuals
+from posture_opt.diagnosis.start import start
+from posture_opt.errors import InputError, Issue
+from posture_opt.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+SIGMA = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
+
+
+def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
+    """The arm of a problem against measurements, and sentences on what was assumed.
+
+    Raises:
+        InputError: measurements of several robots, or distances between points that no row touches.
+    """
+    if len(data.robot_names) > 1:
+        names = ", ".join(data.robot_names)
+        raise InputError(Issue(f"measurements of several robots: {names}", mend="calibrate one robot at a time"))
+    notes = []
+    sigma = problem.measurement.position if problem.measurement is not None else 0.0
+    if not sigma:
+        sigma = SIGMA
+        notes.append(f"no σ of the instrument is stated: {SIGMA * 1e3:g} mm taken")
+    rotation = (problem.measurement.orientation or 0.0) if problem.measurement is not None else 0.0
+    if data.rotation is not None and not rotation:
+        notes.append("orientations are left out: measurement.orientation states no σ for them")
+    used = rotation if data.rotation is not None else 0.0
+    parameters = candidates(problem.robot, data, orientation=used > 0)
+    distances = _distances(problem, data, sigma)
+    return Residuals(problem.robot, data, parameters, sigma, used, distances), tuple(notes)
+
+
+def _distances(problem: CalibrationProblem, data: Measurements, sigma: float) -> tuple[Distance, ...]:
+    """Known distances, each as sure as the instrument (the play of the ball in its socket)."""
+    if data.position is not None:
+        return ()
+    found, issues = [], []
+    for index, (a, b, length) in enumerate(problem.data.distances):
+        missing = [name for name in (a, b) if name not in data.point_names]
+        if missing:
+            mend = f"the points of the data are: {', '.join(data.point_names)}"
+            issues.append(Issue(f"no row touches '{missing[0]}'", ("data", "distances", index), missing[0], mend))
+        else:
+            found.append((data.point_names.index(a), data.point_names.index(b), float(length), sigma))
+    if issues:
+        raise InputError(issues)
+    return tuple(found)
+
+
+def fit_frames(robot: Robot, residuals: Residuals) -> Array:
+    """Deviations (k,) from nominal with only what is free fitted: frames and touched points."""
+    x0 = start(residuals)
+    groups = {"point"} | ({"base"} if robot.base_free else set())
+    groups |= {"tool"} if robot.tool_free else set()
+    found = fit_groups(residuals, x0, groups)
+    return x0 if found is None else found.x
+
+
+def fit_groups(residuals: Residuals, x0: Array, groups: set[str]) -> Estimate | None:
+    """The estimate of the parameters of some groups alone, or ``None`` where there are none."""
+    columns = [i for i, p in enumerate(residuals.parameters) if p.group in groups]
+    if not columns:
+        return None
+    names = [residuals.parameters[i].name for i in columns]
+    part = identify(names, residuals.both(x0)[1][:, columns], len(residuals.data))
+    directions = np.zeros((len(x0), part.rank))
+    directions[columns] = part.directions
+    return estimate(residuals, x0, directions)
+
+
+def held_length(residuals: Residuals) -> int | None:
+    """The length that is held where an arm touches points and no known distance tells its size.
+
+    A smaller arm in a smaller world misses its points by less: left to the fit, the arm would shrink to nothing.
+    The longest one between the second and the last joint is held; what lies before or behind is not the arm's alone.
+    """
+    robot = residuals.robot
+    if residuals.data.position is not None or residuals.distances:
+        return None
+    inner = robot.joint_names[1:-1]
+    lengths = {
+        i: abs(p.nominal)
+        for i, p in enumerate(residuals.parameters)
+        if p.group == "geometry" and p.unit == "m" and p.name.rpartition(".")[0] in inner and p.nominal
+    }
+    return max(lengths, key=lambda i: lengths[i]) if lengths else None

@@ -1,0 +1,145 @@
+"""Nonlinear least squares with honest errors, for any function that returns residuals and Jacobian."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Function = Callable[[Array], tuple[Array, Array]]
+
+MAX_STEPS = 500
+_TOLERANCE = 1e-10  # relative offset at which the residuals are orthogonal to the tangent plane (Bates, Watts 1981)
+_STEP = 1e-14  # relative step at which floating point has nothing left to improve
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The minimum of ``½ |r(x)|²``.
+
+    Args:
+        x: (k,) the estimate.
+        residuals: (m,) there.
+        R: (k, k) triangular factor of the Jacobian there, ``RᵀR = JᵀJ``.
+        variance: residual variance, ``|r|² / (m − k)``.
+        steps: iterations taken.
+        converged: whether the relative offset or the step fell below rounding.
+    """
+
+    x: Array
+    residuals: Array
+    R: Array
+    variance: float
+    steps: int
+    converged: bool
+
+    @property
+    def covariance(self) -> Array:
+        """``s² (JᵀJ)⁻¹`` (k, k)."""
+        inverse = np.linalg.pinv(self.R, rcond=1e-14)
+        return np.asarray(self.variance * inverse @ inverse.T)
+
+    @property
+    def std(self) -> Array:
+        """(k,) standard errors of the estimate."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+def least_squares(function: Function, x0: Array, *, max_steps: int = MAX_STEPS, tolerance: float = _TOLERANCE) -> Fit:
+    """Levenberg-Marquardt on the QR factors of the Jacobian, never on ``JᵀJ``.
+
+    Each step solves ``min |J s + r|² + λ |D s|²`` with ``D`` the largest column norms so far (Moré 1978) and the
+    damping of Nielsen (1999); it ends where ``|Qᵀr| / √k`` is ``tolerance`` of ``|r − QQᵀr| / √(m − k)``.
+    """
+    x = np.array(x0, dtype=float)
+    r, J = function(x)
+    D = np.zeros(len(x))
+    damping, growth = 1e-3, 2.0
+    for step in range(max_steps):
+        R = triangular(np.concatenate([J, r[:, None]], axis=1))
+        R, projected = R[: len(x), :-1], R[: len(x), -1]
+        D = np.maximum(D, np.linalg.norm(J, axis=0))
+        D = np.where(D > 0, D, 1.0)
+        if _at_rest(projected, r, tolerance):
+            return _fit(x, r, R, step, True)
+        while True:
+            move = _damped(R, projected, D, damping)
+            if np.linalg.norm(D * move) <= _STEP * (np.linalg.norm(D * x) + _STEP):
+                return _fit(x, r, R, step, True)
+            with np.errstate(all="ignore"):
+                r_new, J_new = function(x + move)
+            gain = r @ r - r_new @ r_new
+            expected = np.sum(projected**2) - np.sum((projected + R @ move) ** 2)
+            if np.isfinite(gain) and np.all(np.isfinite(J_new)) and gain > 0:
+                break
+            damping, growth = damping * growth, growth * 2
+        ratio = min(float(gain / max(expected, 1e-300)), 1.0)
+        damping, growth = max(damping * max(1 / 3, 1 - float(2 * ratio - 1) ** 3), 1e-15), 2.0
+        x, r, J = x + move, r_new, J_new
+    return _fit(x, r, triangular(J), max_steps, False)
+
+
+def triangular(A: Array) -> Array:
+    """The (k, k) factor ``R`` of ``A = Q R`` (m, k), block by block of rows (Demmel et al. 2012).
+
+    Blocks that fit the cache are faster than one long matrix, and too small for threads to fight over.
+    """
+    m, k = A.shape
+    size = 4 * k
+    while len(A) > 2 * size:
+        whole = len(A) // size * size
+        heads = np.asarray(np.linalg.qr(A[:whole].reshape(-1, size, k), mode="r"))
+        A = np.concatenate([heads.reshape(-1, k), A[whole:]])
+    R = np.linalg.qr(A, mode="r")
+    return np.asarray(np.concatenate([R, np.zeros((max(k - m, 0), k))]))
+
+
+def reduced(J: Array, directions: Array) -> Array:
+    """``J @ directions`` by blocks of rows."""
+    whole = len(J) // 64 * 64
+    blocks = J[:whole].reshape(-1, 64, J.shape[1]) @ directions
+    return np.concatenate([blocks.reshape(whole, directions.shape[1]), J[whole:] @ directions])
+
+
+def _at_rest(projected: Array, r: Array, tolerance: float) -> bool:
+    m, k = len(r), len(projected)
+    inside, total = float(projected @ projected), float(r @ r)
+    if m <= k or total == 0:
+        return total == 0
+    outside = max(total - inside, 0.0)
+    return inside / k <= tolerance**2 * outside / (m - k)
+
+
+def _damped(R: Array, projected: Array, D: Array, damping: float) -> Array:
+    stacked = np.concatenate([R, np.diag(np.sqrt(damping) * D)])
+    target = np.concatenate([-projected, np.zeros(len(D))])
+    return np.asarray(np.linalg.lstsq(stacked / np.tile(D, (len(stacked), 1)), target, rcond=None)[0] / D)
+
+
+def _fit(x: Array, r: Array, R: Array, steps: int, converged: bool) -> Fit:
+    freedom = max(len(r) - len(x), 1)
+    return Fit(x, r, R, float(r @ r) / freedom, steps, converged)
+
+
+def outlying(residuals: Array, J: Array, block: int) -> tuple[NDArray[np.bool_], Array]:
+    """Which rows, of ``block`` residuals each, are gross outliers, and the studentised length (N,) of each row.
+
+    The residuals of row i have the covariance ``s² (I − H_ii)``, ``H = J (JᵀJ)⁻¹ Jᵀ``; ``s`` is taken from the
+    median of ``r_iᵀ (I − H_ii)⁻¹ r_i``, which outliers cannot move far. Gross is what Gaussian residuals would
+    reach once in a thousand samples of this size, and half as much again, as real residuals have longer tails.
+    """
+    from scipy.special import gammainccinv, gammaincinv
+
+    n = len(residuals) // block
+    inverse = np.asarray(np.linalg.pinv(triangular(J), rcond=1e-14), dtype=float)
+    Q = reduced(J, inverse).reshape(n, block, -1)
+    r = residuals.reshape(n, block)
+    leverage = Q @ np.swapaxes(Q, -1, -2)
+    inflated = np.linalg.solve(np.eye(block) * (1 + 1e-9) - leverage, r[..., None])[..., 0]
+    squared = np.maximum(np.einsum("ni,ni->n", r, inflated), 0.0)
+    s2 = max(float(np.median(squared)) / (2 * gammaincinv(block / 2, 0.5)), 1e-300)
+    studentised = np.sqrt(squared / s2)
+    return studentised > 1.5 * np.sqrt(2 * gammainccinv(block / 2, 1e-3 / n)), studentised

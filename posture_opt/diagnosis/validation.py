@@ -1,0 +1,94 @@
+"""Figures of merit of position errors, and the groups of rows that a cross-validation leaves out together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.measurements import Measurements
+
+Array = NDArray[np.float64]
+Codes = NDArray[np.intp]
+By = Literal["pose", "block", "place"]
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Lengths of position errors [m]; ``interval`` is the 95 % bootstrap interval of the RMS over groups of rows."""
+
+    rms: float
+    mean: float
+    max: float
+    p95: float
+    interval: tuple[float, float]
+
+    @classmethod
+    def of(cls, errors: Array, groups: Codes, draws: int = 500) -> Statistics:
+        """Of errors (N, d) [m] whose rows hang together in ``groups`` (N,)."""
+        lengths = np.linalg.norm(errors, axis=1)
+        rms = float(np.sqrt(np.mean(lengths**2)))
+        interval = _bootstrap(lengths**2, groups, draws)
+        return cls(rms, float(lengths.mean()), float(lengths.max()), float(np.quantile(lengths, 0.95)), interval)
+
+    def to_json(self) -> dict[str, object]:
+        """Plain numbers [m]."""
+        return {
+            "rms": self.rms, "mean": self.mean, "max": self.max, "p95": self.p95, "rms_interval95": list(self.interval)
+        }  # fmt: skip
+
+
+def _bootstrap(squares: Array, groups: Codes, draws: int) -> tuple[float, float]:
+    _, group = np.unique(groups, return_inverse=True)
+    total, count = np.bincount(group, squares), np.bincount(group)
+    rng = np.random.default_rng(0)
+    means = []
+    for _ in range(draws):
+        chosen = rng.integers(len(total), size=len(total))
+        means.append(total[chosen].sum() / count[chosen].sum())
+    low, high = np.sqrt(np.quantile(means, [0.025, 0.975]))
+    return float(low), float(high)
+
+
+def groups_of(data: Measurements, by: By, folds: int) -> Codes:
+    """The group (N,) of each row: its pose, its place among touched points, or its block of the workspace.
+
+    The place of a point is its name up to a ``/``: ``front/0`` and ``front/1`` lie in one place.
+    """
+    if by == "place":
+        places = [name.rpartition("/")[0] or name for name in data.point_names]
+        codes = np.unique(places, return_inverse=True)[1]
+        return np.asarray(codes[data.point], dtype=np.intp)
+    if by == "block":
+        assert data.position is not None
+        return _blocks(data.position, folds)
+    return data.pose
+
+
+def _blocks(points: Array, folds: int) -> Codes:
+    """Four blocks a fold, cut along the longest side at the median again and again."""
+    blocks = [np.arange(len(points))]
+    while len(blocks) < 4 * folds:
+        largest = max(range(len(blocks)), key=lambda i: len(blocks[i]))
+        rows = blocks.pop(largest)
+        if len(rows) < 2:
+            blocks.append(rows)
+            break
+        rows = rows[np.argsort(points[rows, np.argmax(np.ptp(points[rows], axis=0))], kind="stable")]
+        blocks += [rows[: len(rows) // 2], rows[len(rows) // 2 :]]
+    codes = np.zeros(len(points), dtype=np.intp)
+    for code, rows in enumerate(blocks):
+        codes[rows] = code
+    return codes
+
+
+def folds_of(groups: Codes, folds: int, by: By, seed: int = 0) -> list[Codes]:
+    """The rows that each fold leaves out: whole groups, shuffled; every place is a fold of its own."""
+    names = np.unique(groups)
+    if by == "place":
+        return [np.flatnonzero(groups == name) for name in names]
+    shuffled = np.random.default_rng(seed).permutation(names)
+    parts = [part for part in np.array_split(shuffled, folds) if len(part)]
+    return [np.flatnonzero(np.isin(groups, part)) for part in parts]
