@@ -167,6 +167,23 @@ class TestText:
         assert "Required spread along the direction at most 5 mm, spread in space at most 1000 mm, " in report
         assert "singularity margin at least 10 mm per rad" in report
 
+    def test_one_unit_in_a_block(self) -> None:
+        # 7 um in one direction, 30 um in the other: each by itself would have a unit of its own.
+        problem = po.problem_from_dict({
+            "robot": {"kind": "preset", "name": "planar_2r"},
+            "uncertainty": {"sigma": {"joint1.theta": "10 urad", "joint2.theta": "6 urad"}},
+            "task": {"kind": "insert", "direction": [0, -1, 0], "position": ["1.4 m", "0.1 m", "0 m"]},
+            "solver": {"kind": "ipopt", "starts": 2},
+        })  # fmt: skip
+        spread = po.propagate(problem, [0.8, -1.5])
+        solution = po.select_posture(problem)
+        assert solution.critical.sigma_max < 1e-5 < solution.spread.ellipse.semi_axes[-1]
+        for report in (text.solution_text(problem, solution), text.spread_text(problem, spread)):
+            block = report.split("\nSpread of the tool point\n")[1]
+            block = block.split("\nCovariance")[0].split("\nError budget")[0]
+            assert " mm" in block
+            assert "µm" not in block.replace("within 0.1 µm", "")
+
     def test_spread_and_cloud(self, solved: tuple[Any, Any]) -> None:
         problem, solution = solved
         spread = text.spread_text(problem, po.propagate(problem, solution.q))

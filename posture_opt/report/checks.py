@@ -29,9 +29,18 @@ def _gain(solution: Solution) -> list[tuple[str, str]]:
     if not (math.isfinite(typical) and math.isfinite(worst)):
         return []
     return [
-        ("Gain", f"{_less(solution.gain_over(typical))} a typical posture that does it too ({length(typical)})"),
-        ("", f"{_less(solution.gain_over(worst))} the worst one that was found ({length(worst)})"),
+        (
+            "Gain",
+            f"{_less(solution.gain_over(typical))} a typical posture that does it too ({_size(solution, typical)})",
+        ),
+        ("", f"{_less(solution.gain_over(worst))} the worst one that was found ({_size(solution, worst)})"),
     ]
+
+
+def _size(solution: Solution, sigma: float, digits: int = 3) -> str:
+    """A scatter, all of the block in the unit of the largest."""
+    evidence = solution.evidence
+    return length(sigma, digits, (solution.critical.sigma_max, evidence.typical, evidence.worst))
 
 
 def _less(gain: float) -> str:
@@ -49,7 +58,7 @@ def _floor(solution: Solution) -> list[tuple[str, str]]:
     lever = f" on a lever of {length(floor.radius, 4)}" if math.isfinite(floor.radius) and floor.radius > 0 else ""
     share = "alone sets it" if floor.share > 0.995 else f"makes {percent(floor.share)} of it"
     source = f"the {source_words(floor.source, robot)}{lever} {share}"
-    return [("Floor", f"{where} no posture can get below {length(floor.sigma)}: {source}"),
+    return [("Floor", f"{where} no posture can get below {_size(solution, floor.sigma)}: {source}"),
             ("", _above(solution.critical.sigma_max / floor.sigma))]  # fmt: skip
 
 
@@ -84,7 +93,7 @@ def _sweep(solution: Solution, sweep: Sweep) -> str:
     # Where something else than the largest scatter is made small, a worse posture may well scatter less.
     better = sigma < answer * (1 - 1e-6)
     found = "less scatter, but not a better posture by what is asked" if better else "nothing better"
-    return f"{text}; found {found} (its best: {length(sigma, 4)})"
+    return f"{text}; found {found} (its best: {_size(solution, sigma, 4)})"
 
 
 def _advice(solution: Solution) -> tuple[str, ...]:

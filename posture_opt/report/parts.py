@@ -114,35 +114,36 @@ def tool_facts(spread: Spread) -> list[tuple[str, str]]:
     ]
 
 
-def ellipse_facts(spread: Spread) -> list[tuple[str, str]]:
+def ellipse_facts(spread: Spread, among: Sequence[float] = ()) -> list[tuple[str, str]]:
     """The 95 % region of the tool point, with the factor that it is drawn with."""
     ellipse = spread.ellipse
     if not ellipse.rank:
         return [(REGIONS[0], "a point: nothing scatters here")]
     along = ", ".join(line_words(a) for a in spread.axes[::-1][: ellipse.rank])
-    half = lengths([float(s) for s in spread.region(0.95)[::-1][: ellipse.rank]])
+    half = lengths([float(s) for s in spread.region(0.95)[::-1][: ellipse.rank]], among=among)
     word = "half length" if ellipse.rank == 1 else "semi-axes"
     factor = f"{ellipse.factor(0.95):.3f} standard deviations"
     return [(REGIONS[ellipse.rank], f"{word} {half} along {along} ({factor})")]
 
 
-def first_order_fact(exact: float, linear: float) -> tuple[str, str]:
+def first_order_fact(exact: float, linear: float, among: Sequence[float] = ()) -> tuple[str, str]:
     """The first-order figure beside the exact one."""
     if exact <= 0:
         return "First order", "none"
     change = linear / exact - 1
     if abs(change) < 5e-4:
-        return "First order", f"{length(linear)}, the same within 0.05 %"
+        return "First order", f"{length(linear, among=among)}, the same within 0.05 %"
     word = "above" if change > 0 else "below"
-    return "First order", f"{length(linear)}, {percent(abs(change))} {word} the exact figure"
+    return "First order", f"{length(linear, among=among)}, {percent(abs(change))} {word} the exact figure"
 
 
-def mean_fact(spread: Spread) -> tuple[str, str]:
+def mean_fact(spread: Spread, among: Sequence[float] = ()) -> tuple[str, str]:
     """How far the mean tool point lies off the nominal one."""
     off = math.sqrt(float(spread.bias @ spread.bias))
     if off < 1e-7:
         return "On average", "the tool point is where it should be, within 0.1 µm"
-    return "On average", f"the tool point is {length(off)} off the nominal one: {shift(list(map(float, spread.bias)))}"
+    vector = shift(list(map(float, spread.bias)), among)
+    return "On average", f"the tool point is {length(off, among=among)} off the nominal one: {vector}"
 
 
 def method_fact(spread: Spread) -> tuple[str, str]:

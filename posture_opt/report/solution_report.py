@@ -141,26 +141,30 @@ def spread_block(solution: Solution) -> Block:
     """How far the tool point scatters, in the part that counts first."""
     spread, critical = solution.spread, solution.critical
     first = solution.basis.T @ spread.covariance_first_order @ solution.basis
-    rows = _critical_rows(solution)
-    rows += ellipse_facts(spread)
-    rows.append(mean_fact(spread))
-    rows.append(first_order_fact(critical.sigma_max, math.sqrt(max(float(np.linalg.eigvalsh(first)[-1]), 0.0))))
+    among = [float(s) for s in spread.ellipse.semi_axes]  # the whole block in one unit
+    rows = _critical_rows(solution, among)
+    rows += ellipse_facts(spread, among)
+    rows.append(mean_fact(spread, among))
+    linear = math.sqrt(max(float(np.linalg.eigvalsh(first)[-1]), 0.0))
+    rows.append(first_order_fact(critical.sigma_max, linear, among))
     rows.append(method_fact(spread))
     return Block("Spread of the tool point", (Facts(tuple(rows)), validity_sentence(spread)), figure="cloud")
 
 
-def _critical_rows(solution: Solution) -> list[tuple[str, str]]:
+def _critical_rows(solution: Solution, among: list[float]) -> list[tuple[str, str]]:
     critical = solution.critical
     m = len(critical.covariance)
     name = {"across": "Across", "along": "Along", "all": "In space"}[critical.within]
-    worst = f"{length(critical.sigma_max)} (one standard deviation) along {line_words(critical.worst_axis)}"
+    largest = length(critical.sigma_max, among=among)
+    worst = f"{largest} (one standard deviation) along {line_words(critical.worst_axis)}"
     rows = [(f"{name}, worst" if m > 1 else name, worst)]
     if critical.within == "across":
-        rows.append(("Along", f"{length(solution.sigma_along)} (one standard deviation); it does not count here"))
+        along = length(solution.sigma_along, among=among)
+        rows.append(("Along", f"{along} (one standard deviation); it does not count here"))
     region = Ellipsoid(np.zeros(m), critical.covariance)
     if critical.within != "all" and region.rank:
         half = [float(s) for s in region.region(0.95)[::-1][: region.rank]]
-        size = f"semi-axes {lengths(half)}" if region.rank == 2 else f"+/- {length(half[0])}"
+        size = f"semi-axes {lengths(half, among=among)}" if region.rank == 2 else f"+/- {length(half[0], among=among)}"
         factor = f"{region.factor(0.95):.3f} standard deviations"
         rows.append((f"{REGIONS[region.rank]} {critical.within}", f"{size} ({factor})"))
     where = {
@@ -168,7 +172,7 @@ def _critical_rows(solution: Solution) -> list[tuple[str, str]]:
         "along": "off the target, along the direction, the mean shift included",
         "all": "off the target",
     }[critical.within]
-    rows.append(("95 of 100 times", f"no more than {length(critical.radius95)} {where}"))
+    rows.append(("95 of 100 times", f"no more than {length(critical.radius95, among=among)} {where}"))
     if solution.success_probability is not None:
         clearance = stated_length(solution.goal.clearance)
         rows.append(("Success", f"within the clearance of {clearance} {probability(solution.success_probability)}"))

@@ -68,7 +68,12 @@ def spread_block(spread: Spread) -> Block:
     )
     headers = ("axis", f"standard deviation [{unit}]", f"first order [{unit}]")
     largest = math.sqrt(max(float(np.linalg.eigvalsh(spread.covariance_first_order)[-1]), 0.0))
-    facts = (*ellipse_facts(spread), mean_fact(spread), first_order_fact(semi_axes[0], largest), method_fact(spread))
+    facts = (
+        *ellipse_facts(spread, semi_axes),
+        mean_fact(spread, semi_axes),
+        first_order_fact(semi_axes[0], largest, semi_axes),
+        method_fact(spread),
+    )
     items = (Table(headers, rows), Facts(facts), validity_sentence(spread))
     return Block("Spread of the tool point", items, figure="cloud")
 

@@ -21,9 +21,9 @@ def number(value: float, digits: int = 3) -> str:
     return f"{value:.{decimals}f}"
 
 
-def length(metres: float, digits: int = 3) -> str:
-    """A length with its unit: 12.3 mm, 4.56 µm."""
-    unit, factor = length_unit([metres])
+def length(metres: float, digits: int = 3, among: Iterable[float] = ()) -> str:
+    """A length with its unit: 12.3 mm, 4.56 µm; in the unit of the lengths that it stands among."""
+    unit, factor = length_unit(among or [metres])
     return f"{number(metres * factor, digits)} {unit}" if math.isfinite(metres) else UNKNOWN
 
 
@@ -55,9 +55,9 @@ def length_unit(metres: Iterable[float]) -> tuple[str, float]:
     return ("µm", 1e6) if _NOTHING < largest < _SMALL else ("mm", 1e3)
 
 
-def lengths(metres: Sequence[float], separator: str = " x ", digits: int = 3) -> str:
+def lengths(metres: Sequence[float], separator: str = " x ", digits: int = 3, among: Iterable[float] = ()) -> str:
     """Lengths that belong together, in one unit: 30.1 x 12.2 mm."""
-    unit, factor = length_unit(metres)
+    unit, factor = length_unit(among or metres)
     texts = [number(value * factor, digits) if abs(value) > _NOTHING else "0" for value in metres]
     return f"{separator.join(texts)} {unit}"
 
@@ -67,9 +67,9 @@ def place(point: Iterable[float]) -> str:
     return f"({', '.join(fixed(value * 1e3) for value in point)}) mm"
 
 
-def shift(vector: Sequence[float]) -> str:
+def shift(vector: Sequence[float], among: Iterable[float] = ()) -> str:
     """A small vector with its unit: (0.12, 0, -0.05) mm."""
-    unit, factor = length_unit(vector)
+    unit, factor = length_unit(among or vector)
     size = max(map(abs, vector), default=0.0)
     # Digits are counted at the longest component: the others to the same place.
     decimals = max(0, 2 - math.floor(math.log10(size * factor))) if size > _NOTHING else 0
