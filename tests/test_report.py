@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
@@ -359,6 +360,21 @@ class TestFigures:
         factor = enlargement(size, 1000.0)
         assert f"{factor:g}".strip("0") in {"1", "2", "5"}
         assert 60 <= factor * size <= 161 or factor == 1  # between a sixteenth and a sixth of the arm
+
+    def test_arm_begins_at_its_base_and_no_label_meets_the_legend(self) -> None:
+        robot = {"kind": "preset", "name": "ur5e", "base": {"xyz": ["1.5 m", "0.5 m", "0.8 m"]}}
+        problem = po.problem_from_dict({"robot": robot, "uncertainty": {"repeatability": "0.03 mm"}})
+        for q in ([0.3, -1.8, -1.6, 1.3, 0.2, 0.0], [2.0, -1.0, 1.2, 0.0, 1.0, 0.0]):
+            drawn = figures.plot_spread(po.propagate(problem, q))
+            (arm,) = [line for line in drawn.axes[0].get_lines() if line.get_label() == "arm"]
+            assert [float(c[0]) for c in arm.get_data_3d()] == pytest.approx([1500, 500, 800])
+            canvas = FigureCanvasAgg(drawn)
+            canvas.draw()
+            canvas.draw()  # the axes of a figure in space are placed while they are drawn
+            legend = drawn.legends[0].get_window_extent(canvas.get_renderer())
+            axes: Any = drawn.axes[0]
+            for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+                assert not legend.overlaps(axis.label.get_window_extent(canvas.get_renderer()))
 
     def test_stated_factor_is_the_drawn_one(self, planar: tuple[Any, Any]) -> None:
         _, solution = planar

@@ -78,6 +78,11 @@ def legend_below(axes: Axes, columns: int = 2) -> None:
     axes.figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
 
 
+def legend_above(axes: Axes, columns: int = 2) -> None:
+    """The legend over the axes: in space the labels of the axes hang out of them below."""
+    axes.figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=columns)
+
+
 def image(figure: Figure, kind: str) -> bytes:
     """The figure as the bytes of a ``png`` (150 dpi) or ``svg`` file; the same figure gives the same bytes."""
     from matplotlib import rc_context

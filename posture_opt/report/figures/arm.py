@@ -11,7 +11,17 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from posture_opt.report.style import BLUE, GREY, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.style import (
+    BLUE,
+    GREY,
+    LIGHT,
+    ORANGE,
+    VERMILLION,
+    legend_above,
+    legend_below,
+    new_figure,
+    styled,
+)
 from posture_opt.report.words import REGIONS, line_words
 
 if TYPE_CHECKING:
@@ -46,7 +56,9 @@ class Skeleton:
         robot = tool_point.robot
         reached, _ = tool_point.walk([float(v) for v in q])
         origins = np.array([screw.origin for screw in reached.screws] + [reached.position], dtype=float) * 1e3
-        keep = [0, *(k for k in range(1, len(origins)) if np.linalg.norm(origins[k] - origins[k - 1]) > 1e-6)]
+        start = len(robot.base)  # the way from the world's origin to the base is no link
+        moved = [k for k in range(start + 1, len(origins)) if np.linalg.norm(origins[k] - origins[k - 1]) > 1e-6]
+        keep = [start, *moved]
         slides = tuple(joint.type == "prismatic" for joint in robot.joints)
         return cls(origins[keep], origins[list(robot.driven)], slides)
 
@@ -181,9 +193,9 @@ def _space(spread: Spread, goal: Goal | None, skeleton: Skeleton, factor: float)
     axes.plot(*tool[:, None], "o", color="black", ms=4.5, zorder=7, label="tool point")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    axes.set_box_aspect(tuple(high - low), zoom=1.08)
+    axes.set_box_aspect(tuple(high - low), zoom=0.98)
     _look(axes, skeleton)
-    legend_below(axes, 3)
+    legend_above(axes, 3)
     return figure
 
 
