@@ -22,6 +22,7 @@ from posture_opt.report.style import image
 from posture_opt.report.words import roll_pitch_yaw, source_words
 from posture_opt.report.write import OWN_FILES, cloud_files, solution_files, spread_files, write_solution
 from posture_opt.uncertainty.cloud import cloud_of
+from tests.helpers import factors
 from tests.helpers.fresh import loaded_by
 
 DOWN = {"kind": "insert", "direction": [0, 0, -1]}
@@ -167,6 +168,20 @@ class TestText:
         report = " ".join(text.solution_text(problem, po.select_posture(problem)).split())
         assert "Required spread along the direction at most 5 mm, spread in space at most 1000 mm, " in report
         assert "singularity margin at least 10 mm per rad" in report
+
+    def test_another_criterion_than_the_scatter_and_the_lean_are_told(self) -> None:
+        task = {"kind": "drill", "direction": [0, 0, -1], "position": ["0.5 m", "0.2 m", "0.2 m"], "tilt": "5 deg",
+                "clearance": "0.05 mm", "criterion": "miss"}  # fmt: skip
+        problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur5e"}, "task": task,
+                                        "solver": {"kind": "ipopt", "starts": 2}})  # fmt: skip
+        solution = po.select_posture(problem)
+        report = " ".join(text.solution_text(problem, solution).split())
+        ranked = "Postures are ranked by the probability to miss the clearance; the scatter told of them here is the"
+        assert report.count(ranked) >= 1
+        found = re.search(r"Tool leans ([\d.]+) deg off the direction; 5 deg is allowed", report)
+        assert found
+        axis = factors.pose(problem.robot, solution.q)[:3, 2]
+        assert float(found[1]) == pytest.approx(math.degrees(math.acos(-axis[2])), abs=0.006)  # two decimals
 
     def test_one_unit_in_a_block(self) -> None:
         # 7 um in one direction, 30 um in the other: each by itself would have a unit of its own.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Block, Facts
 from posture_opt.report.units_text import count, length, number, percent
-from posture_opt.report.words import source_words
+from posture_opt.report.words import CRITERIA, PARTS, source_words
 
 if TYPE_CHECKING:
     from posture_opt.selection.solution import Solution
@@ -21,7 +21,17 @@ def checks_block(solution: Solution) -> Block:
     """Gain, floor, evidence that no better posture was missed, time."""
     rows = [*_gain(solution), *_floor(solution), *_evidence(solution)]
     rows.append(("Time", f"{solution.evidence.seconds:.2f} s"))
-    return Block("Checks", (Facts(tuple(rows)), *_advice(solution)))
+    return Block("Checks", (*ranking_sentence(solution), Facts(tuple(rows)), *_advice(solution)))
+
+
+def ranking_sentence(solution: Solution) -> tuple[str, ...]:
+    """By what postures are ranked where it is not the scatter that is told of them."""
+    task = solution.programme.task
+    if task.criterion == "worst" and not task.minimize:
+        return ()
+    asked = " and ".join([CRITERIA[task.criterion].format(part=PARTS[task.within]), *(t.kind for t in task.minimize)])
+    told = f"the largest standard deviation {PARTS[task.within]}"
+    return (f"Postures are ranked by {asked.replace('_', ' ')}; the scatter told of them here is {told}.",)
 
 
 def _gain(solution: Solution) -> list[tuple[str, str]]:

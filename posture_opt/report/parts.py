@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from posture_opt.report.blocks import Table
 from posture_opt.report.units_text import fixed, joint_value, length, lengths, number, percent, place, shift
 from posture_opt.report.words import (
@@ -112,6 +114,14 @@ def tool_facts(spread: Spread) -> list[tuple[str, str]]:
         ("Tool point", f"{place(spread.position)} in the world"),
         ("Tool turned", f"roll, pitch, yaw = {angles} deg"),
     ]
+
+
+def lean(spread: Spread, tool_axis: Vector, direction: Vector) -> float:
+    """The angle [rad] between the tool's axis (3,), tool frame, and a unit direction (3,), world frame."""
+    w, v = spread.quaternion_wxyz[0], np.asarray(spread.quaternion_wxyz[1:], dtype=float)
+    a, d = np.asarray(tool_axis, dtype=float), np.asarray(direction, dtype=float)
+    turned = a + 2 * np.cross(v, np.cross(v, a) + w * a)
+    return math.atan2(float(np.linalg.norm(np.cross(turned, d))), float(turned @ d))
 
 
 def ellipse_facts(spread: Spread, among: Sequence[float] = ()) -> list[tuple[str, str]]:

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Table
-from posture_opt.report.checks import checks_block
+from posture_opt.report.checks import checks_block, ranking_sentence
 from posture_opt.report.parts import (
     budget_table,
     ellipse_facts,
     first_order_fact,
     frame_notes,
     joint_table,
+    lean,
     mean_fact,
     method_fact,
     note_facts,
@@ -126,6 +127,11 @@ def _bound_words(term: Term) -> str:
 def posture_block(solution: Solution) -> Block:
     """The joints, the tool, and where the workpiece goes."""
     facts = tool_facts(solution.spread)
+    goal, programme = solution.goal, solution.programme
+    if goal.tilt and programme.axis_rows:
+        leaning = math.degrees(lean(solution.spread, programme.task.tool_axis, goal.direction))
+        allowed = f"{math.degrees(goal.tilt):.6g} deg is allowed"
+        facts.append(("Tool leans", f"{fixed(leaning)} deg off the direction; {allowed}"))
     if solution.goal.kind != "point":
         facts = [("Workpiece", f"put it where the target comes to lie at {place(solution.spread.position)}"), *facts]
     return Block("Posture", (joint_table(solution.programme.robot, solution.q), Facts(tuple(facts))), figure="arm")
@@ -204,7 +210,8 @@ def alternatives_block(solution: Solution) -> Block:
         row += [fixed(a.posture[j.name] * joint_unit(j.type)[1], 1) for j in joints]
         row += [fixed(1e3 * float(v), 1) for v in a.position] if free else []
         rows.append(tuple(row))
-    return Block("Alternatives", (Table(tuple(headers), tuple(rows)),), figure="joint_map")
+    table = Table(tuple(headers), tuple(rows))
+    return Block("Alternatives", (*ranking_sentence(solution), table), figure="joint_map")
 
 
 def _more(sigma: float, best: float) -> str:
