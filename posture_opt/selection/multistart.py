@@ -20,7 +20,7 @@ from posture_opt.selection.solvers import Outcome, Polish, Solver
 Floats = np.ndarray
 Progress = Callable[[int, int], None]
 
-_OVERSAMPLING = 2
+_OVERSAMPLING = 3
 _EFFORT = 80
 _RETRIES = (1, 4, 16)
 _DISTINCT = math.radians(5.0)

@@ -231,8 +231,9 @@ class PostureSelector:
     def _collisions(self) -> tuple[str, ...]:
         if self._problem.robot.n < 3:
             return ()
-        low = "" if any(term.kind == "link_height" for term in self.task.subject_to) else _LINK_HEIGHT
-        return (f"Collisions are not checked.{low}",)
+        tipped = any(f.kind == "rotate" and f.axis != 2 and abs(f.nominal) > 1e-6 for f in self._problem.robot.base)
+        asked = any(term.kind == "link_height" for term in self.task.subject_to)
+        return (f"Collisions are not checked.{'' if tipped or asked else _LINK_HEIGHT}",)
 
     def _alternatives(self, programme: Programme, goal: Goal, optima: Sequence[Candidate]) -> tuple[Alternative, ...]:
         Q = np.array([c.q for c in optima[:_MOST_ALTERNATIVES]])
