@@ -8,6 +8,8 @@
                                         problem ─ PostureSelector              built once, solved again and again
                                         problem ─ SpreadFunction               covariances of many postures
                                         problem ─ Arm.from_problem             CasADi expressions of one's own
+    data.csv ───── read_measurements ─> data
+    problem, data ─ calibrate ────────> calibration  the parameters of the arm, with what the data determine
 
 Inside everything is SI and radians. Wrong input raises ``errors.InputError``, an unsolvable problem
 ``errors.NoSolutionError``; all exceptions derive from ``errors.PostureOptError``.
@@ -20,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from posture_opt import errors
+    from posture_opt.diagnosis.calibration import Calibration, calibrate
     from posture_opt.diagnosis.measurements import Measurements
     from posture_opt.diagnosis.reading import read_measurements
     from posture_opt.model.arm import Arm
@@ -33,10 +36,12 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Arm",
+    "Calibration",
     "Measurements",
     "PostureSelector",
     "SpreadFunction",
     "__version__",
+    "calibrate",
     "errors",
     "load_problem",
     "problem_from_dict",
@@ -49,9 +54,11 @@ __all__ = [
 _HOMES = {
     # A name is imported when it is first used: `import posture_opt` and `--help` need none of CasADi.
     "Arm": "model.arm",
+    "Calibration": "diagnosis.calibration",
     "Measurements": "diagnosis.measurements",
     "PostureSelector": "selection.selector",
     "SpreadFunction": "uncertainty.spread_function",
+    "calibrate": "diagnosis.calibration",
     "load_problem": "problem.load",
     "problem_from_dict": "problem.load",
     "propagate": "uncertainty.spread",
