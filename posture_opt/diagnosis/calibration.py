@@ -133,13 +133,14 @@ def calibrate(
     identifiability = identify(names, J, len(data), held)
     if held is not None:
         notes = (*notes, SIZE.format(names[held]))
-    _check_amount(len(r), identifiability, len(np.unique(data.pose)))
+    _check_amount(len(r), identifiability, len(np.unique(data.pose)), len(np.unique(groups)))
     prior, directions, fixed = _with_priors(problem, residuals, identifiability, J, held, priors)
     found = estimate(residuals, x_nominal, directions, prior)
     rows = _Rows(groups, groups_by, folds, found.kept)
     nominal_errors, _ = _validated(problem, residuals, rows, None, prior)
     errors, inside = _validated(problem, residuals, rows, directions, prior, found.fit.x)
     gone = np.flatnonzero(~found.kept)
+    notes += ("base and tool are fitted again to the test file",) * (test is not None and refit_frames)
     return Calibration(
         parameters=residuals.parameters,
         x_nominal=x_nominal,
@@ -171,12 +172,12 @@ class _Rows:
     kept: NDArray[np.bool_]
 
 
-def _check_amount(count: int, identifiability: Identifiability, poses: int) -> None:
-    if count <= identifiability.rank:
+def _check_amount(count: int, identifiability: Identifiability, poses: int, groups: int) -> None:
+    if count <= identifiability.rank or groups < 2:
         need = identifiability.rank
         raise InsufficientDataError(
-            f"{count} measured coordinates in {poses} poses cannot determine {need} parameters and their errors: "
-            f"measure at least {int(np.ceil(need / 3)) + 5} poses spread over the workspace"
+            f"{count} measured coordinates in {poses} pose{'s' * (poses != 1)} cannot determine {need} parameters "
+            f"and their errors: measure at least {int(np.ceil(need / 3)) + 5} poses spread over the workspace"
         )
 
 

@@ -13,6 +13,7 @@ from posture_opt.diagnosis.residuals import Residuals
 Array = NDArray[np.float64]
 
 _ROUNDS = 8  # of leaving out and taking back outliers; on real data two or three settle it
+_FAIR = 0.01  # of the weight of a prior: it settles faster than its own uncertainty matters
 _OFFSET = 1e-3  # of a standard error: how near to the minimum is near enough
 
 
@@ -71,8 +72,10 @@ def estimate(
         rows = n * residuals.block
         gross, studentised = outlying(r[:rows], reduced(J[:rows], directions), residuals.block)
         gross = gross if robust else np.zeros(n, dtype=bool)
-        settled = np.array_equal(~gross, kept) and (prior is None or weight > 0)
-        kept, weight = ~gross, np.sqrt(found.variance) if prior is not None else 0.0
+        # A prior that was weighed with the variance of a fit to outliers would be many times too sure of itself.
+        fair = np.sqrt(found.variance) if prior is not None else 0.0
+        settled = np.array_equal(~gross, kept) and abs(weight - fair) <= _FAIR * fair
+        kept, weight = ~gross, fair
         if settled:
             break
     covariance = directions @ found.covariance @ directions.T

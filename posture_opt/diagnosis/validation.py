@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.measurements import Measurements
+from posture_opt.errors import InputError, Issue
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.intp]
@@ -56,13 +57,20 @@ def groups_of(data: Measurements, by: By, folds: int) -> Codes:
     """The group (N,) of each row: its pose, its place among touched points, or its block of the workspace.
 
     The place of a point is its name up to a ``/``: ``front/0`` and ``front/1`` lie in one place.
+
+    Raises:
+        InputError: places of measured positions, or blocks of touched points.
     """
+    if by == "place" and data.position is not None:
+        raise InputError(Issue("no point is touched whose place could be left out", mend="leave out by pose or block"))
+    if by == "block" and data.position is None:
+        raise InputError(Issue("no positions are measured to be cut into blocks", mend="leave out by place or pose"))
     if by == "place":
         places = [name.rpartition("/")[0] or name for name in data.point_names]
         codes = np.unique(places, return_inverse=True)[1]
         return np.asarray(codes[data.point], dtype=np.intp)
     if by == "block":
-        assert data.position is not None
+        assert data.position is not None  # refused above
         return _blocks(data.position, folds)
     return data.pose
 
