@@ -21,6 +21,7 @@ from posture_opt.nearest import nearest
 
 COMMANDS = {
     # name -> one line for --help; each is the function `command` of the file of its name
+    "calibrate": "What measurements say about the parameters of the arm.",
     "export": "Write the covariance of the tool point as C code.",
     "list": "List tasks, effects, presets, solvers, terms and built-in problems.",
     "new": "Print a commented problem file to start from.",

@@ -9,6 +9,7 @@ from posture_opt.report.blocks import Block, Facts, Report, Table
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
+    from posture_opt.report.calibration_report import Learned
     from posture_opt.selection.solution import Solution
     from posture_opt.uncertainty.cloud import Cloud
     from posture_opt.uncertainty.spread import Spread
@@ -42,6 +43,13 @@ def cloud_text(problem: Problem, cloud: Cloud) -> str:
     from posture_opt.report.cloud_report import cloud_report
 
     return render(cloud_report(problem, cloud))
+
+
+def calibration_text(problem: Problem, learned: Learned) -> str:
+    """The report on a calibration: errors before and after, parameters, what the data leave open."""
+    from posture_opt.report.calibration_report import calibration_report
+
+    return render(calibration_report(problem, learned))
 
 
 def render(report: Report) -> str:

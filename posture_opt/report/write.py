@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from posture_opt.problem.problem import Problem
+    from posture_opt.report.calibration_report import Learned
     from posture_opt.selection.solution import Solution
     from posture_opt.uncertainty.cloud import Cloud
     from posture_opt.uncertainty.spread import Spread
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 Files = dict[str, bytes]
 
 FIGURES = ("arm", "cloud", "budget", "joint_map")
-DOCUMENTS = ("solution.json", "spread.json", "report.txt", "report.html")
+DOCUMENTS = ("solution.json", "spread.json", "calibration.json", "report.txt", "report.html")
 OWN_FILES = frozenset((*DOCUMENTS, "cloud.csv", *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg"))))
 """Every name that a report's files may have: of an earlier run they would speak of another problem."""
 
@@ -41,6 +42,14 @@ def write_spread(folder: Path, problem: Problem, spread: Spread, plots: bool = T
 def write_cloud(folder: Path, problem: Problem, cloud: Cloud, plots: bool = True) -> None:
     """Writes the files of a simulation into ``folder``, which exists."""
     _write(folder, cloud_files(problem, cloud, plots))
+
+
+def write_calibration(folder: Path, problem: Problem, learned: Learned) -> None:
+    """Writes the files of a calibration into ``folder``, which exists: calibration.json and the report."""
+    from posture_opt.report.calibration_report import calibration_report
+
+    document = learned.calibration.to_json()
+    _write(folder, _files("calibration", document, calibration_report(problem, learned), {}, problem))
 
 
 def solution_files(problem: Problem, solution: Solution, plots: bool = True) -> Files:

@@ -1,0 +1,68 @@
+"""``optimize-posture calibrate``: the parameters of the arm from measurements, and what they bring."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+import posture_opt as po
+from posture_opt.cli.options import Common, common_options, problem_options
+from posture_opt.cli.output import output_folder, show
+from posture_opt.cli.request import placed, requested_problem
+
+_MANY = 1000  # rows: fewer are done before anybody wonders
+
+
+@click.command("calibrate")
+@click.argument("data", type=click.Path(path_type=Path), metavar="DATA.csv")
+@problem_options
+@click.option(
+    "--test", type=click.Path(path_type=Path), metavar="OTHER.csv", help="Other measurements, to be predicted."
+)
+@click.option("--refit-frames", is_flag=True, help="Fit base and tool again to the test file.")
+@click.option("--no-priors", is_flag=True, help="Let the σ's of the problem file not count as knowledge.")
+@click.option(
+    "--by",
+    type=click.Choice(["pose", "block", "place"]),
+    help="What the cross-validation leaves out together: a pose, a block of the workspace, a touched place.",
+)
+@click.option("--folds", type=click.IntRange(min=2), default=5, show_default=True, help="Of the cross-validation.")
+@common_options
+def command(
+    common: Common, data: Path, test: Path | None, refit_frames: bool, no_priors: bool, by: Any, folds: int,
+    **given: Any,
+) -> None:  # fmt: skip
+    """What the simulation gets wrong, and the parameters of the arm that the measurements determine."""
+    if refit_frames and test is None:
+        raise click.UsageError("--refit-frames goes with --test.")
+    problem = requested_problem(**given)
+    with output_folder(common.out) as folder, placed(problem):
+        measured = po.read_measurements(data, problem)
+        other = None if test is None else po.read_measurements(test, problem)
+        _announce(common, len(measured))
+        found = po.calibrate(
+            problem, measured, priors=not no_priors, folds=folds, by=by, test=other, refit_frames=refit_frames
+        )
+        from posture_opt.report.calibration_report import Learned
+
+        learned = Learned(measured, found, folds, not no_priors, other, refit_frames)
+        if folder is not None:
+            from posture_opt.report.write import write_calibration
+
+            write_calibration(folder, problem, learned)
+
+    def text() -> str:
+        from posture_opt.report.text import calibration_text
+
+        return calibration_text(problem, learned)
+
+    show(common, found.to_json, text)
+
+
+def _announce(common: Common, rows: int) -> None:
+    """A word on a terminal where the fit takes a while."""
+    if rows >= _MANY and not common.quiet and sys.stderr.isatty():
+        click.echo(f"calibrating with {rows} rows …", err=True)

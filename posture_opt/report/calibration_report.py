@@ -1,0 +1,186 @@
+"""The report on a calibration: what the simulation gets wrong, and what the measurements say about the arm."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.diagnosis.parameters import Parameter, prior_covariance
+from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.parts import note_facts, robot_facts, sentence
+from posture_opt.report.units_text import count, fixed, number, percent, stated_length
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.calibration import Calibration
+    from posture_opt.diagnosis.measurements import Measurements
+    from posture_opt.diagnosis.validation import Statistics
+    from posture_opt.problem.problem import Problem
+
+_LISTED = 20
+_LEFT_OUT = {
+    "pose": "its pose",
+    "block": "its block of the workspace",
+    "place": "the place that it touches",
+}
+_NOMINAL, _CALIBRATED = "as it stands", "calibrated"
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """A calibration with what it was made from."""
+
+    data: Measurements
+    calibration: Calibration
+    folds: int = 5
+    priors: bool = True
+    test: Measurements | None = None
+    refit_frames: bool = False
+
+
+def calibration_report(problem: Problem, learned: Learned) -> Report:
+    """Data, errors before and after, parameters, what is not determined, outliers, test file."""
+    blocks = (
+        data_block(problem, learned),
+        errors_block(problem, learned),
+        parameters_block(problem, learned),
+        undetermined_block(learned.calibration),
+        outliers_block(learned),
+        *([test_block(learned)] if learned.test is not None else []),
+    )
+    return Report(problem.name or "Calibration", (_answer(learned.calibration),), blocks)
+
+
+def _answer(found: Calibration) -> str:
+    before, after = (_mm(s.rms) for s in (found.nominal, found.calibrated))
+    if found.calibrated.rms >= found.nominal.rms:
+        return f"Calibration does not help: position errors of {before} mm RMS become {after} mm."
+    return f"Calibration takes the position errors from {before} mm to {after} mm RMS where it has not seen the data."
+
+
+def data_block(problem: Problem, learned: Learned) -> Block:
+    """The file, its rows, the instrument, and what looks odd."""
+    data = learned.data
+    facts = [
+        ("File", Path(data.file).name or "table"),
+        ("Rows", f"{len(data)} in {count(len(np.unique(data.pose)), 'pose')}"),
+        *([("Targets", ", ".join(data.target_names))] if len(data.target_names) > 1 else []),
+        ("Instrument", _instrument(problem, data)),
+    ]
+    notes = note_facts((*data.warnings, *problem.notes, *learned.calibration.notes))
+    return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
+
+
+def _instrument(problem: Problem, data: Measurements) -> str:
+    if data.position is None:
+        return f"none: the arm touches {count(len(data.point_names), 'fixed point')}"
+    sigma = problem.measurement.position if problem.measurement is not None else 0.0
+    return f"{stated_length(sigma)} (one standard deviation of a coordinate)" if sigma else "no accuracy is stated"
+
+
+def errors_block(problem: Problem, learned: Learned) -> Block:
+    """Position errors before and after, cross-validated."""
+    found = learned.calibration
+    how = f"Every row is predicted by an arm that was fitted without {_LEFT_OUT[found.by]}"
+    rounds = min(learned.folds, len(np.unique(learned.data.pose)))
+    how += "." if found.by == "place" else f", in {rounds} rounds."
+    free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
+    frames = f" As it stands, the arm has only its free {' and '.join(free)} fitted." if free else ""
+    inside = f"{percent(found.coverage['calibrated'])} of the rows lie inside the predicted 95 % region."
+    gone = f" {count(len(found.outliers), 'outlier is', 'outliers are')} not counted." if found.outliers else ""
+    table = statistics_table({_NOMINAL: found.nominal, _CALIBRATED: found.calibrated})
+    text = f"{how}{frames} The interval holds the RMS with 95 % confidence.{gone}"
+    return Block("What the simulation gets wrong", (text, table, inside))
+
+
+def statistics_table(rows: dict[str, Statistics]) -> Table:
+    """Lengths of position errors in mm."""
+    headers = ("position error [mm]", "RMS", "interval of RMS", "mean", "95 % below", "max")
+    texts = tuple((name, _mm(s.rms), _interval(s), _mm(s.mean), _mm(s.p95), _mm(s.max)) for name, s in rows.items())
+    return Table(headers, texts)
+
+
+def _interval(s: Statistics) -> str:
+    low, high = (value * 1e3 for value in s.interval)
+    decimals = _decimals(high, 3)
+    return f"{fixed(low, decimals)} to {fixed(high, decimals)}"
+
+
+def _mm(metres: float) -> str:
+    return number(metres * 1e3)
+
+
+def parameters_block(problem: Problem, learned: Learned) -> Block:
+    """Every parameter of the arm: nominal value, estimate and standard error, prior."""
+    found = learned.calibration
+    rows, covariance = prior_covariance(problem, found.parameters) if learned.priors else ([], np.zeros((0, 0)))
+    prior = dict(zip(rows, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    shown = [i for i, p in enumerate(found.parameters) if p.group != "point"]
+    headers = ("parameter", "unit", "determined", "nominal", "estimate", "std. error", "change", "prior")
+    width = len(headers) if prior else len(headers) - 1
+    cells = tuple(_parameter_row(found, i, prior.get(i))[:width] for i in shown)
+    table = Table(headers[:width], cells, text_columns=3)
+    points = (len(found.parameters) - len(shown)) // 3
+    extra = [f"Besides, the places of {count(points, 'touched point')} are fitted."] if points else []
+    text = "Estimates with one standard error" + ("; the prior is the stated σ." if prior else "; no priors.")
+    return Block("Parameters", (text, table, *extra))
+
+
+def _parameter_row(found: Calibration, i: int, prior: float | None) -> tuple[str, ...]:
+    p, std = found.parameters[i], float(found.std[i])
+    unit, factor = _unit(p)
+    believed = "" if prior is None else number(prior * factor)
+    if not found.fixed[i]:
+        return p.name, unit, "no", fixed(p.nominal * factor, 3), "", "", "", believed
+    decimals = _decimals(std * factor)
+    values = (fixed(value * factor, decimals) for value in (p.nominal, p.nominal + found.x[i], std, found.x[i]))
+    nominal, estimate, error, change = values
+    how = "yes" if found.identifiability.determined[i] else "with prior"
+    return p.name, unit, how, nominal, estimate, error, change, believed
+
+
+def _unit(parameter: Parameter) -> tuple[str, float]:
+    return ("deg", math.degrees(1.0)) if parameter.unit == "rad" else ("mm", 1e3)
+
+
+def _decimals(value: float, digits: int = 2) -> int:
+    """So many that this many digits of ``value`` are shown."""
+    return min(max(digits - 1 - math.floor(math.log10(value)), 0), 7) if value > 0 else 3
+
+
+def undetermined_block(found: Calibration) -> Block:
+    """The combinations of parameters that no fit to these data can tell."""
+    known = found.identifiability
+    size = f"The data determine {known.rank} of {count(len(found.parameters), 'unknown')}"
+    words = [sentence(text) for text in known.words]
+    helped = [p.name for p, k, d in zip(found.parameters, found.fixed, known.determined, strict=True) if k and not d]
+    by_prior = [f"With the stated σ's as priors these are settled too: {', '.join(helped)}."] if helped else []
+    condition = Facts((("Condition", f"{number(known.condition)} (largest over smallest singular value)"),))
+    left = [f"{size}; what they leave open:" if words else f"{size}: nothing is left open."]
+    return Block("What the data do not determine", (*left, *words, *by_prior, condition))
+
+
+def outliers_block(learned: Learned) -> Block:
+    """Rows that were left out of the fit, with their lines."""
+    found = learned.calibration
+    if not found.outliers:
+        return Block("Outliers", ("No row stands out.",))
+    sizes = np.linalg.norm(found.errors[list(found.outliers)], axis=1)
+    rows = tuple((str(line), _mm(float(size))) for line, size in zip(found.lines, sizes, strict=True))
+    more = [f"and {len(rows) - _LISTED} more"] if len(rows) > _LISTED else []
+    gone = "1 row was left out of the fit" if len(rows) == 1 else f"{len(rows)} rows were left out of the fit"
+    text = f"{gone} of {Path(learned.data.file).name or 'the table'}: far more off than the others explain."
+    return Block("Outliers", (text, Table(("line", "off by [mm]"), rows[:_LISTED], text_columns=0), *more))
+
+
+def test_block(learned: Learned) -> Block:
+    """Another file, predicted by what this one taught."""
+    assert learned.test is not None
+    how = "base and tool fitted again to it" if learned.refit_frames else "nothing fitted to it"
+    text = f"{Path(learned.test.file).name or 'table'}, {count(len(learned.test), 'row')}: {how}."
+    named = {"nominal": _NOMINAL, "calibrated": _CALIBRATED}
+    table = statistics_table({named[name]: statistics for name, statistics in learned.calibration.test.items()})
+    return Block("Test file", (text, table))
