@@ -199,7 +199,11 @@ def _with_priors(
 
 
 def _validated(
-    problem: CalibrationProblem, residuals: Residuals, rows: _Rows, directions: Array | None, prior: Prior | None,
+    problem: CalibrationProblem,
+    residuals: Residuals,
+    rows: _Rows,
+    directions: Array | None,
+    prior: Prior | None,
     near: Array | None = None,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Errors (N, 3) [m] of every row by a model that has not seen its group, and whether they were to be expected."""
