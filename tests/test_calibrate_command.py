@@ -132,8 +132,18 @@ def test_json_is_the_document_alone_and_priors_can_be_turned_off(folder: Path) -
 def test_frames_fitted_again_are_told(folder: Path) -> None:
     words = [folder / "data.csv", "--problem", folder / "problem.yaml", "--test", folder / "other.csv"]
     told = run(*words, "--refit-frames")
+    assert "--refit-frames" not in run(*words).stdout
     assert "base and tool fitted again to it" in told.stdout
     assert any("fitted again" in note for note in json.loads(run(*words, "--refit-frames", "--json").stdout)["notes"])
+
+
+def test_an_instrument_that_was_moved_is_suspected(folder: Path, tmp_path: Path) -> None:
+    q = np.random.default_rng(4).uniform(-2.5, 2.5, (20, 2))
+    write(tmp_path / "moved.csv", q, position(q, (1.0, 1.0 + LONGER)) + np.array([0.1, 0.0]))
+    words = [folder / "data.csv", "--problem", folder / "problem.yaml", "--test", tmp_path / "moved.csv"]
+    assert "--refit-frames fits base and tool again" in run(*words).stdout
+    again = json.loads(run(*words, "--refit-frames", "--json").stdout)
+    assert again["test"]["calibrated"]["rms"] < NOISE  # the test file has no noise: what is left is the estimate's
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
 
 _LISTED = 20
+_ELSEWHERE = 20  # times the errors at home: no arm drifts that far
 _LEFT_OUT = {
     "pose": "its pose",
     "block": "its block of the workspace",
@@ -183,4 +184,7 @@ def test_block(learned: Learned) -> Block:
     text = f"{Path(learned.test.file).name or 'table'}, {count(len(learned.test), 'row')}: {how}."
     named = {"nominal": _NOMINAL, "calibrated": _CALIBRATED}
     table = statistics_table({named[name]: statistics for name, statistics in learned.calibration.test.items()})
-    return Block("Test file", (text, table))
+    test, own = learned.calibration.test["calibrated"].rms, learned.calibration.calibrated.rms
+    moved = not learned.refit_frames and test > _ELSEWHERE * own
+    hint = "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."
+    return Block("Test file", (text, table, *([hint] if moved else [])))
