@@ -214,8 +214,7 @@ def _search_once(
     Q, tried = feasible_starts(engine, goal, starts, rng)
     if not len(Q):
         return Search(goal, (), Sampled.none(engine.programme.robot), 0, tried, 0)
-    goal = scaled(engine, goal, Q)
-    objective, violation, sigma = engine.screened(Q, goal)
+    goal, objective, violation, sigma = _scaled(engine, goal, Q)
     order = np.lexsort((objective, np.where(violation <= ROW_TOLERANCE, 0.0, violation)))
     first = order[_spread_out(Q[order], polish)]
     chosen = [Candidate(Q[k], float(objective[k]), float(violation[k]), float(sigma[k])) for k in first]
@@ -262,13 +261,16 @@ def _polish_there(recipe: Recipe, chosen: Sequence[Candidate], goal: Goal) -> li
     return _serial(Engine.build(recipe), chosen, goal)
 
 
-def scaled(engine: Engine, goal: Goal, Q: Floats) -> Goal:
-    """The goal with the median variance of the postures as the scale of the objective."""
-    if engine.programme.task.criterion == "miss":
-        return goal
-    variances = engine.screen(Q, replace(goal, scale=1.0).parameters())[2][:, 0]
-    middle = median(variances)
-    return replace(goal, scale=middle if middle > 0 else 1.0)
+def _scaled(engine: Engine, goal: Goal, Q: Floats) -> tuple[Goal, Floats, Floats, Floats]:
+    """The goal with the median variance of the postures as scale, and objective, violation and σ_max on it, (N,) each.
+
+    Only the task's own term is divided by the scale, so that one evaluation at scale one gives all.
+    """
+    plain = replace(goal, scale=1.0)
+    objective, violation, own, variance = (column[:, 0] for column in engine.screen(Q, plain.parameters()))
+    middle = 1.0 if engine.programme.task.criterion == "miss" else median(own)
+    scale = middle if middle > 0 else 1.0
+    return replace(goal, scale=scale), objective - own + own / scale, violation, np.sqrt(np.maximum(variance, 0.0))
 
 
 def median(values: Floats) -> float:
