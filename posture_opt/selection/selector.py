@@ -273,6 +273,7 @@ def _task(problem: HasTask) -> Task:
 
 
 def _sources(problem: HasTask) -> Sources:
+    # Stricter than for one posture: a spread of zero is an answer there, but no ground to choose by.
     if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
         mend = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
         raise InputError(

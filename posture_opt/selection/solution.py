@@ -19,6 +19,7 @@ from posture_opt.uncertainty.ball import radius_in_space
 from posture_opt.uncertainty.budget import Share, budgets
 from posture_opt.uncertainty.clearance import radius_for, success_probability
 from posture_opt.uncertainty.spread import Spread, propagate
+from posture_opt.uncertainty.validity import finite_or_none
 
 Floats = np.ndarray
 Status = Literal["optimal", "feasible", "infeasible"]
@@ -235,8 +236,8 @@ class Solution:
                 for a in self.alternatives
             ],
             "floor": self._floor_json(),
-            "typical_sigma_max": _finite(evidence.typical),
-            "worst_sigma_max": _finite(evidence.worst),
+            "typical_sigma_max": finite_or_none(evidence.typical),
+            "worst_sigma_max": finite_or_none(evidence.worst),
             "solver": {
                 "starts": evidence.starts,
                 "feasible": evidence.feasible,
@@ -271,7 +272,3 @@ def critical_basis(programme: Programme, goal: Goal) -> Floats:
     if within == "across":
         return goal.basis[:, : programme.across_rank]
     return programme.reach.directions if programme.across_rank == 1 else np.eye(3)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

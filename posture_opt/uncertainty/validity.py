@@ -94,9 +94,9 @@ class Validity:
     def to_json(self) -> dict[str, Any]:
         """Indices, null where infinite (then the flag beside is true), verdict and sentence."""
         return {
-            "curvature": _finite(self.curvature),
+            "curvature": finite_or_none(self.curvature),
             "curvature_infinite": math.isinf(self.curvature),
-            "bias_mahalanobis": _finite(self.bias_mahalanobis),
+            "bias_mahalanobis": finite_or_none(self.bias_mahalanobis),
             "bias_infinite": math.isinf(self.bias_mahalanobis),
             "verdict": self.verdict,
             "text": self.text,
@@ -108,5 +108,5 @@ def _largest(matrix: NDArray[np.float64]) -> float:
     return max(float(np.linalg.eigvalsh((matrix + matrix.T) / 2)[-1]), 0.0) if matrix.size else 0.0
 
 
-def _finite(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None

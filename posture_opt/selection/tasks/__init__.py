@@ -11,11 +11,11 @@ from posture_opt.selection.tasks.insert import Insert
 from posture_opt.selection.tasks.measure import Measure
 from posture_opt.selection.tasks.place import Place
 from posture_opt.selection.tasks.probe import Probe
-from posture_opt.selection.tasks.task import Criterion, Region, Task, Within
+from posture_opt.selection.tasks.task import Criterion, Region, Task
 from posture_opt.selection.tasks.trace import Trace
 
 TASKS: tuple[type[Task], ...] = (Insert, Drill, Probe, Measure, Trace, Place)
 
 TaskSpec = Annotated[Insert | Drill | Probe | Measure | Trace | Place, Field(discriminator="kind")]
 
-__all__ = ["TASKS", "Criterion", "Region", "Task", "TaskSpec", "Within"]
+__all__ = ["TASKS", "Criterion", "Region", "Task", "TaskSpec"]

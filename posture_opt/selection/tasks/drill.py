@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from posture_opt.selection.tasks.task import Criterion, Task, Within
+from posture_opt.selection.quantities import Within
+from posture_opt.selection.tasks.task import Criterion, Task
 
 
 class Drill(Task):

@@ -7,11 +7,11 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
+from posture_opt.selection.quantities import Within
 from posture_opt.selection.terms import TermSpec
 from posture_opt.spec import Spec
 from posture_opt.units import Angle, Length
 
-Within = Literal["across", "along", "all"]
 Criterion = Literal["worst", "trace", "area", "miss"]
 
 
