@@ -34,6 +34,8 @@ class Calibration:
         identifiability: rank, observability and the undetermined combinations in words.
         nominal, calibrated: position errors by cross-validation [m], nominal with free frames fitted.
         errors_nominal, errors: (N, 3) those errors row by row; ``calibrated`` leaves the outliers out.
+        errors_fitted: (N, 3) position errors of the arm fitted to all rows [m].
+        residuals: the arm against these measurements, as a function of ``x``.
         coverage: share of rows inside the predicted 95 % region.
         outliers: rows left out of the fit, counted from 0; ``lines`` are their lines in the file.
         variance: residual variance in units of the instrument's.
@@ -52,6 +54,8 @@ class Calibration:
     calibrated: Statistics
     errors_nominal: Array
     errors: Array
+    errors_fitted: Array
+    residuals: Residuals
     coverage: dict[str, float]
     outliers: tuple[int, ...]
     lines: tuple[int, ...]
@@ -152,6 +156,8 @@ def calibrate(
         calibrated=Statistics.of(errors[found.kept], groups[found.kept]),
         errors_nominal=nominal_errors,
         errors=errors,
+        errors_fitted=_errors(residuals, found.x),
+        residuals=residuals,
         coverage={"calibrated": float(inside[found.kept].mean())},
         outliers=tuple(int(i) for i in gone),
         lines=tuple(int(line) for line in data.line[gone]),
