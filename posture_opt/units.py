@@ -135,6 +135,9 @@ def _quantity(dimension: str) -> Any:
     return Annotated[float, BeforeValidator(read), WithJsonSchema(schema)]
 
 
+# Angle or length: a parameter's name decides, so the text is read when the robot is known.
+Quantity = Annotated[Any, WithJsonSchema({"type": "string", "examples": ["1 deg", "10 mm"]})]
+
 if TYPE_CHECKING:
     Length = float
     Angle = float

@@ -119,21 +119,16 @@ def _fitted(robot: Robot, joint: str, last: str) -> bool:
 def prior_covariance(problem: CalibrationProblem, parameters: Sequence[Parameter]) -> tuple[list[int], Array]:
     """Indices of the parameters with a stated σ and their prior covariance [rad², m², rad m].
 
-    What a data sheet's repeatability adds to the sources is scatter from visit to visit and no prior; a frame
-    that is free has none either.
+    What a data sheet's repeatability, or ``scatter``, adds to the sources changes from visit to visit and is no prior;
+    a frame that is free has none either.
     """
-    stated = set(problem.spec.uncertainty.sigma)
-    if problem.spec.uncertainty.covariance:
-        stated = set(problem.sources.names)
-        if problem.spec.uncertainty.repeatability is not None:
-            stated -= {f"{name}.{last}" for name in problem.robot.joint_names for last in ("theta", "d")}
+    known = problem.sources.constant
     free = {"base": problem.robot.base_free, "tool": problem.robot.tool_free}
     place = {name: i for i, name in enumerate(problem.sources.names)}
-    sigma = problem.sources.sigma
     rows = [
         i
         for i, p in enumerate(parameters)
-        if p.name in stated and p.name in place and sigma[place[p.name]] > 0 and not free.get(p.group, False)
+        if p.name in place and known[place[p.name], place[p.name]] > 0 and not free.get(p.group, False)
     ]
     columns = [place[parameters[i].name] for i in rows]
-    return rows, problem.sources.covariance[np.ix_(columns, columns)]
+    return rows, known[np.ix_(columns, columns)]

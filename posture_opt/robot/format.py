@@ -10,9 +10,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, GetJsonSchemaHandler, ValidationInfo, WithJsonSchema, field_validator, model_validator
 from pydantic_core import CoreSchema
 
+from posture_opt.robot.corrections import corrected
 from posture_opt.robot.robot import Factor, Joint, Robot, frame_factors
 from posture_opt.spec import Spec
-from posture_opt.units import Angle, Length, Mass, parse_quantity
+from posture_opt.units import Angle, Length, Mass, Quantity, parse_quantity
 
 MAX_JOINTS = 20
 FULL_TURN = (-2 * math.pi, 2 * math.pi)
@@ -146,6 +147,7 @@ class RobotFormat(Spec):
     tool: FrameSpec = FrameSpec()
     payload: Mass = 0.0
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    corrections: dict[str, Quantity] = Field({}, description="PARAMETER: what is added to its nominal value")
 
     @field_validator("payload")
     @classmethod
@@ -154,16 +156,20 @@ class RobotFormat(Spec):
             raise ValueError("a payload is not negative")
         return payload
 
-    @abstractmethod
     def build(self, folder: Path) -> Robot:
-        """The chain in numbers.
+        """The chain in numbers, its parameters corrected.
 
         Args:
             folder: where relative file names of the section start.
 
         Raises:
-            InputError: a file that is named cannot be used.
+            InputError: a file that is named cannot be used, or corrections of parameters that the robot lacks.
         """
+        return corrected(self.nominal(folder), self.corrections)
+
+    @abstractmethod
+    def nominal(self, folder: Path) -> Robot:
+        """The chain in numbers as the format gives it, without the corrections."""
 
     def assemble(self, name: str, joints: tuple[Joint, ...], links: tuple[tuple[Factor, ...], ...]) -> Robot:
         """A ``Robot`` of these links between the base and the tool of this section."""
@@ -197,7 +203,7 @@ class TableRobot(RobotFormat):
             raise ValueError(f"joint names must differ; given twice: {', '.join(twice)}")
         return joints
 
-    def build(self, folder: Path) -> Robot:
+    def nominal(self, folder: Path) -> Robot:
         """The chain in numbers; ``folder`` is not needed."""
         links = tuple(self.row(joint, index) for index, joint in enumerate(self.joints))
         return self.assemble(f"{len(links)}-joint arm", tuple(joint.joint() for joint in self.joints), links)

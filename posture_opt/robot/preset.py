@@ -54,7 +54,7 @@ class PresetRobot(RobotFormat):
     kind: Literal["preset"] = "preset"
     name: str
 
-    def build(self, folder: Path) -> Robot:
+    def nominal(self, folder: Path) -> Robot:
         """The preset in numbers; ``folder`` is not needed.
 
         Raises:

@@ -64,6 +64,9 @@ class Robot:
     ``T_world_tool`` is the product of all factors of ``base``, of ``links[0]``, …, of ``tool``; the frame of
     link i is the one reached behind ``links[i]``. Every named parameter occurs in exactly one factor, and every
     joint variable in exactly one.
+
+    ``skew`` bounds how far [rad] corrections lean the axes from where the drawing of the arm has them: axes that
+    are parallel there count as parallel within it.
     """
 
     name: str
@@ -76,6 +79,7 @@ class Robot:
     repeatability: Repeatability | None = None
     base_free: bool = False
     tool_free: bool = False
+    skew: float = 0.0
     source: str = ""
     notes: tuple[str, ...] = ()
 

@@ -39,7 +39,7 @@ class UrdfRobot(RobotFormat):
     base_link: str | None = None
     tip_link: str | None = None
 
-    def build(self, folder: Path) -> Robot:
+    def nominal(self, folder: Path) -> Robot:
         """The chain in numbers.
 
         Raises:

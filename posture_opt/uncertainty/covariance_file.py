@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.nearest import listed, nearest, nearest_file
+from posture_opt.nearest import nearest_file
+from posture_opt.robot.corrections import name_issues
 from posture_opt.uncertainty.sources import Array
 from posture_opt.units import parse_quantity
 
@@ -90,30 +91,6 @@ def _unit_factor(name: str, unit: str | None, dimension: str, issues: list[Issue
     except ValueError as error:
         issues.append(Issue(str(error), (name,)))
         return 1.0
-
-
-def name_issues(name: str, known: Iterable[str]) -> list[Issue]:
-    """The complaint about a parameter that the robot does not have, with the nearest of the same joint."""
-    every = list(known)
-    if name in every:
-        return []
-    joint, _, part = name.rpartition(".") if "." in name else (name, "", "")
-    own = [parameter.rpartition(".")[2] for parameter in every if parameter.rpartition(".")[0] == joint]
-    if own:
-        near = _nearest_word(part, own)
-        mend = (f"did you mean '{joint}.{near}'? " if near else "") + f"{joint} has {', '.join(own)}"
-    else:
-        near = nearest(name, every)
-        owners = dict.fromkeys(parameter.rpartition(".")[0] for parameter in every)
-        mend = (f"did you mean '{near}'? " if near else "") + f"parameters have: {listed(owners, 12)}"
-    return [Issue("the robot has no such parameter", (name,), name, mend)]
-
-
-def _nearest_word(part: str, known: Sequence[str]) -> str:
-    """What was probably meant by the word behind the joint's name; empty where nothing is like it."""
-    own_variable = {"theta": "d", "d": "theta"}.get(part, "")  # of a slide, of a joint that turns
-    begun = next((word for word in known if part and word.startswith(part)), "")
-    return own_variable if own_variable in known else begun or nearest(part, known)
 
 
 def _body(rows: Sequence[tuple[int, list[str]]], names: Sequence[str]) -> tuple[Array, list[Issue]]:

@@ -56,7 +56,7 @@ def joint_sigmas(robot: Robot, repeatability: float, weights: Mapping[str, float
     sigma = repeatability / typical * unit
     parameters = [robot.factors[i].parameter for i in robot.driven]
     named = {name: float(s) for name, s in zip(parameters, sigma, strict=True) if s > 0}
-    return Sources.independent(named, (_note(robot, sigma, repeatability, len(postures), bool(weights)),))
+    return Sources.scattering(named, (_note(robot, sigma, repeatability, len(postures), bool(weights)),))
 
 
 def matching_postures(robot: Robot) -> Array:

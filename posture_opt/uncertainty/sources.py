@@ -22,23 +22,41 @@ class Sources:
     Args:
         names: (k,) names of model parameters, ``JOINT.PARAMETER``.
         covariance: (k, k), SI units: rad², m², rad m.
+        visit: (k, k) the part of it that is drawn anew at every visit; the rest is what is not known of errors that
+            stay. Where nothing is said, no part.
         notes: sentences for the report on where the numbers come from.
     """
 
     names: tuple[str, ...] = ()
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     notes: tuple[str, ...] = ()
+    visit: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        covariance = np.array(self.covariance, dtype=float)
-        assert covariance.shape == (len(self.names),) * 2, "the covariance has a row for each name"
-        covariance.setflags(write=False)
-        object.__setattr__(self, "covariance", covariance)
+        size = (len(self.names),) * 2
+        for name in ("covariance", "visit"):
+            matrix = np.array(getattr(self, name), dtype=float)
+            if name == "visit" and not matrix.size:
+                matrix = np.zeros(size)
+            assert matrix.shape == size, "the covariance has a row for each name"
+            matrix.setflags(write=False)
+            object.__setattr__(self, name, matrix)
 
     @classmethod
     def independent(cls, sigma: Mapping[str, float], notes: Sequence[str] = ()) -> Sources:
         """Sources without correlation from standard deviations [rad or m]."""
         return cls(tuple(sigma), np.diag(np.square(list(sigma.values()))), tuple(notes))
+
+    @classmethod
+    def scattering(cls, sigma: Mapping[str, float], notes: Sequence[str] = ()) -> Sources:
+        """Sources without correlation that are drawn anew at every visit, from standard deviations [rad or m]."""
+        found = cls.independent(sigma, notes)
+        return cls(found.names, found.covariance, found.notes, found.covariance)
+
+    @property
+    def constant(self) -> Array:
+        """(k, k) covariance of what is not known of the errors that stay from visit to visit."""
+        return self.covariance - self.visit
 
     @property
     def sigma(self) -> Array:
@@ -60,11 +78,17 @@ class Sources:
         twice = sorted(set(self.names) & set(other.names))
         if twice:
             raise InputError(Issue(f"the error of {', '.join(twice)} is stated twice", mend="state it once"))
-        k = len(self.names)
-        covariance = np.zeros((k + len(other.names),) * 2)
-        covariance[:k, :k] = self.covariance
-        covariance[k:, k:] = other.covariance
-        return Sources((*self.names, *other.names), covariance, (*self.notes, *other.notes))
+        return self.plus(other)
+
+    def plus(self, other: Sources) -> Sources:
+        """The sum of both errors, independent of each other: covariances add up where both name a parameter."""
+        names = tuple(dict.fromkeys((*self.names, *other.names)))
+        covariance, visit = np.zeros((2, len(names), len(names)))
+        for part in (self, other):
+            at = np.ix_(*[[names.index(name) for name in part.names]] * 2)
+            covariance[at] += part.covariance
+            visit[at] += part.visit
+        return Sources(names, covariance, (*self.notes, *other.notes), visit)
 
 
 def covariance_issues(names: Sequence[str], covariance: Array) -> list[Issue]:

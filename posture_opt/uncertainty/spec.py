@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, WithJsonSchema
+from pydantic import Field
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.nearest import one_of
+from posture_opt.robot.corrections import name_issues
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
-from posture_opt.uncertainty.covariance_file import name_issues, read_covariance
+from posture_opt.uncertainty.covariance_file import read_covariance
 from posture_opt.uncertainty.sources import Sources, covariance_issues
-from posture_opt.units import Angle, Length, parse_quantity
+from posture_opt.units import Angle, Length, Quantity, parse_quantity
 
-# Angle or length: the parameter decides, so the text is read when the robot is known.
-Quantity = Annotated[Any, WithJsonSchema({"type": "string", "examples": ["1 deg", "10 mm"]})]
 Correlation = Annotated[tuple[str, str, float], Field(examples=[["joint1.a", "joint2.a", 0.8]])]
 
 
@@ -34,11 +33,20 @@ class MeasurementSpec(Spec):
 
 
 class UncertaintySpec(Spec):
-    """Where the scatter of the tool point comes from: standard deviations, a covariance file, or a data sheet."""
+    """Where the scatter of the tool point comes from: standard deviations, a covariance file, or a data sheet.
+
+    ``sigma``, or ``covariance``, says how well the parameters of this arm are known: errors that stay. ``scatter`` and
+    ``repeatability`` say how they change from visit to visit, independently of what is known of them: where both
+    speak of a parameter their variances add up. Only ``sigma`` with ``repeatability`` is refused for a joint's value:
+    there, one of the two is nearly always the other one written once more.
+    """
 
     sigma: dict[str, Quantity] = Field({}, description="JOINT.PARAMETER: standard deviation")
     correlation: tuple[Correlation, ...] = Field((), description="[parameter, parameter, coefficient]")
     covariance: str | None = Field(None, min_length=1, description="CSV file with named rows and columns")
+    scatter: dict[str, Quantity] = Field(
+        {}, description="JOINT.PARAMETER: standard deviation from visit to visit, added to what else is said of it"
+    )
     repeatability: Length | None = Field(None, gt=0, description="data sheet's RP of ISO 9283")
     weights: dict[str, Annotated[float, Field(ge=0)]] = Field({}, description="JOINT: share in the repeatability")
     measurement: MeasurementSpec | None = None
@@ -57,9 +65,10 @@ class UncertaintySpec(Spec):
             named = self._from_file(dimensions, folder) if from_file else self._from_sigma(dimensions)
         except InputError as error:
             issues += error.issues
+        scatter = {name: _sigma(name, text, dimensions, issues, "scatter") for name, text in self.scatter.items()}
         if issues:
             raise InputError(issues)
-        return self._with_repeatability(named, robot)
+        return self._with_repeatability(named, robot).plus(Sources.scattering(scatter))
 
     def check(self) -> None:
         """All of ``build`` that needs neither robot nor files: the last word of a name tells angles from lengths.
@@ -72,6 +81,8 @@ class UncertaintySpec(Spec):
             self._from_sigma(None)
         except InputError as error:
             issues += error.issues
+        for name, text in self.scatter.items():
+            _sigma(name, text, None, issues, "scatter")
         if issues:
             raise InputError(issues)
 
@@ -155,24 +166,30 @@ class UncertaintySpec(Spec):
             value, source = robot.repeatability.value, robot.repeatability.source
             joints = joint_sigmas(robot, value, {})
             note = f"no uncertainty stated: data-sheet repeatability {value * 1e3:g} mm taken ({source})"
-            return Sources(joints.names, joints.covariance, (note, *joints.notes))
+            return replace(joints, notes=(note, *joints.notes))
+        joints = joint_sigmas(robot, self.repeatability, self.weights)
+        if self.covariance:
+            return named.plus(joints)
         try:
-            return named.joined(joint_sigmas(robot, self.repeatability, self.weights))
+            return named.joined(joints)
         except InputError as error:
             mend = "the repeatability holds the scatter of all joints: leave these out of sigma, or leave it out"
             raise InputError([replace(i, key=("repeatability",), mend=mend) for i in error.issues]) from None
 
     @property
     def _stated(self) -> bool:
-        return bool(self.sigma or self.covariance)
+        return bool(self.sigma or self.covariance or self.scatter)
 
 
-def _sigma(name: str, text: Any, dimensions: dict[str, str] | None, issues: list[Issue]) -> float:
-    key = ("sigma", name)
+def _sigma(
+    name: str, text: Any, dimensions: dict[str, str] | None, issues: list[Issue],
+    word: Literal["sigma", "scatter"] = "sigma",
+) -> float:  # fmt: skip
+    key = (word, name)
     known = _usual_parameters(name) if dimensions is None else dimensions
     unknown = name_issues(name, known)
     if unknown:
-        issues.extend(issue.at("sigma") for issue in unknown)
+        issues.extend(issue.at(word) for issue in unknown)
         return 0.0
     try:
         value = parse_quantity(text, known[name])

@@ -1,0 +1,88 @@
+"""``corrections``: what a calibration found, added to the nominal values of named parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.nearest import listed, nearest
+from posture_opt.robot.robot import Factor, Robot
+from posture_opt.units import parse_quantity
+
+
+def corrected(robot: Robot, corrections: Mapping[str, Any]) -> Robot:
+    """The arm whose named parameters lie off their nominal values by quantities such as ``"0.12 deg"``.
+
+    The limits stay those of the joint variables, as they are commanded: an offset of a joint moves the arm, not what
+    its controller allows.
+
+    Raises:
+        InputError: parameters that the robot lacks, values without a unit or of the wrong one; keys relative to the
+            robot's section.
+    """
+    if not corrections:
+        return robot
+    known = robot.parameters
+    issues = [issue.at("corrections") for name in corrections for issue in name_issues(name, known)]
+    values = {
+        name: _deviation(name, given, known[name], issues) for name, given in corrections.items() if name in known
+    }
+    if issues:
+        raise InputError(issues)
+    return deviated(robot, values)
+
+
+def deviated(robot: Robot, values: Mapping[str, float]) -> Robot:
+    """The arm whose named parameters lie off their nominal values by ``values`` [rad or m]."""
+
+    def moved(factors: tuple[Factor, ...]) -> tuple[Factor, ...]:
+        return tuple(replace(f, nominal=f.nominal + values.get(f.parameter, 0.0)) for f in factors)
+
+    links = tuple(moved(link) for link in robot.links)
+    return replace(
+        robot, base=moved(robot.base), links=links, tool=moved(robot.tool), skew=robot.skew + _skew(robot, values)
+    )
+
+
+def _skew(robot: Robot, values: Mapping[str, float]) -> float:
+    """How far [rad] the axes can lean from where the drawing has them: the sum of all turns but the joints' own.
+
+    The base turns the arm as a whole, and the tool is where it is: neither is a flaw of the arm.
+    """
+    inside = (factor for link in robot.links for factor in link)
+    return math.fsum(abs(values.get(f.parameter, 0.0)) for f in inside if f.kind == "rotate" and f.joint is None)
+
+
+def _deviation(name: str, given: Any, factor: Factor, issues: list[Issue]) -> float:
+    try:
+        return parse_quantity(given, "angle" if factor.kind == "rotate" else "length")
+    except ValueError as error:
+        issues.append(Issue.told(str(error), ("corrections", name), given))
+        return 0.0
+
+
+def name_issues(name: str, known: Iterable[str]) -> list[Issue]:
+    """The complaint about a parameter that the robot does not have, with the nearest of the same joint."""
+    every = list(known)
+    if name in every:
+        return []
+    joint, _, part = name.rpartition(".") if "." in name else (name, "", "")
+    own = [parameter.rpartition(".")[2] for parameter in every if parameter.rpartition(".")[0] == joint]
+    if own:
+        near = _nearest_word(part, own)
+        mend = (f"did you mean '{joint}.{near}'? " if near else "") + f"{joint} has {', '.join(own)}"
+    else:
+        near = nearest(name, every)
+        owners = dict.fromkeys(parameter.rpartition(".")[0] for parameter in every)
+        mend = (f"did you mean '{near}'? " if near else "") + f"parameters have: {listed(owners, 12)}"
+    return [Issue("the robot has no such parameter", (name,), name, mend)]
+
+
+def _nearest_word(part: str, known: list[str]) -> str:
+    """What was probably meant by the word behind the joint's name; empty where nothing is like it."""
+    own_variable = {"theta": "d", "d": "theta"}.get(part, "")  # of a slide, of a joint that turns
+    begun = next((word for word in known if part and word.startswith(part)), "")
+    return own_variable if own_variable in known else begun or nearest(part, known)
