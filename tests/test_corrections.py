@@ -93,7 +93,7 @@ def test_corrections_of_a_preset_come_back(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("corrections", "message"),
     [
-        ({"j1.alhpa": "1 mrad"}, "robot.corrections.j1.alhpa: no such parameter – did you mean 'j1.alpha'?"),
+        ({"j1.alhpa": "1 mrad"}, "corrections.j1.alhpa: the robot has no such parameter – did you mean 'j1.alpha'?"),
         ({"j3.a": "1 mm"}, "robot.corrections.j3.a: the robot has no such parameter"),
         ({"j1.a": "1 mrad"}, "robot.corrections.j1.a: 'mrad' is not a unit of length"),
         ({"j1.alpha": 0.001}, "robot.corrections.j1.alpha: the angle has no unit"),
