@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from posture_opt import errors
+    from posture_opt.diagnosis.assessment import Assessment, assess
     from posture_opt.diagnosis.calibration import Calibration, calibrate
     from posture_opt.diagnosis.measurements import Measurements
     from posture_opt.diagnosis.reading import read_measurements
@@ -36,11 +37,13 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Arm",
+    "Assessment",
     "Calibration",
     "Measurements",
     "PostureSelector",
     "SpreadFunction",
     "__version__",
+    "assess",
     "calibrate",
     "errors",
     "load_problem",
@@ -54,10 +57,12 @@ __all__ = [
 _HOMES = {
     # A name is imported when it is first used: `import posture_opt` and `--help` need none of CasADi.
     "Arm": "model.arm",
+    "Assessment": "diagnosis.assessment",
     "Calibration": "diagnosis.calibration",
     "Measurements": "diagnosis.measurements",
     "PostureSelector": "selection.selector",
     "SpreadFunction": "uncertainty.spread_function",
+    "assess": "diagnosis.assessment",
     "calibrate": "diagnosis.calibration",
     "load_problem": "problem.load",
     "problem_from_dict": "problem.load",

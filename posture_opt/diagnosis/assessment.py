@@ -1,0 +1,260 @@
+"""``assess``: what a model gets wrong, as it stands and calibrated, and whether what remains is mere scatter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.calibration import Calibration
+from posture_opt.diagnosis.mean_test import BlockMean, MeanTest, block_tests, group_means, mean_test
+from posture_opt.diagnosis.measurements import Measurements
+from posture_opt.diagnosis.parameters import CalibrationProblem
+from posture_opt.diagnosis.repeats import Goals, Repeats, goals_of, repeats_of
+from posture_opt.diagnosis.residuals import Residuals, matrices, rotation_vectors
+from posture_opt.uncertainty.regions import Ellipsoid, hotelling_factor
+
+Array = NDArray[np.float64]
+
+TEN_TIMES = 10.0  # better than what it judges an instrument should be
+_COVERAGE = 0.95
+_TILT = 1e-6  # rad: rounding of a direction that was written down
+
+
+class AssessedProblem(CalibrationProblem, Protocol):
+    """A problem that may have a task."""
+
+    @property
+    def task(self) -> Any: ...
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Deviations along one direction, or the lengths of those in a plane or in space [m].
+
+    Args:
+        name: ``x``, ``y``, ``z``, ``along`` and ``across`` the task's direction, or ``all``.
+        bias: mean, with its sign along a direction; length of the mean vector otherwise.
+        rms, mean, p95, max: of the sizes.
+    """
+
+    name: str
+    bias: float
+    rms: float
+    mean: float
+    p95: float
+    max: float
+
+    @classmethod
+    def of(cls, name: str, vectors: Array) -> Deviation:
+        """Of deviations (n, d) [m]."""
+        sizes = np.linalg.norm(vectors, axis=1)
+        mean = vectors.mean(axis=0)
+        bias = float(mean[0]) if len(mean) == 1 else float(np.linalg.norm(mean))
+        rms = float(np.sqrt(np.mean(sizes**2)))
+        return cls(name, bias, rms, float(sizes.mean()), float(np.quantile(sizes, 0.95)), float(sizes.max()))
+
+
+@dataclass(frozen=True, eq=False)
+class ModelErrors:
+    """Deviations of one model: by direction, and whether they scatter about zero.
+
+    Args:
+        deviations: cross-validated, one entry a direction.
+        mean: test of the mean over all poses; ``None`` for touched points, whose places nobody knows otherwise.
+        blocks: tests of the means in blocks of the workspace; empty with too few poses.
+        coordinate: RMS of one coordinate [m].
+    """
+
+    deviations: tuple[Deviation, ...]
+    mean: MeanTest | None
+    blocks: tuple[BlockMean, ...]
+    coordinate: float
+
+    @property
+    def zero(self) -> bool:
+        """Whether nothing speaks against a mean of zero, anywhere."""
+        return (self.mean is None or self.mean.zero) and all(block.zero for block in self.blocks)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers [m]."""
+        return {
+            "deviations": {d.name: {k: v for k, v in vars(d).items() if k != "name"} for d in self.deviations},
+            "mean_test": None if self.mean is None else self.mean.to_json(),
+            "blocks": [block.to_json() for block in self.blocks],
+            "mean_zero": self.zero,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Remaining:
+    """The vector uncertainty of what calibration leaves, ``C = (1/l) Σ Δx Δxᵀ``.
+
+    Args:
+        ellipse: about zero, in the coordinates that were measured.
+        samples: l, rows.
+        dof: independent ones among them, poses; the 95 % region is ``factor`` standard deviations wide,
+            ``hotelling_factor(0.95, d, dof)``: that of a point that comes from the same scatter as C.
+        inside: share of the rows in that region.
+    """
+
+    ellipse: Ellipsoid
+    samples: int
+    dof: int
+    factor: float
+    inside: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers [m, m²]."""
+        return {
+            "covariance": self.ellipse.covariance.tolist(), "samples": self.samples, "dof": self.dof,
+            "semi_axes_1sigma": self.ellipse.semi_axes.tolist(), "axes": self.ellipse.axes.T.tolist(),
+            "coverage95_factor": self.factor, "inside": self.inside,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What a model gets wrong, as it stands and calibrated; deviations are measured minus model.
+
+    Args:
+        rows, poses: counted; outliers of the calibration are not.
+        axes: indices of the measured coordinates.
+        direction: (3,) unit vector of the task in the frame of the measurements, or ``None`` without a task.
+        instrument: σ of a coordinate that the problem states [m]; 0 where it states none.
+        remaining: ``None`` where the poses are too few for a region.
+        repeats, goals: ``None`` where nothing was visited twice.
+        notes: sentences for the report.
+    """
+
+    rows: int
+    poses: int
+    axes: tuple[int, ...]
+    direction: Array | None
+    instrument: float
+    nominal: ModelErrors
+    calibrated: ModelErrors
+    remaining: Remaining | None
+    repeats: Repeats | None
+    goals: Goals | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def ratios(self) -> dict[str, float]:
+        """By model, how many times better the instrument is than what it judges; infinite where it has no σ."""
+        models = {"nominal": self.nominal, "calibrated": self.calibrated}
+        return {name: m.coordinate / self.instrument if self.instrument else np.inf for name, m in models.items()}
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry ``assessment`` of ``calibration.json``: SI units."""
+        instrument: dict[str, Any] = {"sigma": self.instrument or None}
+        if self.instrument:
+            instrument |= {"times_better": self.ratios}
+            instrument["sufficient"] = {name: ratio >= TEN_TIMES for name, ratio in self.ratios.items()}
+        return {
+            "sign": "measured minus model", "rows": self.rows, "poses": self.poses,
+            "direction": None if self.direction is None else self.direction.tolist(),
+            "nominal": self.nominal.to_json(), "calibrated": self.calibrated.to_json(),
+            "remaining": None if self.remaining is None else self.remaining.to_json(),
+            "instrument": instrument,
+            "repeats": None if self.repeats is None else self.repeats.to_json(),
+            "goals": None if self.goals is None else self.goals.to_json(),
+            "notes": list(self.notes),
+        }  # fmt: skip
+
+
+def assess(problem: AssessedProblem, data: Measurements, calibration: Calibration) -> Assessment:
+    """What the model gets wrong, as it stands and calibrated, and what two rules of measuring say of it.
+
+    The deviations by direction are cross-validated. The means are tested on those of the arm fitted to all rows,
+    group by group of rows of one pose; fitted parameters have taken a share of them, so that the tests err on
+    the side of zero. ``data`` are the measurements that ``calibration`` was made from.
+    """
+    kept = np.setdiff1d(np.arange(len(data)), calibration.outliers)
+    axes = calibration.residuals.axes
+    used = data.take(kept)
+    direction = _direction(problem)
+    errors = {"nominal": -calibration.errors_nominal[kept], "calibrated": -calibration.errors[kept]}
+    fitted = {"nominal": errors["nominal"], "calibrated": -calibration.errors_fitted[kept]}
+    models = {name: _model(used, errors[name], fitted[name], axes, direction) for name in errors}
+    stated = problem.measurement.position if problem.measurement is not None else 0.0
+    rotations = _turned(calibration.residuals.take(kept), calibration.x)
+    deviations = {name: e[:, axes] for name, e in errors.items()}
+    oriented = calibration.residuals.oriented
+    return Assessment(
+        rows=len(kept),
+        poses=len(np.unique(used.pose)),
+        axes=tuple(int(axis) for axis in axes),
+        direction=direction,
+        instrument=float(stated or 0.0),
+        nominal=models["nominal"],
+        calibrated=models["calibrated"],
+        remaining=_remaining(errors["calibrated"][:, axes], len(np.unique(used.pose))),
+        repeats=None if data.touches else repeats_of(used, deviations, rotations, oriented),
+        goals=goals_of(used, errors),
+        notes=_notes(problem, axes, direction),
+    )
+
+
+def _direction(problem: AssessedProblem) -> Array | None:
+    if problem.task is None:
+        return None
+    direction = np.asarray(problem.task.direction, dtype=float)
+    return np.asarray(direction / np.linalg.norm(direction))
+
+
+def _notes(problem: AssessedProblem, axes: Any, direction: Array | None) -> tuple[str, ...]:
+    if direction is None:
+        return ("the problem has no task: nothing is said of along and across its direction",)
+    if not all(_told(axes, direction)):
+        return ("not all of the task's direction was measured: what was not told is left out",)
+    if problem.robot.base_free:
+        return ("the base is free: the task's direction is taken in the frame of the measurements",)
+    return ()
+
+
+def _told(axes: Any, direction: Array) -> tuple[bool, bool]:
+    """Whether the measured coordinates tell what lies along the direction, and what lies across it."""
+    hidden = np.delete(np.eye(3), axes, axis=0)
+    along = hidden @ direction
+    across = hidden - along[:, None] * direction
+    return bool(np.all(np.abs(along) < _TILT)), bool(np.all(np.abs(across) < _TILT))
+
+
+def _model(data: Measurements, errors: Array, fitted: Array, axes: Any, direction: Array | None) -> ModelErrors:
+    parts = [("xyz"[axis], errors[:, [axis]]) for axis in axes]
+    if direction is not None:
+        along = (errors @ direction)[:, None]
+        both = (("along", along), ("across", errors - along * direction))
+        parts += [part for part, told in zip(both, _told(axes, direction), strict=True) if told]
+    deviations = tuple(Deviation.of(name, vectors) for name, vectors in (*parts, ("all", errors[:, axes])))
+    coordinate = float(np.sqrt(np.mean(errors[:, axes] ** 2)))
+    if data.position is None:
+        return ModelErrors(deviations, None, (), coordinate)
+    means = group_means(fitted[:, axes], data.pose)
+    places = group_means(data.position, data.pose)
+    return ModelErrors(deviations, mean_test(means), block_tests(means, places), coordinate)
+
+
+def _remaining(errors: Array, poses: int) -> Remaining | None:
+    ellipse = Ellipsoid(np.zeros(errors.shape[1]), errors.T @ errors / len(errors))
+    if not 0 < ellipse.rank < poses + 1:
+        return None
+    factor = hotelling_factor(_COVERAGE, ellipse.rank, poses)
+    inside = float(np.mean(ellipse.mahalanobis(errors) <= factor))
+    return Remaining(ellipse, len(errors), poses, factor, inside)
+
+
+def _turned(residuals: Residuals, x: Array) -> Array | None:
+    """Measured minus model (N, 3) [rad] as small rotations in the world; ``None`` without orientations."""
+    rotation = residuals.data.rotation
+    if rotation is None:
+        return None
+    if residuals.oriented:
+        return -residuals.rotation_error(residuals.walk(x))
+    # The model's orientation is not fitted: each pose is set against its own first visit, which tells the scatter.
+    _, first, codes = np.unique(residuals.data.pose, return_index=True, return_inverse=True)
+    R = matrices(rotation)
+    return rotation_vectors(R @ np.swapaxes(R[first][codes], -1, -2))
