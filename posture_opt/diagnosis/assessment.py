@@ -216,11 +216,9 @@ def _notes(problem: AssessedProblem, axes: Any, direction: Array | None) -> tupl
 
 
 def _told(axes: Any, direction: Array) -> tuple[bool, bool]:
-    """Whether the measured coordinates tell what lies along the direction, and what lies across it."""
-    hidden = np.delete(np.eye(3), axes, axis=0)
-    along = hidden @ direction
-    across = hidden - along[:, None] * direction
-    return bool(np.all(np.abs(along) < _TILT)), bool(np.all(np.abs(across) < _TILT))
+    """Whether what was measured tells of along the direction, and of across it: a plane has one line across."""
+    hidden = np.abs(np.delete(direction, axes))
+    return bool(np.all(hidden < _TILT)), bool(np.all((hidden < _TILT) | (hidden > 1 - _TILT)))
 
 
 def _model(data: Measurements, errors: Array, fitted: Array, axes: Any, direction: Array | None) -> ModelErrors:
