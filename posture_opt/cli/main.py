@@ -34,6 +34,8 @@ _INTERRUPTED = 130  # what a shell reports of a program that ^C ended
 
 # pydantic would look for plugins in every installed package, 50 ms of a cold start; there are none for our files.
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+# Matrices are small here: on a busy machine, threads that wait for each other cost tenfold.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 class PostureCommands(click.Group):

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.diagnosis.comparison import compare, fit_frames, fit_groups, held_length
-from posture_opt.diagnosis.estimation import Estimate, Prior, estimate
-from posture_opt.diagnosis.identifiability import Identifiability, identify
+from posture_opt.diagnosis.comparison import compare, fit_frames, held_length
+from posture_opt.diagnosis.cross_validation import position_errors, predict, tested
+from posture_opt.diagnosis.estimation import estimate
+from posture_opt.diagnosis.identifiability import Identifiability
+from posture_opt.diagnosis.knowledge import Knowledge, determine
 from posture_opt.diagnosis.measurements import Measurements
-from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter, prior_covariance
+from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.validation import By, Statistics, folds_of, groups_of
-from posture_opt.errors import InputError, InsufficientDataError, Issue
+from posture_opt.errors import InsufficientDataError
 
 Array = NDArray[np.float64]
+
+Progress = Callable[[int, int], None]
 
 SIZE = "touched points alone do not tell the size of the arm: {} is held; state a distance under data.distances"
 
@@ -41,6 +47,7 @@ class Calibration:
         variance: residual variance in units of the instrument's.
         by: the groups that the cross-validation left out together.
         test: another file predicted by what this one taught.
+        prior: (k,) the stated σ of each parameter that counts as knowledge [rad, m]; NaN where there is none.
         notes: sentences for the report.
     """
 
@@ -62,6 +69,7 @@ class Calibration:
     variance: float
     by: By
     test: dict[str, Statistics]
+    prior: Array
     notes: tuple[str, ...] = ()
 
     @property
@@ -112,16 +120,20 @@ def calibrate(
     by: By | None = None,
     test: Measurements | None = None,
     refit_frames: bool = False,
+    progress: Progress | None = None,
 ) -> Calibration:
     """Estimate the parameters that the data determine, and what that brings where nothing was seen.
 
-    Free frames and touched points start from a closed form; then everything is fitted together, in the directions
-    that the data determine at the nominal model. Errors are cross-validated: every row is predicted by an arm
-    that has not seen its group (``by``: its pose, its block of the workspace, or the place that it touched).
+    Free frames and touched points start from a closed form; then everything is fitted together. Frames that are
+    neither free nor given a σ are taken as stated. What the data tell less well than to 10 mm and 1° counts as not
+    determined, and is held near its nominal value by these, unless ``priors`` is off: then it stays there. Errors are
+    cross-validated: every row is predicted by an arm that has not seen its group (``by``: its pose, its block of the
+    workspace, or the place that it touched).
 
     Args:
         priors: whether stated σ's of parameters count as knowledge.
         test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
+        progress: is told after each fit how many of how many are done.
 
     Raises:
         InputError: several robots at once, or a test file with other targets.
@@ -131,18 +143,17 @@ def calibrate(
     groups_by: By = by or ("place" if data.position is None else "pose")
     groups = groups_of(data, groups_by, folds)
     x_nominal = fit_frames(problem.robot, residuals)
-    r, J = residuals.both(x_nominal)
-    names = [p.name for p in residuals.parameters]
     held = held_length(residuals)
-    identifiability = identify(names, J, len(data), held)
     if held is not None:
-        notes = (*notes, SIZE.format(names[held]))
-    _check_amount(len(r), identifiability, len(np.unique(data.pose)), len(np.unique(groups)))
-    prior, directions, fixed = _with_priors(problem, residuals, identifiability, J, held, priors)
-    found = estimate(residuals, x_nominal, directions, prior)
-    rows = _Rows(groups, groups_by, folds, found.kept)
-    nominal_errors, _ = _validated(problem, residuals, rows, None, prior)
-    errors, inside = _validated(problem, residuals, rows, directions, prior, found.fit.x)
+        notes = (*notes, SIZE.format(residuals.parameters[held].name))
+    known = determine(problem, residuals, x_nominal, held, priors)
+    _check_amount(residuals, known, len(np.unique(groups)))
+    parts = folds_of(groups, folds, groups_by)
+    tell = _teller(progress, 2 * len(parts) + 1)
+    found = estimate(residuals, x_nominal, known.directions, known.prior, weight=known.noise)
+    tell()
+    nominal = predict(residuals, parts, found, None, tell)
+    calibrated = predict(residuals, parts, found, known, tell)
     gone = np.flatnonzero(~found.kept)
     notes += ("base and tool are fitted again to the test file",) * (test is not None and refit_frames)
     return Calibration(
@@ -150,111 +161,40 @@ def calibrate(
         x_nominal=x_nominal,
         x=found.x,
         covariance=found.covariance,
-        fixed=fixed,
-        identifiability=identifiability,
-        nominal=Statistics.of(nominal_errors[found.kept], groups[found.kept]),
-        calibrated=Statistics.of(errors[found.kept], groups[found.kept]),
-        errors_nominal=nominal_errors,
-        errors=errors,
-        errors_fitted=_errors(residuals, found.x),
+        fixed=known.fixed,
+        identifiability=known.identifiability,
+        nominal=Statistics.of(nominal.errors[found.kept], groups[found.kept]),
+        calibrated=Statistics.of(calibrated.errors[found.kept], groups[found.kept]),
+        errors_nominal=nominal.errors,
+        errors=calibrated.errors,
+        errors_fitted=position_errors(residuals, found.x),
         residuals=residuals,
-        coverage={"calibrated": float(inside[found.kept].mean())},
+        coverage={"calibrated": float(calibrated.inside[found.kept].mean())},
         outliers=tuple(int(i) for i in gone),
         lines=tuple(int(line) for line in data.line[gone]),
         variance=found.variance,
         by=groups_by,
-        test=_tested(residuals, test, x_nominal, found, refit_frames),
-        notes=notes,
+        test=tested(problem, residuals, test, x_nominal, found.x, refit_frames),
+        prior=known.stated,
+        notes=(*notes, *known.notes, *found.notes, *_restless(calibrated.restless, len(parts))),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Which rows a cross-validation leaves out together, and which it never learns from."""
-
-    groups: NDArray[np.intp]
-    by: By
-    folds: int
-    kept: NDArray[np.bool_]
+def _teller(progress: Progress | None, total: int) -> Callable[[], None]:
+    """Tells one more of ``total`` fits at each call."""
+    done = count(1)
+    return lambda: progress(next(done), total) if progress is not None else None
 
 
-def _check_amount(count: int, identifiability: Identifiability, poses: int, groups: int) -> None:
-    if count <= identifiability.rank or groups < 2:
-        need = identifiability.rank
+def _restless(fits: int, rounds: int) -> tuple[str, ...]:
+    return (f"{fits} of the {rounds} fits of the cross-validation did not come to rest",) if fits else ()
+
+
+def _check_amount(residuals: Residuals, known: Knowledge, groups: int) -> None:
+    measured, rank = len(residuals.data) * residuals.block + len(residuals.distances), known.directions.shape[1]
+    if measured <= rank or groups < 2:
+        poses = len(np.unique(residuals.data.pose))
         raise InsufficientDataError(
-            f"{count} measured coordinates in {poses} pose{'s' * (poses != 1)} cannot determine {need} parameters "
-            f"and their errors: measure at least {int(np.ceil(need / 3)) + 5} poses spread over the workspace"
+            f"{measured} measured coordinates in {poses} pose{'s' * (poses != 1)} cannot determine {rank} parameters "
+            f"and their errors: measure at least {int(np.ceil(rank / 3)) + 5} poses spread over the workspace"
         )
-
-
-def _with_priors(
-    problem: CalibrationProblem,
-    residuals: Residuals,
-    identifiability: Identifiability,
-    J: Array,
-    held: int | None,
-    wanted: bool,
-) -> tuple[Prior | None, Array, NDArray[np.bool_]]:
-    rows, covariance = prior_covariance(problem, residuals.parameters) if wanted else ([], np.zeros((0, 0)))
-    if not rows:
-        return None, identifiability.directions, identifiability.determined
-    prior = Prior.of(rows, covariance)
-    stacked = np.concatenate([J, prior.matrix(J.shape[1])])
-    both = identify(identifiability.names, stacked, len(residuals.data), held)
-    return prior, both.directions, both.determined
-
-
-def _validated(
-    problem: CalibrationProblem,
-    residuals: Residuals,
-    rows: _Rows,
-    directions: Array | None,
-    prior: Prior | None,
-    near: Array | None = None,
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Errors (N, 3) [m] of every row by a model that has not seen its group, and whether they were to be expected."""
-    from scipy.special import gammaincinv
-
-    data = residuals.data
-    errors, inside = np.zeros((len(data), 3)), np.zeros(len(data), dtype=bool)
-    for left_out in folds_of(rows.groups, rows.folds, rows.by):
-        learn = rows.kept.copy()
-        learn[left_out] = False
-        training = residuals.take(np.flatnonzero(learn))
-        x = fit_frames(problem.robot, training)
-        if directions is not None:
-            x = estimate(training, x, directions, prior, robust=False, near=near).x
-        errors[left_out] = _errors(residuals.take(left_out), x)
-        taught = _errors(training, x)[:, residuals.axes]
-        C = taught.T @ taught / max(len(taught) - len(residuals.parameters) / 3, 1)
-        e = errors[np.ix_(left_out, residuals.axes)]
-        squared = np.einsum("ni,ni->n", e, np.linalg.solve(C, e.T).T)
-        inside[left_out] = squared <= 2 * gammaincinv(C.shape[0] / 2, 0.95)
-    return errors, inside
-
-
-def _errors(residuals: Residuals, x: Array) -> Array:
-    """Position errors (N, 3) [m]; of touched points, about the mean of each point, which no one knows otherwise."""
-    error = residuals.error(x)
-    if residuals.data.position is None:
-        for code in np.unique(residuals.data.point):
-            mine = residuals.data.point == code
-            error[mine] -= error[mine].mean(axis=0)
-    else:
-        error[:, ~residuals.data.measured_axes] = 0.0
-    return error
-
-
-def _tested(
-    residuals: Residuals, test: Measurements | None, x_nominal: Array, found: Estimate, refit: bool
-) -> dict[str, Statistics]:
-    if test is None:
-        return {}
-    if test.target_names != residuals.data.target_names or (test.position is None) != (residuals.data.position is None):
-        raise InputError(Issue("the test file measures other targets", mend="test with the same points on the tool"))
-    other = replace(residuals, data=test, distances=())
-    result = {}
-    for name, x in (("nominal", x_nominal), ("calibrated", found.x)):
-        again = fit_groups(other, x, {"base", "tool"}) if refit else None
-        result[name] = Statistics.of(_errors(other, x if again is None else again.x), test.pose)
-    return result

@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.estimation import Estimate, estimate
+from posture_opt.diagnosis.fit import noise
 from posture_opt.diagnosis.identifiability import identify
 from posture_opt.diagnosis.measurements import Measurements
-from posture_opt.diagnosis.parameters import CalibrationProblem, candidates
+from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter, candidates, prior_covariance
 from posture_opt.diagnosis.residuals import Distance, Residuals
-from posture_opt.diagnosis.start import start
+from posture_opt.diagnosis.start import start, tool_unknown
 from posture_opt.errors import InputError, Issue
 from posture_opt.robot.robot import Robot
 
@@ -37,9 +38,20 @@ def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals,
     if data.rotation is not None and not rotation:
         notes.append("orientations are left out: measurement.orientation states no σ for them")
     used = rotation if data.rotation is not None else 0.0
-    parameters = candidates(problem.robot, data, orientation=used > 0)
+    parameters = unknowns(problem, data, orientation=used > 0)
     distances = _distances(problem, data, sigma)
     return Residuals(problem.robot, data, parameters, sigma, used, distances), tuple(notes)
+
+
+def unknowns(problem: CalibrationProblem, data: Measurements, *, orientation: bool) -> tuple[Parameter, ...]:
+    """The candidates without what the problem file states as known: frames neither free nor given a σ.
+
+    Several targets are several points of one tool, of which the file can state but one: their offsets are unknown.
+    """
+    found = candidates(problem.robot, data, orientation=orientation)
+    stated = prior_covariance(problem, found)[0]
+    free = {"base": problem.robot.base_free, "tool": tool_unknown(problem.robot, data)}
+    return tuple(p for i, p in enumerate(found) if free.get(p.group, True) or i in stated)
 
 
 def _distances(problem: CalibrationProblem, data: Measurements, sigma: float) -> tuple[Distance, ...]:
@@ -63,7 +75,7 @@ def fit_frames(robot: Robot, residuals: Residuals) -> Array:
     """Deviations (k,) from nominal with only what is free fitted: frames and touched points."""
     x0 = start(residuals)
     groups = {"point"} | ({"base"} if robot.base_free else set())
-    groups |= {"tool"} if robot.tool_free else set()
+    groups |= {"tool"} if tool_unknown(robot, residuals.data) else set()
     found = fit_groups(residuals, x0, groups)
     return x0 if found is None else found.x
 
@@ -74,7 +86,10 @@ def fit_groups(residuals: Residuals, x0: Array, groups: set[str]) -> Estimate | 
     if not columns:
         return None
     names = [residuals.parameters[i].name for i in columns]
-    part = identify(names, residuals.both(x0)[1][:, columns], len(residuals.data))
+    r, J = residuals.both(x0)
+    rows = len(residuals.data) * residuals.block
+    spread = noise(r[:rows], J[:rows, columns], residuals.block)
+    part = identify(names, J[:, columns], len(residuals.data), scale=np.ones(len(columns)), noise=max(spread, 1.0))
     directions = np.zeros((len(x0), part.rank))
     directions[columns] = part.directions
     return estimate(residuals, x0, directions)

@@ -46,27 +46,42 @@ class Estimate:
     studentised: Array
     variance: float
     fit: Fit
+    settled: bool = True
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the fit found its minimum, and leaving out outliers came to an end."""
+        return self.fit.converged and self.settled
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on what did not come to rest."""
+        stopped = f"the fit had not come to rest after {self.fit.steps} steps: its estimates and errors are provisional"
+        changing = f"which rows are outliers still changed after {_ROUNDS} rounds: look at those that are listed"
+        return (stopped,) * (not self.fit.converged) + (changing,) * (not self.settled)
 
 
 def estimate(
     residuals: Residuals, x0: Array, directions: Array, prior: Prior | None = None, *, robust: bool = True,
-    near: Array | None = None,
+    near: Array | None = None, weight: float = 0.0,
 ) -> Estimate:  # fmt: skip
     """The least squares estimate ``x0 + directions z``; rows that turn out gross outliers are left out.
 
     In each round all rows are judged anew, so that a row wrongly left out comes back. The residual variance, not
     the instrument's, weighs the data against the prior: what the model cannot explain makes data worth less.
-    ``near`` is a first guess of ``z``; the minimum does not depend on it.
+    ``near`` is a first guess of ``z``, ``weight`` one of the residuals' standard deviation; the minimum does not
+    depend on them.
     """
     n = len(residuals.data)
-    kept, weight, z = np.ones(n, dtype=bool), 0.0, np.zeros(directions.shape[1]) if near is None else near
-    studentised = np.zeros(n)
+    kept, z = np.ones(n, dtype=bool), np.zeros(directions.shape[1]) if near is None else near
+    studentised, settled = np.zeros(n), False
     for _ in range(_ROUNDS):
         used = residuals.take(np.flatnonzero(kept)) if not kept.all() else residuals
         found = least_squares(_function(used, x0, directions, prior, weight), z, tolerance=_OFFSET, max_steps=100)
         z = found.x
         x = x0 + directions @ z
         if not robust and prior is None:
+            settled = True
             break
         r, J = residuals.both(x)
         rows = n * residuals.block
@@ -79,7 +94,7 @@ def estimate(
         if settled:
             break
     covariance = directions @ found.covariance @ directions.T
-    return Estimate(x, covariance, kept, studentised, found.variance, found)
+    return Estimate(x, covariance, kept, studentised, found.variance, found, settled)
 
 
 def _function(residuals: Residuals, x0: Array, directions: Array, prior: Prior | None, weight: float):  # type: ignore[no-untyped-def]

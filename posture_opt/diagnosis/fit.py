@@ -131,15 +131,35 @@ def outlying(residuals: Array, J: Array, block: int) -> tuple[NDArray[np.bool_],
     median of ``r_iᵀ (I − H_ii)⁻¹ r_i``, which outliers cannot move far. Gross is what Gaussian residuals would
     reach once in a thousand samples of this size, and half as much again, as real residuals have longer tails.
     """
-    from scipy.special import gammainccinv, gammaincinv
+    from scipy.special import gammainccinv
 
+    squared = _inflated_squares(residuals, J, block)
+    studentised = np.sqrt(squared / _robust_variance(squared, block))
+    return studentised > 1.5 * np.sqrt(2 * gammainccinv(block / 2, 1e-3 / len(squared))), studentised
+
+
+def noise(residuals: Array, J: Array, block: int) -> float:
+    """Standard deviation of what no step of the unknowns explains, to first order, whatever a few outliers say."""
+    k = J.shape[1]
+    if len(J) <= k:
+        return 0.0
+    R = triangular(np.concatenate([J, residuals[:, None]], axis=1))
+    step = np.linalg.lstsq(R[:, :k], R[:, k], rcond=1e-12)[0]
+    return float(np.sqrt(_robust_variance(_inflated_squares(residuals - J @ step, J, block), block)))
+
+
+def _inflated_squares(residuals: Array, J: Array, block: int) -> Array:
+    """``r_iᵀ (I − H_ii)⁻¹ r_i`` (N,) of rows of ``block`` residuals."""
     n = len(residuals) // block
     inverse = np.asarray(np.linalg.pinv(triangular(J), rcond=1e-14), dtype=float)
     Q = reduced(J, inverse).reshape(n, block, -1)
     r = residuals.reshape(n, block)
     leverage = Q @ np.swapaxes(Q, -1, -2)
     inflated = np.linalg.solve(np.eye(block) * (1 + 1e-9) - leverage, r[..., None])[..., 0]
-    squared = np.maximum(np.einsum("ni,ni->n", r, inflated), 0.0)
-    s2 = max(float(np.median(squared)) / (2 * gammaincinv(block / 2, 0.5)), 1e-300)
-    studentised = np.sqrt(squared / s2)
-    return studentised > 1.5 * np.sqrt(2 * gammainccinv(block / 2, 1e-3 / n)), studentised
+    return np.asarray(np.maximum(np.einsum("ni,ni->n", r, inflated), 0.0))
+
+
+def _robust_variance(squared: Array, block: int) -> float:
+    from scipy.special import gammaincinv
+
+    return max(float(np.median(squared)) / (2 * float(gammaincinv(block / 2, 0.5))), 1e-300)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,10 +13,14 @@ from posture_opt.diagnosis.fit import triangular
 
 Array = NDArray[np.float64]
 
-THRESHOLD = 1e-5  # of the largest singular value of the scaled Jacobian: below, a direction counts as not determined
-VAGUE = 0.05  # rad or m: left so uncertain by the instrument alone, a direction leaves the range of its linearisation
+VAGUE = 0.05  # rad or m: left so uncertain, a parameter leaves the range of its linearisation
+LENGTH, ANGLE = 0.01, math.radians(1.0)  # m, rad: farther than that no part comes off its drawing
+_HARDLY = 1e-3  # of σ per tolerance: below, a direction moves nothing; a thousand tolerances are no knowledge either
 _IDLE = 1e-9  # of the largest column: a parameter that moves nothing
-_PART = 0.02  # of an undetermined combination: smaller parts neither need words nor spoil a parameter
+_LEAK = 0.3  # of a standard error: what may stand beside it unseen
+_ROUNDING = 1e-13  # of the largest strength
+_FELT = 1e-9  # of the Jacobian: less is rounding
+_PART = 0.02  # of an undetermined combination: smaller parts need no words
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,70 +29,106 @@ class Identifiability:
 
     Args:
         names: (k,) the candidates.
-        scale: (k,) each unknown is measured in these units [rad or m]: one σ of all residuals together.
-        singular_values: (k,) of the column-scaled Jacobian, descending.
-        basis: (k, rank) orthonormal directions of the scaled unknowns that the data determine.
-        null: (k, k − rank) those that they do not.
-        observability: O1 … O5.
+        scale: (k,) each unknown is measured in these units, its tolerance [rad or m].
+        strength: (k,) how many σ of noise one tolerance moves the data along each direction, descending.
+        vectors: (k, k) those directions, orthonormal in units of ``scale``.
+        singular_values: (k,) of the Jacobian with columns of unit norm, descending.
+        rank: how many directions the data determine to within a tolerance.
+        alone: (k,) standard error of each parameter from the data alone [rad or m]; infinite where they do not tell it.
+        condition: largest over smallest singular value of what is determined, columns of unit norm.
+        observability: O1 … O5 of that.
         words: one sentence for each undetermined combination.
     """
 
     names: tuple[str, ...]
     scale: Array
+    strength: Array
+    vectors: Array
     singular_values: Array
-    basis: Array
-    null: Array
+    rank: int
+    alone: Array
+    condition: float
     observability: dict[str, float]
     words: tuple[str, ...]
 
     @property
-    def rank(self) -> int:
-        return int(self.basis.shape[1])
+    def basis(self) -> Array:
+        """(k, rank) orthonormal directions of the scaled unknowns that the data determine."""
+        return self.vectors[:, : self.rank]
 
     @property
-    def condition(self) -> float:
-        """Largest over smallest singular value of what is determined."""
-        return float(self.singular_values[0] / self.singular_values[self.rank - 1]) if self.rank else float("inf")
+    def null(self) -> Array:
+        """(k, k − rank) orthonormal directions of the scaled unknowns that they do not."""
+        return self.vectors[:, self.rank :]
 
     @property
     def determined(self) -> NDArray[np.bool_]:
-        """(k,) whether the data determine each parameter by itself."""
-        return np.asarray(np.linalg.norm(self.null, axis=1) < _PART)
+        """(k,) whether the data alone leave each parameter less uncertain than its tolerance, and than 50 mm, rad."""
+        return np.asarray(self.alone < np.minimum(self.scale, VAGUE))
 
     @property
     def directions(self) -> Array:
         """(k, rank) steps of the unknowns [rad or m] per unit of the determined coordinates."""
         return self.scale[:, None] * self.basis
 
+    @property
+    def hardly(self) -> Array:
+        """(k, w) further steps that the data feel, but tell less well than the tolerances do."""
+        felt = int(np.sum(self.strength > _HARDLY))
+        return self.scale[:, None] * self.vectors[:, self.rank : felt]
 
-def identify(names: Sequence[str], J: Array, rows: int, held: int | None = None) -> Identifiability:
+
+def identify(
+    names: Sequence[str], J: Array, rows: int, held: int | None = None, *, scale: Array | None = None,
+    noise: float = 1.0,
+) -> Identifiability:  # fmt: skip
     """Rank, singular values, observability and undetermined combinations of a whitened Jacobian (m, k).
 
-    Columns are scaled to unit norm (no diagonal scaling has a much better condition: van der Sluis 1969), and
-    directions below 1e-5 of the largest singular value are not determined, nor those that the instrument's noise alone
-    leaves uncertain by more than 0.05 rad or 50 mm. ``rows`` counts the measurements;
-    the parameter ``held`` counts as not determined whatever the Jacobian says.
+    With the unknowns in units of their tolerances, ``noise⁻¹ J diag(scale) = U S Vᵀ``: a direction counts as
+    determined where one tolerance moves the data by more than one σ of noise, so that its standard error is less than
+    the tolerance. What cannot be told apart is shared out by the same units: to the free frame rather than to the
+    link. ``rows`` counts the measurements; the parameter ``held`` counts as not determined whatever the Jacobian says.
 
-    The indices, with the singular values σ_1 ≥ … ≥ σ_r of what is determined: O1 = (Π σ)^(1/r) / √rows (Borm,
-    Menq 1991), O2 = σ_r / σ_1 (Driels, Pathre 1990), O3 = σ_r (Nahvi, Hollerbach, Hayward 1994), O4 = σ_r² / σ_1
-    (Nahvi, Hollerbach 1996), O5 = 1 / Σ 1/σ² (Sun, Hollerbach 2008).
+    The indices, of the Jacobian with columns of unit norm (van der Sluis 1969) in the determined directions, with
+    singular values σ_1 ≥ … ≥ σ_r: O1 = (Π σ)^(1/r) / √rows (Borm, Menq 1991), O2 = σ_r / σ_1 (Driels, Pathre 1990),
+    O3 = σ_r (Nahvi, Hollerbach, Hayward 1994), O4 = σ_r² / σ_1 (Nahvi, Hollerbach 1996), O5 = 1 / Σ 1/σ² (Sun,
+    Hollerbach 2008).
+
+    Args:
+        scale: (k,) tolerances [rad or m]; 50 mm and 0.05 rad where not given.
+        noise: residuals' standard deviation in units of the instrument's.
     """
-    norms = np.linalg.norm(J, axis=0)
+    k = len(names)
+    scale = np.full(k, VAGUE) if scale is None else scale
+    R = triangular(J) if k else np.zeros((0, 0))
+    norms = np.linalg.norm(R, axis=0)
     idle = norms <= _IDLE * norms.max(initial=0.0)
-    scale = np.where(idle, 1.0, 1.0 / np.where(idle, 1.0, norms))
-    scaled = np.where(idle, 0.0, J * scale)
+    R = np.where(idle, 0.0, R)
     if held is not None:
-        scaled[:, held] = 0.0
-    _, s, Vt = np.linalg.svd(triangular(scaled))
-    s = np.concatenate([s, np.zeros(len(names) - len(s))])
-    extent = np.abs(scale[:, None] * Vt.T).max(axis=0, initial=0.0)  # [rad or m] for one unit of each direction
-    rank = int(np.sum((s > THRESHOLD * s[0]) & (s * VAGUE > extent))) if len(s) and s[0] > 0 else 0
-    null = Vt[rank:].T
-    words = explain(names, null, idle)
-    return Identifiability(tuple(names), scale, s, Vt[:rank].T, null, _indices(s[:rank], rows), words)
+        R[:, held] = 0.0
+    _, s, Vt = np.linalg.svd(R * scale / noise)
+    rank = int(np.sum(s > max(1.0, _ROUNDING * s.max(initial=0.0))))
+    felt = s > _HARDLY
+    alone = scale * np.linalg.norm(Vt[felt].T / s[felt], axis=1)
+    # Along what the data do not feel, a parameter may be off by its part of a tolerance and nobody sees it.
+    alone[scale * np.linalg.norm(Vt[~felt].T, axis=1) > _LEAK * alone] = np.inf
+    unit = np.where(norms > 0, norms, 1.0)
+    values = np.asarray(np.linalg.svd(R / unit, compute_uv=False), dtype=float)
+    determined = R / unit @ _orthonormal((scale * unit)[:, None] * Vt[:rank].T)
+    kept = np.asarray(np.linalg.svd(determined, compute_uv=False)[:rank], dtype=float)
+    words = explain(names, (scale * unit)[:, None] * Vt[rank:].T, idle, R / noise / unit)
+    condition = float(kept[0] / kept[-1]) if rank else float("inf")
+    return Identifiability(
+        tuple(names), scale, s, Vt.T, values, rank, alone, condition, observability(kept, rows), words
+    )
 
 
-def _indices(s: Array, rows: int) -> dict[str, float]:
+def _orthonormal(columns: Array) -> Array:
+    return np.asarray(np.linalg.qr(columns)[0]) if columns.shape[1] else columns
+
+
+def observability(s: Array, rows: int) -> dict[str, float]:
+    """O1 … O5 of the singular values ``s`` (r,), descending; :func:`identify` says what they are."""
     if not len(s):
         return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
     values = {
@@ -100,18 +141,27 @@ def _indices(s: Array, rows: int) -> dict[str, float]:
     return {name: float(value) for name, value in values.items()}
 
 
-def explain(names: Sequence[str], null: Array, idle: NDArray[np.bool_]) -> tuple[str, ...]:
-    """A sentence for each undetermined combination, written with as few parameters as can be."""
+def explain(names: Sequence[str], null: Array, idle: NDArray[np.bool_], R: Array) -> tuple[str, ...]:
+    """A sentence for each undetermined combination, written with as few parameters as can be.
+
+    ``null`` (k, d) spans the combinations with columns of unit norm, ``R`` (k, k) says how the data feel them.
+    """
     sentences = [f"{name} moves nothing that was measured" for name, still in zip(names, idle, strict=True) if still]
     left = [name for name, still in zip(names, idle, strict=True) if not still]
-    for vector in sparse_basis(null[~idle]).T:
+    lengths = np.linalg.norm(null, axis=0)
+    for vector in sparse_basis((null / np.where(lengths > 0, lengths, 1.0))[~idle]).T:
         parts = np.flatnonzero(np.abs(vector) > _PART * np.abs(vector).max(initial=0.0))
         labels = [left[int(i)] for i in parts]
+        felt = np.linalg.norm(R[:, ~idle] @ vector) > _FELT * np.linalg.norm(R[:, ~idle])
         if len(labels) == 2:
-            sentences.append(f"{labels[0]} and {labels[1]} move what was measured the same way")
+            how = "nearly the same way" if felt else "the same way"
+            sentences.append(f"{labels[0]} and {labels[1]} move what was measured {how}")
         elif len(labels) > 2:
             shown = ", ".join(labels[1:6]) + (f" and {len(labels) - 6} more" if len(labels) > 6 else "")
-            sentences.append(f"{labels[0]} cannot be told from a combination of {shown}")
+            how = "can hardly be told" if felt else "cannot be told"
+            sentences.append(f"{labels[0]} {how} from a combination of {shown}")
+        elif felt:
+            sentences.append(f"{labels[0]} hardly moves what was measured")
     return tuple(sentences)
 
 

@@ -7,8 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.residuals import Residuals, _stacked, matrices
 from posture_opt.model.chain import factor_values, walk
+from posture_opt.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -29,6 +31,11 @@ def nearest_rotation(M: Array) -> Array:
     return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
 
 
+def tool_unknown(robot: Robot, data: Measurements) -> bool:
+    """Whether the tool is found from the data: it is free, or carries several targets, each at an offset of its own."""
+    return robot.tool_free or len(data.target_names) > 1
+
+
 def start(residuals: Residuals) -> Array:
     """Deviations (k,) from nominal at which free frames and touched points fit the nominal arm.
 
@@ -37,26 +44,29 @@ def start(residuals: Residuals) -> Array:
     one by projection and the rest solved again. Touched points are linear in ``t`` and themselves.
     """
     robot, data = residuals.robot, residuals.data
+    tool_free = tool_unknown(robot, data)
     p, R = _flange(residuals)
     tools = max(len(data.target_names), 1)
     codes = data.target if tools > 1 else np.zeros(len(data), dtype=np.intp)
     offset = np.array([[f.nominal for f in robot.tool if f.kind == "translate"] or [0.0] * 3] * tools)
     values: dict[str, float] = {}
     if data.position is None:
-        offset, points = _sockets(p, R, codes, offset, data.point, len(data.point_names), robot.tool_free)
+        offset, points = _sockets(p, R, codes, offset, data.point, len(data.point_names), tool_free)
+        R_b, t_b = _base(residuals)
+        points = points @ R_b.T + t_b
         for k, name in enumerate(data.point_names):
             values |= {f"point[{name}].{a}": points[k, i] for i, a in enumerate("xyz")}
-    elif robot.base_free or robot.tool_free:
-        free = robot.base_free, robot.tool_free
+    elif robot.base_free or tool_free:
+        free = robot.base_free, tool_free
         R_b, t_b, offset = _frames(p, R, codes, offset, data.position, free, _base(residuals))
         if robot.base_free:
             values |= dict(zip((f"base.{a}" for a in "xyz"), t_b, strict=True)) | _rpy("base", R_b)
-        if robot.tool_free and residuals.oriented:
+        if tool_free and residuals.oriented:
             assert data.rotation is not None
             for k in range(tools):
                 turn = np.swapaxes(R_b @ R, -1, -2) @ matrices(data.rotation)
                 values |= _rpy(_tool(residuals, k), nearest_rotation(turn[codes == k].sum(axis=0)))
-    if robot.tool_free:
+    if tool_free:
         for k in range(tools):
             values |= {f"{_tool(residuals, k)}.{a}": offset[k, i] for i, a in enumerate("xyz")}
     return np.array([values.get(q.name, q.nominal) - q.nominal for q in residuals.parameters])

@@ -1,0 +1,94 @@
+"""What is known of an arm's parameters: by the data to come, by stated σ's, and by how parts are made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.estimation import Prior
+from posture_opt.diagnosis.fit import noise
+from posture_opt.diagnosis.identifiability import ANGLE, LENGTH, Identifiability, identify
+from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter, prior_covariance
+from posture_opt.diagnosis.residuals import Residuals
+
+Array = NDArray[np.float64]
+
+FREE = 1.0  # m or rad: what nobody knows of a free frame or a touched point
+NEAR = (
+    f"the data tell {{}} less well than to {LENGTH * 1e3:g} mm or {np.degrees(ANGLE):g} deg: geometry is taken to lie "
+    "within that of its nominal value (one σ)"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """Which directions a calibration fits, and with what prior; decided once, at the nominal model.
+
+    Args:
+        identifiability: what the data alone determine.
+        directions: (k, r) the steps that are fitted [rad or m].
+        fixed: (k,) whether data, or stated σ's, determine the parameter.
+        prior: of the fit, or ``None``.
+        stated: (k,) the stated σ of each parameter that counts as knowledge; NaN where there is none.
+        noise: standard deviation of the residuals in units of the instrument's.
+        notes: sentences on what was assumed.
+    """
+
+    identifiability: Identifiability
+    directions: Array
+    fixed: NDArray[np.bool_]
+    prior: Prior | None
+    stated: Array
+    noise: float
+    notes: tuple[str, ...]
+
+
+def determine(problem: CalibrationProblem, residuals: Residuals, x: Array, held: int | None, priors: bool) -> Knowledge:
+    """What measurements determine at the deviations ``x``, by themselves and with what is known beforehand.
+
+    The noise is what no step of all parameters explains, but no less than the instrument's: what the model cannot
+    express makes data worth less. Without stated σ's, geometry has the prior of 10 mm and 1°.
+    """
+    parameters, rows = residuals.parameters, len(residuals.data)
+    names = [p.name for p in parameters]
+    r, J = residuals.both(x)
+    measured = rows * residuals.block
+    spread = max(noise(r[:measured], J[:measured], residuals.block), 1.0)
+    indices, covariance = prior_covariance(problem, parameters) if priors else ([], np.zeros((0, 0)))
+    scale = tolerances(parameters, indices)
+    alone = identify(names, J, rows, held, scale=scale, noise=spread)
+    stated = np.full(len(names), np.nan)
+    stated[indices] = np.sqrt(np.diag(covariance))
+    if not priors:
+        return Knowledge(alone, alone.directions, alone.determined, None, stated, spread, ())
+    known = Prior.of(indices, covariance).matrix(len(names))
+    both = identify(names, np.concatenate([J / spread, known]), rows, held, scale=scale) if indices else alone
+    fixed = both.determined | (np.isfinite(stated) & (np.arange(len(names)) != (-1 if held is None else held)))
+    prior = full_prior(parameters, scale, indices, covariance)
+    notes = () if not both.hardly.shape[1] else (NEAR.format(_vague(both)),)
+    directions = np.concatenate([both.directions, both.hardly], axis=1)
+    return Knowledge(alone, directions, fixed, prior, stated, spread, notes)
+
+
+def tolerances(parameters: tuple[Parameter, ...], stated: list[int]) -> Array:
+    """How far each unknown may be off beforehand [rad or m]: geometry, and frames of which a σ is stated, not far."""
+    part = {"m": LENGTH, "rad": ANGLE}
+    return np.array([part[p.unit] if p.group == "geometry" or i in stated else FREE for i, p in enumerate(parameters)])
+
+
+def full_prior(parameters: tuple[Parameter, ...], scale: Array, stated: list[int], covariance: Array) -> Prior:
+    """Stated σ's, and for the rest of the geometry its tolerance."""
+    rest = [i for i, p in enumerate(parameters) if p.group == "geometry" and i not in stated]
+    both = np.zeros((len(stated) + len(rest),) * 2)
+    both[: len(stated), : len(stated)] = covariance
+    both[len(stated) :, len(stated) :] = np.diag(scale[rest] ** 2)
+    return Prior.of([*stated, *rest], both)
+
+
+def _vague(known: Identifiability) -> str:
+    """The parameters that have the largest parts in what is hardly told."""
+    parts = np.abs(known.hardly / known.scale[:, None]).max(axis=1)
+    most = [int(i) for i in np.argsort(-parts, kind="stable") if parts[i] > 0.3 * parts.max()][:4]
+    return " and ".join([", ".join(known.names[i] for i in most[:-1]), known.names[most[-1]]][len(most) == 1 :])
