@@ -10,6 +10,8 @@
                                         problem ─ Arm.from_problem             CasADi expressions of one's own
     data.csv ───── read_measurements ─> data
     problem, data ─ calibrate ────────> calibration  the parameters of the arm, with what the data determine
+                                        problem ─ plan_measurements ─> plan    the postures to measure next
+    problem, calibration ─ calibrated_problem ─> problem  the calibrated arm, to be planned with
 
 Inside everything is SI and radians. Wrong input raises ``errors.InputError``, an unsolvable problem
 ``errors.NoSolutionError``; all exceptions derive from ``errors.PostureOptError``.
@@ -24,10 +26,13 @@ if TYPE_CHECKING:
     from posture_opt import errors
     from posture_opt.diagnosis.assessment import Assessment, assess
     from posture_opt.diagnosis.calibration import Calibration, calibrate
+    from posture_opt.diagnosis.measurement_plan import MeasurementPlan
     from posture_opt.diagnosis.measurements import Measurements
     from posture_opt.diagnosis.reading import read_measurements
     from posture_opt.model.arm import Arm
+    from posture_opt.problem.calibrated import calibrated_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
+    from posture_opt.problem.measurement_plan import plan_measurements
     from posture_opt.selection.selector import PostureSelector, select_posture
     from posture_opt.uncertainty.cloud import simulate
     from posture_opt.uncertainty.spread import propagate
@@ -39,14 +44,17 @@ __all__ = [
     "Arm",
     "Assessment",
     "Calibration",
+    "MeasurementPlan",
     "Measurements",
     "PostureSelector",
     "SpreadFunction",
     "__version__",
     "assess",
     "calibrate",
+    "calibrated_problem",
     "errors",
     "load_problem",
+    "plan_measurements",
     "problem_from_dict",
     "propagate",
     "read_measurements",
@@ -59,12 +67,15 @@ _HOMES = {
     "Arm": "model.arm",
     "Assessment": "diagnosis.assessment",
     "Calibration": "diagnosis.calibration",
+    "MeasurementPlan": "diagnosis.measurement_plan",
     "Measurements": "diagnosis.measurements",
     "PostureSelector": "selection.selector",
     "SpreadFunction": "uncertainty.spread_function",
     "assess": "diagnosis.assessment",
     "calibrate": "diagnosis.calibration",
+    "calibrated_problem": "problem.calibrated",
     "load_problem": "problem.load",
+    "plan_measurements": "problem.measurement_plan",
     "problem_from_dict": "problem.load",
     "propagate": "uncertainty.spread",
     "read_measurements": "diagnosis.reading",

@@ -48,7 +48,9 @@ def command(
         )
         from posture_opt.report.calibration_report import Learned
 
-        learned = Learned(measured, found, folds, not no_priors, other, refit_frames)
+        learned = Learned(
+            measured, found, folds, not no_priors, other, refit_frames, po.calibrated_problem(problem, found)
+        )
         if folder is not None:
             from posture_opt.report.write import write_calibration
 

@@ -29,7 +29,8 @@ class Problem:
 
     ``task`` is ``None`` where the file names none; ``notes`` are sentences for the report on what was assumed
     or overridden; ``document`` is the file's plain data, units and all; relative file names start at ``folder``;
-    ``origin`` is the file as it was read, ``overridden`` the keys that no longer say what it says.
+    ``origin`` is the file as it was read, ``overridden`` the keys that no longer say what it says; ``attached`` are
+    the contents of files that the document names and that stand nowhere else, ``header`` its first lines as comments.
     """
 
     name: str
@@ -46,6 +47,8 @@ class Problem:
     document: Mapping[str, Any] = field(default_factory=dict)
     origin: Document = field(default_factory=lambda: Document({}))
     overridden: frozenset[KeyPath] = frozenset()
+    attached: Mapping[str, str] = field(default_factory=dict)
+    header: tuple[str, ...] = ()
 
     def placed(self, issue: Issue) -> Issue:
         """An issue that computing raised, with the file and line it speaks of; as it is where no file says it."""
@@ -81,7 +84,8 @@ class Problem:
         Raises:
             InputError: the section does not fit, or the uncertainty names parameters that this robot lacks.
         """
-        return build_problem(Document({**self.document, "robot": dict(robot)}), self.folder, self.name)
+        document = Document({**self.document, "robot": dict(robot)})
+        return build_problem(document, self.folder, self.name, attached=self.attached)
 
     def to_dict(self) -> dict[str, Any]:
         """The plain data of the problem file; ``problem_from_dict`` takes it back."""
@@ -89,11 +93,37 @@ class Problem:
 
     def to_yaml(self) -> str:
         """The problem file as text, quantities with their units as they were given."""
-        return dump_yaml(self.to_dict())
+        return _commented(self.header, dump_yaml(self.to_dict()))
+
+    def files(self, stem: str) -> dict[str, bytes]:
+        """File name -> content: the problem file ``stem.yaml`` and what it needs beside it, to be put in any folder."""
+        document, beside = self.to_dict(), {}
+        for section, key, name in (
+            ("uncertainty", "covariance", f"{stem}_covariance.csv"),
+            ("robot", "file", f"{stem}.urdf"),
+        ):
+            given = (document.get(section) or {}).get(key)
+            if given:
+                beside[name] = self._content(given)
+                document[section] = {**document[section], key: name}
+        return {f"{stem}.yaml": _commented(self.header, dump_yaml(document)).encode(), **beside}
+
+    def _content(self, name: str) -> bytes:
+        """The content of a file that the document names."""
+        if name in self.attached:
+            return self.attached[name].encode()
+        return (self.folder / Path(name).expanduser()).read_bytes()
 
 
-def build_problem(document: Document, folder: Path, name: str) -> Problem:
-    """The problem of a document; ``name`` serves where the document has none.
+def _commented(header: tuple[str, ...], text: str) -> str:
+    return "".join(f"# {line}\n" for line in header) + text
+
+
+def build_problem(
+    document: Document, folder: Path, name: str, *, attached: Mapping[str, str] | None = None,
+    header: tuple[str, ...] = (),
+) -> Problem:  # fmt: skip
+    """The problem of a document; ``name`` serves where the document has none, ``attached`` for files that it names.
 
     Raises:
         InputError: everything wrong with the document, each with file, line and key.
@@ -101,11 +131,11 @@ def build_problem(document: Document, folder: Path, name: str) -> Problem:
     issues = list(document.issues)
     data, broken = _sections(document, issues)
     spec = ProblemSpec.model_validate(data) if "robot" in data else None
-    robot, sources = None, None
+    robot, sources, texts = None, None, attached or {}
     if spec is not None:
         robot = _collect(issues, "robot", lambda: spec.robot.build(folder))
     if spec is not None and robot is not None and "uncertainty" not in broken:
-        sources = _collect(issues, "uncertainty", lambda: spec.uncertainty.build(robot, folder))
+        sources = _collect(issues, "uncertainty", lambda: spec.uncertainty.build(robot, folder, texts))
     elif "uncertainty" in data:
         uncertainty = UncertaintySpec.model_validate(data["uncertainty"])
         _collect(issues, "uncertainty", uncertainty.check)
@@ -127,6 +157,8 @@ def build_problem(document: Document, folder: Path, name: str) -> Problem:
         notes=(*sources.notes, *plausibility_notes(robot, spec.uncertainty, sources)),
         document=document.data,
         origin=document,
+        attached=texts,
+        header=header,
     )
 
 

@@ -17,6 +17,7 @@ from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.nearest import nearest_file
 
 _LARGEST = 1_000_000  # bytes; the largest problem file written by hand has some thousand
+_MOST_IN_LINE = 2  # parameters; of more, a line breaks between number and unit
 _MOST_NODES = 200_000  # after aliases are expanded; a file of the size above has fewer without any
 _STARTER = "'optimize-posture new planar_2r' prints a problem file to start from"
 
@@ -232,6 +233,13 @@ class _Dumper(yaml.SafeDumper):
     """PyYAML's writer, which quotes the texts that YAML 1.2 would read as something else."""
 
     yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
+
+    def represent_mapping(self, tag: str, mapping: Any, flow_style: bool | None = None) -> yaml.MappingNode:
+        """Parameters with their quantities stand one a line: so they are looked for and compared."""
+        node = super().represent_mapping(tag, mapping, flow_style)
+        if len(mapping) > _MOST_IN_LINE and all("." in str(name) for name in mapping):
+            node.flow_style = False
+        return node
 
 
 def dump_yaml(data: dict[str, Any]) -> str:

@@ -40,6 +40,7 @@ class Learned:
     priors: bool = True
     test: Measurements | None = None
     refit_frames: bool = False
+    calibrated: Problem | None = None
 
 
 def calibration_report(problem: Problem, learned: Learned) -> Report:

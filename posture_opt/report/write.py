@@ -25,7 +25,10 @@ Files = dict[str, bytes]
 
 FIGURES = ("arm", "cloud", "budget", "joint_map")
 DOCUMENTS = ("solution.json", "spread.json", "calibration.json", "report.txt", "report.html")
-OWN_FILES = frozenset((*DOCUMENTS, "cloud.csv", *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg"))))
+CALIBRATED = ("calibrated.yaml", "calibrated_covariance.csv", "calibrated.urdf")
+OWN_FILES = frozenset(
+    (*DOCUMENTS, *CALIBRATED, "cloud.csv", *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")))
+)
 """Every name that a report's files may have: of an earlier run they would speak of another problem."""
 
 
@@ -45,11 +48,14 @@ def write_cloud(folder: Path, problem: Problem, cloud: Cloud, plots: bool = True
 
 
 def write_calibration(folder: Path, problem: Problem, learned: Learned) -> None:
-    """Writes the files of a calibration into ``folder``, which exists: calibration.json and the report."""
+    """Writes the files of a calibration into ``folder``, which exists: the report and the calibrated arm."""
     from posture_opt.report.calibration_report import calibration_report
 
     document = learned.calibration.to_json()
-    _write(folder, _files("calibration", document, calibration_report(problem, learned), {}, problem))
+    files = _files("calibration", document, calibration_report(problem, learned), {}, problem)
+    if learned.calibrated is not None:
+        files |= learned.calibrated.files("calibrated")
+    _write(folder, files)
 
 
 def solution_files(problem: Problem, solution: Solution, plots: bool = True) -> Files:

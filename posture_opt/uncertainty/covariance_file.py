@@ -6,7 +6,9 @@ import csv
 import math
 import re
 from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +22,7 @@ _CELL = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 _LARGEST = 10_000_000  # bytes; 500 named rows of 20 digits need half of it
 
 
-def read_covariance(path: Path, dimensions: dict[str, str]) -> tuple[tuple[str, ...], Array]:
+def read_covariance(path: Path, dimensions: dict[str, str], text: str | None = None) -> tuple[tuple[str, ...], Array]:
     """Names and covariance (k, k) in SI units of a file such as ::
 
         name, joint1.theta [deg], joint1.a [mm]
@@ -32,11 +34,12 @@ def read_covariance(path: Path, dimensions: dict[str, str]) -> tuple[tuple[str, 
     Args:
         path: the file.
         dimensions: ``angle`` or ``length`` of every known parameter name.
+        text: its content, where the file is not there yet.
 
     Raises:
         InputError: everything wrong with the file, each with its line.
     """
-    rows = _rows(path)
+    rows = _rows(path) if text is None else _filled(csv.reader(StringIO(text)))
     if not rows:
         raise InputError(Issue("the covariance file is empty", file=str(path)))
     line, header = rows[0]
@@ -49,19 +52,31 @@ def read_covariance(path: Path, dimensions: dict[str, str]) -> tuple[tuple[str, 
     return tuple(names), matrix * np.outer(scale, scale)
 
 
+def covariance_text(names: Sequence[str], covariance: Array, units: Sequence[str]) -> str:
+    """The text that ``read_covariance`` reads back: names with units, and the covariance (k, k), SI, in these."""
+    scale = [parse_quantity(f"1 {unit}", "angle" if unit.endswith("rad") else "length") for unit in units]
+    rows = covariance / np.outer(scale, scale)
+    head = ", ".join(["name", *(f"{name} [{unit}]" for name, unit in zip(names, units, strict=True))])
+    lines = [", ".join([name, *(f"{value:.15g}" for value in row)]) for name, row in zip(names, rows, strict=True)]
+    return "\n".join([head, *lines, ""])
+
+
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Line number and cells of every row that is not blank."""
     try:
         if path.stat().st_size > _LARGEST:
             raise InputError(Issue(f"the covariance file is larger than {_LARGEST // 10**6} MB", file=str(path)))
         with path.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.reader(stream)
-            return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+            return _filled(csv.reader(stream))
     except FileNotFoundError:
         near = nearest_file(path)
         raise InputError(Issue(f"no such file: {path}", mend=f"did you mean {near}?" if near else "")) from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(Issue(f"cannot read the covariance file {path}: {error}")) from None
+
+
+def _filled(reader: Any) -> list[tuple[int, list[str]]]:
+    return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
 
 
 def _header(cells: Sequence[str], dimensions: dict[str, str]) -> tuple[list[str], list[float], list[Issue]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -51,8 +52,8 @@ class UncertaintySpec(Spec):
     weights: dict[str, Annotated[float, Field(ge=0)]] = Field({}, description="JOINT: share in the repeatability")
     measurement: MeasurementSpec | None = None
 
-    def build(self, robot: Robot, folder: Path) -> Sources:
-        """The sources of ``robot``; a covariance file is looked up from ``folder``.
+    def build(self, robot: Robot, folder: Path, attached: Mapping[str, str] | None = None) -> Sources:
+        """The sources of ``robot``; a covariance file is looked up in ``attached``, name -> text, then from ``folder``.
 
         Raises:
             InputError: everything wrong with the section, keys relative to it.
@@ -62,7 +63,7 @@ class UncertaintySpec(Spec):
         named = Sources()
         try:
             from_file = self.covariance and not self.sigma  # both are a contradiction, which is told already
-            named = self._from_file(dimensions, folder) if from_file else self._from_sigma(dimensions)
+            named = self._from_file(dimensions, folder, attached or {}) if from_file else self._from_sigma(dimensions)
         except InputError as error:
             issues += error.issues
         scatter = {name: _sigma(name, text, dimensions, issues, "scatter") for name, text in self.scatter.items()}
@@ -107,11 +108,11 @@ class UncertaintySpec(Spec):
             issues.append(Issue("all weights are zero", ("weights",), mend="give one joint a weight above 0"))
         return issues
 
-    def _from_file(self, dimensions: dict[str, str], folder: Path) -> Sources:
+    def _from_file(self, dimensions: dict[str, str], folder: Path, attached: Mapping[str, str]) -> Sources:
         assert self.covariance is not None
-        path = folder / self.covariance
+        text = attached.get(self.covariance)
         try:
-            names, covariance = read_covariance(path, dimensions)
+            names, covariance = read_covariance(folder / self.covariance, dimensions, text)
         except InputError as error:
             raise InputError([issue if issue.file else issue.at("covariance") for issue in error.issues]) from None
         covariance = (covariance + covariance.T) / 2
