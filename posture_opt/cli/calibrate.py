@@ -49,19 +49,25 @@ def command(
         from posture_opt.report.calibration_report import Learned
 
         learned = Learned(
-            measured, found, folds, not no_priors, other, refit_frames, po.calibrated_problem(problem, found)
-        )
+            measured, found, folds, not no_priors, other, refit_frames,
+            calibrated=po.calibrated_problem(problem, found), assessment=po.assess(problem, measured, found),
+        )  # fmt: skip
         if folder is not None:
             from posture_opt.report.write import write_calibration
 
-            write_calibration(folder, problem, learned)
+            write_calibration(folder, problem, learned, common.plots)
 
     def text() -> str:
         from posture_opt.report.text import calibration_text
 
         return calibration_text(problem, learned)
 
-    show(common, found.to_json, text)
+    def document() -> dict[str, Any]:
+        from posture_opt.report.write import calibration_document
+
+        return calibration_document(learned)
+
+    show(common, document, text)
 
 
 def _announce(common: Common, rows: int) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.calibration import Calibration
-from posture_opt.diagnosis.mean_test import BlockMean, MeanTest, block_tests, group_means, mean_test
 from posture_opt.diagnosis.measurements import Measurements
+from posture_opt.diagnosis.model_errors import ModelErrors, model_errors, told
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.repeats import Goals, Repeats, goals_of, repeats_of
 from posture_opt.diagnosis.residuals import Residuals, matrices, rotation_vectors
@@ -20,7 +20,6 @@ Array = NDArray[np.float64]
 
 TEN_TIMES = 10.0  # better than what it judges an instrument should be
 _COVERAGE = 0.95
-_TILT = 1e-6  # rad: rounding of a direction that was written down
 
 
 class AssessedProblem(CalibrationProblem, Protocol):
@@ -28,64 +27,6 @@ class AssessedProblem(CalibrationProblem, Protocol):
 
     @property
     def task(self) -> Any: ...
-
-
-@dataclass(frozen=True)
-class Deviation:
-    """Deviations along one direction, or the lengths of those in a plane or in space [m].
-
-    Args:
-        name: ``x``, ``y``, ``z``, ``along`` and ``across`` the task's direction, or ``all``.
-        bias: mean, with its sign along a direction; length of the mean vector otherwise.
-        rms, mean, p95, max: of the sizes.
-    """
-
-    name: str
-    bias: float
-    rms: float
-    mean: float
-    p95: float
-    max: float
-
-    @classmethod
-    def of(cls, name: str, vectors: Array) -> Deviation:
-        """Of deviations (n, d) [m]."""
-        sizes = np.linalg.norm(vectors, axis=1)
-        mean = vectors.mean(axis=0)
-        bias = float(mean[0]) if len(mean) == 1 else float(np.linalg.norm(mean))
-        rms = float(np.sqrt(np.mean(sizes**2)))
-        return cls(name, bias, rms, float(sizes.mean()), float(np.quantile(sizes, 0.95)), float(sizes.max()))
-
-
-@dataclass(frozen=True, eq=False)
-class ModelErrors:
-    """Deviations of one model: by direction, and whether they scatter about zero.
-
-    Args:
-        deviations: cross-validated, one entry a direction.
-        mean: test of the mean over all poses; ``None`` for touched points, whose places nobody knows otherwise.
-        blocks: tests of the means in blocks of the workspace; empty with too few poses.
-        coordinate: RMS of one coordinate [m].
-    """
-
-    deviations: tuple[Deviation, ...]
-    mean: MeanTest | None
-    blocks: tuple[BlockMean, ...]
-    coordinate: float
-
-    @property
-    def zero(self) -> bool:
-        """Whether nothing speaks against a mean of zero, anywhere."""
-        return (self.mean is None or self.mean.zero) and all(block.zero for block in self.blocks)
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain numbers [m]."""
-        return {
-            "deviations": {d.name: {k: v for k, v in vars(d).items() if k != "name"} for d in self.deviations},
-            "mean_test": None if self.mean is None else self.mean.to_json(),
-            "blocks": [block.to_json() for block in self.blocks],
-            "mean_zero": self.zero,
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +119,7 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
     direction = _direction(problem)
     errors = {"nominal": -calibration.errors_nominal[kept], "calibrated": -calibration.errors[kept]}
     fitted = {"nominal": errors["nominal"], "calibrated": -calibration.errors_fitted[kept]}
-    models = {name: _model(used, errors[name], fitted[name], axes, direction) for name in errors}
+    models = {name: model_errors(used, errors[name], fitted[name], axes, direction) for name in errors}
     stated = problem.measurement.position if problem.measurement is not None else 0.0
     rotations = _turned(calibration.residuals.take(kept), calibration.x)
     deviations = {name: e[:, axes] for name, e in errors.items()}
@@ -208,32 +149,11 @@ def _direction(problem: AssessedProblem) -> Array | None:
 def _notes(problem: AssessedProblem, axes: Any, direction: Array | None) -> tuple[str, ...]:
     if direction is None:
         return ("the problem has no task: nothing is said of along and across its direction",)
-    if not all(_told(axes, direction)):
+    if not all(told(axes, direction)):
         return ("not all of the task's direction was measured: what was not told is left out",)
     if problem.robot.base_free:
         return ("the base is free: the task's direction is taken in the frame of the measurements",)
     return ()
-
-
-def _told(axes: Any, direction: Array) -> tuple[bool, bool]:
-    """Whether what was measured tells of along the direction, and of across it: a plane has one line across."""
-    hidden = np.abs(np.delete(direction, axes))
-    return bool(np.all(hidden < _TILT)), bool(np.all((hidden < _TILT) | (hidden > 1 - _TILT)))
-
-
-def _model(data: Measurements, errors: Array, fitted: Array, axes: Any, direction: Array | None) -> ModelErrors:
-    parts = [("xyz"[axis], errors[:, [axis]]) for axis in axes]
-    if direction is not None:
-        along = (errors @ direction)[:, None]
-        both = (("along", along), ("across", errors - along * direction))
-        parts += [part for part, told in zip(both, _told(axes, direction), strict=True) if told]
-    deviations = tuple(Deviation.of(name, vectors) for name, vectors in (*parts, ("all", errors[:, axes])))
-    coordinate = float(np.sqrt(np.mean(errors[:, axes] ** 2)))
-    if data.position is None:
-        return ModelErrors(deviations, None, (), coordinate)
-    means = group_means(fitted[:, axes], data.pose)
-    places = group_means(data.position, data.pose)
-    return ModelErrors(deviations, mean_test(means), block_tests(means, places), coordinate)
 
 
 def _remaining(errors: Array, poses: int) -> Remaining | None:

@@ -12,9 +12,11 @@ import numpy as np
 from posture_opt.diagnosis.parameters import Parameter, prior_covariance
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.parts import note_facts, robot_facts, sentence
+from posture_opt.report.residual_blocks import residual_blocks
 from posture_opt.report.units_text import count, fixed, number, percent, stated_length
 
 if TYPE_CHECKING:
+    from posture_opt.diagnosis.assessment import Assessment
     from posture_opt.diagnosis.calibration import Calibration
     from posture_opt.diagnosis.measurements import Measurements
     from posture_opt.diagnosis.validation import Statistics
@@ -41,6 +43,7 @@ class Learned:
     test: Measurements | None = None
     refit_frames: bool = False
     calibrated: Problem | None = None
+    assessment: Assessment | None = None
 
 
 def calibration_report(problem: Problem, learned: Learned) -> Report:
@@ -48,6 +51,7 @@ def calibration_report(problem: Problem, learned: Learned) -> Report:
     blocks = (
         data_block(problem, learned),
         errors_block(problem, learned),
+        *(residual_blocks(learned.assessment) if learned.assessment is not None else ()),
         parameters_block(problem, learned),
         undetermined_block(learned.calibration),
         outliers_block(learned),

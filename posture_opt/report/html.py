@@ -17,6 +17,12 @@ CAPTIONS = {
     "cloud": "Simulated tool points and the ellipse that holds 95 of 100 of them.",
     "budget": "Which source the scatter comes from.",
     "joint_map": "The scatter over both joints: dark is good.",
+    "residual_vectors": "Errors as arrows, from where the model says to where was measured (enlarged as stated).",
+    "residual_joints": "Errors along the motion of each joint: a line that leaves zero is an error that repeats.",
+    "residual_inputs": "Mean errors with their 95 % bands over time, other inputs, and the side a joint came from.",
+    "residual_region": "Errors of the calibrated model, and the ellipse that holds 95 of 100 of them.",
+    "residual_shape": "Errors of the calibrated model beside the normal distribution: on the line means normal.",
+    "residual_repeats": "Repeated visits about their mean, with the ellipse that should hold 95 of 100 of them.",
 }
 
 

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 Files = dict[str, bytes]
 
-FIGURES = ("arm", "cloud", "budget", "joint_map")
+RESIDUALS = ("vectors", "joints", "inputs", "region", "shape", "repeats")
+FIGURES = ("arm", "cloud", "budget", "joint_map", *(f"residual_{name}" for name in RESIDUALS))
 DOCUMENTS = ("solution.json", "spread.json", "calibration.json", "report.txt", "report.html")
 CALIBRATED = ("calibrated.yaml", "calibrated_covariance.csv", "calibrated.urdf")
 OWN_FILES = frozenset(
@@ -47,15 +48,23 @@ def write_cloud(folder: Path, problem: Problem, cloud: Cloud, plots: bool = True
     _write(folder, cloud_files(problem, cloud, plots))
 
 
-def write_calibration(folder: Path, problem: Problem, learned: Learned) -> None:
+def write_calibration(folder: Path, problem: Problem, learned: Learned, plots: bool = True) -> None:
     """Writes the files of a calibration into ``folder``, which exists: the report and the calibrated arm."""
     from posture_opt.report.calibration_report import calibration_report
 
-    document = learned.calibration.to_json()
-    files = _files("calibration", document, calibration_report(problem, learned), {}, problem)
+    document, figures = calibration_document(learned), _calibration_figures(problem, learned) if plots else {}
+    files = _files("calibration", document, calibration_report(problem, learned), figures, problem)
     if learned.calibrated is not None:
         files |= learned.calibrated.files("calibrated")
     _write(folder, files)
+
+
+def calibration_document(learned: Learned) -> dict[str, Any]:
+    """The document ``calibration.json``."""
+    document = learned.calibration.to_json()
+    if learned.assessment is not None:
+        document["assessment"] = learned.assessment.to_json()
+    return document
 
 
 def solution_files(problem: Problem, solution: Solution, plots: bool = True) -> Files:
@@ -127,6 +136,12 @@ def _cloud_figures(cloud: Cloud) -> dict[str, Figure]:
     from posture_opt.report import figures
 
     return {"arm": figures.plot_spread(cloud.spread), "cloud": figures.plot_cloud(cloud)}
+
+
+def _calibration_figures(problem: Problem, learned: Learned) -> dict[str, Figure]:
+    from posture_opt.report.figures.residuals import residual_figures
+
+    return residual_figures(problem, learned)
 
 
 def _points(cloud: Cloud) -> bytes:

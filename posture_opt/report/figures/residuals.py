@@ -1,0 +1,154 @@
+"""The figures of a calibration's residuals: what is drawn of them, and errors as arrows in the workspace."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from posture_opt.report.style import BLUE, ORANGE, new_figure, styled
+from posture_opt.report.units_text import number
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.measurements import Measurements
+    from posture_opt.problem.problem import Problem
+    from posture_opt.report.calibration_report import Learned
+
+Floats = NDArray[np.float64]
+
+TITLES = {"nominal": "as it stands", "calibrated": "calibrated"}
+COLOURS = {"nominal": ORANGE, "calibrated": BLUE}
+_ARROWS = 250  # more of them hide each other
+_LONG = 0.09  # of the workspace: the arrow of a large error
+_FLAT = 0.02  # of the workspace: measured points that leave a plane by less are drawn in it
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What is drawn of a calibration, outliers left out.
+
+    Args:
+        errors: by model, (N, 3) measured minus model, cross-validated [mm].
+        places: (N, 3) where, measured or the touched point [mm].
+        columns: by joint, (N, 3) how the joint moves the tool point [m/rad or m/m].
+        base: (3,) where the calibrated arm stands [mm].
+    """
+
+    data: Measurements
+    errors: dict[str, Floats]
+    places: Floats
+    columns: tuple[Floats, ...]
+    base: Floats
+    axes: tuple[int, ...]
+
+    @classmethod
+    def of(cls, learned: Learned) -> Shown:
+        """The rows of a calibration that count."""
+        from posture_opt.model.derivatives import position_column
+
+        found = learned.calibration
+        kept = np.setdiff1d(np.arange(len(learned.data)), found.outliers)
+        residuals = found.residuals.take(kept)
+        reached = residuals.walk(found.x)
+        columns = [position_column(reached, k) for k in residuals.robot.driven]
+        errors = {"nominal": -1e3 * found.errors_nominal[kept], "calibrated": -1e3 * found.errors[kept]}
+        position = residuals.data.position
+        places = residuals.points(found.x)[residuals.data.point] if position is None else position
+        origin = reached.screws[len(residuals.robot.base)].origin
+        return cls(
+            residuals.data, errors, 1e3 * places, tuple(_rows(column, len(kept)) for column in columns),
+            1e3 * _rows(origin, len(kept))[0], tuple(int(axis) for axis in residuals.axes),
+        )  # fmt: skip
+
+    @property
+    def views(self) -> tuple[tuple[int, int], ...]:
+        """The pairs of axes to look along the third of: one of what is flat, else from above and from the side."""
+        if len(self.axes) == 2:
+            return ((self.axes[0], self.axes[1]),)
+        extent = np.ptp(self.places, axis=0)
+        flat = int(np.argmin(extent))
+        if extent[flat] < _FLAT * extent.max():
+            first, second = (axis for axis in range(3) if axis != flat)
+            return ((first, second),)
+        return (0, 1), (int(np.argmax(extent[:2])), 2)
+
+
+def _rows(vector: Any, n: int) -> Floats:
+    return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (n,)) for entry in vector], axis=-1)
+
+
+def residual_figures(problem: Problem, learned: Learned) -> dict[str, Figure]:
+    """Name -> figure of everything that there is to see of the residuals."""
+    shown = Shown.of(learned)
+    drawn: dict[str, Callable[[], Figure | None]] = {
+        "residual_vectors": lambda: plot_residual_vectors(shown),
+    }
+    figures = {name: draw() for name, draw in drawn.items()}
+    return {name: figure for name, figure in figures.items() if figure is not None}
+
+
+def exaggeration(size: float, extent: float) -> float:
+    """The round factor (1, 2, 5, 10, …) that makes an arrow of ``size`` nearest below a share of ``extent``."""
+    wanted = max(_LONG * extent / size, 1.0) if size > 0 else 1.0
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return max(step * power for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9))
+
+
+def chosen_rows(n: int, most: int) -> NDArray[np.intp]:
+    """At most ``most`` of n rows, drawn by lot so that no regular grid hides among them; always the same."""
+    return np.arange(n) if n <= most else np.sort(np.random.default_rng(0).choice(n, most, replace=False))
+
+
+@styled
+def plot_residual_vectors(shown: Shown) -> Figure:
+    """Errors as arrows from the model's place to the measured one, before and after on one scale."""
+    views = shown.views
+    rows = chosen_rows(len(shown.data), _ARROWS)
+    lengths = np.linalg.norm(shown.errors["nominal"], axis=1)
+    large = float(np.quantile(lengths, 0.95))
+    factor = exaggeration(large, float(np.ptp(shown.places, axis=0).max()))
+    ends = np.concatenate([shown.places, (shown.places + factor * shown.errors["nominal"])[rows], shown.base[None]])
+    boxes = [(ends[:, list(view)].min(axis=0), ends[:, list(view)].max(axis=0)) for view in views]
+    heights = [float(np.clip(4.4 * (high - low)[1] / (high - low)[0], 1.6, 6.0)) for low, high in boxes]
+    figure = new_figure(9.6, sum(heights) + 0.8)
+    grid = figure.subplots(len(views), 2, squeeze=False, gridspec_kw={"height_ratios": heights})
+    for line, view, box in zip(grid, views, boxes, strict=True):
+        for axes, (name, errors) in zip(line, shown.errors.items(), strict=True):
+            arrows = _arrows(axes, shown, errors, view, rows, factor, COLOURS[name])
+            (left, low), (right, high) = box
+            margin = 0.03 * max(right - left, high - low)
+            axes.set(xlim=(left - margin, right + margin), ylim=(low - margin, high + margin))
+            if view == views[0]:
+                axes.set_title(TITLES[name])
+        line[1].tick_params(labelleft=False)
+        line[1].set_ylabel("")
+    key = _round(large)
+    label = f"{number(key, 1)} mm, drawn {factor:g}\N{MULTIPLICATION SIGN}"
+    grid[0][0].quiverkey(arrows, 0.5, 1.0, key * factor, label, coordinates="figure", labelpos="E", color="black")
+    some = f", {len(rows)} of {len(shown.data)} rows, drawn by lot" if len(rows) < len(shown.data) else ""
+    figure.suptitle(f"measured minus model{some}\n", fontsize=10)
+    return figure
+
+
+def _arrows(
+    axes: Any, shown: Shown, errors: Floats, view: tuple[int, int], rows: Any, factor: float, colour: str
+) -> Any:
+    x, y = shown.places[rows][:, list(view)].T
+    u, v = factor * errors[rows][:, list(view)].T
+    axes.plot(*shown.base[list(view)], "s", color="black", ms=7, zorder=3)
+    axes.annotate("base", shown.base[list(view)], xytext=(6, 6), textcoords="offset points", fontsize=9)
+    axes.plot(x, y, ".", color=colour, ms=2, alpha=0.6, zorder=2)
+    axes.set(xlabel=f"{'xyz'[view[0]]} [mm]", ylabel=f"{'xyz'[view[1]]} [mm]", aspect="equal")
+    return axes.quiver(
+        x, y, u, v, color=colour, angles="xy", scale_units="xy", scale=1, width=0.0035, headwidth=3.5, zorder=4
+    )
+
+
+def _round(value: float) -> float:
+    power = 10.0 ** math.floor(math.log10(value)) if value > 0 else 1.0
+    return max(step * power for step in (1, 2, 5) if step * power <= max(value, power) * (1 + 1e-9))

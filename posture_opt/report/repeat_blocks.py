@@ -1,0 +1,95 @@
+"""What the report says of repeated visits: ISO 9283, and one goal in several postures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.diagnosis.repeats import CYCLES
+from posture_opt.report.blocks import Block, Table
+from posture_opt.report.units_text import count, fixed, length, lengths, number
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.assessment import Assessment
+    from posture_opt.diagnosis.repeats import Distances, PosePerformance, Repeats
+
+MODELS = {"nominal": "as it stands", "calibrated": "calibrated"}
+
+
+def goals_block(found: Assessment) -> Block:
+    """How far apart the postures of one goal land."""
+    goals = found.goals
+    assert goals is not None
+    text = (
+        f"{count(goals.goals, 'goal was', 'goals were')} reached in two postures or more. By the model as it stands "
+        f"they should land {length(goals.said['nominal'].median)} apart, measured are "
+        f"{length(goals.measured.median)} (medians). Once calibrated, the model misses "
+        f"{length(goals.missed['calibrated'].median)} of the way between them, as it stands "
+        f"{length(goals.missed['nominal'].median)}."
+    )
+    rows = [("measured apart", *_distance_cells(goals.measured))]
+    rows += [(f"missed, {words}", *_distance_cells(goals.missed[name])) for name, words in MODELS.items()]
+    return Block("One goal, several postures", (text, Table(("[mm]", "median", "95 % below", "max"), tuple(rows))))
+
+
+def _distance_cells(d: Distances) -> tuple[str, ...]:
+    return tuple(fixed(1e3 * value, 3) for value in (d.median, d.p95, d.max))
+
+
+def repeats_block(found: Assessment) -> Block:
+    """Accuracy and repeatability after ISO 9283, and the pooled scatter of visits."""
+    title, repeats = "Accuracy and repeatability (ISO 9283)", found.repeats
+    if repeats is None:
+        return Block(title, ("No posture was visited twice, so that repeatability cannot be said.",))
+    low, high = repeats.interval
+    pooled = (
+        f"{count(repeats.groups, 'pose was', 'poses were')} visited more than once, {repeats.visits} visits in all. "
+        f"About the mean of its pose a visit scatters by {length(repeats.sigma)} in a coordinate (standard deviation; "
+        f"with 95 % confidence {lengths([low, high], ' to ')}), which makes RP {length(repeats.repeatability)}."
+    )
+    if not repeats.poses:
+        few = "No pose was visited three times or more: AP and RP of single poses are left out."
+        return Block(title, (pooled, few), "residual_repeats")
+    return Block(title, (pooled, _performance_table(repeats), *_performance_texts(repeats)), "residual_repeats")
+
+
+def _performance_table(repeats: Repeats) -> Table:
+    rows = [
+        (f"AP, {MODELS['nominal']}", *_spread_cells([_interval(p, "nominal") for p in repeats.poses])),
+        (f"AP, {MODELS['calibrated']}", *_spread_cells([_interval(p, "calibrated") for p in repeats.poses])),
+        ("RP", *_spread_cells([_interval(p, "RP") for p in repeats.poses])),
+    ]
+    return Table(("[mm]", "median pose", "worst pose", "its 95 % interval", "line"), tuple(rows))
+
+
+def _interval(pose: PosePerformance, what: str) -> tuple[float, tuple[float, float], int]:
+    if what == "RP":
+        return pose.nominal.repeatability, pose.nominal.repeatability_interval, pose.line
+    performance = getattr(pose, what)
+    return performance.accuracy, performance.accuracy_interval, pose.line
+
+
+def _spread_cells(values: list[tuple[float, tuple[float, float], int]]) -> tuple[str, ...]:
+    worst, (low, high), line = max(values)
+    middle = float(np.median([value for value, _, _ in values]))
+    return (
+        fixed(1e3 * middle, 3),
+        fixed(1e3 * worst, 3),
+        f"{fixed(1e3 * low, 3)} to {fixed(1e3 * high, 3)}",
+        str(line),
+    )
+
+
+def _performance_texts(repeats: Repeats) -> list[str]:
+    visits = [pose.nominal.n for pose in repeats.poses]
+    size = f"{min(visits)}" if min(visits) == max(visits) else f"{min(visits)} to {max(visits)}"
+    texts = [f"{count(len(visits), 'pose')} with {size} visits; the line is that of the first visit."]
+    if min(visits) < CYCLES:
+        texts.append(f"ISO 9283 asks for {CYCLES} visits: the intervals tell what fewer cost.")
+    if repeats.left_out:
+        texts.append(f"{count(repeats.left_out, 'pose')} more with as many visits or fewer are not listed.")
+    if repeats.poses[0].orientation:
+        worst = max(np.degrees(angle.repeatability) for pose in repeats.poses for angle in pose.orientation)
+        texts.append(f"The orientation repeats within {number(float(worst))} deg about any axis (RP, worst pose).")
+    return texts

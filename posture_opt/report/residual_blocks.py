@@ -1,0 +1,186 @@
+"""What the report says of residuals: by direction, the rules of measuring, the instrument."""
+
+from __future__ import annotations
+
+from itertools import chain
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.diagnosis.assessment import TEN_TIMES
+from posture_opt.report.blocks import Block, Table
+from posture_opt.report.parts import sentence
+from posture_opt.report.repeat_blocks import MODELS, goals_block, repeats_block
+from posture_opt.report.units_text import count, fixed, length, lengths, number, percent, shift, stated_length
+from posture_opt.report.words import REGIONS, direction_words, line_words
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.assessment import Assessment
+    from posture_opt.diagnosis.mean_test import BlockMean
+    from posture_opt.diagnosis.model_errors import Deviation, ModelErrors
+
+_TOTALS = {1: "in all", 2: "in the plane", 3: "in space"}
+_NOTHING = 0.1  # of its standard error: a mean that a fit has made zero, as chance hardly would on all axes
+_NORMAL = 0.0027  # of normal numbers lie beyond three standard deviations
+
+
+def residual_blocks(found: Assessment) -> tuple[Block, ...]:
+    """Every block on what a model gets wrong, the figures with them."""
+    return (
+        directions_block(found),
+        *([goals_block(found)] if found.goals is not None else []),
+        mean_block(found),
+        inputs_block(),
+        remaining_block(found),
+        shape_block(found),
+        instrument_block(found),
+        repeats_block(found),
+    )
+
+
+def directions_block(found: Assessment) -> Block:
+    """Bias, RMS, mean, 95 % and maximum by axis and by the task's direction."""
+    models = {name: getattr(found, name) for name in MODELS}
+    smallest = min(d.rms for model in models.values() for d in model.deviations)
+    decimals = 3 if smallest >= 1e-5 or smallest <= 0 else 4
+    rows = [
+        (_direction_name(found, pair[0].name) if k == 0 else "", model, *_cells(d, decimals))
+        for pair in zip(*(model.deviations for model in models.values()), strict=True)
+        for k, (model, d) in enumerate(zip(MODELS.values(), pair, strict=True))
+    ]
+    headers = ("measured minus model [mm]", "model", "bias", "RMS", "mean", "95 % below", "max")
+    how = "Mean, 95 % and max are of the size of the error."
+    notes = map(sentence, found.notes)
+    return Block("Errors by direction", (how, Table(headers, tuple(rows), text_columns=2), *notes), "residual_vectors")
+
+
+def _direction_name(found: Assessment, name: str) -> str:
+    if name in ("along", "across"):
+        assert found.direction is not None
+        return f"along the task ({direction_words(found.direction)})" if name == "along" else "across the task"
+    return _TOTALS[len(found.axes)] if name == "all" else name
+
+
+def _cells(d: Deviation, decimals: int) -> tuple[str, ...]:
+    return tuple(fixed(1e3 * value, decimals) for value in (d.bias, d.rms, d.mean, d.p95, d.max))
+
+
+def mean_block(found: Assessment) -> Block:
+    """The first rule: after calibration the mean of the residuals is zero, everywhere."""
+    rule = "After a good calibration the errors scatter about zero, over all rows and in every part of the workspace."
+    if found.calibrated.mean is None:
+        told = (
+            "The place of a touched point is known from its touches only, so that their mean is zero whatever is wrong."
+        )
+        return Block("Is what remains mere scatter?", (rule, told), "residual_joints")
+    texts = chain.from_iterable(_mean_texts(words, getattr(found, name)) for name, words in MODELS.items())
+    if found.calibrated.zero and found.calibrated.blocks:
+        verdict = "Rule kept: nothing speaks against taking what remains as scatter."
+    elif found.calibrated.zero:
+        verdict = "No part of the workspace has poses enough to be tested by itself: measure more to know."
+    else:
+        verdict = "Rule broken: something is left that these parameters do not explain."
+    return Block("Is what remains mere scatter?", (rule, *texts, verdict), "residual_joints")
+
+
+def _mean_texts(name: str, model: ModelErrors) -> list[str]:
+    assert model.mean is not None
+    mean, error = model.mean.mean, model.mean.error
+    if np.all(np.abs(mean) <= _NOTHING * error):
+        overall = "the mean over all rows is zero, for the base was fitted"
+    else:
+        verdict = "chance explains that" if model.mean.zero else "that is no chance"
+        size = f"{shift(mean.tolist())} with standard errors {shift(error.tolist(), among=mean.tolist())}"
+        overall = f"the mean over all rows is {size}: {verdict} (p = {p_value(model.mean.p_value)})"
+    blocks = _blocks_text(model.blocks) if model.blocks else ""
+    return [f"{name.capitalize()}, {overall}.{blocks}"]
+
+
+def _blocks_text(blocks: tuple[BlockMean, ...]) -> str:
+    off = [block for block in blocks if not block.zero]
+    if not off:
+        return f" It is zero within chance in each of {len(blocks)} blocks of the workspace, too."
+    worst = max(off, key=lambda block: float(np.linalg.norm(block.test.mean)))
+    size = length(float(np.linalg.norm(worst.test.mean)))
+    return f" In {len(off)} of {len(blocks)} blocks of the workspace it is not zero: {size} where {_box(worst)}."
+
+
+def _box(block: BlockMean) -> str:
+    sides = [
+        f"{axis} is {fixed(low)} to {fixed(high)} m"
+        for axis, low, high in zip("xyz", block.lower, block.upper, strict=True)
+        if high > low
+    ]
+    return ", ".join(sides)
+
+
+def p_value(p: float) -> str:
+    """0.23, 0.004, below 0.001."""
+    return "below 0.001" if p < 1e-3 else number(p, 2)
+
+
+def inputs_block() -> Block:
+    """Where to look for drift, heat, load and backlash."""
+    text = "A line that leaves its band about zero tells of drift, heat, load or backlash."
+    return Block("Errors over time and other inputs", (text,), "residual_inputs")
+
+
+def remaining_block(found: Assessment) -> Block:
+    """The second rule: the second moment of what remains is its vector uncertainty."""
+    left = found.remaining
+    if left is None:
+        return Block("What remains", ("Too few poses for a region of what remains.",))
+    ellipse = left.ellipse
+    along = ", ".join(line_words(np.pad(a, (0, 3 - len(a)))) for a in ellipse.axes.T[::-1][: ellipse.rank])
+    half = lengths([float(s) for s in (left.factor * ellipse.semi_axes)[::-1][: ellipse.rank]])
+    if len(found.axes) < 3:
+        along = ", ".join(_in_plane(found, a) for a in ellipse.axes.T[::-1][: ellipse.rank])
+    poses = "" if left.dof == left.samples else f" in {count(left.dof, 'pose')}"
+    texts = [
+        f"C = (1/l) Σ Δx Δxᵀ over l = {left.samples} rows{poses} is the vector uncertainty of the calibrated model.",
+        f"Its {REGIONS[ellipse.rank]} has the semi-axes {half} along {along}: {left.factor:.3f} standard deviations, "
+        f"for so many samples; a covariance known beforehand has {ellipse.factor(0.95):.3f}. "
+        f"{percent(left.inside)} of the rows lie inside.",
+    ]
+    if not found.calibrated.zero:
+        texts.append("As its mean is not zero everywhere, C holds errors that repeat, beside scatter.")
+    return Block("What remains", tuple(texts), "residual_region")
+
+
+def _in_plane(found: Assessment, axis: np.ndarray) -> str:
+    wide = np.zeros(3)
+    wide[list(found.axes)] = axis
+    return line_words(wide)
+
+
+def shape_block(found: Assessment) -> Block:
+    """Whether what remains is normally distributed."""
+    share = found.calibrated.beyond3
+    if share > 2 * _NORMAL:
+        verdict = "large errors are likelier than the normal distribution says"
+    else:
+        verdict = "large errors are no likelier than the normal distribution says"
+    text = (
+        f"{percent(share)} of the coordinates lie beyond three of their standard deviations, of normal ones "
+        f"{percent(_NORMAL)}: {verdict}."
+    )
+    return Block("Shape of what remains", (text,), "residual_shape")
+
+
+def instrument_block(found: Assessment) -> Block:
+    """The third rule: an instrument ten times better than what it judges."""
+    rule = "An instrument should be ten times better than what it judges."
+    if not found.instrument:
+        mend = "its accuracy is not stated: add uncertainty: {measurement: {position: 0.05 mm}} to the problem file."
+        return Block("The instrument", (f"{rule} Whether this one is cannot be said, {mend}",))
+    texts = [f"{rule} This one has {stated_length(found.instrument)} in a coordinate."]
+    for name, words in MODELS.items():
+        ratio, size = found.ratios[name], length(getattr(found, name).coordinate)
+        if ratio >= TEN_TIMES:
+            texts.append(f"The model {words} is off by {size}, {ratio:.0f} times as much: good enough.")
+        else:
+            texts.append(
+                f"Warning: the model {words} is off by {size}, only {number(ratio, 2)} times as much: part of what "
+                "is seen is the instrument's own error."
+            )
+    return Block("The instrument", tuple(texts))
