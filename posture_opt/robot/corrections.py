@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.nearest import listed, nearest
@@ -42,18 +42,17 @@ def deviated(robot: Robot, values: Mapping[str, float]) -> Robot:
         return tuple(replace(f, nominal=f.nominal + values.get(f.parameter, 0.0)) for f in factors)
 
     links = tuple(moved(link) for link in robot.links)
-    return replace(
-        robot, base=moved(robot.base), links=links, tool=moved(robot.tool), skew=robot.skew + _skew(robot, values)
-    )
+    skew, lift = robot.skew + _moved(robot, values, "rotate"), robot.lift + _moved(robot, values, "translate")
+    return replace(robot, base=moved(robot.base), links=links, tool=moved(robot.tool), skew=skew, lift=lift)
 
 
-def _skew(robot: Robot, values: Mapping[str, float]) -> float:
-    """How far [rad] the axes can lean from where the drawing has them: the sum of all turns but the joints' own.
+def _moved(robot: Robot, values: Mapping[str, float], kind: Literal["rotate", "translate"]) -> float:
+    """How far [rad or m] the axes can lie from where the drawing has them: the sum of all but the joints' own.
 
-    The base turns the arm as a whole, and the tool is where it is: neither is a flaw of the arm.
+    The base moves the arm as a whole, and the tool is where it is: neither is a flaw of the arm.
     """
     inside = (factor for link in robot.links for factor in link)
-    return math.fsum(abs(values.get(f.parameter, 0.0)) for f in inside if f.kind == "rotate" and f.joint is None)
+    return math.fsum(abs(values.get(f.parameter, 0.0)) for f in inside if f.kind == kind and f.joint is None)
 
 
 def _deviation(name: str, given: Any, factor: Factor, issues: list[Issue]) -> float:

@@ -65,8 +65,8 @@ class Robot:
     link i is the one reached behind ``links[i]``. Every named parameter occurs in exactly one factor, and every
     joint variable in exactly one.
 
-    ``skew`` bounds how far [rad] corrections lean the axes from where the drawing of the arm has them: axes that
-    are parallel there count as parallel within it.
+    ``skew`` [rad] and ``lift`` [m] bound how far corrections lean and shift the axes from where the drawing of the arm
+    has them: what is parallel or in one plane there counts as such within them.
     """
 
     name: str
@@ -80,6 +80,7 @@ class Robot:
     base_free: bool = False
     tool_free: bool = False
     skew: float = 0.0
+    lift: float = 0.0
     source: str = ""
     notes: tuple[str, ...] = ()
 

@@ -17,7 +17,7 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.chain import stack
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.goal import AXIS_SLACK, FREE, Goal
+from posture_opt.selection.goal import FREE, Goal
 from posture_opt.selection.reach import drawn_between
 
 Floats = np.ndarray
@@ -172,12 +172,12 @@ def unlimited(robot: Robot) -> Robot:
     return replace(robot, joints=joints)
 
 
-def axis_can_reach(robot: Robot, tool_axis: tuple[float, float, float], goal: Goal) -> bool:
-    """Whether the tool axis can come within the allowed tilt of the direction at all, wherever the tool point is."""
+def axis_can_reach(robot: Robot, tool_axis: tuple[float, float, float], goal: Goal, slack: float) -> bool:
+    """Whether the tool axis can come within the allowed tilt and ``slack`` of the direction, anywhere."""
     ik = InverseKinematics(unlimited(robot), tool_axis, np.eye(3), compiled=False)
     wish = Wish(np.zeros(3), goal.direction, goal.basis[:, 0], np.array([0.0, 1.0, 0.0]))
     _, errors = ik.solve(ik.random_postures(64, np.random.default_rng(0)), wish)
-    return bool(np.min(errors) <= 2 * np.sin(goal.tilt / 2) + AXIS_SLACK)
+    return bool(np.min(errors) <= 2 * np.sin(goal.tilt / 2) + slack)
 
 
 def _single_step(robot: Robot, tool_axis: tuple[float, float, float], directions: Floats, spun: bool) -> ca.Function:

@@ -14,9 +14,6 @@ from posture_opt.selection.tasks import Task
 
 Floats = np.ndarray
 SIZES = {"lower": 3, "upper": 3, "direction": 3, "b1": 3, "b2": 3, "clearance": 1, "sin_tilt": 1, "scale": 1}
-AXIS_SLACK = 2e-5
-"""Error of the tool axis [rad] that counts as none for an arm with too few joints to turn it at will: the quarter
-turns in its file are rounded, and exact alignment may not exist."""
 FREE = 1e6
 """A bound on the tool point that no arm reaches: the target is free."""
 

@@ -13,7 +13,7 @@ import numpy as np
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.feasible import ROW_TOLERANCE, TOLERANCE, InverseKinematics, Wish, wish_for
-from posture_opt.selection.goal import AXIS_SLACK, Goal
+from posture_opt.selection.goal import Goal
 from posture_opt.selection.programme import Programme
 from posture_opt.selection.solvers import Outcome, Polish, Solver
 
@@ -126,7 +126,7 @@ class Engine:
 
     def wish(self, goal: Goal, count: int, rng: np.random.Generator, *, whole_box: bool = False) -> Wish:
         """What ``count`` starts are led to."""
-        slack = AXIS_SLACK / 2 if self.programme.alignment == "loose" else 0.0
+        slack = self.programme.reach.axis_slack / 2 if self.programme.alignment == "loose" else 0.0
         aligned = self.programme.axis_rows > 0
         return wish_for(goal, count, aligned, rng, whole_box=whole_box, slack_of_axis=slack)
 

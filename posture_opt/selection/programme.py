@@ -14,10 +14,10 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.model.chain import Walk, stack
 from posture_opt.robot.robot import Robot
 from posture_opt.selection import criteria, goal
-from posture_opt.selection.goal import AXIS_SLACK, Goal
+from posture_opt.selection.goal import Goal
 from posture_opt.selection.nlp import Nlp, Row, Variable
 from posture_opt.selection.quantities import Quantities, Within
-from posture_opt.selection.reach import Reach
+from posture_opt.selection.reach import PLANE_TOLERANCE, Reach
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
@@ -31,8 +31,8 @@ class Programme:
     """Everything symbolic about selecting a posture for ``task`` with one kind of target.
 
     ``kind`` is ``point``, ``region`` or ``anywhere``; ``alignment`` says whether the tool axis is held along the
-    direction exactly, within ``AXIS_SLACK`` (an arm with too few joints for more), or not at all. They decide which
-    rows there are; the numbers come later.
+    direction exactly, within ``reach.axis_slack`` (an arm with too few joints for more), or not at all. They decide
+    which rows there are; the numbers come later.
     """
 
     robot: Robot
@@ -52,7 +52,7 @@ class Programme:
     def fixed_along(self, target: Goal) -> bool:
         """Whether no joint turns the tool axis, and it lies along the direction (within the tilt) as it is."""
         angle = math.acos(max(-1.0, min(1.0, float(self.reach.axis @ target.direction))))
-        return self.reach.axis_rank == 0 and angle <= target.tilt + AXIS_SLACK
+        return self.reach.axis_rank == 0 and angle <= target.tilt + self.reach.axis_slack
 
     def axis_note(self, target: Goal) -> str:
         """What became of the wish to have the tool axis along the direction, in words."""
@@ -169,7 +169,12 @@ class Programme:
         if self.kind == "anywhere":
             return []
         if self.kind == "region":
-            return [Row(f"target.{c}", "m", at.position[k], p["lower"][k], p["upper"][k]) for k, c in enumerate("xyz")]
+            # Across the plane of an arm that leaves it by its corrections only, the box is as wide as they are.
+            wider = (self.reach.plane_slack - PLANE_TOLERANCE) * np.linalg.norm(self.reach.normals, axis=1)
+            return [
+                Row(f"target.{c}", "m", at.position[k], p["lower"][k] - w, p["upper"][k] + w)
+                for k, (c, w) in enumerate(zip("xyz", wider.tolist(), strict=True))
+            ]
         rows = []
         for u in self.reach.directions.T:
             name = (
@@ -186,7 +191,7 @@ class Programme:
             return []
         at, p, zero = self.quantities, self._symbols[1], ca.SX(0)
         sideways = [ca.dot(p[b], at.axis) for b in ("b1", "b2")]
-        slack = ca.SX(0.0 if self.alignment == "exact" else AXIS_SLACK)
+        slack = ca.SX(0.0 if self.alignment == "exact" else self.reach.axis_slack)
         facing = Row("tool_axis.facing", "1", ca.dot(p["direction"], at.axis), zero, ca.SX(math.inf))
         if self.task.tilt == 0:
             sideways = sideways[: self.axis_rows]

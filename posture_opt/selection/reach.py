@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,9 +15,13 @@ Floats = np.ndarray
 _RANK = 1e-9
 _SAMPLES = 12
 _SWEEPS = 200
+_MOST_SKEW = 0.05  # rad; beyond it, corrections do not correct an arm but make another one
 
 PLANE_TOLERANCE = 1e-6
 """Distance [m] from its plane at which a target counts as outside of it."""
+AXIS_SLACK = 2e-5
+"""Error of the tool axis [rad] that counts as none for an arm with too few joints to turn it at will: the quarter
+turns in its file are rounded, and exact alignment may not exist. The lean of a calibrated arm's axes adds to it."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,11 @@ class Reach:
         axis_freedom: in how many ways the axis moves at one posture; less than ``axis_rank`` on a cone.
         orients_at_point: whether the axis can still be turned with the tool point held fixed.
         radius: largest distance between tool points seen [m], a length scale.
+        plane_slack: distance [m] from its plane at which a target counts as outside of it.
+        axis_slack: error of the tool axis [rad] that counts as none for an arm that cannot turn it at will.
+
+    What an arm does by its corrections alone, a planar one that a calibration found to be slightly skew, it does not
+    do at will: such motion counts as none.
     """
 
     directions: Floats
@@ -40,6 +50,8 @@ class Reach:
     axis_freedom: int
     orients_at_point: bool
     radius: float
+    plane_slack: float
+    axis_slack: float
 
     @classmethod
     def of(cls, robot: Robot, tool_axis: tuple[float, float, float]) -> Reach:
@@ -56,15 +68,18 @@ class Reach:
             axes.append(axis)
             jacobians.append(J[:3])
             turns.append(np.cross(J[3:].T, axis).T)
-        U = _range(np.hstack(jacobians))
-        turned = _range(np.hstack(turns))
-        rank = 0 if turned.shape[1] == 0 else 1 if _planar(axes) else 2
+        lean = 2 * min(robot.skew, _MOST_SKEW)
+        U = _range(np.hstack(jacobians), lean)
+        turned = _range(np.hstack(turns), 0.0, lean * math.sqrt(_SAMPLES * robot.n))
+        rank = 0 if turned.shape[1] == 0 else 1 if _planar(axes, lean) else 2
         both = [np.vstack([U.T @ J, A]) for J, A in zip(jacobians, turns, strict=True)]
         orients = max(np.linalg.matrix_rank(M, tol=1e-7) for M in both) >= U.shape[1] + rank
         radius = max(float(np.linalg.norm(p - points[0])) for p in points)
         axis = axes[0] if rank == 0 else _normal(axes) if rank == 1 else np.zeros(3)
-        freedom = max(int(np.linalg.matrix_rank(A, tol=1e-7)) for A in turns)
-        return cls(U, points[0], rank, axis, freedom, bool(orients and rank > 0), max(radius, 1e-3))
+        freedom = max(int(np.linalg.matrix_rank(A, tol=max(1e-7, lean))) for A in turns)
+        able, size = bool(orients and rank > 0), max(radius, 1e-3)
+        plane_slack = PLANE_TOLERANCE + lean * size + min(robot.lift, size)
+        return cls(U, points[0], rank, axis, freedom, able, size, plane_slack, AXIS_SLACK + lean)
 
     @cached_property
     def normals(self) -> Floats:
@@ -86,7 +101,7 @@ class Reach:
 
     def misses(self, lower: Floats, upper: Floats) -> bool:
         """Whether no point of the box lies in the plane (or line) of the tool point."""
-        return bool(np.linalg.norm(self.outside(lower, upper)) > PLANE_TOLERANCE)
+        return bool(np.linalg.norm(self.outside(lower, upper)) > self.plane_slack)
 
 
 def drawn_between(robot: Robot) -> tuple[Floats, Floats]:
@@ -98,22 +113,22 @@ def drawn_between(robot: Robot) -> tuple[Floats, Floats]:
     return np.where(whole, lower, low), np.where(whole, upper, high)
 
 
-def _range(columns: Floats) -> Floats:
+def _range(columns: Floats, lean: float = 0.0, least: float = 0.0) -> Floats:
     U, s, _ = np.linalg.svd(columns, full_matrices=False)
-    keep = s > _RANK * max(float(s[0]), 1e-6)
+    keep = s > max(max(_RANK, lean) * max(float(s[0]), 1e-6), least)
     basis = U[:, keep]
-    return np.eye(3) if basis.shape[1] == 3 else _aligned(basis)
+    return np.eye(3) if basis.shape[1] == 3 else _aligned(basis, lean)
 
 
-def _aligned(basis: Floats) -> Floats:
+def _aligned(basis: Floats, lean: float) -> Floats:
     """The same subspace spanned by coordinate axes where these lie in it: they read better in a printed programme."""
     projector = basis @ basis.T
-    columns = [e for e in np.eye(3) if np.linalg.norm(projector @ e - e) < 1e-9]
+    columns = [e for e in np.eye(3) if np.linalg.norm(projector @ e - e) < max(1e-9, lean)]
     return np.array(columns).T if columns and len(columns) == basis.shape[1] else basis
 
 
-def _planar(axes: list[Floats]) -> bool:
-    return bool(np.linalg.svd(np.array(axes), compute_uv=False)[-1] < 1e-7)
+def _planar(axes: list[Floats], lean: float) -> bool:
+    return bool(np.linalg.svd(np.array(axes), compute_uv=False)[-1] < max(1e-7, lean * math.sqrt(len(axes))))
 
 
 def _normal(axes: list[Floats]) -> Floats:

@@ -14,7 +14,7 @@ import numpy as np
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.feasible import TOLERANCE, InverseKinematics, axis_can_reach, wish_for
-from posture_opt.selection.goal import AXIS_SLACK, Goal
+from posture_opt.selection.goal import Goal
 from posture_opt.selection.infeasible import infeasible, inquire
 from posture_opt.selection.multistart import (
     Candidate,
@@ -29,7 +29,7 @@ from posture_opt.selection.multistart import (
     with_progress,
 )
 from posture_opt.selection.programme import Alignment, Programme
-from posture_opt.selection.reach import Reach
+from posture_opt.selection.reach import PLANE_TOLERANCE, Reach
 from posture_opt.selection.solution import Alternative, Evidence, Solution, Status, critical_basis
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.sweep import Sweep, sweep
@@ -109,10 +109,14 @@ class PostureSelector:
         # Too few joints to turn the tool at will: it depends on direction and target, so try.
         if reach.axis_rank == 1 and self._can_align(goal, 0.0):
             return "exact"
-        if self._can_align(goal, AXIS_SLACK / 2):
+        if self._can_align(goal, reach.axis_slack / 2):
             return "loose"
         can_turn = goal.kind != "point" or reach.orients_at_point
-        return "loose" if can_turn and axis_can_reach(self._problem.robot, self.task.tool_axis, goal) else "free"
+        return (
+            "loose"
+            if can_turn and axis_can_reach(self._problem.robot, self.task.tool_axis, goal, reach.axis_slack)
+            else "free"
+        )
 
     def _can_align(self, goal: Goal, slack: float) -> bool:
         rng, ik = np.random.default_rng(0), self._trial
@@ -210,6 +214,7 @@ class PostureSelector:
         notes = (*self._problem.notes, programme.axis_note(found.goal), *self._collisions())
         if not by_starts and not by_sweep:
             notes = (*notes, _ONE_ONLY)
+        notes += self._beside(best.q, found.goal)
         status: Status = "optimal" if best.optimal else "feasible"
         return Solution(self._problem, programme, found.goal, status, best.q, evidence, ranked, notes)
 
@@ -227,6 +232,20 @@ class PostureSelector:
                 "more starts may help (solver: {starts: 500})"
             )
         return [rescued]
+
+    def _beside(self, q: Floats, goal: Goal) -> tuple[str, ...]:
+        """How far the tool point of an arm that moves in a plane stays off a target that does not lie in it."""
+        point = np.array(self.tool_point.walk(q.tolist())[0].position, dtype=float)
+        N = self.reach.normals
+        off = N @ (N.T @ (point - np.clip(point, goal.lower, goal.upper)))
+        distance = float(np.linalg.norm(off))
+        if goal.kind == "anywhere" or distance <= PLANE_TOLERANCE:
+            return ()
+        vector = ", ".join(f"{v * 1e3 + 0.0:.2f}" for v in off)
+        return (
+            f"The corrected arm leaves its plane by itself and not at will: its tool point comes to lie "
+            f"{distance * 1e3:.2g} mm off the target, by ({vector}) mm, and no posture mends that.",
+        )
 
     def _collisions(self) -> tuple[str, ...]:
         if self._problem.robot.n < 3:
