@@ -24,28 +24,32 @@ if TYPE_CHECKING:
 Files = dict[str, bytes]
 
 RESIDUALS = ("vectors", "joints", "inputs", "region", "shape", "repeats")
-FIGURES = ("arm", "cloud", "budget", "joint_map", *(f"residual_{name}" for name in RESIDUALS))
-DOCUMENTS = ("solution.json", "spread.json", "calibration.json", "report.txt", "report.html")
+PLAN = ("plan_points", "plan_errors")
+FIGURES = ("arm", "cloud", "budget", "joint_map", *(f"residual_{name}" for name in RESIDUALS), *PLAN)
+DOCUMENTS = ("solution.json", "spread.json", "calibration.json", "plan.json", "report.txt", "report.html")
 CALIBRATED = ("calibrated.yaml", "calibrated_covariance.csv", "calibrated.urdf")
 OWN_FILES = frozenset(
     (*DOCUMENTS, *CALIBRATED, "cloud.csv", *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")))
 )
-"""Every name that a report's files may have: of an earlier run they would speak of another problem."""
+"""Every name that a report's files may have: of an earlier run they would speak of another problem.
+
+``plan.csv`` is not among them: by then it may hold what was measured.
+"""
 
 
 def write_solution(folder: Path, problem: Problem, solution: Solution, plots: bool = True) -> None:
     """Writes the files of a solution into ``folder``, which exists."""
-    _write(folder, solution_files(problem, solution, plots))
+    write_files(folder, solution_files(problem, solution, plots))
 
 
 def write_spread(folder: Path, problem: Problem, spread: Spread, plots: bool = True) -> None:
     """Writes the files of the spread at one posture into ``folder``, which exists."""
-    _write(folder, spread_files(problem, spread, plots))
+    write_files(folder, spread_files(problem, spread, plots))
 
 
 def write_cloud(folder: Path, problem: Problem, cloud: Cloud, plots: bool = True) -> None:
     """Writes the files of a simulation into ``folder``, which exists."""
-    _write(folder, cloud_files(problem, cloud, plots))
+    write_files(folder, cloud_files(problem, cloud, plots))
 
 
 def write_calibration(folder: Path, problem: Problem, learned: Learned, plots: bool = True) -> None:
@@ -53,10 +57,10 @@ def write_calibration(folder: Path, problem: Problem, learned: Learned, plots: b
     from posture_opt.report.calibration_report import calibration_report
 
     document, figures = calibration_document(learned), _calibration_figures(problem, learned) if plots else {}
-    files = _files("calibration", document, calibration_report(problem, learned), figures, problem)
+    files = report_files("calibration", document, calibration_report(problem, learned), figures, problem)
     if learned.calibrated is not None:
         files |= learned.calibrated.files("calibrated")
-    _write(folder, files)
+    write_files(folder, files)
 
 
 def calibration_document(learned: Learned) -> dict[str, Any]:
@@ -72,7 +76,7 @@ def solution_files(problem: Problem, solution: Solution, plots: bool = True) -> 
     from posture_opt.report.solution_report import solution_report
 
     figures = _solution_figures(solution) if plots else {}
-    return _files("solution", solution.to_json(), solution_report(problem, solution), figures, problem)
+    return report_files("solution", solution.to_json(), solution_report(problem, solution), figures, problem)
 
 
 def spread_files(problem: Problem, spread: Spread, plots: bool = True) -> Files:
@@ -80,7 +84,7 @@ def spread_files(problem: Problem, spread: Spread, plots: bool = True) -> Files:
     from posture_opt.report.spread_report import spread_report
 
     figures = _spread_figures(spread) if plots else {}
-    return _files("spread", spread.to_json(), spread_report(problem, spread), figures, problem)
+    return report_files("spread", spread.to_json(), spread_report(problem, spread), figures, problem)
 
 
 def cloud_files(problem: Problem, cloud: Cloud, plots: bool = True) -> Files:
@@ -88,13 +92,14 @@ def cloud_files(problem: Problem, cloud: Cloud, plots: bool = True) -> Files:
     from posture_opt.report.cloud_report import cloud_report
 
     figures = _cloud_figures(cloud) if plots else {}
-    files = _files("spread", cloud.to_json(), cloud_report(problem, cloud), figures, problem)
+    files = report_files("spread", cloud.to_json(), cloud_report(problem, cloud), figures, problem)
     return {**files, "cloud.csv": _points(cloud)}
 
 
-def _files(
+def report_files(
     name: str, document: dict[str, Any], report: Report, figures: Mapping[str, Figure], problem: Problem
 ) -> Files:
+    """File name -> content of a report: its document as ``{name}.json``, report.txt, report.html, the figures."""
     from posture_opt import __version__
 
     files = {f"{name}.json": (json_text(document) + "\n").encode(), "report.txt": render(report).encode()}
@@ -153,6 +158,7 @@ def _points(cloud: Cloud) -> bytes:
     return text.getvalue().encode()
 
 
-def _write(folder: Path, files: Files) -> None:
+def write_files(folder: Path, files: Files) -> None:
+    """Writes the files, by name, into ``folder``, which exists."""
     for name, content in files.items():
         (folder / name).write_bytes(content)
