@@ -67,6 +67,7 @@ def estimate_joint_noise(
     fit_instrument: bool = False,
     equal: bool = False,
     names: Sequence[str] = (),
+    known: Array | None = None,
 ) -> JointNoise:
     """Standard deviations of the joints that make measured errors likeliest.
 
@@ -82,12 +83,13 @@ def estimate_joint_noise(
         instrument: standard deviation s of a measured coordinate [m]; a start where ``fit_instrument``.
         equal: one standard deviation for all joints whose name does not end in ``.d``.
         names: (n,) the joints' errors.
+        known: (N, d, d) covariance of the errors besides [m²], as that of a prediction; not with ``groups``.
 
     Raises:
         InsufficientDataError: no group has two rows, or fewer coordinates than unknowns.
     """
     named = tuple(names) or tuple(f"joint{i + 1}.theta" for i in range(columns.shape[2]))
-    scatter = Scatter.of(np.asarray(errors, dtype=float), np.asarray(columns, dtype=float), groups)
+    scatter = Scatter.of(np.asarray(errors, dtype=float), np.asarray(columns, dtype=float), groups, known)
     if not len(scatter.freedom):
         raise InsufficientDataError("no posture was measured twice: repeat some postures to see their scatter")
     return fit_scatter(scatter, named, instrument, fit_instrument, equal, groups is not None)
@@ -100,8 +102,9 @@ def fit_scatter(
     fit_instrument: bool = False,
     equal: bool = False,
     restricted: bool = True,
+    intervals: bool = True,
 ) -> JointNoise:
-    """:func:`estimate_joint_noise` from sums of squares."""
+    """:func:`estimate_joint_noise` from sums of squares; without ``intervals`` these are left open, to save time."""
     model = Components.of(scatter, names, instrument, fit_instrument, equal)
     freedom = int(scatter.freedom.sum()) * scatter.squares.shape[1]
     if freedom < model.size:
@@ -112,7 +115,8 @@ def fit_scatter(
         )
     theta, best = model.maximise(model.start())
     error = model.errors(theta)
-    ends = np.array([model.interval(theta, best, k, error[k]) for k in range(model.size)]).reshape(-1, 2)
+    search = range(model.size) if intervals else ()
+    ends = np.array([model.interval(theta, best, k, error[k]) for k in search] or [(0.0, np.inf)] * model.size)
     joints = model.member.argmax(axis=1)
     sigma, std = np.sqrt(theta), _std_of_root(theta, error)
     last = model.size - 1

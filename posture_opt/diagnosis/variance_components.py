@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -31,21 +31,25 @@ class Scatter:
         columns: (G, d, n) ``∂x/∂joint`` at each posture.
         squares: (G, d, d) sums of squares and products [m²].
         freedom: (G,) of each: rows less one where the mean is unknown.
+        known: (G, d, d), or zero: a part of the covariance that is known beforehand [m²].
     """
 
     columns: Array
     squares: Array
     freedom: Array
+    known: Array = field(default_factory=lambda: np.zeros((1, 1, 1)))
 
     @classmethod
-    def of(cls, errors: Array, columns: Array, groups: Codes | None = None) -> Scatter:
+    def of(cls, errors: Array, columns: Array, groups: Codes | None = None, known: Array | None = None) -> Scatter:
         """Of errors (N, d) about zero, or about the means of ``groups`` (N,): rows of one posture.
 
         Within a group of one posture all contrasts have the same covariance, so that their squares are enough.
-        Groups of a single row say nothing about scatter and are left out.
+        Groups of a single row say nothing about scatter and are left out. ``known`` (N, d, d) goes with errors about
+        zero.
         """
         if groups is None:
-            return cls(columns, errors[:, :, None] * errors[:, None, :], np.ones(len(errors)))
+            own = np.zeros((1, 1, 1)) if known is None else known
+            return cls(columns, errors[:, :, None] * errors[:, None, :], np.ones(len(errors)), own)
         _, first, code, count = np.unique(groups, return_index=True, return_inverse=True, return_counts=True)
         mean = _sums(errors, code, len(count)) / count[:, None]
         centred = errors - mean[code]
@@ -55,7 +59,8 @@ class Scatter:
 
     def take(self, cases: Any) -> Scatter:
         """Some of the postures."""
-        return Scatter(self.columns[cases], self.squares[cases], self.freedom[cases])
+        known = self.known[cases] if len(self.known) == len(self.freedom) > 1 else self.known
+        return Scatter(self.columns[cases], self.squares[cases], self.freedom[cases], known)
 
     def log_likelihoods(self, covariance: Array) -> Array:
         """(G,) log-likelihoods of normal scatter with covariances (G, d, d) or (d, d) [m²]."""
@@ -79,10 +84,10 @@ def _sums(values: Array, code: Codes, count: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """Variances θ (c,) and the covariance ``fixed I + Σ θ_c M_c`` that is linear in them.
+    """Variances θ (c,) and the covariance ``known + Σ θ_c M_c`` that is linear in them.
 
     ``member`` (n, c) says which component each joint's variance is; the instrument's is the last where it is
-    fitted, counted from ``fixed``.
+    fitted, counted from ``fixed`` of ``known``.
     """
 
     scatter: Scatter
@@ -126,8 +131,12 @@ class Components:
         return np.asarray(found)
 
     def covariance(self, theta: Array) -> Array:
-        known = self.fixed * np.eye(self.scatter.squares.shape[1])
-        return np.asarray((theta @ self.parts).reshape(self.scatter.squares.shape) + known)
+        return np.asarray((theta @ self.parts).reshape(self.scatter.squares.shape) + self.known)
+
+    @cached_property
+    def known(self) -> Array:
+        """(G or 1, d, d) what does not depend on the variances."""
+        return np.asarray(self.fixed * np.eye(self.scatter.squares.shape[1]) + self.scatter.known)
 
     def log_likelihood(self, theta: Array) -> float:
         return float(self.scatter.log_likelihoods(self.covariance(theta)).sum())
@@ -138,7 +147,7 @@ class Components:
         inverse = np.linalg.inv(self.covariance(theta))
         W = inverse @ J
         between = np.swapaxes(J, -1, -2) @ W
-        weighted = self.scatter.squares - (nu * self.fixed)[:, None, None] * np.eye(J.shape[1])
+        weighted = self.scatter.squares - nu[:, None, None] * self.known
         information = self.member.T @ (np.tensordot(nu, between**2, axes=1) / 2) @ self.member
         if self.fitted:
             across = self.member.T @ (np.tensordot(nu, np.sum(W**2, axis=1), axes=1) / 2)

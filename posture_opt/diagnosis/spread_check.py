@@ -1,0 +1,267 @@
+"""``check_spread``: whether the spread that a model predicts is the one that was measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.calibration import Calibration
+from posture_opt.diagnosis.coverage import Coverage
+from posture_opt.diagnosis.joint_noise import JointNoise, fit_scatter
+from posture_opt.diagnosis.joint_prediction import HeldOut, predict_elsewhere
+from posture_opt.diagnosis.measurements import Measurements
+from posture_opt.diagnosis.parameters import CalibrationProblem
+from posture_opt.diagnosis.prediction import (
+    Errors,
+    calibrated_covariances,
+    columns,
+    joint_columns,
+    joint_errors,
+    nominal_covariances,
+)
+from posture_opt.diagnosis.remaining import RemainingScatter, remaining_scatter
+from posture_opt.diagnosis.residuals import Residuals
+from posture_opt.diagnosis.scatter_test import ScatterTest, scatter_test
+from posture_opt.diagnosis.validation import folds_of, groups_of
+from posture_opt.diagnosis.variance_components import Scatter, covariances
+from posture_opt.diagnosis.visits import revisits, rows_of
+from posture_opt.errors import InsufficientDataError
+
+Array = NDArray[np.float64]
+Codes = NDArray[np.intp]
+
+_FEW = 4  # coordinates of scatter for each σ: with fewer, one for all joints is asked for
+
+
+@dataclass(frozen=True, eq=False)
+class SpreadCheck:
+    """Predicted spread against measured errors.
+
+    Args:
+        coverage: of the 95 % regions over all rows, each predicted by an arm that has not seen it: ``nominal`` by
+            what the problem states, around the nominal arm with its free frames fitted; ``calibrated`` by what is
+            still uncertain of the parameters and the scatter that the calibration leaves.
+        stated: whether the problem states any uncertainty of the arm; else its region is the instrument's alone.
+        visits: scatter between repeats against what the problem says of visits; ``None`` without repeats or
+            where it says nothing.
+        visits_by: ``visit`` where the problem states scatter from visit to visit, ``joints`` where its σ's of joint
+            values are taken for it.
+        between: standard deviation of a coordinate between repeats [m]; 0 without repeats.
+        left: root mean square of a coordinate that the calibration leaves [m].
+        noise: σ of each joint and of the instrument, estimated from repeats, or from what the calibration leaves.
+        from_repeats: which of the two.
+        sigma: (n,) what the problem states of the joints' scatter [rad, m].
+        elsewhere: models of the scatter fitted at some postures and judged at others.
+        odd: lines of postures whose visits differ far more than those of the others; they are left out.
+        remaining: the scatter that the calibrated model takes; ``instrument`` the σ of a coordinate [m].
+    """
+
+    coverage: dict[str, Coverage]
+    stated: bool
+    visits: ScatterTest | None
+    visits_by: str
+    between: float
+    left: float
+    noise: JointNoise | None
+    from_repeats: bool
+    sigma: Array
+    elsewhere: tuple[HeldOut, ...]
+    odd: tuple[int, ...]
+    remaining: RemainingScatter
+    instrument: float
+
+    @property
+    def coverage95(self) -> dict[str, float]:
+        """The share of the rows inside the 95 % region that each model predicts."""
+        return {name: found.share for name, found in self.coverage.items()}
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry ``spread_check`` of ``calibration.json``: SI units and radians."""
+        return {
+            "uncertainty_stated": self.stated,
+            "coverage": {name: found.to_json() for name, found in self.coverage.items()},
+            "repeats": None if self.visits is None else {**self.visits.to_json(), "prediction": self.visits_by},
+            "sigma_between_repeats": self.between or None,
+            "sigma_left": self.left,
+            "joint_noise": None if self.noise is None else _noise_json(self.noise, self.from_repeats, self.sigma),
+            "odd_lines": list(self.odd),
+            "held_out": [found.to_json() for found in self.elsewhere],
+        }
+
+
+def check_spread(
+    problem: CalibrationProblem, data: Measurements, calibration: Calibration, *, folds: int = 5
+) -> SpreadCheck:
+    """Whether the predicted spread is true: between repeats, and over all postures.
+
+    Between repeats only what is drawn anew at every visit shows: the problem's ``scatter`` or ``repeatability``, and
+    the instrument; a wrong link length is the same at every visit. Over postures everything shows. ``data`` and
+    ``folds`` are those that ``calibration`` was made with; its outliers are left out.
+
+    Source of the joints' part: J.-F. Brethé, E. Vasselin, D. Lefebvre, B. Dakyo, Modelling of repeatability phenomena
+    using the stochastic ellipsoid approach, Robotica 24 (2006) 477.
+    """
+    residuals = calibration.residuals
+    kept = np.ones(len(data), dtype=bool)
+    kept[list(calibration.outliers)] = False
+    rows, axes = np.flatnonzero(kept), residuals.axes
+    used = residuals.take(rows)
+    errors = Errors.of(residuals, problem.sources)
+    remaining = remaining_scatter(problem, calibration)
+    groups = groups_of(data, calibration.by, folds)
+    parts = folds_of(groups, folds, calibration.by)
+    taught = 1 - 1 / max(len(parts), 2)
+    predicted = {
+        "nominal": nominal_covariances(residuals, calibration.x_nominal, errors, residuals.sigma, parts, kept)[rows],
+        "calibrated": calibrated_covariances(
+            used, calibration.x, calibration.covariance, _sigma(remaining, residuals),
+            _instrument(remaining, residuals), taught,
+        ),
+    }  # fmt: skip
+    measured = {"nominal": calibration.errors_nominal, "calibrated": calibration.errors}
+    coverage = {
+        name: Coverage.of(measured[name][np.ix_(rows, axes)], predicted[name], groups[rows]) for name in predicted
+    }
+    left = calibration.errors[np.ix_(rows, axes)]
+    between = _Between.of(problem, used, calibration, errors)
+    noise, elsewhere = _joints(between, used, calibration, left, groups[rows])
+    return SpreadCheck(
+        coverage=coverage,
+        stated=bool(errors.factors),
+        visits=between.test,
+        visits_by=between.by,
+        between=between.sigma,
+        left=float(np.sqrt(np.mean(left**2))),
+        noise=noise,
+        from_repeats=bool(len(between.scatter.freedom)),
+        sigma=between.stated_sigma,
+        elsewhere=elsewhere,
+        odd=between.odd,
+        remaining=remaining,
+        instrument=residuals.sigma,
+    )
+
+
+def _sigma(remaining: RemainingScatter, residuals: Residuals) -> Array:
+    return np.array([remaining.sigma.get(name, 0.0) for name in joint_errors(residuals)])
+
+
+def _instrument(remaining: RemainingScatter, residuals: Residuals) -> float:
+    return remaining.instrument if remaining.measured else residuals.sigma
+
+
+@dataclass(frozen=True, eq=False)
+class _Between:
+    """Scatter between repeats, and what the problem predicts of it."""
+
+    scatter: Scatter
+    covariances: Array | None
+    test: ScatterTest | None
+    by: str
+    stated_sigma: Array
+    odd: tuple[int, ...]
+
+    @property
+    def sigma(self) -> float:
+        nu = self.scatter.freedom
+        total = float(np.trace(self.scatter.squares, axis1=-2, axis2=-1).sum())
+        return float(np.sqrt(total / (nu.sum() * self.scatter.squares.shape[1]))) if len(nu) else 0.0
+
+    @classmethod
+    def of(cls, problem: CalibrationProblem, used: Residuals, calibration: Calibration, errors: Errors) -> _Between:
+        data = used.data
+        visit, by = _visit(errors, used)
+        driven = list(used.robot.driven)
+        stated = np.zeros(len(driven))
+        for k, factor in enumerate(driven):
+            if factor in errors.factors:
+                stated[k] = np.sqrt(visit[errors.factors.index(factor), errors.factors.index(factor)])
+        codes = np.arange(len(data)) if data.touches else revisits(data, _slides(used))
+        scatter = Scatter.of(used.error(calibration.x)[:, used.axes], joint_columns(used, calibration.x), codes)
+        firsts = np.array([rows[0] for rows in rows_of(codes) if len(rows) > 1], dtype=np.intp)
+        gross = _gross(scatter)
+        odd = tuple(int(line) for line in data.line[firsts[gross]])
+        scatter, firsts = scatter.take(~gross), firsts[~gross]
+        if not len(firsts):
+            return cls(scatter, None, None, by, stated, odd)
+        first = used.take(firsts)
+        B = columns(first, calibration.x, errors.factors)[:, : len(used.axes)] * used.sigma
+        C = B @ visit @ np.swapaxes(B, -1, -2) + used.sigma**2 * np.eye(len(used.axes))
+        if not visit.any():
+            return cls(scatter, None, None, by, stated, odd)
+        return cls(scatter, C, scatter_test(scatter, C, data.line[firsts]), by, stated, odd)
+
+
+def _gross(scatter: Scatter) -> NDArray[np.bool_]:
+    """(G,) postures whose visits differ far more than the others explain: a slip or a wrong reading, no scatter.
+
+    The scale is the median's, which these cannot move far. Gross is twice what Gaussian visits reach once in a thousand
+    sets of data; twice, because scatter is neither round nor the same at every posture.
+    """
+    from scipy.special import chdtri
+
+    if not len(scatter.freedom):
+        return np.zeros(0, dtype=bool)
+    freedom = scatter.freedom * scatter.squares.shape[1]
+    size = np.trace(scatter.squares, axis1=-2, axis2=-1)
+    scale = np.median(size / chdtri(freedom, 0.5))
+    return np.asarray(size > 4 * scale * chdtri(freedom, 1e-3 / len(freedom)))
+
+
+def _visit(errors: Errors, residuals: Residuals) -> tuple[Array, str]:
+    """The covariance of what changes between visits; where the problem says nothing of it, σ's of joint values."""
+    if errors.visit.any():
+        return errors.visit, "visit"
+    driven = np.array([factor in residuals.robot.driven for factor in errors.factors], dtype=bool)
+    return np.where(np.outer(driven, driven), errors.constant, 0.0), "joints"
+
+
+def _slides(residuals: Residuals) -> NDArray[np.bool_]:
+    return np.array([joint.type == "prismatic" for joint in residuals.robot.joints])
+
+
+def _joints(
+    between: _Between, used: Residuals, calibration: Calibration, left: Array, groups: Codes
+) -> tuple[JointNoise | None, tuple[HeldOut, ...]]:
+    """σ of joints and instrument from repeats where there are any, else from what the calibration leaves."""
+    names = joint_errors(used)
+    if len(between.scatter.freedom):
+        scatter, codes, stated = between.scatter, np.arange(len(between.scatter.freedom)), between.covariances
+    else:
+        scatter, codes = Scatter.of(left, joint_columns(used, calibration.x)), groups
+        stated = None
+        if between.stated_sigma.any():
+            stated = covariances(scatter.columns, between.stated_sigma, used.sigma)
+    coordinates = float(scatter.freedom.sum()) * scatter.squares.shape[1]
+    equal = coordinates < _FEW * (len(names) + 1)
+    try:
+        noise = fit_scatter(scatter, names, used.sigma, True, equal, bool(len(between.scatter.freedom)))
+    except InsufficientDataError:
+        return None, ()
+    return noise, predict_elsewhere(scatter, names, codes, stated, used.sigma)
+
+
+def _noise_json(noise: JointNoise, from_repeats: bool, stated: Array) -> dict[str, Any]:
+    joints = [
+        {
+            "name": name, "sigma": float(sigma), "std": float(std) if np.isfinite(std) else None,
+            "interval95": [float(low), float(high) if np.isfinite(high) else None],
+            "stated": float(given) or None, "determined": bool(np.isfinite(std)),
+        }
+        for name, sigma, std, (low, high), given in zip(
+            noise.names, noise.sigma, noise.std, noise.interval, stated, strict=True
+        )
+    ]  # fmt: skip
+    return {
+        "from": "repeats" if from_repeats else "calibration",
+        "joints": joints,
+        "instrument": {
+            "sigma": noise.instrument,
+            "std": noise.instrument_std if np.isfinite(noise.instrument_std) else None,
+            "interval95": [e if np.isfinite(e) else None for e in noise.instrument_interval],
+        },
+        "log_likelihood": noise.log_likelihood,
+    }

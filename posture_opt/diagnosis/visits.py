@@ -1,0 +1,46 @@
+"""Which rows revisit one posture."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.measurements import Measurements
+
+Codes = NDArray[np.intp]
+
+NEAR = 1e-3  # rad: commands that differ by less lead to one posture
+_SLIDE = 1e-4  # m: the same of a slide
+
+
+def revisits(data: Measurements, slides: NDArray[np.bool_]) -> Codes:
+    """(N,) a code for each row: rows of one code revisit one posture with one target.
+
+    Rows of one pose do, and so do rows whose joint values agree within 1 mrad or 0.1 mm: joint values that were
+    read back never agree to the last digit. Rows strung out along a slow path are no revisits.
+
+    Args:
+        slides: (n,) which joints are prismatic.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    posture = np.column_stack([data.q / np.where(slides, _SLIDE, NEAR), data.target * 1e6, data.robot * 1e6])
+    pairs = cKDTree(posture).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    n = len(data)
+    near = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    code = np.asarray(connected_components(near, directed=False)[1], dtype=np.intp)
+    own = np.unique(np.column_stack([data.pose, data.target, data.robot]), axis=0, return_inverse=True)[1].ravel()
+    strung = np.array([np.ptp(posture[rows], axis=0).max() > 1.0 for rows in rows_of(code)])
+    merged = np.where(strung[code], own + n, code)
+    # A pose keeps together whatever its joint values were.
+    first = np.full(own.max() + 1, -1)
+    first[own[::-1]] = merged[::-1]
+    return np.asarray(np.unique(first[own], return_inverse=True)[1], dtype=np.intp)
+
+
+def rows_of(codes: Codes) -> list[Codes]:
+    """The rows of each code, in the order of the codes."""
+    order = np.argsort(codes, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
