@@ -29,7 +29,13 @@ FIGURES = ("arm", "cloud", "budget", "joint_map", *(f"residual_{name}" for name 
 DOCUMENTS = ("solution.json", "spread.json", "calibration.json", "plan.json", "report.txt", "report.html")
 CALIBRATED = ("calibrated.yaml", "calibrated_covariance.csv", "calibrated.urdf")
 OWN_FILES = frozenset(
-    (*DOCUMENTS, *CALIBRATED, "cloud.csv", *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")))
+    (
+        *DOCUMENTS,
+        *CALIBRATED,
+        "cloud.csv",
+        "plan_points.csv",
+        *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")),
+    )
 )
 """Every name that a report's files may have: of an earlier run they would speak of another problem.
 
