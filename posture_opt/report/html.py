@@ -17,7 +17,7 @@ CAPTIONS = {
     "cloud": "Simulated tool points and the ellipse that holds 95 of 100 of them.",
     "budget": "Which source the scatter comes from.",
     "plan_points": "Where the tool point goes to be measured, over all places that it may reach.",
-    "plan_errors": "How well each parameter will be known: the further left the better, a grid line is a factor of ten.",
+    "plan_errors": "How well each parameter will be known: the further left the better.",
     "joint_map": "The scatter over both joints: dark is good.",
     "residual_vectors": "Errors as arrows, from where the model says to where was measured (enlarged as stated).",
     "residual_joints": "Errors along the motion of each joint: a line that leaves zero is an error that repeats.",
