@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from posture_opt import errors
     from posture_opt.diagnosis.assessment import Assessment, assess
     from posture_opt.diagnosis.calibration import Calibration, calibrate
+    from posture_opt.diagnosis.diagnosis import Diagnosis, diagnose
     from posture_opt.diagnosis.measurement_plan import MeasurementPlan
     from posture_opt.diagnosis.measurements import Measurements
     from posture_opt.diagnosis.reading import read_measurements
@@ -44,6 +45,7 @@ __all__ = [
     "Arm",
     "Assessment",
     "Calibration",
+    "Diagnosis",
     "MeasurementPlan",
     "Measurements",
     "PostureSelector",
@@ -52,6 +54,7 @@ __all__ = [
     "assess",
     "calibrate",
     "calibrated_problem",
+    "diagnose",
     "errors",
     "load_problem",
     "plan_measurements",
@@ -67,6 +70,7 @@ _HOMES = {
     "Arm": "model.arm",
     "Assessment": "diagnosis.assessment",
     "Calibration": "diagnosis.calibration",
+    "Diagnosis": "diagnosis.diagnosis",
     "MeasurementPlan": "diagnosis.measurement_plan",
     "Measurements": "diagnosis.measurements",
     "PostureSelector": "selection.selector",
@@ -74,6 +78,7 @@ _HOMES = {
     "assess": "diagnosis.assessment",
     "calibrate": "diagnosis.calibration",
     "calibrated_problem": "problem.calibrated",
+    "diagnose": "diagnosis.diagnosis",
     "load_problem": "problem.load",
     "plan_measurements": "problem.measurement_plan",
     "problem_from_dict": "problem.load",

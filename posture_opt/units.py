@@ -24,6 +24,7 @@ DIMENSIONS: dict[str, tuple[str, str]] = {
     "temperature": ("K", "20 K"),
     "time": ("s", "10 s"),
     "angle per torque": ("rad/(N*m)", "8 urad/(N m)"),
+    "angle mass per torque": ("rad*kg/(N*m)", "30 urad kg/(N m)"),
     "length per temperature": ("m/K", "12 um/K"),
     "angle per temperature": ("rad/K", "10 urad/K"),
     "per temperature": ("1/K", "12e-6 / K"),

@@ -1,0 +1,72 @@
+"""The effects: one file each, listed here."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from posture_opt.model.effects.backlash import Backlash
+from posture_opt.model.effects.base_compliance import BaseCompliance
+from posture_opt.model.effects.cyclic_error import CyclicError
+from posture_opt.model.effects.drift import Drift
+from posture_opt.model.effects.effect import Case, Effect, JointEffect, Move
+from posture_opt.model.effects.gear_eccentricity import GearEccentricity
+from posture_opt.model.effects.gear_ripple import GearRipple
+from posture_opt.model.effects.gear_second_harmonic import GearSecondHarmonic
+from posture_opt.model.effects.hysteresis import Hysteresis
+from posture_opt.model.effects.joint_compliance import JointCompliance
+from posture_opt.model.effects.joint_coupling import JointCoupling
+from posture_opt.model.effects.joint_scale import JointScale
+from posture_opt.model.effects.link_bending import LinkBending
+from posture_opt.model.effects.load_backlash import LoadBacklash
+from posture_opt.model.effects.payload_error import PayloadError
+from posture_opt.model.effects.quantisation import Quantisation
+from posture_opt.model.effects.slip import Slip
+from posture_opt.model.effects.thermal_growth import ThermalGrowth
+from posture_opt.model.effects.thermal_offset import ThermalOffset
+
+EFFECTS: tuple[type[Effect], ...] = (
+    JointScale,
+    GearEccentricity,
+    GearSecondHarmonic,
+    GearRipple,
+    CyclicError,
+    JointCompliance,
+    LinkBending,
+    BaseCompliance,
+    Backlash,
+    Hysteresis,
+    LoadBacklash,
+    JointCoupling,
+    PayloadError,
+    ThermalGrowth,
+    ThermalOffset,
+    Drift,
+    Slip,
+    Quantisation,
+)
+
+EffectSpec = Annotated[
+    JointScale
+    | GearEccentricity
+    | GearSecondHarmonic
+    | GearRipple
+    | CyclicError
+    | JointCompliance
+    | LinkBending
+    | BaseCompliance
+    | Backlash
+    | Hysteresis
+    | LoadBacklash
+    | JointCoupling
+    | PayloadError
+    | ThermalGrowth
+    | ThermalOffset
+    | Drift
+    | Slip
+    | Quantisation,
+    Field(discriminator="kind"),
+]
+
+__all__ = ["EFFECTS", "Case", "Effect", "EffectSpec", "JointEffect", "Move"]

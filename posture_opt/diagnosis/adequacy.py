@@ -1,0 +1,106 @@
+"""Whether anything is left that no candidate explains: lack of fit against repeats, and structure of any shape."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.measurements import Measurements
+from posture_opt.diagnosis.scores import Ground, gumbel_tail
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.01
+_ROWS = 1200  # of a kernel: more are thinned out
+_SCALES = (0.5, 0.15)  # of the range of a joint
+_FIELD = (0.5, 0.2)  # of the size of the workspace
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """What is left: p-value of lack of fit and of structure, and the variable along which it is seen most clearly."""
+
+    lack_of_fit: float
+    structure: float
+    place: str
+
+    @property
+    def p_value(self) -> float:
+        """Of both tests together."""
+        return float(min(1.0, 2 * min(self.lack_of_fit, self.structure)))
+
+
+def adequacy(ground: Ground, data: Measurements, points: Array, block: int) -> Adequacy:
+    """Both tests on what a ground leaves of the residuals; ``points`` (N, 3) [m] are the measured ones."""
+    structure, place = _structure(ground, data, points, block)
+    return Adequacy(_lack_of_fit(ground, data, block), structure, place)
+
+
+def _lack_of_fit(ground: Ground, data: Measurements, block: int) -> float:
+    """F test of the scatter about the model against the scatter between repeats of one pose."""
+    from scipy.special import fdtrc
+
+    e = ground.e.reshape(-1, block)
+    codes, counts = (
+        np.unique(data.pose, return_inverse=True)[1],
+        np.bincount(np.unique(data.pose, return_inverse=True)[1]),
+    )
+    pure_freedom = int((counts - 1).sum()) * block
+    freedom = ground.freedom - pure_freedom
+    if pure_freedom < 12 or freedom < 1:
+        return 1.0
+    means = np.stack([np.bincount(codes, e[:, k]) / counts for k in range(block)], axis=1)
+    pure = float(np.sum((e - means[codes]) ** 2))
+    left = float(np.sum(e**2)) - pure
+    return float(fdtrc(freedom, pure_freedom, (left / freedom) / max(pure / pure_freedom, 1e-300)))
+
+
+def _structure(ground: Ground, data: Measurements, points: Array, block: int) -> tuple[float, str]:
+    """Whether residuals of neighbours are alike: ``eᵀ K e`` of many kernels against flipped signs."""
+    N = len(data)
+    rows = np.arange(N) if N <= _ROWS else np.sort(np.random.default_rng(0).choice(N, _ROWS, replace=False))
+    series = ground.flipped.reshape(N, block, -1)[rows]
+    names, values = [], []
+    for name, K in _kernels(data, points, rows):
+        np.fill_diagonal(K, 0.0)
+        # The same pose is alike with itself, that is repeatability and no structure.
+        K[data.pose[rows][:, None] == data.pose[rows][None, :]] = 0.0
+        smooth = np.tensordot(K, series, axes=(1, 0))
+        values.append(np.einsum("nbf,nbf->f", series, smooth))
+        names.append(name)
+    table = np.stack(values)
+    centre, spread = table[:, 1:].mean(axis=1), table[:, 1:].std(axis=1)
+    z = (table - centre[:, None]) / np.maximum(spread, 1e-300)[:, None]
+    most = z[:, 1:].max(axis=0)
+    best = int(np.argmax(z[:, 0]))
+    return gumbel_tail(most, float(z[best, 0])), names[best]
+
+
+def _kernels(data: Measurements, points: Array, rows: NDArray[np.intp]) -> Iterator[tuple[str, Array]]:
+    q = data.q[rows]
+    for j, name in enumerate(data.joint_names):
+        span = float(np.ptp(q[:, j]))
+        if span < 1e-6:
+            continue
+        for scale in _SCALES:
+            near = _gaussian(q[:, j : j + 1] / (scale * span))
+            yield name, near
+        side = np.sign(data.approach[rows, j])
+        if len(np.unique(side)) > 1:
+            yield f"side of {name}", np.outer(side, side) * _gaussian(q[:, j : j + 1] / (_SCALES[0] * span))
+    size = float(np.linalg.norm(np.ptp(points[rows], axis=0)))
+    for scale in _FIELD:
+        yield "tool point", _gaussian(points[rows] / max(scale * size, 1e-9))
+    for name in ("time", "payload", "temperature"):
+        values = getattr(data, name)
+        values = np.arange(len(data), dtype=float) if values is None and name == "time" else values
+        if values is not None and np.ptp(values[rows]) > 0:
+            yield name, _gaussian(values[rows][:, None] / (0.15 * np.ptp(values[rows])))
+
+
+def _gaussian(x: Array) -> Array:
+    square = np.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=2)
+    return np.asarray(np.exp(-0.5 * square))

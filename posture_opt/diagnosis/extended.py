@@ -1,0 +1,149 @@
+"""The arm with effects fitted to measurements: geometry, effects and their shapes together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.fit import least_squares
+from posture_opt.diagnosis.residuals import Residuals
+from posture_opt.diagnosis.shapes import reshaped
+from posture_opt.diagnosis.suspects import Suspect
+from posture_opt.diagnosis.tangents import Tangents
+from posture_opt.model.effects import Effect
+
+Array = NDArray[np.float64]
+
+_STEP = 1e-3  # of a shape: where its derivative is taken by differences
+_SEARCHED = ("cycles", "travel", "constant")  # shapes that the residuals depend on smoothly
+
+
+@dataclass(frozen=True, eq=False)
+class Extended:
+    """The estimate of geometry ``x`` (k,) and effects ``theta``, with everything that a prediction needs.
+
+    Args:
+        directions: (k, g) steps of the geometry that were fitted.
+        suspects: the effects, columns as of ``residuals``; ``theta`` in their order, one parameter after the other.
+        covariance: of (g directions, theta, shapes) in that order, residual variance included.
+        variance: residual variance in units of the instrument's.
+    """
+
+    residuals: Residuals
+    x: Array
+    directions: Array
+    suspects: tuple[Suspect, ...]
+    theta: Array
+    covariance: Array
+    variance: float
+
+    @property
+    def columns(self) -> Array:
+        """(m, parameters) of all effects."""
+        m = len(self.residuals.data) * self.residuals.block
+        return np.concatenate([np.zeros((m, 0)), *(s.Z for s in self.suspects)], axis=1)
+
+    @property
+    def slices(self) -> tuple[slice, ...]:
+        """Where in ``theta`` each effect stands."""
+        edges = np.cumsum([0, *(s.Z.shape[1] for s in self.suspects)])
+        return tuple(slice(int(a), int(b)) for a, b in pairwise(edges))
+
+    @property
+    def std(self) -> Array:
+        """Standard errors of ``theta``."""
+        g = self.directions.shape[1]
+        part = np.diag(self.covariance)[g : g + len(self.theta)]
+        return np.asarray(np.sqrt(np.maximum(part, 0.0)))
+
+    def effects(self) -> tuple[Effect, ...]:
+        """The named effects with their estimates."""
+        return tuple(
+            s.what.with_estimate(self.theta[part].tolist())
+            for s, part in zip(self.suspects, self.slices, strict=True)
+            if isinstance(s.what, Effect)
+        )
+
+    def whitened(self) -> Array:
+        """(m,) whitened residuals of the rows."""
+        rows = len(self.residuals.data) * self.residuals.block
+        return np.asarray(self.residuals.whitened(self.x)[:rows] + self.columns @ self.theta)
+
+
+def fit_extended(residuals: Residuals, x0: Array, directions: Array, suspects: Sequence[Suspect]) -> Extended:
+    """Least squares in geometry, effects and shapes; effects act to first order, as they are small.
+
+    The second order of a joint error of 1 mrad at 1 m is half a micrometre.
+    """
+    tangents = Tangents(residuals, x0)
+    m, g = len(residuals.data) * residuals.block, directions.shape[1]
+    smooth = [(i, _effect(s).shape[0]) for i, s in enumerate(suspects) if _smooth(s.what)]
+    values = {i: float(getattr(suspects[i].what, name)) for i, name in smooth}
+    current = list(suspects)
+    x, theta = x0.copy(), np.zeros(sum(s.Z.shape[1] for s in suspects))
+    for _ in range(4 if smooth else 1):
+        Z = np.concatenate([np.zeros((m, 0)), *(s.Z for s in current)], axis=1)
+        shape_columns = _shape_columns(tangents, current, theta, smooth)
+
+        def function(z: Array, Z: Array = Z, extra: Array = shape_columns) -> tuple[Array, Array]:
+            r, J = residuals.both(x0 + directions @ z[:g])
+            linear = np.concatenate([Z, extra], axis=1)
+            r = r.copy()
+            r[:m] += linear @ z[g:]
+            wide = np.concatenate([linear, np.zeros((len(r) - m, linear.shape[1]))])
+            return r, np.concatenate([J @ directions, wide], axis=1)
+
+        start = np.concatenate([np.linalg.lstsq(directions, x - x0, rcond=None)[0], theta,
+                                np.zeros(shape_columns.shape[1])])  # fmt: skip
+        found = least_squares(function, start, tolerance=1e-4, max_steps=60)
+        x = x0 + directions @ found.x[:g]
+        theta = found.x[g : g + len(theta)]
+        steps = found.x[g + len(theta) :]
+        if shape_columns.shape[1]:
+            for (i, name), step in zip(smooth, steps, strict=True):
+                limit = 0.02 if name == "cycles" else 0.3
+                factor = float(np.clip(step, -limit, limit))
+                values[i] = values[i] + factor * (1.0 if name == "cycles" else values[i])
+                what = reshaped(_effect(current[i]), name, values[i])
+                current[i] = Suspect(what, tangents.columns(what), current[i].searched)
+    return Extended(residuals, x, directions, tuple(current), theta, found.covariance, found.variance)
+
+
+def _effect(suspect: Suspect) -> Effect:
+    assert isinstance(suspect.what, Effect)
+    return suspect.what
+
+
+def _smooth(what: object) -> bool:
+    return isinstance(what, Effect) and bool(what.shape) and what.shape[0] in _SEARCHED and what.target != "linear"
+
+
+def _shape_columns(
+    tangents: Tangents, suspects: Sequence[Suspect], theta: Array, smooth: Sequence[tuple[int, str]]
+) -> Array:
+    """(m, shapes) derivative of the effects by their shapes: by the cycles, by the logarithm of travel or constant."""
+    m = tangents.rows
+    if not np.any(theta):
+        return np.zeros((m, 0))
+    columns = []
+    edges = np.cumsum([0, *(s.Z.shape[1] for s in suspects)])
+    for i, name in smooth:
+        effect = _effect(suspects[i])
+        value = float(getattr(effect, name))
+        step = _STEP if name == "cycles" else _STEP * value
+        more = tangents.columns(reshaped(effect, name, value + step))
+        less = tangents.columns(reshaped(effect, name, value - step))
+        columns.append((more - less) @ theta[edges[i] : edges[i + 1]] / (2 * _STEP))
+    return np.stack(columns, axis=1) if columns else np.zeros((m, 0))
+
+
+def taken(extended: Extended, rows: NDArray[np.intp]) -> Extended:
+    """The same estimate seen in some rows."""
+    residuals = extended.residuals
+    index = (rows[:, None] * residuals.block + np.arange(residuals.block)).ravel()
+    suspects = tuple(Suspect(s.what, s.Z[index], s.searched) for s in extended.suspects)
+    return replace(extended, residuals=residuals.take(rows), suspects=suspects)

@@ -1,0 +1,81 @@
+"""What the noise of measurements says: which of its kinds is named, once every other cause is taken away."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.calibration import Calibration
+from posture_opt.diagnosis.extended import Extended
+from posture_opt.diagnosis.noise_suspects import joint_and_range, standardised, stated_sigma, tails
+from posture_opt.diagnosis.parameters import CalibrationProblem
+from posture_opt.diagnosis.scores import Ground
+from posture_opt.diagnosis.tangents import Tangents
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.01
+_STATED = 0.003  # a stated σ is a matter of taste: only a clear difference is worth a word
+_RIVALS = 6.0
+
+
+@dataclass(frozen=True)
+class NoiseCause:
+    """A kind of noise that is named, with its size."""
+
+    kind: str
+    target: str
+    estimate: Mapping[str, tuple[float, float, str]]
+    p_value: float
+    confounded_with: tuple[tuple[str, str], ...] = ()
+
+
+def noise_causes(
+    problem: CalibrationProblem, calibration: Calibration, model: Extended, ground: Ground, unclear: bool, seed: int
+) -> list[NoiseCause]:
+    """One noisy joint or noise that grows with the range; gross outliers; a stated σ that is off."""
+    residuals = model.residuals
+    block = residuals.block
+    Q = ground.Q.reshape(-1, block, ground.Q.shape[1])
+    e = standardised(ground.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
+    tangents = Tangents(residuals, model.x)
+    position = residuals.data.position
+    ranges = None if position is None else np.linalg.norm(position, axis=1)
+    suspects = joint_and_range(e, tangents.joints, residuals.data.joint_names, ranges, seed)
+    found = []
+    if suspects and suspects[0].p_value < LEVEL:
+        first = suspects[0]
+        rivals = tuple((s.kind, s.target) for s in suspects[1:] if s.ratio > first.ratio - _RIVALS)
+        name, unit = ("sigma", "rad") if first.kind == "joint_noise" else ("growth", "1")
+        found.append(NoiseCause(first.kind, first.target, {name: (first.size, first.std, unit)}, first.p_value, rivals))
+    found += _outliers(calibration, model, bool(found))
+    stated = problem.measurement is not None and problem.measurement.position
+    if stated and not found and not unclear:
+        squares = e**2
+        kurtosis = float(np.mean(squares**2) / np.mean(squares) ** 2 - 3)
+        suspect = stated_sigma(float(ground.rss[0]) / ground.freedom, ground.freedom, kurtosis)
+        if suspect.p_value < _STATED:
+            size = {"factor": (suspect.size, suspect.std, "1")}
+            found.append(NoiseCause("stated_sigma", "data", size, suspect.p_value))
+    return found
+
+
+def _outliers(calibration: Calibration, model: Extended, other: bool) -> list[NoiseCause]:
+    """Gross errors among all rows, where a few of them explain the tails better than a long-tailed law."""
+    if not calibration.outliers or other:
+        return []
+    residuals = calibration.residuals
+    rows = len(residuals.data) * residuals.block
+    tangents = Tangents(residuals, model.x)
+    Z = [tangents.columns(s.what) for s in model.suspects]  # type: ignore[arg-type]
+    columns = np.concatenate([np.zeros((rows, 0)), *Z], axis=1)
+    e = (residuals.whitened(model.x)[:rows] + columns @ model.theta).reshape(-1, residuals.block)
+    law = tails(e)
+    if law.shape != "outliers":
+        return []
+    count = int(law.rows.sum())
+    p = float(np.exp(-max(law.evidence, 0.0) / 2))
+    return [NoiseCause("outliers", "data", {"count": (float(count), float("nan"), "1")}, p)]

@@ -1,0 +1,212 @@
+"""Noise as a suspect: one joint noisier than stated, noise that grows with the range, a wrong stated σ, outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.scores import gumbel_tail
+
+Array = NDArray[np.float64]
+
+_RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
+"""Variance along a joint's column over the variance of the instrument, at the root mean square of the column."""
+_SLOPES = np.linspace(-2.5, 2.5, 51)
+_DRAWS = 399
+_COMMON = 0.1  # share of rows: so many gross errors are no outliers but the noise itself
+
+
+@dataclass(frozen=True)
+class NoiseSuspect:
+    """A kind of noise with its evidence: twice the log likelihood ratio, its family-wise p-value, and its size.
+
+    Args:
+        size: of a joint its σ [rad or m]; of range noise the growth of σ over the span of ranges; of a stated σ
+            the factor by which it is off.
+    """
+
+    kind: str
+    target: str
+    ratio: float
+    p_value: float
+    size: float
+    std: float
+
+
+def standardised(e: Array, leverage: Array) -> Array:
+    """(N, d) residuals blown up by what the fit has taken from them: ``(I − H_ii)^(−1/2) e_i``."""
+    d = e.shape[1]
+    values, vectors = np.linalg.eigh(np.eye(d) * (1 + 1e-9) - leverage)
+    root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, 0.02)), vectors)
+    return np.asarray(np.einsum("nij,nj->ni", root, e))
+
+
+def joint_and_range(
+    e: Array, columns: Array, names: Sequence[str], ranges: Array | None, seed: int
+) -> list[NoiseSuspect]:
+    """Every joint, and the range, as the cause of noise that is not the same everywhere.
+
+    The null lets the residuals of a row point anywhere and rows change places, so that heavy tails alone raise
+    no alarm: each draw turns every residual at random and shuffles the rows.
+
+    Args:
+        e: (N, d) standardised residuals; columns: (n, N, d) residual per unit of each joint; ranges: (N,).
+    """
+    rng = np.random.default_rng(seed)
+    N, d = e.shape
+    lengths = np.linalg.norm(e, axis=1)
+    drawn = rng.standard_normal((_DRAWS, N, d))
+    drawn *= (lengths[_shuffles(rng, N)] / np.linalg.norm(drawn, axis=2))[:, :, None]
+    sets = np.concatenate([e[None], drawn])
+    found = []
+    table = []
+    for name, column in zip(names, columns, strict=True):
+        if np.linalg.norm(column) == 0:
+            continue
+        ratios, size = _joint_ratio(sets, column)
+        table.append(ratios)
+        found.append(("joint_noise", name, size))
+    if ranges is not None and np.ptp(ranges) > 1e-6 and N > 8:
+        ratios, size = _range_ratio(sets, ranges)
+        table.append(ratios)
+        found.append(("range_noise", "instrument", size))
+    if not table:
+        return []
+    most = np.stack(table)[:, 1:].max(axis=0)
+    suspects = []
+    for (kind, target, size), ratios in zip(found, table, strict=True):
+        p = gumbel_tail(most, float(ratios[0]))
+        suspects.append(NoiseSuspect(kind, target, float(ratios[0]), p, size, size / np.sqrt(max(ratios[0], 1.0))))
+    return sorted(suspects, key=lambda s: -s.ratio)
+
+
+def _shuffles(rng: np.random.Generator, N: int) -> NDArray[np.intp]:
+    return np.argsort(rng.random((_DRAWS, N)), axis=1)
+
+
+def _joint_ratio(sets: Array, column: Array) -> tuple[Array, float]:
+    """(F,) twice the log likelihood ratio of noise along a column, and the σ of the first set per unit of the joint."""
+    N, d = column.shape
+    square = np.einsum("nd,nd->n", column, column)
+    scale = float(np.mean(square))
+    unit = column / np.sqrt(np.maximum(square, 1e-300))[:, None]
+    along = np.einsum("fnd,nd->fn", sets, unit) ** 2
+    total = np.einsum("fnd,fnd->fn", sets, sets)
+    best = np.full(len(sets), -np.inf)
+    size = 0.0
+    null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
+    for ratio in _RATIOS:
+        inflation = 1 + ratio * square / scale
+        s2 = ((total - along) + along / inflation).sum(axis=1) / (N * d)
+        value = -N * d / 2 * np.log(s2) - 0.5 * np.log(inflation).sum()
+        if value[0] > best[0]:
+            size = float(np.sqrt(ratio * s2[0] / scale))
+        best = np.maximum(best, value)
+    return 2 * (best - null), size
+
+
+def _range_ratio(sets: Array, ranges: Array) -> tuple[Array, float]:
+    """(F,) of noise whose logarithm grows with the range, and the growth of σ from the nearest to the farthest."""
+    _, N, d = sets.shape
+    z = (ranges - ranges.mean()) / np.ptp(ranges)
+    total = np.einsum("fnd,fnd->fn", sets, sets)
+    null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
+    best, size = np.full(len(sets), -np.inf), 0.0
+    for slope in _SLOPES:
+        s2 = (total * np.exp(-2 * slope * z)).sum(axis=1) / (N * d)
+        value = -N * d / 2 * np.log(s2) - d * slope * z.sum()
+        if value[0] > best[0]:
+            size = float(np.expm1(slope))
+        best = np.maximum(best, value)
+    return 2 * (best - null), size
+
+
+def stated_sigma(variance: float, freedom: int, kurtosis: float) -> NoiseSuspect:
+    """Whether the residual variance in units of the stated one is 1; long tails, by their kurtosis, widen the test."""
+    from scipy.special import erfc
+
+    spread = np.sqrt(max(2 + kurtosis, 0.5) / max(freedom, 1))
+    # The logarithm of a variance is nearer to Gaussian than the variance.
+    z = float(np.log(max(variance, 1e-300)) / spread)
+    factor = float(np.sqrt(variance))
+    return NoiseSuspect("stated_sigma", "data", z * z, float(erfc(abs(z) / np.sqrt(2))), factor, factor * spread / 2)
+
+
+@dataclass(frozen=True)
+class Tails:
+    """How the lengths of residuals are spread: as Gaussian ones, with long tails, or with a few gross errors.
+
+    Args:
+        shape: the best of ``gaussian``, ``heavy``, ``outliers`` by the least BIC.
+        freedom: of Student's t that fits best.
+        share: of gross errors in the mixture.
+        rows: (N,) whether a row is rather a gross error, by the mixture.
+        evidence: BIC of the next best less that of the best.
+    """
+
+    shape: str
+    freedom: float
+    share: float
+    rows: NDArray[np.bool_]
+    evidence: float
+
+
+def tails(e: Array) -> Tails:
+    """Gaussian, Student's t, or Gaussian with a few gross errors: the law of residuals (N, d) of equal covariance."""
+    N, d = e.shape
+    squares = np.einsum("nd,nd->n", e, e)
+    gaussian = -2 * _gaussian(squares, d) + np.log(N)
+    student, freedom = _student(squares, d)
+    mixture, share, rows = _mixture(squares, d)
+    values = {
+        "gaussian": gaussian,
+        "heavy": -2 * student + 2 * np.log(N),
+        "outliers": -2 * mixture + 3 * np.log(N),
+    }
+    if not 0 < rows.sum() <= max(1.0, _COMMON * N):
+        values["outliers"] = np.inf
+    order = sorted(values, key=lambda name: values[name])
+    return Tails(order[0], freedom, share, rows, float(values[order[1]] - values[order[0]]))
+
+
+def _gaussian(squares: Array, d: int) -> float:
+    s2 = squares.mean() / d
+    return float(-len(squares) * d / 2 * (np.log(2 * np.pi * s2) + 1))
+
+
+def _student(squares: Array, d: int) -> tuple[float, float]:
+    from scipy.special import gammaln
+
+    best, freedom = -np.inf, np.inf
+    for nu in np.geomspace(1.5, 60, 40):
+        s2 = squares.mean() / d
+        for _ in range(30):
+            weights = (nu + d) / (nu + squares / s2)
+            s2 = float(np.mean(weights * squares) / d)
+        value = len(squares) * (gammaln((nu + d) / 2) - gammaln(nu / 2) - d / 2 * np.log(np.pi * nu * s2))
+        value -= (nu + d) / 2 * float(np.log1p(squares / (nu * s2)).sum())
+        if value > best:
+            best, freedom = float(value), float(nu)
+    return best, freedom
+
+
+def _mixture(squares: Array, d: int) -> tuple[float, float, NDArray[np.bool_]]:
+    """EM for ``(1 − w) N(0, s²) + w N(0, (f s)²)``, f at least 4."""
+    s2 = float(np.median(squares)) / d
+    share, wide = 0.02, max(float(squares.max()) / d, 25 * s2)
+    value = -np.inf
+    for _ in range(200):
+        good = np.log1p(-share) - d / 2 * np.log(2 * np.pi * s2) - squares / (2 * s2)
+        bad = np.log(share) - d / 2 * np.log(2 * np.pi * wide) - squares / (2 * wide)
+        total = np.logaddexp(good, bad)
+        weight = np.exp(bad - total)
+        former, value = value, float(total.sum())
+        if abs(value - former) < 1e-8 * abs(value):
+            break
+        share = float(np.clip(weight.mean(), 1e-6, 0.5))
+        s2 = float(np.sum((1 - weight) * squares) / (d * np.sum(1 - weight)))
+        wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), 16 * s2)
+    return value, share, np.asarray(weight > 0.5)

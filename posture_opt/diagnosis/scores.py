@@ -1,0 +1,194 @@
+"""Score tests of many candidates at once, and how large the largest of them gets by chance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ABSORBED = 0.02  # share of a column's length that must survive the projection off the geometry
+_CHUNK = 4_000_000  # numbers of one block of columns
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What is fitted before any candidate: an orthonormal basis ``Q`` (m, k), and what it leaves of the residuals.
+
+    Args:
+        e: (m,) residuals, orthogonal to Q.
+        flipped: (m, 1 + B) the residuals, and B copies with the signs of whole groups flipped, leverage-corrected
+            and orthogonal to Q again.
+    """
+
+    Q: Array
+    e: Array
+    flipped: Array
+
+    @classmethod
+    def of(cls, r: Array, columns: Array, groups: NDArray[np.intp], flips: int, seed: int) -> Ground:
+        """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual."""
+        Q = orthonormal(columns)
+        e = r - Q @ (Q.T @ r)
+        rng = np.random.default_rng(seed)
+        leverage = np.minimum(np.einsum("ij,ij->i", Q, Q), 0.99)
+        signs = rng.choice([-1.0, 1.0], size=(int(groups.max(initial=0)) + 1, flips))[groups]
+        drawn = signs * (e / np.sqrt(1 - leverage))[:, None]
+        drawn -= Q @ (Q.T @ drawn)
+        return cls(Q, e, np.concatenate([e[:, None], drawn], axis=1))
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the residuals."""
+        return len(self.e) - int(self.Q.shape[1])
+
+    @property
+    def rss(self) -> Array:
+        """(1 + B,) sums of squares."""
+        return np.asarray(np.einsum("ij,ij->j", self.flipped, self.flipped))
+
+    def project(self, Z: Array) -> Array:
+        """``Z`` (m, k) without what the ground explains."""
+        return np.asarray(Z - self.Q @ (self.Q.T @ Z))
+
+
+def orthonormal(columns: Array) -> Array:
+    """Orthonormal basis (m, rank) of columns (m, k) of any scales."""
+    norms = np.linalg.norm(columns, axis=0)
+    kept = columns[:, norms > 0] / norms[norms > 0]
+    U, s, _ = np.linalg.svd(kept, full_matrices=False)
+    return np.asarray(U[:, s > 1e-7 * s.max(initial=1e-300)])
+
+
+def surviving(ground: Ground, Z: Array) -> tuple[Array, float]:
+    """An orthonormal basis (m, k) of what the ground leaves of a candidate, and the share ρ of it that is left."""
+    rest = ground.project(Z)
+    norms = np.linalg.norm(Z, axis=0)
+    rho = float(np.max(np.linalg.norm(rest, axis=0) / np.where(norms > 0, norms, 1.0), initial=0.0))
+    if rho < ABSORBED:
+        return np.zeros((len(Z), 0)), rho
+    U, s, _ = np.linalg.svd(rest / np.where(norms > 0, norms, 1.0), full_matrices=False)
+    return np.asarray(U[:, s > max(ABSORBED, 1e-6 * float(s[0]))]), rho
+
+
+def log_p(explained: Array, rss: Array, size: int | Array, freedom: int) -> Array:
+    """Logarithm of the p-value of the F test of ``size`` directions that explain so much of ``rss``."""
+    from scipy.special import fdtrc
+
+    size = np.asarray(size, dtype=float)
+    left = np.maximum(rss - explained, 1e-300)
+    nu = np.maximum(freedom - size, 1.0)
+    F = (explained / size) / (left / nu)
+    with np.errstate(divide="ignore"):
+        exact = np.log(fdtrc(size, nu, F))
+    # Beyond what a float holds: the leading term of the tail.
+    tail = -nu / 2 * np.log1p(size * F / nu)
+    return np.where(np.isfinite(exact) & (exact > -650), exact, tail)
+
+
+def explained(ground: Ground, bases: Sequence[Array]) -> Array:
+    """(candidates, 1 + B) sum of squares that each candidate explains of each column of residuals."""
+    sizes = [basis.shape[1] for basis in bases]
+    result = np.zeros((len(bases), ground.flipped.shape[1]))
+    start = 0
+    for chunk in _chunks(sizes, len(ground.e)):
+        stacked = np.concatenate([bases[i] for i in chunk], axis=1)
+        scores = (stacked.T @ ground.flipped) ** 2
+        edges = np.cumsum([0, *(sizes[i] for i in chunk)])
+        for row, i in enumerate(chunk):
+            result[i] = scores[edges[row] : edges[row + 1]].sum(axis=0)
+        start += len(chunk)
+    return result
+
+
+def _chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
+    chunk: list[int] = []
+    total = 0
+    for i, size in enumerate(sizes):
+        if chunk and (total + size) * rows > _CHUNK:
+            yield chunk
+            chunk, total = [], 0
+        chunk.append(i)
+        total += size
+    if chunk:
+        yield chunk
+
+
+@dataclass(frozen=True, eq=False)
+class Chance:
+    """The least log p-value of all candidates in each of B flipped data sets."""
+
+    least: Array
+
+    @property
+    def tests(self) -> float:
+        """The number of independent tests whose least p-value has the median of the flipped ones."""
+        median = float(np.exp(np.median(self.least)))
+        return float(np.log(0.5) / np.log1p(-min(max(median, 1e-12), 0.999)))
+
+    def family_wise(self, log_p_value: float) -> float:
+        """Probability that chance gives any candidate so small a p-value.
+
+        From the flipped sets where they reach that far, beyond them by Šidák's formula with their number of tests.
+        """
+        share = (1 + float(np.sum(self.least <= log_p_value))) / (1 + len(self.least))
+        if share > 5 / (1 + len(self.least)):
+            return share
+        return min(share, float(-np.expm1(self.tests * np.log1p(-np.exp(log_p_value)))))
+
+
+def scan_frequencies(
+    ground: Ground, joint_columns: Array, q: Array, cycles: Array
+) -> tuple[Array, Array]:  # fmt: skip
+    """(K,) explained by each of K frequencies and (B,) the most explained in each flipped set, one joint.
+
+    Args:
+        joint_columns: (N, block) whitened residual per unit of the joint.
+        q: (N,) joint values; cycles: (K,) frequencies in cycles a turn.
+    """
+    N, block = joint_columns.shape
+    c = joint_columns
+    series = np.einsum("nb,nbf->nf", c, ground.flipped.reshape(N, block, -1))
+    basis = np.einsum("nb,nbk->nk", c, ground.Q.reshape(N, block, -1))
+    square = np.einsum("nb,nb->n", c, c)
+    observed, most = np.zeros(len(cycles)), np.zeros(series.shape[1] - 1)
+    step = max(1, _CHUNK // (2 * N))
+    for first in range(0, len(cycles), step):
+        part = cycles[first : first + step]
+        S, C = np.sin(np.outer(q, part)), np.cos(np.outer(q, part))
+        gram = _gram(S, C, square, basis)
+        bs, bc = S.T @ series, C.T @ series
+        gain = _two_columns(gram, bs, bc)
+        observed[first : first + step] = gain[:, 0]
+        most = np.maximum(most, gain[:, 1:].max(axis=0))
+    return observed, most
+
+
+def _gram(S: Array, C: Array, square: Array, basis: Array) -> tuple[Array, Array, Array]:
+    qs, qc = S.T @ basis, C.T @ basis
+    ss = (S * S).T @ square - np.einsum("ij,ij->i", qs, qs)
+    cc = (C * C).T @ square - np.einsum("ij,ij->i", qc, qc)
+    sc = (S * C).T @ square - np.einsum("ij,ij->i", qs, qc)
+    return ss, cc, sc
+
+
+def _two_columns(gram: tuple[Array, Array, Array], bs: Array, bc: Array) -> Array:
+    """``bᵀ G⁻¹ b`` of all pairs of columns."""
+    ss, cc, sc = (g[:, None] for g in gram)
+    det = ss * cc - sc * sc
+    good = det > 1e-6 * np.maximum(ss * cc, 1e-300)
+    value = (cc * bs * bs - 2 * sc * bs * bc + ss * bc * bc) / np.where(good, det, 1.0)
+    return np.asarray(np.where(good, value, 0.0))
+
+
+def gumbel_tail(most: Array, value: float) -> float:
+    """p-value of ``value`` among the maxima of draws: counted, and beyond them by their Gumbel law."""
+    share = (1 + float(np.sum(most >= value))) / (1 + len(most))
+    if share > 10 / (1 + len(most)):
+        return share
+    beta = max(float(most.std()) * np.sqrt(6) / np.pi, 1e-12)
+    mode = float(most.mean()) - 0.5772 * beta
+    return float(min(share, max(-np.expm1(-np.exp(-(value - mode) / beta)), 1e-300)))

@@ -1,0 +1,182 @@
+"""Which effects the residuals of a calibrated arm hold: scan, choose, drop what is not needed, scan again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.scores import Chance, Ground, log_p, surviving
+from posture_opt.diagnosis.shapes import refined
+from posture_opt.diagnosis.subsets import Pool, alternatives, best_set
+from posture_opt.diagnosis.suspects import Judged, Suspect, catalogue, judge
+from posture_opt.diagnosis.tangents import Tangents
+from posture_opt.model.effects import Case
+
+Array = NDArray[np.float64]
+
+FIRST = 0.035  # of the 5 % for the whole verdict: the first effect; the rest is left to noise and lack of fit
+FURTHER = 0.02  # every effect after the first
+RIVALS = 6.0  # of the criterion: within it, two causes cannot be told apart
+NAMELESS = 3.0  # the price of having no name
+MOST = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The residuals of a calibrated arm with what could explain them.
+
+    Args:
+        r: (m,) whitened residuals.
+        G: (m, k) columns of the geometry that the data determine.
+        groups: (m,) the pose of every residual.
+    """
+
+    tangents: Tangents
+    case: Case
+    r: Array
+    G: Array
+    groups: NDArray[np.intp]
+    flips: int = 299
+    seed: int = 0
+
+    def ground(self, chosen: Sequence[Suspect] = (), flips: int | None = None) -> Ground:
+        """What is left after the geometry and the chosen suspects."""
+        columns = np.concatenate([self.G, *(s.Z for s in chosen)], axis=1)
+        return Ground.of(self.r, columns, self.groups, self.flips if flips is None else flips, self.seed)
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What a search found.
+
+    Args:
+        chosen: the suspects that together explain the residuals best, the weightiest first.
+        p_values: (chosen,) family-wise, of dropping each.
+        lost: (chosen,) rise of the criterion when it is dropped.
+        rivals: for each chosen one the suspects that could stand for it.
+        judged: every candidate on the geometry alone.
+        left: the best candidate on all that was chosen.
+    """
+
+    chosen: tuple[Suspect, ...]
+    p_values: tuple[float, ...]
+    lost: tuple[float, ...]
+    rivals: tuple[tuple[Suspect, ...], ...]
+    judged: tuple[Judged, ...]
+    chance: Chance
+    left: Judged | None
+    left_chance: Chance | None
+
+
+def search(scene: Scene) -> Verdict:
+    """The effects in the residuals, with family-wise error of the first at 3.5 %."""
+    suspects = catalogue(scene.tangents, scene.case)
+    base = scene.ground()
+    judged, chance = judge(base, suspects, scene.tangents, scene.case)
+    if not judged or judged[0].p_value >= FIRST:
+        return Verdict((), (), (), (), tuple(judged), chance, judged[0] if judged else None, chance)
+    finalists = _finalists(scene, base, judged)
+    chosen: tuple[Suspect, ...] = ()
+    seen: set[tuple[object, ...]] = set()
+    while True:
+        pool = _pool(base, finalists)
+        start = tuple(i for i, f in enumerate(finalists) if any(f.what == c.what for c in chosen))
+        chosen = _pruned(scene, base, chance, [finalists[i] for i in best_set(pool, start, MOST)])
+        key = tuple(sorted(str(s.what) for s in chosen))
+        after, left_chance = judge(scene.ground(chosen), suspects, scene.tangents, scene.case)
+        fresh = [j for j in after if j.p_value < FURTHER]
+        if not fresh or key in seen or len(chosen) >= MOST:
+            break
+        seen.add(key)
+        finalists = _merged(finalists, _finalists(scene, scene.ground(chosen), fresh))
+    chosen = tuple(sorted(chosen, key=lambda s: -_weight(scene, chosen, s)[1]))
+    weights = [_weight(scene, chosen, s) for s in chosen]
+    tests = chance.tests
+    p_values = tuple(float(-np.expm1(tests * np.log1p(-np.exp(min(p, -1e-12))))) for p, _ in weights)
+    return Verdict(
+        chosen,
+        p_values,
+        tuple(w for _, w in weights),
+        _rivals(base, finalists, chosen),
+        tuple(judged),
+        chance,
+        after[0] if after else None,
+        left_chance,
+    )
+
+
+def _finalists(scene: Scene, ground: Ground, judged: Sequence[Judged]) -> list[Suspect]:
+    """The candidates that stay in the running, those with a searched shape at their best."""
+    leading = judged[0].log_p
+    return [
+        refined(scene.tangents, ground, j.suspect) if j.log_p < 0.15 * leading or k < 12 else j.suspect
+        for k, j in enumerate(judged)
+        if j.log_p < np.log(0.2)
+    ]
+
+
+def _merged(former: list[Suspect], new: list[Suspect]) -> list[Suspect]:
+    known = {str(s.what) for s in former}
+    return [*former, *(s for s in new if str(s.what) not in known)]
+
+
+def _pool(ground: Ground, suspects: Sequence[Suspect]) -> Pool:
+    bases = [surviving(ground, s.Z)[0] for s in suspects]
+    price = [2 * np.log(s.searched) + (0.0 if s.named else NAMELESS) for s in suspects]
+    # Two shapes of one cause exclude each other; lines of one joint do not, unless they are the same line.
+    codes: dict[object, int] = {}
+    rivals = [codes.setdefault(_exclusive(s), len(codes)) for s in suspects]
+    return Pool(bases, ground.e, ground.freedom, np.array(price), np.array(rivals))
+
+
+def _exclusive(suspect: Suspect) -> object:
+    if suspect.kind == "cyclic_error":
+        cycles = getattr(suspect.what, "cycles", 0.0)
+        return suspect.kind, suspect.target, round(cycles, 1)
+    return suspect.key
+
+
+def _weight(scene: Scene, chosen: Sequence[Suspect], member: Suspect) -> tuple[float, float]:
+    """Log p-value of a member given the others, and what the criterion loses without it."""
+    others = [s for s in chosen if s is not member]
+    ground = scene.ground(others, flips=0)
+    basis, _ = surviving(ground, member.Z)
+    if not basis.shape[1]:
+        return 0.0, 0.0
+    gain, rss = float(np.sum((basis.T @ ground.e) ** 2)), float(ground.rss[0])
+    p = float(log_p(np.array([gain]), np.array([rss]), basis.shape[1], ground.freedom)[0])
+    m = ground.freedom
+    lost = -m * np.log(max(1 - gain / rss, 1e-300)) - basis.shape[1] * np.log(m) - 2 * np.log(member.searched)
+    return p, float(lost)
+
+
+def _pruned(scene: Scene, base: Ground, chance: Chance, chosen: list[Suspect]) -> tuple[Suspect, ...]:
+    """Without the members that are no longer significant given the others, the least first."""
+    while chosen:
+        weights = [_weight(scene, chosen, s) for s in chosen]
+        worst = max(range(len(chosen)), key=lambda i: weights[i][0])
+        level = FIRST if len(chosen) == 1 else FURTHER
+        if chance.family_wise(weights[worst][0]) < level and weights[worst][1] > 0:
+            break
+        if len(chosen) == 1 and chance.family_wise(weights[worst][0]) < level:
+            break
+        chosen = [s for i, s in enumerate(chosen) if i != worst]
+    return tuple(chosen)
+
+
+def _rivals(ground: Ground, finalists: list[Suspect], chosen: Sequence[Suspect]) -> tuple[tuple[Suspect, ...], ...]:
+    everyone = _merged(list(finalists), list(chosen))
+    pool = _pool(ground, everyone)
+    place = {str(s.what): i for i, s in enumerate(everyone)}
+    members = tuple(sorted(place[str(s.what)] for s in chosen))
+    result = []
+    for s in chosen:
+        found: dict[tuple[str, str], Suspect] = {}
+        for _, other in alternatives(pool, members, place[str(s.what)], RIVALS):
+            if everyone[other].key != s.key:
+                found.setdefault(everyone[other].key, everyone[other])
+        result.append(tuple(found.values()))
+    return tuple(result)

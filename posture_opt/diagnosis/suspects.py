@@ -1,0 +1,159 @@
+"""The candidates of a diagnosis: named effects and nameless umbrellas, each with what it does to the residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.scores import Chance, Ground, explained, log_p, scan_frequencies, surviving
+from posture_opt.diagnosis.tangents import Tangents
+from posture_opt.diagnosis.umbrellas import Umbrella, umbrellas
+from posture_opt.model.effects import EFFECTS, Case, Effect
+from posture_opt.model.effects.cyclic_error import CyclicError
+from posture_opt.model.effects.joint_compliance import JointCompliance
+
+Array = NDArray[np.float64]
+
+PEAKS = 4  # frequencies a joint that stay in the running
+_ALIKE = 0.05  # singular value of unit columns: below, two point masses cannot be told apart
+
+
+@dataclass(frozen=True, eq=False)
+class Suspect:
+    """A candidate with its columns (m, k); ``searched`` counts the grid that its shape was chosen from."""
+
+    what: Effect | Umbrella
+    Z: Array
+    searched: int = 1
+
+    @property
+    def named(self) -> bool:
+        return isinstance(self.what, Effect)
+
+    @property
+    def kind(self) -> str:
+        return self.what.kind
+
+    @property
+    def target(self) -> str:
+        return self.what.target
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Kind and target; several cyclic errors of one joint are told apart by their frequency."""
+        return self.kind, self.target
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A suspect after the ground: basis of what is left of it, share ρ that is left, and its F test.
+
+    ``share`` is the part of the sum of squares that it explains, ``p_value`` family-wise.
+    """
+
+    suspect: Suspect
+    basis: Array
+    rho: float
+    log_p: float
+    p_value: float
+    share: float
+
+
+def catalogue(tangents: Tangents, case: Case) -> list[Suspect]:
+    """Every candidate but the cyclic errors, one for each shape of its grid."""
+    effects = [e for kind in EFFECTS for e in kind.candidates(case)]
+    if "masses" not in case.inputs:
+        effects += unknown_masses(tangents, case)
+    counts: dict[tuple[str, str], int] = {}
+    for effect in effects:
+        counts[effect.kind, effect.target] = counts.get((effect.kind, effect.target), 0) + 1
+    found = [Suspect(e, tangents.columns(e), counts[e.kind, e.target]) for e in effects]
+    nameless = list(umbrellas(tangents, case))
+    grids: dict[tuple[str, str], int] = {}
+    for umbrella, _ in nameless:
+        grids[umbrella.kind, umbrella.target] = grids.get((umbrella.kind, umbrella.target), 0) + 1
+    return [*found, *(Suspect(u, Z, grids[u.kind, u.target]) for u, Z in nameless)]
+
+
+def unknown_masses(tangents: Tangents, case: Case) -> list[Effect]:
+    """Compliances of arms whose masses nobody states: point masses at the frames beyond each joint.
+
+    Frames that pull at the joint alike, as those of a wrist do, count once.
+    """
+    names = case.robot.joint_names
+    effects: list[Effect] = []
+    for i, name in enumerate(names):
+        if case.robot.joints[i].type != "revolute" or case.span[i] <= 1e-6:
+            continue
+        points: tuple[str, ...] = ()
+        for point in ("tool", *reversed(names[i:-1])):
+            wider = JointCompliance(joint=name, loads="points", points=(*points, point))
+            Z = tangents.columns(wider)
+            norms = np.linalg.norm(Z, axis=0)
+            if norms[-1] > 1e-6 * np.linalg.norm(tangents.joints[i]):
+                s = np.linalg.svd(Z / np.where(norms > 0, norms, 1.0), compute_uv=False)
+                points = wider.points if s[-1] > _ALIKE else points
+        if points:
+            effects.append(JointCompliance(joint=name, loads="points", points=points))
+    return effects
+
+
+def judge(ground: Ground, suspects: Sequence[Suspect], tangents: Tangents, case: Case) -> tuple[list[Judged], Chance]:
+    """The best of every kind and target on this ground, the least p-value first, and what chance can do."""
+    bases = [surviving(ground, s.Z) for s in suspects]
+    alive = [i for i, (basis, _) in enumerate(bases) if basis.shape[1]]
+    gains = explained(ground, [bases[i][0] for i in alive])
+    sizes = np.array([bases[i][0].shape[1] for i in alive])
+    rss = ground.rss
+    values = log_p(gains, rss[None, :], sizes[:, None], ground.freedom) if alive else np.zeros((0, len(rss)))
+    least = values[:, 1:].min(axis=0) if alive else np.zeros(len(rss) - 1)
+    cyclic, lowest = _cyclic(ground, tangents, case)
+    least = np.minimum(least, lowest)
+    chance = Chance(least)
+    found: dict[tuple[str, str], Judged] = {}
+    for row, i in enumerate(alive):
+        p = float(values[row, 0])
+        key = suspects[i].key
+        if key not in found or p < found[key].log_p:
+            found[key] = Judged(
+                suspects[i], bases[i][0], bases[i][1], p, chance.family_wise(p), float(gains[row, 0] / rss[0])
+            )
+    judged = list(found.values())
+    for suspect, p in cyclic:
+        basis, rho = surviving(ground, suspect.Z)
+        if basis.shape[1]:
+            share = float(np.sum((basis.T @ ground.e) ** 2) / rss[0])
+            judged.append(Judged(suspect, basis, rho, p, chance.family_wise(p), share))
+    return sorted(judged, key=lambda j: j.log_p), chance
+
+
+def _cyclic(ground: Ground, tangents: Tangents, case: Case) -> tuple[list[tuple[Suspect, float]], Array]:
+    """The strongest lines of every joint, and the least log p-value in each flipped set."""
+    rss = ground.rss
+    lowest = np.zeros(len(rss) - 1)
+    found: list[tuple[Suspect, float]] = []
+    for joint, name in enumerate(case.robot.joint_names):
+        if case.robot.joints[joint].type != "revolute" or case.span[joint] < 1e-3:
+            continue
+        q = tangents.residuals.data.q[:, joint]
+        cycles = CyclicError.grid(case.span[joint])
+        if not len(cycles):
+            continue
+        gains, most = scan_frequencies(ground, tangents.joints[joint], q, cycles)
+        lowest = np.minimum(lowest, log_p(most, rss[1:], 2, ground.freedom))
+        for k in _peaks(gains):
+            effect = CyclicError(joint=name, cycles=float(cycles[k]))
+            p = float(log_p(gains[k : k + 1], rss[:1], 2, ground.freedom)[0])
+            found.append((Suspect(effect, tangents.columns(effect), len(cycles)), p))
+    return found, lowest
+
+
+def _peaks(gains: Array) -> list[int]:
+    """Indices of the highest local maxima."""
+    left = np.r_[True, gains[1:] >= gains[:-1]]
+    right = np.r_[gains[:-1] >= gains[1:], True]
+    peaks = np.flatnonzero(left & right)
+    return [int(k) for k in peaks[np.argsort(-gains[peaks])][:PEAKS]]

@@ -1,0 +1,130 @@
+"""What one unit of an effect does to every measured coordinate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.measurements import Measurements
+from posture_opt.diagnosis.residuals import Residuals
+from posture_opt.model.chain import Walk
+from posture_opt.model.derivatives import position_column, rotation_column
+from posture_opt.model.effects import Case, Effect, Move
+from posture_opt.model.inputs import Inputs
+from posture_opt.model.site import Site
+from posture_opt.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+REFERENCE_TEMPERATURE = 20.0
+"""degC at which the lengths of a model hold (ISO 1)."""
+_VARIES = {"payload": 0.05, "temperature": 0.3}  # kg, K: less tells nothing
+_SIDED = 0.5  # of the rows must know the side from which their joints arrived
+
+
+def inputs_of(data: Measurements, robot: Robot) -> Inputs:
+    """The inputs of effects in every row of measurements."""
+    n = len(data)
+    return Inputs(
+        payload=data.payload if data.payload is not None else np.full(n, robot.payload),
+        approach=list(data.approach.T),
+        approach_length=list(data.approach_length.T),
+        temperature=data.temperature - REFERENCE_TEMPERATURE if data.temperature is not None else np.zeros(n),
+        time=data.time - data.time.min() if data.time is not None else np.arange(n, dtype=float),
+    )
+
+
+def case_of(data: Measurements, robot: Robot) -> Case:
+    """What these measurements can show of effects."""
+    site = Site(robot, list(data.q.T), inputs_of(data, robot))
+    known = {"time"} if len(data) > 1 else set()
+    for name, least in _VARIES.items():
+        values = getattr(data, name)
+        if values is not None and float(np.ptp(values)) > least:
+            known.add(name)
+    if np.mean(np.any(data.approach != 0, axis=1)) > _SIDED and len(np.unique(np.sign(data.approach))) > 1:
+        known.add("approach")
+    known |= {"masses"} if site.weighed else set()
+    span = tuple(float(v) for v in np.ptp(data.q, axis=0))
+    return Case(robot, frozenset(known), span, float(np.ptp(np.asarray(site.inputs.time))))
+
+
+@dataclass(frozen=True, eq=False)
+class Tangents:
+    """Columns of effects at the arm ``x`` (k,) of ``residuals``, laid out as the rows of its Jacobian."""
+
+    residuals: Residuals
+    x: Array
+
+    @cached_property
+    def walk(self) -> Walk:
+        """The chain at all rows."""
+        return self.residuals.walk(self.x)
+
+    @cached_property
+    def site(self) -> Site:
+        """The nominal arm at all rows with its loads."""
+        data, robot = self.residuals.data, self.residuals.robot
+        return Site(robot, list(data.q.T), inputs_of(data, robot))
+
+    @property
+    def rows(self) -> int:
+        """The number of residuals of all rows."""
+        return len(self.residuals.data) * self.residuals.block
+
+    @cached_property
+    def joints(self) -> Array:
+        """(n, N, block) whitened residual per unit of each joint."""
+        return np.stack([self._factor(i) for i in self.residuals.robot.driven])
+
+    @cached_property
+    def _lengths(self) -> dict[str, int]:
+        return {f.parameter: i for i, f in enumerate(self.residuals.robot.factors) if f.parameter}
+
+    def columns(self, effect: Effect) -> Array:
+        """(N·block, parameters) whitened residual per unit of each parameter of an effect."""
+        return np.stack([self.column(move) for move in effect.moves(self.site)], axis=1)
+
+    def column(self, move: Move) -> Array:
+        """(N·block,) whitened residual per unit of one move."""
+        N = len(self.residuals.data)
+        total = np.zeros((N, self.residuals.block))
+        for joint, size in move.joints.items():
+            total += self.joints[joint] * self._wide(size)
+        for name, size in move.lengths.items():
+            total += self._factor(self._lengths[name]) * self._wide(size)
+        total += self._whitened(*move.twist)
+        return total.ravel()
+
+    def of_joint(self, joint: int, features: Array) -> Array:
+        """(N·block, k) of features (N, k) that add to one joint."""
+        columns: Array = self.joints[joint][:, :, None] * features[:, None, :]
+        return columns.reshape(self.rows, -1)
+
+    def of_point(self, features: Array) -> Array:
+        """(N·block, axes·k) of features (N, k) that shift the measured point along each axis."""
+        residuals = self.residuals
+        N, axes = len(residuals.data), len(residuals.axes)
+        columns = np.zeros((N, residuals.block, axes, features.shape[1]))
+        for slot in range(axes):
+            columns[:, slot, slot, :] = features / residuals.sigma
+        return columns.reshape(self.rows, -1)
+
+    def _factor(self, index: int) -> Array:
+        return self._whitened(position_column(self.walk, index), rotation_column(self.walk, index))
+
+    def _wide(self, size: Any) -> Array:
+        return np.broadcast_to(np.asarray(size, dtype=float), (len(self.residuals.data),))[:, None]
+
+    def _whitened(self, shift: Sequence[Any], turn: Sequence[Any]) -> Array:
+        residuals = self.residuals
+        N = len(residuals.data)
+        parts = [np.broadcast_to(np.asarray(shift[a], dtype=float), (N,)) / residuals.sigma for a in residuals.axes]
+        if residuals.oriented:
+            parts += [np.broadcast_to(np.asarray(w, dtype=float), (N,)) / residuals.sigma_rotation for w in turn]
+        return np.stack(parts, axis=1)

@@ -1,0 +1,184 @@
+"""``Effect``: what moves the tool point beyond the geometry, by parameters that are zero in the nominal model."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from pydantic import Field, WithJsonSchema, model_validator
+
+from posture_opt.model.chain import Scalar, Vector
+from posture_opt.model.site import ZERO, Site
+from posture_opt.robot.robot import Robot
+from posture_opt.spec import Spec
+from posture_opt.units import DIMENSIONS, parse_quantity
+
+Input = str  # "approach", "payload", "temperature", "time", "masses", "gear_ratio"
+Quantity = Annotated[Any, WithJsonSchema({"type": ["string", "number"]})]
+
+
+@dataclass(frozen=True)
+class Move:
+    """What one unit of a parameter does: it adds to joints and lengths, and shifts and turns the tool.
+
+    Args:
+        joints: joint index -> increment of the joint value [rad or m].
+        lengths: name of a model parameter -> increment [rad or m].
+        twist: shift of the tool point and small rotation of the tool (v, ω), world axes.
+    """
+
+    joints: Mapping[int, Scalar] = field(default_factory=dict)
+    lengths: Mapping[str, Scalar] = field(default_factory=dict)
+    twist: tuple[Vector, Vector] = (ZERO, ZERO)
+
+
+@dataclass(frozen=True)
+class Case:
+    """What measurements, or a problem, can show of effects.
+
+    Args:
+        inputs: those that are known and vary: approach, payload, temperature, time.
+        span: (n,) range of each joint in the data [rad or m].
+        duration: of the measurements [s].
+    """
+
+    robot: Robot
+    inputs: frozenset[Input]
+    span: tuple[float, ...]
+    duration: float = 0.0
+
+    def moving(self, *types: str) -> tuple[str, ...]:
+        """Names of the joints of these types that move in the data."""
+        return tuple(
+            j.name for j, span in zip(self.robot.joints, self.span, strict=True) if j.type in types and span > 1e-6
+        )
+
+
+class Effect(Spec):
+    """One kind of effect at one target; ``estimate`` holds its parameters with their units."""
+
+    summary: ClassVar[str]
+    """One line for ``optimize-posture list``."""
+    parameters: ClassVar[tuple[tuple[str, str], ...]]
+    """Name and dimension of each linear parameter."""
+    shape: ClassVar[tuple[str, ...]] = ()
+    """Fields that enter in another way than linearly, found by a search."""
+    needs: ClassVar[frozenset[Input]] = frozenset()
+    """Inputs without which the effect cannot be seen."""
+    for_planning: ClassVar[bool] = True
+    """Whether a task can be planned with it; what changes with time cannot be."""
+
+    kind: str
+    estimate: dict[str, Quantity] = Field({}, description="parameter: value with its unit")
+    covariance: str | None = Field(None, min_length=1, description="CSV file with the covariance of the estimate")
+
+    @property
+    @abstractmethod
+    def target(self) -> str:
+        """What the effect is of: a joint, a length, base, tool, payload, instrument or data."""
+
+    @abstractmethod
+    def moves(self, site: Site) -> tuple[Move, ...]:
+        """What each parameter does, in the order of ``parameters``."""
+
+    @classmethod
+    @abstractmethod
+    def candidates(cls, case: Case) -> Sequence[Effect]:
+        """Every instance that the data of ``case`` could show, one for each value of the shape's grid."""
+
+    @property
+    def name(self) -> str:
+        """``kind[target]``, under which its parameters stand among the sources."""
+        return f"{self.kind}[{self.target}]"
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """``kind[target].parameter``."""
+        return tuple(f"{self.name}.{name}" for name, _ in self.dimensions)
+
+    @property
+    def dimensions(self) -> tuple[tuple[str, str], ...]:
+        """``parameters`` of this very instance."""
+        return self.parameters
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The estimate in SI units, zero for what is not stated."""
+        given = self.estimate
+        return tuple(_read(given[name], dimension) if name in given else 0.0 for name, dimension in self.dimensions)
+
+    @model_validator(mode="after")
+    def _estimate_fits(self) -> Effect:
+        known = dict(self.dimensions)
+        for name, value in self.estimate.items():
+            if name not in known:
+                raise ValueError(f"{self.kind} has no parameter '{name}'; its parameters: {', '.join(known)}")
+            _read(value, known[name])
+        return self
+
+    def robot_fault(self, robot: Robot) -> str:
+        """What this robot lacks for the effect, or an empty text."""
+        return ""
+
+    def with_estimate(self, values: Sequence[float]) -> Effect:
+        """The same effect with this estimate [SI]."""
+        texts = {
+            name: _text(value, dimension) for (name, dimension), value in zip(self.dimensions, values, strict=True)
+        }
+        return self.model_copy(update={"estimate": texts})
+
+    def to_dict(self) -> dict[str, Any]:
+        """The entry of ``effects:`` in a problem file."""
+        return {key: value for key, value in self.model_dump(exclude_none=True).items() if value != {}}
+
+
+def _read(value: Any, dimension: str) -> float:
+    if dimension == "ratio":
+        if isinstance(value, bool) or not isinstance(value, int | float | np.floating):
+            raise ValueError(f"'{value}' is no ratio; write a number such as 2e-4")
+        return float(value)
+    return parse_quantity(value, dimension)
+
+
+def _text(value: float, dimension: str) -> Any:
+    return float(value) if dimension == "ratio" else f"{value:.12g} {DIMENSIONS[dimension][0]}"
+
+
+class JointEffect(Effect):
+    """An effect that adds to one joint: ``dq = Σ θ_k φ_k(q, u)``."""
+
+    types: ClassVar[tuple[str, ...]] = ("revolute",)
+
+    joint: str
+
+    @property
+    def target(self) -> str:
+        return self.joint
+
+    @abstractmethod
+    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+        """``φ_k`` of each parameter."""
+
+    def moves(self, site: Site) -> tuple[Move, ...]:
+        joint = site.robot.joint_names.index(self.joint)
+        return tuple(Move({joint: feature}) for feature in self.features(site, joint))
+
+    @classmethod
+    def candidates(cls, case: Case) -> Sequence[Effect]:
+        return [cls.of_joint(name) for name in case.moving(*cls.types)] if cls.needs <= case.inputs else []
+
+    @classmethod
+    def of_joint(cls, joint: str, **shape: Any) -> Effect:
+        """The effect of one joint, nothing estimated yet."""
+        return cls(joint=joint, **shape)
+
+    def robot_fault(self, robot: Robot) -> str:
+        types = {j.name: j.type for j in robot.joints}
+        if self.joint not in types:
+            return f"the robot has no joint '{self.joint}'; its joints: {', '.join(types)}"
+        if types[self.joint] not in self.types:
+            return f"{self.kind} is of {' and '.join(self.types)} joints, and {self.joint} is {types[self.joint]}"
+        return ""

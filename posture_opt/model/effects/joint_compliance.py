@@ -1,0 +1,45 @@
+"""Compliance of a joint under the torque of gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from posture_opt.model.chain import Scalar
+from posture_opt.model.effects.effect import Case, Effect, JointEffect
+from posture_opt.model.site import Site
+
+
+class JointCompliance(JointEffect):
+    """``dq = c τ(q, m)``, τ the torque of gravity from links and payload.
+
+    With ``loads: points`` the masses of the links are unknown and stand as point masses at the frames beyond the
+    joint: ``dq = Σ_i θ_i τ_i(q) + c τ_payload``, τ_i the torque of 1 kg at frame i and θ_i compliance times mass.
+    """
+
+    summary: ClassVar[str] = "the joint gives way to the torque of gravity and payload"
+
+    kind: Literal["joint_compliance"] = "joint_compliance"
+    loads: Literal["masses", "points"] = Field("masses", description="masses of the file, or unknown point masses")
+    points: tuple[str, ...] = Field((), description="joints behind which unknown masses are, `tool` for the tool point")
+
+    @property
+    def dimensions(self) -> tuple[tuple[str, str], ...]:
+        if self.loads == "masses":
+            return (("compliance", "angle per torque"),)
+        return tuple((f"mass at {name}", "angle mass per torque") for name in self.points)
+
+    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+        if self.loads == "masses":
+            return (site.torque(joint),)
+        names = site.robot.joint_names
+        places = [site.tool if p == "tool" else site.frames[names.index(p)].origin for p in self.points]
+        return tuple(site.unit_torque(joint, place) for place in places)
+
+    @classmethod
+    def candidates(cls, case: Case) -> Sequence[Effect]:
+        if "masses" in case.inputs:
+            return [cls(joint=name) for name in case.moving("revolute")]
+        return []

@@ -1,0 +1,40 @@
+"""Coupling: one joint moves a little when another does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from posture_opt.model.chain import Scalar
+from posture_opt.model.effects.effect import Case, Effect, JointEffect
+from posture_opt.model.site import Site
+from posture_opt.robot.robot import Robot
+
+
+class JointCoupling(JointEffect):
+    """``dq_B = c q_A``: joint B (``joint``) follows joint A (``follows``)."""
+
+    summary: ClassVar[str] = "the joint follows another one by a small ratio"
+    parameters: ClassVar = (("ratio", "ratio"),)
+
+    kind: Literal["joint_coupling"] = "joint_coupling"
+    follows: str = Field(description="the joint A that drives it")
+
+    @property
+    def target(self) -> str:
+        return f"{self.follows}->{self.joint}"
+
+    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+        return (site.q[site.robot.joint_names.index(self.follows)],)
+
+    @classmethod
+    def candidates(cls, case: Case) -> Sequence[Effect]:
+        names = case.moving("revolute")
+        return [cls(joint=b, follows=a) for a in names for b in names if a != b]
+
+    def robot_fault(self, robot: Robot) -> str:
+        if self.follows not in robot.joint_names:
+            return f"the robot has no joint '{self.follows}'; its joints: {', '.join(robot.joint_names)}"
+        return super().robot_fault(robot)

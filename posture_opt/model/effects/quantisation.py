@@ -1,0 +1,38 @@
+"""Quantisation: a joint reaches whole steps only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from posture_opt.model.chain import Scalar
+from posture_opt.model.effects.effect import Case, Effect, JointEffect
+from posture_opt.model.scalars import nearest_integer
+from posture_opt.model.site import Site
+from posture_opt.units import Angle
+
+_BITS = range(9, 17)
+_DECIMALS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)  # deg
+
+
+class Quantisation(JointEffect):
+    """``dq = c (round(q / lsb) lsb − q)``, c near one, lsb the step of the encoder or of the controller's numbers."""
+
+    summary: ClassVar[str] = "the joint reaches whole steps only"
+    parameters: ClassVar = (("share", "ratio"),)
+    shape: ClassVar = ("lsb",)
+
+    kind: Literal["quantisation"] = "quantisation"
+    lsb: Angle = Field(gt=0, description="the step")
+
+    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+        steps = site.q[joint] / self.lsb
+        return (self.lsb * (nearest_integer(steps) - steps),)
+
+    @classmethod
+    def candidates(cls, case: Case) -> Sequence[Effect]:
+        sizes = [2 * math.pi / 2**bits for bits in _BITS] + [math.radians(d) for d in _DECIMALS]
+        return [cls(joint=name, lsb=f"{lsb!r} rad") for name in case.moving("revolute") for lsb in sizes]

@@ -1,0 +1,48 @@
+"""Thermal growth of the links."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from posture_opt.model.effects.effect import Case, Effect, Move
+from posture_opt.model.site import Site
+from posture_opt.robot.robot import Factor, Robot
+
+
+class ThermalGrowth(Effect):
+    """``dL = α L (T − T0)`` of one length, or of all lengths of the links."""
+
+    summary: ClassVar[str] = "lengths grow with the temperature"
+    parameters: ClassVar = (("expansion", "per temperature"),)
+    needs: ClassVar = frozenset({"temperature"})
+
+    kind: Literal["thermal_growth"] = "thermal_growth"
+    length: str = Field("all", description="JOINT.a, JOINT.d, …; or all")
+
+    @property
+    def target(self) -> str:
+        return self.length
+
+    def moves(self, site: Site) -> tuple[Move, ...]:
+        grown = {
+            name: factor.nominal * site.inputs.temperature
+            for name, factor in _lengths(site.robot).items()
+            if self.length in ("all", name)
+        }
+        return (Move(lengths=grown),)
+
+    @classmethod
+    def candidates(cls, case: Case) -> Sequence[Effect]:
+        return [cls(length=name) for name in ("all", *_lengths(case.robot))] if cls.needs <= case.inputs else []
+
+    def robot_fault(self, robot: Robot) -> str:
+        known = ("all", *_lengths(robot))
+        return "" if self.length in known else f"there is no length '{self.length}'; lengths: {', '.join(known)}"
+
+
+def _lengths(robot: Robot) -> dict[str, Factor]:
+    links = [f for link in robot.links for f in link]
+    return {f.parameter: f for f in links if f.kind == "translate" and f.parameter and abs(f.nominal) > 1e-6}
