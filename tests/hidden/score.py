@@ -79,7 +79,7 @@ def _pairs(e: Json, estimate: Json) -> list[tuple[Json, float]]:
     """Estimates beside true sizes: by name where names agree, else by order where both count the same."""
     if e["kind"] in NONLINEAR or (e["kind"] == "drift" and e["target"] == "exponential"):
         return []  # shapes are estimated too, so that coefficients are not alike
-    usable = {k: v for k, v in estimate.items() if isinstance(v, dict) and v.get("std") and v.get("value") is not None}
+    usable = {k: v for k, v in estimate.items() if isinstance(v, dict) and (v.get("std") or 0.0) > 0.0}
     size = e["size"]
     if set(usable) & set(size) and len(size) > 1:
         return [(usable[k], size[k]) for k in size if k in usable]
