@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.clusters import clustered_covariance
 from posture_opt.diagnosis.comparison import compare, fit_frames, held_length
 from posture_opt.diagnosis.cross_validation import position_errors, predict, tested
 from posture_opt.diagnosis.estimation import estimate
@@ -150,17 +151,20 @@ def calibrate(
     _check_amount(residuals, known, len(np.unique(groups)))
     parts = folds_of(groups, folds, groups_by)
     tell = _teller(progress, 2 * len(parts) + 1)
-    found = estimate(residuals, x_nominal, known.directions, known.prior, weight=known.noise)
+    found = estimate(residuals, x_nominal, known.directions, known.prior, weight=known.noise, design=known.design)
     tell()
     nominal = predict(residuals, parts, found, None, tell)
     calibrated = predict(residuals, parts, found, known, tell)
+    covariance = found.covariance
+    if known.design > 1:
+        covariance = clustered_covariance(residuals, found, known.directions, known.prior)
     gone = np.flatnonzero(~found.kept)
     notes += ("base and tool are fitted again to the test file",) * (test is not None and refit_frames)
     return Calibration(
         parameters=residuals.parameters,
         x_nominal=x_nominal,
         x=found.x,
-        covariance=found.covariance,
+        covariance=covariance,
         fixed=known.fixed,
         identifiability=known.identifiability,
         nominal=Statistics.of(nominal.errors[found.kept], groups[found.kept]),

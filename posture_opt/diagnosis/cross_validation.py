@@ -57,7 +57,7 @@ def predict(
         if known is not None:
             again = estimate(
                 training, x, known.directions, known.prior, robust=False, near=found.fit.x,
-                weight=float(np.sqrt(found.variance)),
+                weight=float(np.sqrt(known.design * found.variance)), design=known.design,
             )  # fmt: skip
             x, restless = again.x, restless + (not again.at_rest)
         errors[left_out] = position_errors(residuals.take(left_out), x)

@@ -47,6 +47,7 @@ class Estimate:
     variance: float
     fit: Fit
     settled: bool = True
+    weight: float = 0.0
 
     @property
     def at_rest(self) -> bool:
@@ -63,14 +64,15 @@ class Estimate:
 
 def estimate(
     residuals: Residuals, x0: Array, directions: Array, prior: Prior | None = None, *, robust: bool = True,
-    near: Array | None = None, weight: float = 0.0,
+    near: Array | None = None, weight: float = 0.0, design: float = 1.0,
 ) -> Estimate:  # fmt: skip
     """The least squares estimate ``x0 + directions z``; rows that turn out gross outliers are left out.
 
     In each round all rows are judged anew, so that a row wrongly left out comes back. The residual variance, not
     the instrument's, weighs the data against the prior: what the model cannot explain makes data worth less.
-    ``near`` is a first guess of ``z``, ``weight`` one of the residuals' standard deviation; the minimum does not
-    depend on them.
+    ``near`` is a first guess of ``z``, ``weight`` one of the standard deviation that weighs the prior; the minimum
+    does not depend on them. ``design`` is the number of rows that tell as much as one alone would: neighbours that err
+    alike.
     """
     n = len(residuals.data)
     kept, z = np.ones(n, dtype=bool), np.zeros(directions.shape[1]) if near is None else near
@@ -88,13 +90,13 @@ def estimate(
         gross, studentised = outlying(r[:rows], reduced(J[:rows], directions), residuals.block)
         gross = gross if robust else np.zeros(n, dtype=bool)
         # A prior that was weighed with the variance of a fit to outliers would be many times too sure of itself.
-        fair = np.sqrt(found.variance) if prior is not None else 0.0
+        fair = np.sqrt(design * found.variance) if prior is not None else 0.0
         settled = np.array_equal(~gross, kept) and abs(weight - fair) <= _FAIR * fair
         kept, weight = ~gross, fair
         if settled:
             break
-    covariance = directions @ found.covariance @ directions.T
-    return Estimate(x, covariance, kept, studentised, found.variance, found, settled)
+    covariance = design * directions @ found.covariance @ directions.T
+    return Estimate(x, covariance, kept, studentised, found.variance, found, settled, weight)
 
 
 def _function(residuals: Residuals, x0: Array, directions: Array, prior: Prior | None, weight: float):  # type: ignore[no-untyped-def]

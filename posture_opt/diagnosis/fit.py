@@ -106,6 +106,8 @@ def reduced(J: Array, directions: Array) -> Array:
 
 def _at_rest(projected: Array, r: Array, tolerance: float) -> bool:
     m, k = len(r), len(projected)
+    if not k:
+        return True  # nothing is free
     inside, total = float(projected @ projected), float(r @ r)
     if m <= k or total == 0:
         return total == 0
@@ -138,14 +140,18 @@ def outlying(residuals: Array, J: Array, block: int) -> tuple[NDArray[np.bool_],
     return studentised > 1.5 * np.sqrt(2 * gammainccinv(block / 2, 1e-3 / len(squared))), studentised
 
 
-def noise(residuals: Array, J: Array, block: int) -> float:
-    """Standard deviation of what no step of the unknowns explains, to first order, whatever a few outliers say."""
+def unexplained(residuals: Array, J: Array) -> Array:
+    """What is left of the residuals (m,) after the best step of the unknowns, to first order."""
     k = J.shape[1]
-    if len(J) <= k:
-        return 0.0
     R = triangular(np.concatenate([J, residuals[:, None]], axis=1))
-    step = np.linalg.lstsq(R[:, :k], R[:, k], rcond=1e-12)[0]
-    return float(np.sqrt(_robust_variance(_inflated_squares(residuals - J @ step, J, block), block)))
+    return np.asarray(residuals - J @ np.linalg.lstsq(R[:, :k], R[:, k], rcond=1e-12)[0])
+
+
+def noise(residuals: Array, J: Array, block: int) -> float:
+    """Standard deviation of what no step of the unknowns explains, whatever a few outliers say; 0 where too few."""
+    if len(J) <= J.shape[1]:
+        return 0.0
+    return float(np.sqrt(_robust_variance(_inflated_squares(unexplained(residuals, J), J, block), block)))
 
 
 def _inflated_squares(residuals: Array, J: Array, block: int) -> Array:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.clusters import design_effect
 from posture_opt.diagnosis.estimation import Prior
-from posture_opt.diagnosis.fit import noise
+from posture_opt.diagnosis.fit import noise, unexplained
 from posture_opt.diagnosis.identifiability import ANGLE, LENGTH, Identifiability, identify
 from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter, prior_covariance
 from posture_opt.diagnosis.residuals import Residuals
@@ -16,6 +17,7 @@ from posture_opt.diagnosis.residuals import Residuals
 Array = NDArray[np.float64]
 
 FREE = 1.0  # m or rad: what nobody knows of a free frame or a touched point
+ALIKE = "neighbouring postures err alike: for standard errors, {:.2g} rows count as one"
 NEAR = (
     f"the data tell {{}} less well than to {LENGTH * 1e3:g} mm or {np.degrees(ANGLE):g} deg: geometry is taken to lie "
     "within that of its nominal value (one σ)"
@@ -32,7 +34,8 @@ class Knowledge:
         fixed: (k,) whether data, or stated σ's, determine the parameter.
         prior: of the fit, or ``None``.
         stated: (k,) the stated σ of each parameter that counts as knowledge; NaN where there is none.
-        noise: standard deviation of the residuals in units of the instrument's.
+        noise: standard deviation that weighs the prior, in units of the instrument's: the residuals', times √design.
+        design: how many rows tell as much as one alone would, as neighbouring postures err alike.
         notes: sentences on what was assumed.
     """
 
@@ -42,6 +45,7 @@ class Knowledge:
     prior: Prior | None
     stated: Array
     noise: float
+    design: float
     notes: tuple[str, ...]
 
 
@@ -49,27 +53,35 @@ def determine(problem: CalibrationProblem, residuals: Residuals, x: Array, held:
     """What measurements determine at the deviations ``x``, by themselves and with what is known beforehand.
 
     The noise is what no step of all parameters explains, but no less than the instrument's: what the model cannot
-    express makes data worth less. Without stated σ's, geometry has the prior of 10 mm and 1°.
+    express makes data worth less, and less still where neighbouring postures have it in common. Without stated σ's,
+    geometry has the prior of 10 mm and 1°.
     """
     parameters, rows = residuals.parameters, len(residuals.data)
     names = [p.name for p in parameters]
     r, J = residuals.both(x)
     measured = rows * residuals.block
-    spread = max(noise(r[:measured], J[:measured], residuals.block), 1.0)
+    few = measured <= J.shape[1]
+    rest = unexplained(r[:measured], J[:measured])
+    design = 1.0 if few else design_effect(residuals, rest, J[:measured])
+    spread = max(noise(r[:measured], J[:measured], residuals.block), 1.0) * float(np.sqrt(design))
     indices, covariance = prior_covariance(problem, parameters) if priors else ([], np.zeros((0, 0)))
     scale = tolerances(parameters, indices)
     alone = identify(names, J, rows, held, scale=scale, noise=spread)
     stated = np.full(len(names), np.nan)
     stated[indices] = np.sqrt(np.diag(covariance))
     if not priors:
-        return Knowledge(alone, alone.directions, alone.determined, None, stated, spread, ())
+        return Knowledge(alone, alone.directions, alone.determined, None, stated, spread, design, _alike(design))
     known = Prior.of(indices, covariance).matrix(len(names))
     both = identify(names, np.concatenate([J / spread, known]), rows, held, scale=scale) if indices else alone
     fixed = both.determined | (np.isfinite(stated) & (np.arange(len(names)) != (-1 if held is None else held)))
     prior = full_prior(parameters, scale, indices, covariance)
-    notes = () if not both.hardly.shape[1] else (NEAR.format(_vague(both)),)
+    notes = (*_alike(design), *([NEAR.format(_vague(both))] if both.hardly.shape[1] else []))
     directions = np.concatenate([both.directions, both.hardly], axis=1)
-    return Knowledge(alone, directions, fixed, prior, stated, spread, notes)
+    return Knowledge(alone, directions, fixed, prior, stated, spread, design, notes)
+
+
+def _alike(design: float) -> tuple[str, ...]:
+    return (ALIKE.format(design),) if design > 1 else ()
 
 
 def tolerances(parameters: tuple[Parameter, ...], stated: list[int]) -> Array:

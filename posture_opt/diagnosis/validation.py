@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 Codes = NDArray[np.intp]
 By = Literal["pose", "block", "place"]
 
+_ALIKE = 1e-3  # rad or m: postures nearer than that have the same errors, whatever their pose is called
+
 
 @dataclass(frozen=True)
 class Statistics:
@@ -56,7 +58,8 @@ def _bootstrap(squares: Array, groups: Codes, draws: int) -> tuple[float, float]
 def groups_of(data: Measurements, by: By, folds: int) -> Codes:
     """The group (N,) of each row: its pose, its place among touched points, or its block of the workspace.
 
-    The place of a point is its name up to a ``/``: ``front/0`` and ``front/1`` lie in one place.
+    Poses within 1e-3 rad or m of each other are one, so that no fold is predicted by what it left out. The place of a
+    point is its name up to a ``/``: ``front/0`` and ``front/1`` lie in one place.
 
     Raises:
         InputError: places of measured positions, or blocks of touched points.
@@ -71,23 +74,37 @@ def groups_of(data: Measurements, by: By, folds: int) -> Codes:
         return np.asarray(codes[data.point], dtype=np.intp)
     if by == "block":
         assert data.position is not None  # refused above
-        return _blocks(data.position, folds)
-    return data.pose
+        return blocks(data.position, 4 * folds)
+    return alike(data.q, data.pose)
 
 
-def _blocks(points: Array, folds: int) -> Codes:
-    """Four blocks a fold, cut along the longest side at the median again and again."""
-    blocks = [np.arange(len(points))]
-    while len(blocks) < 4 * folds:
-        largest = max(range(len(blocks)), key=lambda i: len(blocks[i]))
-        rows = blocks.pop(largest)
+def alike(q: Array, pose: Codes) -> Codes:
+    """Codes (N,) of the poses (N,), those with practically equal joint values (N, n) made one."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    _, first, inverse = np.unique(pose, return_index=True, return_inverse=True)
+    cells, start, cell = np.unique(np.round(q[first] / _ALIKE), axis=0, return_index=True, return_inverse=True)
+    pairs = cKDTree(q[first[start]]).query_pairs(_ALIKE, p=np.inf, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells),) * 2)
+    together = connected_components(links, directed=False)[1]
+    return np.asarray(together[cell.ravel()][inverse.ravel()], dtype=np.intp)
+
+
+def blocks(points: Array, count: int) -> Codes:
+    """Codes (N,) of so many blocks of points (N, d), cut along the longest side at the median again and again."""
+    parts = [np.arange(len(points))]
+    while len(parts) < count:
+        largest = max(range(len(parts)), key=lambda i: len(parts[i]))
+        rows = parts.pop(largest)
         if len(rows) < 2:
-            blocks.append(rows)
+            parts.append(rows)
             break
         rows = rows[np.argsort(points[rows, np.argmax(np.ptp(points[rows], axis=0))], kind="stable")]
-        blocks += [rows[: len(rows) // 2], rows[len(rows) // 2 :]]
+        parts += [rows[: len(rows) // 2], rows[len(rows) // 2 :]]
     codes = np.zeros(len(points), dtype=np.intp)
-    for code, rows in enumerate(blocks):
+    for code, rows in enumerate(parts):
         codes[rows] = code
     return codes
 
