@@ -86,6 +86,21 @@ def test_the_longer_link_stands_in_the_document(written: tuple[Path, Result]) ->
     assert document["test"]["calibrated"]["rms"] < 1.5 * np.sqrt(2) * NOISE
 
 
+def test_a_frame_that_is_stated_is_known_and_the_longer_link_is_found(folder: Path, tmp_path: Path) -> None:
+    problem = tmp_path / "stated.yaml"
+    problem.write_text(PROBLEM.replace(", joint2.a: 10 mm, tool.x: 0.01 mm, tool.y: 0.01 mm", ""), encoding="utf-8")
+    result = run(folder / "data.csv", "--problem", problem, "--json")
+    assert result.exit_code == 0, result.stderr
+    document = json.loads(result.stdout)
+    found = parameters(document)
+    assert not [name for name in found if name.startswith(("base", "tool"))]
+    link = found["joint2.a"]
+    assert link["determined"]
+    assert link["std"] < 5e-6  # 60 rows of 20 µm: 20 µm / √60 = 2.6 µm
+    assert abs(link["estimate"] - 1.0 - LONGER) < 4 * link["std"]
+    assert link["p_value"] < 1e-6 < 1e-3 < found["joint1.a"]["p_value"]  # the first link is as it was drawn
+
+
 def test_an_outlier_makes_no_prior_surer_than_it_is(written: tuple[Path, Result]) -> None:
     tool = parameters(json.loads((written[0] / "calibration.json").read_text(encoding="utf-8")))["tool.x"]
     # The data cannot tell it from the second link: its σ stays the one that was stated.
@@ -103,10 +118,11 @@ def test_the_report_says_so_in_words(written: tuple[Path, Result]) -> None:
     ]  # fmt: skip
     lines = text.splitlines()
     assert [line for line in lines if line in titles] == titles
-    name, unit, *_, nominal, estimate, error, change, prior = next(
+    name, unit, *_, nominal, estimate, error, change, errors, prior = next(
         x for x in lines if x.startswith("joint2.a ")
     ).split()
     assert (name, unit, prior) == ("joint2.a", "mm", "10.0")
+    assert float(errors) == pytest.approx(float(change) / float(error), rel=0.05)  # the error has two digits
     assert float(nominal) == 1000.0
     assert float(change) == pytest.approx(1e3 * LONGER, abs=4 * float(error))
     assert float(estimate) == pytest.approx(float(nominal) + float(change), abs=1e-9)

@@ -375,7 +375,10 @@ def test_too_few_poses_and_several_robots_are_refused(six: Any) -> None:
 def test_the_document_holds_every_promised_key(six: Any) -> None:
     document = six[3].to_json()
     assert {"residual_rms", "coverage95", "parameters", "rank", "observability", "outliers"} <= set(document)
-    assert set(document["parameters"][0]) == {"name", "estimate", "std", "nominal", "unit", "determined"}
+    promised = {"name", "estimate", "std", "nominal", "unit", "determined"}
+    assert promised | {"prior", "z", "p_value"} == set(document["parameters"][0])
+    pairs = {tuple(pair["parameters"]): pair["correlation"] for pair in document["correlations"]}
+    assert all(0.9 < abs(value) <= 1 + 1e-9 for value in pairs.values())
     assert set(document["observability"]) == {"O1", "O2", "O3", "O4", "O5"}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
+from math import erfc, isfinite, nan
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 
 Progress = Callable[[int, int], None]
 
+CORRELATED = 0.9  # from here on, one of two estimates leans on the other
 SIZE = "touched points alone do not tell the size of the arm: {} is held; state a distance under data.distances"
 
 
@@ -49,6 +51,7 @@ class Calibration:
         by: the groups that the cross-validation left out together.
         test: another file predicted by what this one taught.
         prior: (k,) the stated σ of each parameter that counts as knowledge [rad, m]; NaN where there is none.
+        design: how many rows tell as much as one alone would, as neighbouring postures err alike.
         notes: sentences for the report.
     """
 
@@ -71,6 +74,7 @@ class Calibration:
     by: By
     test: dict[str, Statistics]
     prior: Array
+    design: float = 1.0
     notes: tuple[str, ...] = ()
 
     @property
@@ -78,25 +82,34 @@ class Calibration:
         """(k,) standard errors [rad, m]; NaN where nothing determines the parameter."""
         return np.where(self.fixed, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), np.nan)
 
+    @property
+    def z(self) -> Array:
+        """(k,) deviations from nominal over their standard errors; NaN where nothing determines the parameter."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.where(self.std > 0, self.x / self.std, np.nan))
+
+    @property
+    def p_values(self) -> Array:
+        """(k,) probability of a deviation as far from nominal where the parameter has its nominal value; or NaN."""
+        return np.array([erfc(abs(z) / 2**0.5) if isfinite(z) else nan for z in self.z.tolist()])
+
+    @property
+    def correlation(self) -> Array:
+        """(k, k) of the estimates; zero where nothing determines the parameter."""
+        variance = np.diag(self.covariance)
+        scale = np.where(self.fixed & (variance > 0), 1 / np.sqrt(np.maximum(variance, 1e-300)), 0.0)
+        return np.asarray(self.covariance * np.outer(scale, scale))
+
     def to_json(self) -> dict[str, Any]:
         """The document ``calibration.json``: SI units and radians."""
-        rows = zip(self.parameters, self.x, self.std, self.fixed, strict=True)
         document: dict[str, Any] = {
             "residual_rms": {"nominal": self.nominal.rms, "calibrated": self.calibrated.rms},
             "residuals": {"nominal": self.nominal.to_json(), "calibrated": self.calibrated.to_json()},
             "coverage95": dict(self.coverage),
             "cross_validation": self.by,
-            "parameters": [
-                {
-                    "name": p.name,
-                    "estimate": float(p.nominal + x),
-                    "std": float(s) if known else None,
-                    "nominal": p.nominal,
-                    "unit": p.unit,
-                    "determined": bool(known),
-                }
-                for p, x, s, known in rows
-            ],
+            "parameters": [self._parameter(i) for i in range(len(self.parameters))],
+            "correlations": self._correlations(),
+            "rows_per_independent": self.design,
             "rank": self.identifiability.rank,
             "condition": self.identifiability.condition,
             "singular_values": [float(s) for s in self.identifiability.singular_values],
@@ -110,6 +123,24 @@ class Calibration:
         if self.test:
             document["test"] = {name: statistics.to_json() for name, statistics in self.test.items()}
         return document
+
+    def _parameter(self, i: int) -> dict[str, Any]:
+        p, known = self.parameters[i], bool(self.fixed[i])
+        values = {"std": self.std[i], "prior": self.prior[i], "z": self.z[i], "p_value": self.p_values[i]}
+        return {
+            "name": p.name,
+            "estimate": float(p.nominal + self.x[i]),
+            "nominal": p.nominal,
+            "unit": p.unit,
+            "determined": known,
+            **{name: float(value) if np.isfinite(value) else None for name, value in values.items()},
+        }
+
+    def _correlations(self) -> list[dict[str, Any]]:
+        """Pairs of estimates that hang together closely."""
+        C, names = self.correlation, [p.name for p in self.parameters]
+        pairs = np.argwhere(np.triu(np.abs(C) > CORRELATED, 1))
+        return [{"parameters": [names[i], names[j]], "correlation": float(C[i, j])} for i, j in pairs]
 
 
 def calibrate(
@@ -180,6 +211,7 @@ def calibrate(
         by=groups_by,
         test=tested(problem, residuals, test, x_nominal, found.x, refit_frames),
         prior=known.stated,
+        design=known.design,
         notes=(*notes, *known.notes, *found.notes, *_restless(calibrated.restless, len(parts))),
     )
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.diagnosis.parameters import Parameter, prior_covariance
 from posture_opt.report.blocks import Block, Facts, Report, Table
-from posture_opt.report.parts import note_facts, robot_facts, sentence
+from posture_opt.report.parameter_blocks import parameters_block, undetermined_block
+from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.residual_blocks import residual_blocks
-from posture_opt.report.units_text import count, fixed, number, percent, stated_length
+from posture_opt.report.units_text import count, decimals_of, fixed, number, percent, stated_length
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.assessment import Assessment
@@ -52,7 +51,7 @@ def calibration_report(problem: Problem, learned: Learned) -> Report:
         data_block(problem, learned),
         errors_block(problem, learned),
         *(residual_blocks(learned.assessment) if learned.assessment is not None else ()),
-        parameters_block(problem, learned),
+        parameters_block(learned.calibration),
         undetermined_block(learned.calibration),
         outliers_block(learned),
         *([test_block(learned)] if learned.test is not None else []),
@@ -111,62 +110,12 @@ def statistics_table(rows: dict[str, Statistics]) -> Table:
 
 def _interval(s: Statistics) -> str:
     low, high = (value * 1e3 for value in s.interval)
-    decimals = _decimals(high, 3)
+    decimals = decimals_of(high, 3)
     return f"{fixed(low, decimals)} to {fixed(high, decimals)}"
 
 
 def _mm(metres: float) -> str:
     return number(metres * 1e3)
-
-
-def parameters_block(problem: Problem, learned: Learned) -> Block:
-    """Every parameter of the arm: nominal value, estimate and standard error, prior."""
-    found = learned.calibration
-    rows, covariance = prior_covariance(problem, found.parameters) if learned.priors else ([], np.zeros((0, 0)))
-    prior = dict(zip(rows, np.sqrt(np.diag(covariance)).tolist(), strict=True))
-    shown = [i for i, p in enumerate(found.parameters) if p.group != "point"]
-    headers = ("parameter", "unit", "determined", "nominal", "estimate", "std. error", "change", "prior")
-    width = len(headers) if prior else len(headers) - 1
-    cells = tuple(_parameter_row(found, i, prior.get(i))[:width] for i in shown)
-    table = Table(headers[:width], cells, text_columns=3)
-    points = (len(found.parameters) - len(shown)) // 3
-    extra = [f"Besides, the places of {count(points, 'touched point')} are fitted."] if points else []
-    text = "Estimates with one standard error" + ("; the prior is the stated σ." if prior else "; no priors.")
-    return Block("Parameters", (text, table, *extra))
-
-
-def _parameter_row(found: Calibration, i: int, prior: float | None) -> tuple[str, ...]:
-    p, std = found.parameters[i], float(found.std[i])
-    unit, factor = _unit(p)
-    believed = "" if prior is None else number(prior * factor)
-    if not found.fixed[i]:
-        return p.name, unit, "no", fixed(p.nominal * factor, 3), "", "", "", believed
-    decimals = _decimals(std * factor)
-    values = (fixed(value * factor, decimals) for value in (p.nominal, p.nominal + found.x[i], std, found.x[i]))
-    nominal, estimate, error, change = values
-    how = "yes" if found.identifiability.determined[i] else "with prior"
-    return p.name, unit, how, nominal, estimate, error, change, believed
-
-
-def _unit(parameter: Parameter) -> tuple[str, float]:
-    return ("deg", math.degrees(1.0)) if parameter.unit == "rad" else ("mm", 1e3)
-
-
-def _decimals(value: float, digits: int = 2) -> int:
-    """So many that this many digits of ``value`` are shown."""
-    return min(max(digits - 1 - math.floor(math.log10(value)), 0), 7) if value > 0 else 3
-
-
-def undetermined_block(found: Calibration) -> Block:
-    """The combinations of parameters that no fit to these data can tell."""
-    known = found.identifiability
-    size = f"The data determine {known.rank} of {count(len(found.parameters), 'unknown')}"
-    words = [sentence(text) for text in known.words]
-    helped = [p.name for p, k, d in zip(found.parameters, found.fixed, known.determined, strict=True) if k and not d]
-    by_prior = [f"With the stated σ's as priors these are settled too: {', '.join(helped)}."] if helped else []
-    condition = Facts((("Condition", f"{number(known.condition)} (largest over smallest singular value)"),))
-    left = [f"{size}; what they leave open:" if words else f"{size}: nothing is left open."]
-    return Block("What the data do not determine", (*left, *words, *by_prior, condition))
 
 
 def outliers_block(learned: Learned) -> Block:

@@ -134,6 +134,11 @@ def fixed(value: float, decimals: int = 2) -> str:
     return text.lstrip("-") if float(text) == 0 else text
 
 
+def decimals_of(value: float, digits: int = 2) -> int:
+    """So many decimals that this many digits of ``value`` are shown."""
+    return min(max(digits - 1 - math.floor(math.log10(value)), 0), 7) if value > 0 else 3
+
+
 def count(number_of: int, singular: str, plural: str = "") -> str:
     """1 posture, 12 postures."""
     return f"{number_of} {singular if number_of == 1 else plural or singular + 's'}"
