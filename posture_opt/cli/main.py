@@ -20,11 +20,13 @@ from posture_opt.errors import PostureOptError
 from posture_opt.nearest import nearest
 
 COMMANDS = {
-    # name -> one line for --help; each is the function `command` of the file of its name
+    # name -> one line for --help; each is the function `command` of the file of its name (- is _)
     "calibrate": "What measurements say about the parameters of the arm.",
     "export": "Write the covariance of the tool point as C code.",
     "list": "List tasks, effects, presets, solvers, terms and built-in problems.",
+    "map": "The best posture and its spread over a grid of targets.",
     "new": "Print a commented problem file to start from.",
+    "plan-measurements": "Which postures to measure next, and what they will tell.",
     "schema": "Print the JSON Schema of the problem file.",
     "simulate": "Monte Carlo cloud of the tool point at one posture, beside the closed form.",
     "uncertainty": "Covariance, ellipse, coverage regions and error budget at one posture.",
@@ -47,7 +49,7 @@ class PostureCommands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = import_module(f"posture_opt.cli.{cmd_name}").command
+        command: click.Command = import_module(f"posture_opt.cli.{cmd_name.replace('-', '_')}").command
         return command
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:

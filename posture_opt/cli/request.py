@@ -117,12 +117,21 @@ def _robot_section(robot: str, base_link: str | None, tip_link: str | None) -> d
     return {"kind": "preset", "name": robot}
 
 
-def _link_height(text: str) -> dict[str, str]:
-    """The bound that keeps all links at least this high."""
+def height_of(text: str) -> float:
+    """The height [m] that ``--link-height`` states.
+
+    Raises:
+        InputError: it is no length.
+    """
     try:
-        parse_quantity(text, "length")
+        return parse_quantity(text, "length")
     except ValueError as error:
         raise InputError(Issue.told(str(error), ("--link-height",), text)) from None
+
+
+def _link_height(text: str) -> dict[str, str]:
+    """The bound that keeps all links at least this high."""
+    height_of(text)
     return {"kind": "link_height", "at_least": text}
 
 

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 from posture_opt.report.blocks import Block, Facts, Report, Table
 
 if TYPE_CHECKING:
+    from posture_opt.diagnosis.measurement_plan import MeasurementPlan
     from posture_opt.problem.problem import Problem
     from posture_opt.report.calibration_report import Learned
     from posture_opt.selection.solution import Solution
+    from posture_opt.selection.target_map import TargetMap
     from posture_opt.uncertainty.cloud import Cloud
     from posture_opt.uncertainty.spread import Spread
 
@@ -50,6 +52,20 @@ def calibration_text(problem: Problem, learned: Learned) -> str:
     from posture_opt.report.calibration_report import calibration_report
 
     return render(calibration_report(problem, learned))
+
+
+def plan_text(problem: Problem, plan: MeasurementPlan) -> str:
+    """The report on what to measure next: postures, what they bring, the order of their visit."""
+    from posture_opt.report.plan_report import plan_report
+
+    return render(plan_report(problem, plan))
+
+
+def map_text(problem: Problem, found: TargetMap) -> str:
+    """The report on a map of targets: best place, worst place, what the file's own gives away."""
+    from posture_opt.report.map_report import map_report
+
+    return render(map_report(problem, found))
 
 
 def render(report: Report) -> str:

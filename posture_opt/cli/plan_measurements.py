@@ -1,0 +1,57 @@
+"""``optimize-posture plan-measurements``: which postures to measure next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+import posture_opt as po
+from posture_opt.cli.options import Common, common_options, problem_options, task_options
+from posture_opt.cli.output import output_folder, progress_bar, show
+from posture_opt.cli.request import height_of, placed, requested_problem
+
+
+@click.command("plan-measurements")
+@problem_options
+@task_options
+@click.option("--count", type=click.IntRange(min=1), default=30, show_default=True, help="Postures to measure.")
+@click.option("--given", "data", type=click.Path(path_type=Path), metavar="DATA.csv", help="Measurements made already.")
+@click.option(
+    "--for",
+    "purpose",
+    type=click.Choice(["parameters", "task"]),
+    default="parameters",
+    show_default=True,
+    help="All parameters of the arm, or the tool point at the task's posture.",
+)
+@click.option(
+    "--candidates", type=click.IntRange(min=10, max=50_000), default=2000, show_default=True,
+    help="Random postures to choose from.",
+)  # fmt: skip
+@common_options
+def command(
+    common: Common, count: int, data: Path | None, purpose: Any, candidates: int, link_height: str | None, **given: Any
+) -> None:
+    """Which postures to measure next: those that tell most about the arm, or about its task."""
+    problem = requested_problem(**given)
+    with output_folder(common.out) as folder, placed(problem):
+        measured = None if data is None else po.read_measurements(data, problem)
+        with progress_bar(common, "choosing postures") as progress:
+            plan = po.plan_measurements(
+                problem, count, given=measured, purpose=purpose, seed=common.seed or 0,
+                link_height=None if link_height is None else height_of(link_height), candidates=candidates,
+                progress=progress,
+            )  # fmt: skip
+        if folder is not None:
+            from posture_opt.report.plan_files import write_plan
+
+            write_plan(folder, problem, plan, common.plots)
+
+    def text() -> str:
+        from posture_opt.report.text import plan_text
+
+        return plan_text(problem, plan)
+
+    show(common, plan.to_json, text)

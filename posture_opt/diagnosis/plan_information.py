@@ -1,0 +1,149 @@
+"""What measurements at any posture would tell about an arm, and what is known of it already."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.comparison import SIGMA, compare, fit_frames, held_length, unknowns
+from posture_opt.diagnosis.estimation import estimate
+from posture_opt.diagnosis.fit import triangular
+from posture_opt.diagnosis.knowledge import determine
+from posture_opt.diagnosis.measurements import Measurements
+from posture_opt.diagnosis.nominal import still_axes
+from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter
+from posture_opt.diagnosis.residuals import Residuals
+from posture_opt.model.derivatives import position_column
+from posture_opt.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+_TRUSTED = 20  # degrees of freedom from which on the residual variance, not the instrument's, is believed
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What measurements made already tell of the unknowns of a plan.
+
+    Args:
+        R: (m, k) square root of their information, ``RᵀR``, in units of the instrument's σ; no rows for none.
+        x: (k,) deviations from nominal [rad, m] at which everything is linearised.
+        variance: residual variance in units of the instrument's.
+        rows, coordinates: how many measurements, and numbers measured in them.
+        notes: sentences for the report.
+    """
+
+    R: Array
+    x: Array
+    variance: float
+    rows: int
+    coordinates: int = 0
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Instrument:
+    """The measurement of all targets at one posture, as a function of the posture."""
+
+    residuals: Residuals
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.residuals.parameters
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        return self.residuals.data.target_names
+
+    @property
+    def coordinates(self) -> int:
+        """Numbers measured at one posture."""
+        return self.residuals.block * max(len(self.targets), 1)
+
+    def blocks(self, q: Array, x: Array) -> Array:
+        """(N, b, k) derivatives of what is measured at the postures (N, n), in units of the instrument's σ."""
+        template = self.residuals.data
+        data = planned_rows(self.residuals.robot, q, template.measured_axes, self.targets, self.residuals.oriented)
+        _, J = replace(self.residuals, data=data).both(x)
+        return J.reshape(len(q), self.coordinates, len(x))
+
+    def tool_rows(self, q: Array, x: Array, basis: Array) -> Array:
+        """(t, k) shift of the (first) tool point at the posture q (n,) along the t rows of ``basis``, per unknown."""
+        data = planned_rows(self.residuals.robot, q[None], np.ones(3, dtype=bool), self.targets, False).take([0])
+        here = replace(self.residuals, data=data)
+        reached = here.walk(x)
+        columns = np.zeros((3, len(x)))
+        for k, parameter in enumerate(self.parameters):
+            if parameter.factor >= 0 and parameter.code <= 0:
+                columns[:, k] = [float(np.ravel(entry)[0]) for entry in position_column(reached, parameter.factor)]
+        return np.asarray(basis @ columns)
+
+
+def planned_rows(
+    robot: Robot, q: Array, axes: NDArray[np.bool_], targets: tuple[str, ...], oriented: bool
+) -> Measurements:
+    """Measurements of every target at the postures (N, n), with nothing measured yet."""
+    each = max(len(targets), 1)
+    rows, n = len(q) * each, robot.n
+    zeros = np.zeros(rows, dtype=np.intp)
+    pose = np.repeat(np.arange(len(q)), each)
+    rotation = np.tile([1.0, 0.0, 0.0, 0.0], (rows, 1)) if oriented else None
+    return Measurements(
+        joint_names=robot.joint_names, q=np.repeat(q, each, axis=0), position=np.zeros((rows, 3)), measured_axes=axes,
+        rotation=rotation, pose=pose, goal=pose.copy(), target=np.tile(np.arange(each), len(q)), robot=zeros,
+        point=zeros.copy(), target_names=targets, robot_names=(), point_names=(), approach=np.zeros((rows, n)),
+        approach_length=np.zeros((rows, n)), payload=None, temperature=None, time=None, line=zeros.copy(),
+    )  # fmt: skip
+
+
+def instrument(problem: CalibrationProblem, given: Measurements | None) -> tuple[Instrument, tuple[str, ...]]:
+    """The instrument of a problem, which measures what the given data have, or what moves; and what was assumed."""
+    robot, stated = problem.robot, problem.measurement
+    sigma = stated.position if stated is not None else 0.0
+    rotation = (stated.orientation or 0.0) if stated is not None else 0.0
+    notes = [] if sigma else [f"no σ of the instrument is stated: {SIGMA * 1e3:g} mm taken"]
+    positions = given is not None and given.position is not None
+    axes = given.measured_axes if given is not None and positions else ~still_axes(robot)
+    if given is not None and not positions:
+        notes.append("the given rows touch points; the plan is for an instrument that measures positions")
+    targets = given.target_names if given is not None and len(given.target_names) > 1 else ()
+    data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, rotation > 0)
+    parameters = unknowns(problem, data, orientation=rotation > 0)
+    return Instrument(Residuals(robot, data, parameters, sigma or SIGMA, rotation)), tuple(notes)
+
+
+def nothing_given(unknowns: int) -> Given:
+    """Where nothing was measured yet: the nominal arm, and the instrument as it is stated."""
+    return Given(np.zeros((0, unknowns)), np.zeros(unknowns), 1.0, 0)
+
+
+def given_knowledge(problem: CalibrationProblem, data: Measurements, parameters: tuple[Parameter, ...]) -> Given:
+    """What ``data`` tell of ``parameters``; touched points, which are unknowns of the data alone, are worked out.
+
+    Where the data suffice, the arm is fitted to them: the plan then starts from that arm, without its outliers, and
+    counts with what the fit leaves in place of the instrument's σ.
+    """
+    residuals, notes = compare(problem, data)
+    x = fit_frames(problem.robot, residuals)
+    _, J = residuals.both(x)
+    names = [p.name for p in residuals.parameters]
+    known = determine(problem, residuals, x, held_length(residuals), priors=True)
+    variance, kept = 1.0, np.arange(len(data))
+    if len(J) >= known.directions.shape[1] + _TRUSTED:
+        found = estimate(residuals, x, known.directions, known.prior, weight=known.noise)
+        x, variance, kept = found.x, found.variance, np.flatnonzero(found.kept)
+        _, J = residuals.take(kept).both(x)
+    own = [names.index(p.name) for p in parameters if p.name in names]
+    others = [i for i in range(len(names)) if i not in own]
+    # With the others first, the last rows of the triangular factor hold what is left for the shared unknowns.
+    R = triangular(J[:, [*others, *own]])[len(others) :, len(others) :]
+    at = [i for i, p in enumerate(parameters) if p.name in names]
+    wide, start = np.zeros((len(R), len(parameters))), np.zeros(len(parameters))
+    wide[:, at], start[at] = R, x[own]
+    if data.touches:  # how well a ball sits in its socket says nothing of the instrument to come
+        wide, variance = wide / np.sqrt(variance), 1.0
+    gone = len(data) - len(kept)
+    notes += (f"{gone} of the given rows stand out and are not counted",) * (gone > 0)
+    return Given(wide, start, variance, len(kept), len(J), notes)

@@ -1,0 +1,194 @@
+"""The report on what to measure next: the postures, what they are expected to tell, and against what."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.parts import note_facts, robot_facts, sentence
+from posture_opt.report.units_text import (
+    angle,
+    count,
+    fixed,
+    joint_unit,
+    length,
+    number,
+    percent,
+    stated_angle,
+    stated_length,
+)
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.measurement_plan import MeasurementPlan
+    from posture_opt.diagnosis.plan_stages import Stage
+    from posture_opt.problem.problem import Problem
+
+_MOST_ROWS = 60
+_OPEN = "open"
+_SAID = {
+    "O1": "geometric mean of the singular values, a pose",
+    "O2": "smallest over largest",
+    "O3": "smallest",
+    "O4": "smallest squared over largest",
+    "O5": "harmonic, of the squares",
+}
+
+
+def plan_report(problem: Problem, plan: MeasurementPlan) -> Report:
+    """What is planned, what it brings, the parameters, the postures in the order of their visit."""
+    blocks = (
+        planned_block(problem, plan),
+        gain_block(plan),
+        parameters_block(plan),
+        observability_block(plan),
+        postures_block(plan),
+    )
+    return Report(problem.name or "Measurement plan", answer(plan), blocks)
+
+
+def answer(plan: MeasurementPlan) -> tuple[str, ...]:
+    """What the plan brings, in one or two sentences."""
+    n = len(plan.q)
+    chosen = f"{n} chosen postures do" if n > 1 else "1 chosen posture does"
+    what = "for the parameters" if plan.purpose == "parameters" else "for the task"
+    if plan.equivalent is None:
+        first = f"{chosen} more {what} than {plan.tried} random ones would."
+    elif plan.equivalent <= n:
+        first = f"{chosen} what as many random ones would {what}: this arm is easy to measure."
+    else:
+        first = f"{chosen} what {plan.equivalent} random ones would {what}."
+    if plan.target is None or math.isnan(plan.after.task):
+        return (first,)
+    before = "" if math.isnan(plan.before.task) else f", {length(plan.before.task)} without them"
+    counted = {"across": "across the direction ", "along": "along the direction "}.get(plan.target.within, "")
+    return (
+        first,
+        f"What is not known of the arm will then put its tool point {length(plan.after.task)} off {counted}at the "
+        f"task's posture (one standard deviation{before}).",
+    )
+
+
+def planned_block(problem: Problem, plan: MeasurementPlan) -> Block:
+    """What is measured, where the arm may go, what was assumed."""
+    facts = [
+        ("Plan for", _purpose(plan)),
+        ("Measured", _measured(plan)),
+        *([("Given", _given(plan))] if plan.given is not None else []),
+        ("Kept clear", _room(plan)),
+    ]
+    notes = note_facts((*problem.notes, *plan.notes))
+    return Block("What is planned", (Facts((*robot_facts(problem), *facts, *notes)),))
+
+
+def _purpose(plan: MeasurementPlan) -> str:
+    if plan.purpose == "parameters":
+        return "the parameters of the arm: the smallest volume of their confidence ellipsoid (D-optimal)"
+    return "the task: the smallest variance of the tool point at its posture, where it counts (L-optimal)"
+
+
+def _measured(plan: MeasurementPlan) -> str:
+    position = f"{', '.join(plan.axes)} to {stated_length(plan.sigma)}"
+    turned = f", orientation to {stated_angle(plan.sigma_rotation)}" if plan.sigma_rotation else ""
+    targets = f", of each of the targets {', '.join(plan.targets)}" if plan.targets else ""
+    return f"{position}{turned} (one standard deviation){targets}, once at each of {count(len(plan.q), 'posture')}"
+
+
+def _given(plan: MeasurementPlan) -> str:
+    assert plan.given is not None
+    noisy = ""
+    if plan.spread > 1.2:
+        noisy = (
+            f"; the best fit to them leaves {number(plan.spread, 2)} times the instrument's σ, which is counted with"
+        )
+    return f"{count(len(plan.given), 'row')} measured already{noisy}"
+
+
+def _room(plan: MeasurementPlan) -> str:
+    height = plan.room.height
+    above = f"links and tool point above {stated_length(height)}, " if height > -math.inf else ""
+    return (
+        f"{above}the limits of the joints, and the tool point {length(plan.room.own, 2)} off the arm's other links; "
+        f"{percent(plan.share)} of all postures do. Nothing else is checked for collisions: drive slowly the first time"
+    )
+
+
+def gain_block(plan: MeasurementPlan) -> Block:
+    """The figures of merit before, after, and with random postures."""
+    known = [int(np.sum(np.isfinite(stage.std))) for stage in (plan.before, plan.after, plan.random)]
+    rows = [("parameters determined", *(str(n) for n in known))]
+    if plan.target is not None:
+        rows.append(("tool point at the task [mm]", *(_value(s.task * 1e3) for s in _stages(plan))))
+    n = len(plan.q)
+    text = (
+        f"Before: what {'the given rows and ' * (plan.given is not None)}the tolerances of the parts tell. "
+        f"Random: the median of {count(21, 'plan')} of {count(n, 'random posture')} that keep clear of the same. "
+    )
+    what = "standard errors (geometric mean)" if plan.purpose == "parameters" else "standard deviation at the task"
+    text += f"The {what} would be {percent(plan.gain - 1)} larger with random ones." if plan.gain > 1.005 else ""
+    return Block("What it brings", (text, Table(("", "before", "planned", "random"), tuple(rows))), "plan_points")
+
+
+def _stages(plan: MeasurementPlan) -> tuple[Stage, Stage, Stage]:
+    return plan.before, plan.after, plan.random
+
+
+def _value(value: float) -> str:
+    return _OPEN if math.isnan(value) else number(value)
+
+
+def parameters_block(plan: MeasurementPlan) -> Block:
+    """Expected standard errors of every parameter."""
+    rows = []
+    for i, p in enumerate(plan.parameters):
+        if plan.settled[i]:
+            unit, factor = ("deg", math.degrees(1.0)) if p.unit == "rad" else ("mm", 1e3)
+            rows.append((p.name, unit, *(_value(stage.std[i] * factor) for stage in _stages(plan))))
+    table = Table(("parameter", "unit", "before", "planned", "random"), tuple(rows), text_columns=2)
+    text = f"Expected standard errors; '{_OPEN}' is what cannot be told."
+    words = [sentence(word.replace("was measured", "is measured")) for word in plan.words]
+    never = ["No posture can tell these apart with this instrument:", *words] if words else []
+    return Block("Parameters", (text, table, *never), "plan_errors")
+
+
+def observability_block(plan: MeasurementPlan) -> Block:
+    """The observability indices O1 to O5."""
+    names = plan.after.observability
+    rows = tuple((f"{n}, {_SAID[n]}", *(_index(s.observability[n]) for s in _stages(plan))) for n in names)
+    text = (
+        "Of the derivatives of all that is measured by what can be determined, each parameter in units that move the "
+        "tool point by 1 on average; larger is better. O1 counts every direction, O2 to O5 the worst."
+    )
+    return Block("Observability", (text, Table(("index", "before", "planned", "random"), rows)))
+
+
+def _index(value: float) -> str:
+    return number(value) if value else "0"
+
+
+def postures_block(plan: MeasurementPlan) -> Block:
+    """The postures in order, with the tool point."""
+    units = [joint_unit(joint.type) for joint in plan.robot.joints]
+    heads = [f"{j.name} [{unit}]" for j, (unit, _) in zip(plan.robot.joints, units, strict=True)]
+    factors = np.array([factor for _, factor in units])
+    rows = tuple(
+        (str(k + 1), *(fixed(float(v)) for v in q * factors), *(fixed(float(v), 1) for v in 1e3 * point))
+        for k, (q, point) in enumerate(zip(plan.q[:_MOST_ROWS], plan.points, strict=False))
+    )
+    more = [f"and {len(plan.q) - _MOST_ROWS} more in plan.csv"] if len(plan.q) > _MOST_ROWS else []
+    table = Table(("no.", *heads, "x [mm]", "y [mm]", "z [mm]"), rows, text_columns=0)
+    return Block("Postures, in the order of the visit", (*_travel(plan), table, *more))
+
+
+def _travel(plan: MeasurementPlan) -> list[str]:
+    tour = plan.tour
+    if len(plan.q) < 2:
+        return []
+    text = f"In this order the joints travel {angle(tour.travel)} together"
+    text += f" (the largest move of each leg), {angle(tour.unordered)} as they were chosen."
+    if not tour.blocked:
+        return [f"{text} Straight moves between them keep clear too."]
+    legs = ", ".join(f"{k + 1} to {k + 2}" for k in tour.blocked)
+    return [f"{text} A straight move of the joints does not keep clear on the way from {legs}: go round."]
