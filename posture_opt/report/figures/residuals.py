@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +17,14 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.measurements import Measurements
     from posture_opt.problem.problem import Problem
     from posture_opt.report.calibration_report import Learned
+    from posture_opt.robot.robot import Robot
 
 Floats = NDArray[np.float64]
 
 TITLES = {"nominal": "as it stands", "calibrated": "calibrated"}
 COLOURS = {"nominal": ORANGE, "calibrated": BLUE}
-_ARROWS = 250  # more of them hide each other
-_LONG = 0.09  # of the workspace: the arrow of a large error
+_ARROWS = 400  # more of them hide each other
+_LONG = 0.16  # of the workspace: the arrow of a large error
 _FLAT = 0.02  # of the workspace: measured points that leave a plane by less are drawn in it
 
 
@@ -39,6 +39,7 @@ class Shown:
         base: (3,) where the calibrated arm stands [mm].
     """
 
+    robot: Robot
     data: Measurements
     errors: dict[str, Floats]
     places: Floats
@@ -55,14 +56,14 @@ class Shown:
         kept = np.setdiff1d(np.arange(len(learned.data)), found.outliers)
         residuals = found.residuals.take(kept)
         reached = residuals.walk(found.x)
-        columns = [position_column(reached, k) for k in residuals.robot.driven]
         errors = {"nominal": -1e3 * found.errors_nominal[kept], "calibrated": -1e3 * found.errors[kept]}
         position = residuals.data.position
         places = residuals.points(found.x)[residuals.data.point] if position is None else position
         origin = reached.screws[len(residuals.robot.base)].origin
+        columns = tuple(_rows(position_column(reached, k), len(kept)) for k in residuals.robot.driven)
         return cls(
-            residuals.data, errors, 1e3 * places, tuple(_rows(column, len(kept)) for column in columns),
-            1e3 * _rows(origin, len(kept))[0], tuple(int(axis) for axis in residuals.axes),
+            residuals.robot, residuals.data, errors, 1e3 * places, columns, 1e3 * _rows(origin, len(kept))[0],
+            tuple(int(axis) for axis in residuals.axes),
         )  # fmt: skip
 
     @property
@@ -84,12 +85,29 @@ def _rows(vector: Any, n: int) -> Floats:
 
 def residual_figures(problem: Problem, learned: Learned) -> dict[str, Figure]:
     """Name -> figure of everything that there is to see of the residuals."""
-    shown = Shown.of(learned)
-    drawn: dict[str, Callable[[], Figure | None]] = {
-        "residual_vectors": lambda: plot_residual_vectors(shown),
+    from posture_opt.report.figures.residual_inputs import plot_residuals_over_inputs
+    from posture_opt.report.figures.residual_joints import plot_residuals_over_joints
+    from posture_opt.report.figures.residual_repeats import plot_repeats
+    from posture_opt.report.figures.residual_shape import plot_region, plot_shape
+
+    assert learned.assessment is not None
+    found, shown = learned.assessment, Shown.of(learned)
+    figures = {
+        "residual_vectors": plot_residual_vectors(shown),
+        "residual_joints": plot_residuals_over_joints(shown),
+        "residual_inputs": plot_residuals_over_inputs(shown),
+        "residual_region": None if found.remaining is None else plot_region(shown, found),
+        "residual_shape": plot_shape(shown),
+        "residual_repeats": None if found.repeats is None else plot_repeats(problem, shown, found),
     }
-    figures = {name: draw() for name, draw in drawn.items()}
-    return {name: figure for name, figure in figures.items() if figure is not None}
+    return {name: _settled(figure) for name, figure in figures.items() if figure is not None}
+
+
+def _settled(figure: Figure) -> Figure:
+    """The figure with its layout computed once and for all: every file of it would do so again, three times."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    return figure
 
 
 def exaggeration(size: float, extent: float) -> float:
@@ -112,14 +130,15 @@ def plot_residual_vectors(shown: Shown) -> Figure:
     lengths = np.linalg.norm(shown.errors["nominal"], axis=1)
     large = float(np.quantile(lengths, 0.95))
     factor = exaggeration(large, float(np.ptp(shown.places, axis=0).max()))
-    ends = np.concatenate([shown.places, (shown.places + factor * shown.errors["nominal"])[rows], shown.base[None]])
+    ends = np.concatenate([shown.places, (shown.places + factor * shown.errors["nominal"])[rows]])
     boxes = [(ends[:, list(view)].min(axis=0), ends[:, list(view)].max(axis=0)) for view in views]
     heights = [float(np.clip(4.4 * (high - low)[1] / (high - low)[0], 1.6, 6.0)) for low, high in boxes]
     figure = new_figure(9.6, sum(heights) + 0.8)
     grid = figure.subplots(len(views), 2, squeeze=False, gridspec_kw={"height_ratios": heights})
+    drawn = []
     for line, view, box in zip(grid, views, boxes, strict=True):
         for axes, (name, errors) in zip(line, shown.errors.items(), strict=True):
-            arrows = _arrows(axes, shown, errors, view, rows, factor, COLOURS[name])
+            drawn.append(_arrows(axes, shown, errors, view, rows, factor, COLOURS[name]))
             (left, low), (right, high) = box
             margin = 0.03 * max(right - left, high - low)
             axes.set(xlim=(left - margin, right + margin), ylim=(low - margin, high + margin))
@@ -128,10 +147,9 @@ def plot_residual_vectors(shown: Shown) -> Figure:
         line[1].tick_params(labelleft=False)
         line[1].set_ylabel("")
     key = _round(large)
-    label = f"{number(key, 1)} mm, drawn {factor:g}\N{MULTIPLICATION SIGN}"
-    grid[0][0].quiverkey(arrows, 0.5, 1.0, key * factor, label, coordinates="figure", labelpos="E", color="black")
-    some = f", {len(rows)} of {len(shown.data)} rows, drawn by lot" if len(rows) < len(shown.data) else ""
-    figure.suptitle(f"measured minus model{some}\n", fontsize=10)
+    grid[0][1].quiverkey(drawn[1], 0.86, 1.04, key * factor, f"{number(key, 1)} mm  ", labelpos="W", color="black")
+    some = f", {len(rows)} of {len(shown.data)} rows drawn by lot" if len(rows) < len(shown.data) else ""
+    figure.suptitle(f"measured minus model, enlarged {factor:g}\N{MULTIPLICATION SIGN}{some}", fontsize=10)
     return figure
 
 
@@ -140,8 +158,9 @@ def _arrows(
 ) -> Any:
     x, y = shown.places[rows][:, list(view)].T
     u, v = factor * errors[rows][:, list(view)].T
-    axes.plot(*shown.base[list(view)], "s", color="black", ms=7, zorder=3)
-    axes.annotate("base", shown.base[list(view)], xytext=(6, 6), textcoords="offset points", fontsize=9)
+    base = shown.base[list(view)]
+    axes.plot(*base, "s", color="black", ms=7, zorder=3)
+    axes.annotate("base", base, xytext=(6, 6), textcoords="offset points", annotation_clip=True)
     axes.plot(x, y, ".", color=colour, ms=2, alpha=0.6, zorder=2)
     axes.set(xlabel=f"{'xyz'[view[0]]} [mm]", ylabel=f"{'xyz'[view[1]]} [mm]", aspect="equal")
     return axes.quiver(
