@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.prediction import Prediction
 from posture_opt.uncertainty.regions import coverage_factor
 
 Array = NDArray[np.float64]
@@ -15,9 +16,9 @@ Codes = NDArray[np.intp]
 Verdict = Literal["right", "understated", "overstated"]
 
 P = 0.95
-_DRAWS = 1000  # of the bootstrap over poses
-_TAIL = 60  # poses: with fewer, the 95 % quantile of the distances hangs on one or two of them
 LEVELS = (*(k / 20 for k in range(1, 20)), 0.99)
+_CELLS = 1_000_000  # numbers at a time
+_DRAWS = 400  # of the bootstrap over poses, and of data as predicted
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,46 +28,50 @@ class Coverage:
     Args:
         share: of the rows inside the predicted 95 % region; ``interval`` holds it with 95 % confidence, poses being
             what is drawn at random.
-        factor: by how much the spread must grow for the region to hold 95 %; ``factor_interval`` as above.
-        by: how the factor was found: ``quantile`` of the distances, or ``likelihood`` of a common factor where
-            there are too few poses for that.
+        expected: 95 % of data sets that are as predicted have a share between these. What stays from visit to visit
+            is one draw for all rows of one robot, so that they may be wide.
+        factor: by how much the predicted spread must grow for its region to hold 95 %; ``factor_interval`` holds it
+            with 95 % confidence, whether poses or data as predicted are drawn.
         probability: (N,) ascending, of the smallest predicted region that holds each row: evenly spread over
             0 … 1 where the prediction is true.
-        poses: how many of them; ``dimension`` of the region.
+        poses: how many of them.
     """
 
     share: float
     interval: tuple[float, float]
+    expected: tuple[float, float]
     factor: float
     factor_interval: tuple[float, float]
-    by: Literal["quantile", "likelihood"]
     probability: Array
     poses: int
-    dimension: int
 
     @classmethod
-    def of(cls, errors: Array, covariances: Array, groups: Codes) -> Coverage:
-        """Of errors (N, d) [m] with predicted covariances (N, d, d) [m²]; rows of one group hang together.
+    def of(cls, errors: Array, predicted: Prediction, groups: Codes) -> Coverage:
+        """Of errors (N, d) [m]; rows of one group (N,) hang together.
 
-        ``D_i² = e_iᵀ C_i⁻¹ e_i`` has the distribution χ²(d) where the prediction is true.
+        ``D_i² = e_iᵀ C_i⁻¹ e_i`` has the distribution χ²(d) where the prediction is true, and the factor is the root of
+        its 95 % quantile over what data simulated as predicted have in the median. Its interval is that of such data,
+        or that of a bootstrap over the groups, whichever reaches further.
         """
         from scipy.special import chdtr
 
-        squared, m = distances(errors, covariances), errors.shape[1]
+        squared, m = distances(errors, predicted.covariance), errors.shape[1]
         groups = np.unique(groups, return_inverse=True)[1]
-        inside = squared <= coverage_factor(P, m) ** 2
-        many = int(groups.max(initial=-1)) + 1
-        by: Literal["quantile", "likelihood"] = "quantile" if many >= _TAIL else "likelihood"
-        factor, ends = _factor(squared, m, groups, by)
+        radius = coverage_factor(P, m)
+        drawn = _as_predicted(predicted)
+        reach = np.sqrt(np.quantile(drawn, P, axis=1))
+        shares = np.mean(drawn <= radius**2, axis=1)
+        found, typical = float(np.sqrt(np.quantile(squared, P))), float(np.median(reach))
+        ends = np.concatenate([found / np.quantile(reach, [0.975, 0.025]), _bootstrap(squared, groups) / typical])
+        inside = squared <= radius**2
         return cls(
             share=float(inside.mean()),
             interval=share_interval(inside, groups),
-            factor=factor,
-            factor_interval=ends,
-            by=by,
+            expected=(float(np.quantile(shares, 0.025)), float(np.quantile(shares, 0.975))),
+            factor=found / typical,
+            factor_interval=(float(ends.min()), float(ends.max())),
             probability=np.sort(np.asarray(chdtr(m, squared))),
-            poses=many,
-            dimension=m,
+            poses=int(groups.max()) + 1,
         )
 
     @property
@@ -85,8 +90,8 @@ class Coverage:
         """Plain numbers."""
         return {
             "rows": len(self.probability), "poses": self.poses, "share": self.share,
-            "interval95": list(self.interval), "factor": self.factor,
-            "factor_interval95": list(self.factor_interval), "factor_by": self.by, "verdict": self.verdict,
+            "interval95": list(self.interval), "expected95": list(self.expected), "factor": self.factor,
+            "factor_interval95": list(self.factor_interval), "verdict": self.verdict,
             "reliability": [[p, self.held(p)] for p in LEVELS],
         }  # fmt: skip
 
@@ -116,37 +121,29 @@ def share_interval(inside: NDArray[np.bool_], groups: Codes) -> tuple[float, flo
     return low, high
 
 
-def _factor(
-    squared: Array, m: int, groups: Codes, by: Literal["quantile", "likelihood"]
-) -> tuple[float, tuple[float, float]]:
-    if by == "likelihood":
-        return common_factor(squared, m, groups)
-    radius = coverage_factor(P, m)
-    order = np.argsort(groups, kind="stable")
-    parts = np.split(squared[order], np.flatnonzero(np.diff(groups[order])) + 1)
+def _as_predicted(predicted: Prediction) -> Array:
+    """(draws, N) squared distances of data that are as predicted."""
+    rng = np.random.default_rng(0)
+    L = np.linalg.cholesky(predicted.covariance)
+    common = np.linalg.solve(L, predicted.common)
+    visit = np.linalg.solve(L, np.linalg.cholesky(predicted.visit))
+    n, d, k = common.shape
+    found = np.empty((_DRAWS, n))
+    step = max(_CELLS // (n * d), 1)
+    for first in range(0, _DRAWS, step):
+        many = min(step, _DRAWS - first)
+        e = common @ rng.standard_normal((k, many)) + visit @ rng.standard_normal((n, d, many))
+        found[first : first + many] = np.einsum("nib,nib->bn", e, e)
+    return found
+
+
+def _bootstrap(squared: Array, groups: Codes) -> Array:
+    """(2,) the 95 % interval of the root of the 95 % quantile, groups drawn with replacement."""
+    order = np.argsort(squared)
+    many = int(groups.max()) + 1
     rng = np.random.default_rng(0)
     drawn = np.empty(_DRAWS)
-    alone = len(parts) == len(squared)
     for k in range(_DRAWS):
-        chosen = rng.integers(len(parts), size=len(parts))
-        sample = squared[chosen] if alone else np.concatenate([parts[i] for i in chosen])
-        drawn[k] = np.quantile(sample, P)
-    low, high = np.sqrt(np.quantile(drawn, [0.025, 0.975])) / radius
-    return float(np.sqrt(np.quantile(squared, P))) / radius, (float(low), float(high))
-
-
-def common_factor(squared: Array, m: int, groups: Codes) -> tuple[float, tuple[float, float]]:
-    """The likeliest common factor of all predicted standard deviations, ``f² = mean(D²) / m``, and its interval.
-
-    The freedom of the sum of D² is what its scatter over the groups leaves of ``m`` a row, and no more than that.
-    """
-    from scipy.special import chdtri
-
-    count = np.bincount(groups)
-    mean = float(squared.mean())
-    off = np.bincount(groups, squared) - mean * count
-    many = len(count)
-    variance = float(np.sum(off**2)) / len(squared) ** 2 * many / max(many - 1, 1)
-    freedom = min(2 * mean**2 / variance, m * len(squared)) if variance > 0 else float(m * len(squared))
-    low, high = np.sqrt(mean / m * freedom / np.array([chdtri(freedom, 0.025), chdtri(freedom, 0.975)]))
-    return float(np.sqrt(mean / m)), (float(low), float(high))
+        weight = np.cumsum(np.bincount(rng.integers(many, size=many), minlength=many)[groups[order]])
+        drawn[k] = squared[order[np.searchsorted(weight, P * weight[-1])]]
+    return np.asarray(np.sqrt(np.quantile(drawn, [0.025, 0.975])))

@@ -40,6 +40,28 @@ class Errors:
         return cls(factors, sources.constant[chosen], sources.visit[chosen])
 
 
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Predicted errors of N rows: ``e_i = A_i δ + v_i``, δ common to all rows and v_i of each visit its own.
+
+    Args:
+        common: (N, d, k) A, each column for a δ of variance one [m].
+        visit: (N, d, d) covariance of v [m²].
+    """
+
+    common: Array
+    visit: Array
+
+    @property
+    def covariance(self) -> Array:
+        """(N, d, d) [m²]."""
+        return np.asarray(self.common @ np.swapaxes(self.common, -1, -2) + self.visit)
+
+    def take(self, rows: Codes) -> Prediction:
+        """The prediction of some rows."""
+        return Prediction(self.common[rows], self.visit[rows])
+
+
 def columns(residuals: Residuals, x: Array, factors: Sequence[int]) -> Array:
     """(N, block, k) shift of what is measured in a row by a unit of each factor, in units of the instrument's σ."""
     reached, axes = residuals.walk(x), residuals.axes
@@ -66,10 +88,10 @@ def joint_errors(residuals: Residuals) -> tuple[str, ...]:
     return tuple(residuals.robot.factors[i].parameter for i in residuals.robot.driven)
 
 
-def nominal_covariances(
+def nominal_prediction(
     residuals: Residuals, x: Array, errors: Errors, instrument: float, folds: Sequence[Codes], kept: NDArray[np.bool_]
-) -> Array:
-    """(N, d, d) [m²] of the errors that the model as it stands predicts for rows that its frames were not fitted to.
+) -> Prediction:
+    """The errors that the model as it stands predicts for rows that its free frames were not fitted to.
 
     With the errors δ that stay, v_i of a visit and F the columns of what is free (frames, touched points), fitting
     takes ``F (F_t⁺ (B_t δ + v_t))`` off, t the rows of the other folds, so that
@@ -87,7 +109,8 @@ def nominal_covariances(
     B, F = columns(residuals, x, errors.factors), _free_columns(residuals, x)
     V = B @ errors.visit @ np.swapaxes(B, -1, -2)
     V[:, range(block), range(block)] += np.where(np.arange(block) < d, (instrument / residuals.sigma) ** 2, 1.0)
-    found = np.zeros((N, d, d))
+    root = _root(errors.constant)
+    common, visit = np.zeros((N, d, root.shape[1])), np.zeros((N, d, d))
     for left_out in folds:
         train = kept.copy()
         train[left_out] = False
@@ -95,15 +118,15 @@ def nominal_covariances(
         Fi = F[left_out][:, :d]
         A = B[left_out][:, :d] - Fi @ np.einsum("pnb,nbk->pk", G, B[train])
         fitted = np.einsum("pnb,nbc,qnc->pq", G, V[train], G, optimize=True)
-        swapped = np.swapaxes(Fi, -1, -2)
-        found[left_out] = A @ errors.constant @ np.swapaxes(A, -1, -2) + V[left_out][:, :d, :d] + Fi @ fitted @ swapped
-    return np.asarray(residuals.sigma**2 * _about_points(residuals, found))
+        common[left_out] = A @ root
+        visit[left_out] = V[left_out][:, :d, :d] + Fi @ fitted @ np.swapaxes(Fi, -1, -2)
+    return Prediction(residuals.sigma * common, residuals.sigma**2 * _about_points(residuals, visit))
 
 
-def calibrated_covariances(
+def calibrated_prediction(
     residuals: Residuals, x: Array, covariance: Array, scatter: Array, instrument: float, taught: float = 1.0
-) -> Array:
-    """(N, d, d) [m²] ``J C Jᵀ + J_q diag(scatter²) J_qᵀ + s² I`` of errors at rows that a calibration has not seen.
+) -> Prediction:
+    """Errors ``J C Jᵀ + J_q diag(scatter²) J_qᵀ + s² I`` at rows that a calibration has not seen.
 
     Args:
         covariance: (k, k) of the parameters, from all rows; from the share ``taught`` of them it is larger.
@@ -114,7 +137,16 @@ def calibrated_covariances(
     J = J - _means(residuals, J)
     S = joint_columns(residuals, x) * scatter
     visit = S @ np.swapaxes(S, -1, -2) + instrument**2 * np.eye(d)
-    return np.asarray(J @ (covariance / taught) @ np.swapaxes(J, -1, -2) + _about_points(residuals, visit))
+    return Prediction(J @ _root(covariance / taught), _about_points(residuals, visit))
+
+
+def _root(covariance: Array) -> Array:
+    """``R`` (k, r) with ``R Rᵀ`` the covariance, of rank r."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
+    kept = values > 1e-12
+    return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
 
 
 def _free_columns(residuals: Residuals, x: Array) -> Array:

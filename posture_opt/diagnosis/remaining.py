@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.joint_noise import JointNoise, estimate_joint_noise
 from posture_opt.diagnosis.parameters import CalibrationProblem
+from posture_opt.diagnosis.prediction import calibrated_prediction, joint_columns
 from posture_opt.errors import InsufficientDataError
-from posture_opt.model.derivatives import position_column
 from posture_opt.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-_LEAST = 0.02  # of the variance of a coordinate that the estimate leaves free: below, its residual says nothing
+_TAUGHT = 0.8  # of the rows taught the arm that predicts a row: five folds
 _SURE = 0.5  # of a standard deviation: with a larger standard error the data do not tell it
 
 
@@ -42,10 +42,9 @@ class RemainingScatter:
 def remaining_scatter(problem: CalibrationProblem, calibration: Calibration) -> RemainingScatter:
     """The joints' scatter that explains best what a calibration and the instrument leave unexplained.
 
-    The residuals ``e_i`` of the fit are smaller than the errors of rows that it has not seen; with
-    ``H = J (JᵀJ)⁻¹ Jᵀ`` the corrected ``(I − H_ii)^(−½) e_i`` have the size of the true errors. They hold the scatter
-    from visit to visit and whatever the model lacks, both to be met again at the next visit. One standard deviation
-    for all turning joints is taken unless the likelihood speaks clearly for one each (Schwarz 1978).
+    It is sought in the errors of rows by arms that have not seen them: scatter from visit to visit and whatever the
+    model lacks, both to be met again at the next visit, beside the uncertainty of the fit, which is known. One standard
+    deviation for all turning joints is taken unless the likelihood speaks clearly for one each (Schwarz 1978).
 
     Where the data cannot tell, the problem's own scatter is returned: its repeatability, or the σ's of its joints.
     """
@@ -61,50 +60,35 @@ def remaining_scatter(problem: CalibrationProblem, calibration: Calibration) -> 
     return RemainingScatter(sigma, noise.instrument, True, note)
 
 
-def corrected_errors(calibration: Calibration) -> tuple[Array, NDArray[np.intp]]:
-    """Position errors (m, d) [m] of the kept rows in the measured coordinates, corrected for the fit; and the rows."""
+def unseen_errors(calibration: Calibration) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Errors (m, d) [m] of the kept rows by arms that have not seen them, their known part, and the rows.
+
+    The known part (m, d, d) [m²] is what the fits' own uncertainty adds: near a singular posture the joints hardly
+    scatter along the arm, and all that is left there would be laid on them.
+    """
     residuals = calibration.residuals
     rows = np.setdiff1d(np.arange(len(residuals.data)), calibration.outliers)
     kept = residuals.take(rows)
-    d, block, n = len(kept.axes), kept.block, len(rows)
-    r, J = kept.both(calibration.x)
-    e = r[: n * block].reshape(n, block)[:, :d] * kept.sigma
-    blocks = J[: n * block].reshape(n, block, -1)[:, :d]
-    if not calibration.variance > 0:
-        return e, rows
-    leverage = blocks @ calibration.covariance @ np.swapaxes(blocks, -1, -2) / calibration.variance
-    values, vectors = np.linalg.eigh(np.eye(d) - leverage)
-    scale = 1 / np.sqrt(np.maximum(values, _LEAST))
-    return np.einsum("nij,nj,nkj,nk->ni", vectors, scale, vectors, e), rows
+    none = np.zeros(residuals.robot.n)
+    known = calibrated_prediction(kept, calibration.x, calibration.covariance, none, 0.0, _TAUGHT).covariance
+    return calibration.errors[np.ix_(rows, kept.axes)], known, rows
 
 
 def _from_data(problem: CalibrationProblem, calibration: Calibration) -> tuple[JointNoise, bool] | None:
     """The likeliest scatter, and whether the instrument's was given; ``None`` where the data do not tell it."""
-    errors, rows = corrected_errors(calibration)
+    errors, known, rows = unseen_errors(calibration)
     if not float(np.sum(errors**2)) > 0:
         return None
-    columns, names = _joint_columns(calibration, rows)
+    columns, names = joint_columns(calibration.residuals.take(rows), calibration.x), joint_errors(problem.robot)
     stated = problem.measurement.position if problem.measurement is not None else 0.0
     if stated:
-        noise = _likeliest(errors, columns, names, stated, fit=False)
+        noise = _likeliest(errors, known, columns, names, stated, fit=False)
         return (noise, True) if noise is not None and noise.sigma.any() else None
-    noise = _likeliest(errors, columns, names, float(np.sqrt(np.mean(errors**2))), fit=True)
+    noise = _likeliest(errors, known, columns, names, float(np.sqrt(np.mean(errors**2))), fit=True)
     if noise is None or not noise.sigma.any() or not noise.instrument_std < _SURE * noise.instrument:
         # Nobody says how good the instrument is, and the data do not tell it from the joints: all of it is theirs.
-        noise = _likeliest(errors, columns, names, 0.0, fit=False)
+        noise = _likeliest(errors, known, columns, names, 0.0, fit=False)
     return (noise, False) if noise is not None else None
-
-
-def _joint_columns(calibration: Calibration, rows: NDArray[np.intp]) -> tuple[Array, tuple[str, ...]]:
-    residuals = calibration.residuals.take(rows)
-    robot = residuals.robot
-    reached = residuals.walk(calibration.x)
-    columns = np.zeros((len(rows), len(residuals.axes), robot.n))
-    for k, factor in enumerate(robot.driven):
-        column = position_column(reached, factor)
-        for slot, axis in enumerate(residuals.axes):
-            columns[:, slot, k] = column[axis]
-    return columns, joint_errors(robot)
 
 
 def joint_errors(robot: Robot) -> tuple[str, ...]:
@@ -114,11 +98,11 @@ def joint_errors(robot: Robot) -> tuple[str, ...]:
 
 
 def _likeliest(
-    errors: Array, columns: Array, names: tuple[str, ...], instrument: float, *, fit: bool
+    errors: Array, known: Array, columns: Array, names: tuple[str, ...], instrument: float, *, fit: bool
 ) -> JointNoise | None:
     try:
         common = estimate_joint_noise(
-            errors, columns, instrument=instrument, fit_instrument=fit, equal=True, names=names
+            errors, columns, instrument=instrument, fit_instrument=fit, equal=True, names=names, known=known
         )
     except InsufficientDataError:
         return None
@@ -128,7 +112,9 @@ def _likeliest(
     if turning < 2:
         return common
     try:
-        each = estimate_joint_noise(errors, columns, instrument=instrument, fit_instrument=fit, names=names)
+        each = estimate_joint_noise(
+            errors, columns, instrument=instrument, fit_instrument=fit, names=names, known=known
+        )
     except InsufficientDataError:
         return common
     clear = 2 * (each.log_likelihood - common.log_likelihood) > (turning - 1) * math.log(errors.size)

@@ -16,11 +16,11 @@ from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.prediction import (
     Errors,
-    calibrated_covariances,
+    calibrated_prediction,
     columns,
     joint_columns,
     joint_errors,
-    nominal_covariances,
+    nominal_prediction,
 )
 from posture_opt.diagnosis.remaining import RemainingScatter, remaining_scatter
 from posture_opt.diagnosis.residuals import Residuals
@@ -114,9 +114,10 @@ def check_spread(
     groups = groups_of(data, calibration.by, folds)
     parts = folds_of(groups, folds, calibration.by)
     taught = 1 - 1 / max(len(parts), 2)
+    stated = nominal_prediction(residuals, calibration.x_nominal, errors, residuals.sigma, parts, kept)
     predicted = {
-        "nominal": nominal_covariances(residuals, calibration.x_nominal, errors, residuals.sigma, parts, kept)[rows],
-        "calibrated": calibrated_covariances(
+        "nominal": stated.take(rows),
+        "calibrated": calibrated_prediction(
             used, calibration.x, calibration.covariance, _sigma(remaining, residuals),
             _instrument(remaining, residuals), taught,
         ),
