@@ -417,3 +417,10 @@ def test_sockets_calibrate_without_an_instrument(file: str, problem: str, most: 
     # All rows, the two outliers of kuka_14 among them; every place is predicted by an arm that never touched it.
     assert np.sqrt((result.errors**2).sum(axis=1).mean()) < most
     assert any("size of the arm" in note for note in result.notes)
+
+
+def test_progress_is_told_from_the_first_fit_to_the_last(six: Any) -> None:
+    problem, data, _, _ = six
+    told: list[tuple[int, int]] = []
+    calibrate(problem, data, folds=3, progress=lambda done, total: told.append((done, total)))
+    assert told == [(i, 7) for i in range(1, 8)]  # one fit to everything, three folds twice

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +9,8 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options
-from posture_opt.cli.output import output_folder, show
+from posture_opt.cli.output import output_folder, progress_bar, show
 from posture_opt.cli.request import placed, requested_problem
-
-_MANY = 1000  # rows: fewer are done before anybody wonders
 
 
 @click.command("calibrate")
@@ -42,10 +39,11 @@ def command(
     with output_folder(common.out) as folder, placed(problem):
         measured = po.read_measurements(data, problem)
         other = None if test is None else po.read_measurements(test, problem)
-        _announce(common, len(measured))
-        found = po.calibrate(
-            problem, measured, priors=not no_priors, folds=folds, by=by, test=other, refit_frames=refit_frames
-        )
+        with progress_bar(common, "calibrating") as progress:
+            found = po.calibrate(
+                problem, measured, priors=not no_priors, folds=folds, by=by, test=other, refit_frames=refit_frames,
+                progress=progress,
+            )  # fmt: skip
         from posture_opt.report.calibration_report import Learned
 
         learned = Learned(
@@ -68,9 +66,3 @@ def command(
         return calibration_document(learned)
 
     show(common, document, text)
-
-
-def _announce(common: Common, rows: int) -> None:
-    """A word on a terminal where the fit takes a while."""
-    if rows >= _MANY and not common.quiet and sys.stderr.isatty():
-        click.echo(f"calibrating with {rows} rows …", err=True)
