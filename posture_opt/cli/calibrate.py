@@ -27,10 +27,11 @@ from posture_opt.cli.request import placed, requested_problem
     help="What the cross-validation leaves out together: a pose, a block of the workspace, a touched place.",
 )
 @click.option("--folds", type=click.IntRange(min=2), default=5, show_default=True, help="Of the cross-validation.")
+@click.option("--no-plan", is_flag=True, help="Do not plan the task anew with the calibrated arm.")
 @common_options
 def command(
     common: Common, data: Path, test: Path | None, refit_frames: bool, no_priors: bool, by: Any, folds: int,
-    **given: Any,
+    no_plan: bool, **given: Any,
 ) -> None:  # fmt: skip
     """What the simulation gets wrong, and the parameters of the arm that the measurements determine."""
     if refit_frames and test is None:
@@ -44,11 +45,14 @@ def command(
                 problem, measured, priors=not no_priors, folds=folds, by=by, test=other, refit_frames=refit_frames,
                 progress=progress,
             )  # fmt: skip
+        from posture_opt.problem.calibrated import replanned
         from posture_opt.report.calibration_report import Learned
 
         learned = Learned(
             measured, found, folds, not no_priors, other, refit_frames,
-            calibrated=po.calibrated_problem(problem, found), assessment=po.assess(problem, measured, found),
+            calibrated=(calibrated := po.calibrated_problem(problem, found)),
+            assessment=po.assess(problem, measured, found),
+            replanned=None if no_plan else replanned(problem, found, calibrated, seed=common.seed),
         )  # fmt: skip
         if folder is not None:
             from posture_opt.report.write import write_calibration

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,16 @@ from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.parameters import Parameter
 from posture_opt.diagnosis.remaining import RemainingScatter, remaining_scatter
 from posture_opt.problem.problem import Problem, build_problem
+from posture_opt.problem.replanned import Replanned, replan
 from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.robot import Factor
 from posture_opt.uncertainty.covariance_file import covariance_text
 from posture_opt.uncertainty.sources import Array, Sources
 
+ELSEWHERE = (
+    "the base is free, so the world is the frame of the instrument, and the place of the task is read in it: state it "
+    "there"
+)
 COVARIANCE = "calibrated_covariance.csv"
 _FINE = {"m": 1e-11, "rad": 1e-13}
 """Below, a deviation is rounding: [m], and [rad] at any reach of an arm."""
@@ -49,6 +55,19 @@ def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
     return build_problem(
         Document(document), problem.folder, problem.name, attached=attached, header=_header(calibration, scatter)
     )
+
+
+def replanned(
+    problem: Problem, calibration: Calibration, calibrated: Problem, *, seed: int | None = None, workers: int = 1
+) -> Replanned | None:
+    """The task planned with the nominal arm and with the calibrated one; None where the problem has no task.
+
+    The nominal arm stands where the measurements saw it, if its frames are free.
+    """
+    found = replan(arm_of_frames(problem, calibration), calibrated, seed=seed, workers=workers)
+    if found is None or not found.reasons or not problem.robot.base_free:
+        return found
+    return replace(found, reasons=(*found.reasons, ELSEWHERE))
 
 
 def arm_of_frames(problem: Problem, calibration: Calibration) -> Problem:

@@ -11,6 +11,7 @@ import numpy as np
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.parameter_blocks import parameters_block, undetermined_block
 from posture_opt.report.parts import note_facts, robot_facts
+from posture_opt.report.replanned_blocks import replanned_blocks
 from posture_opt.report.residual_blocks import residual_blocks
 from posture_opt.report.units_text import count, decimals_of, fixed, number, percent, stated_length
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.measurements import Measurements
     from posture_opt.diagnosis.validation import Statistics
     from posture_opt.problem.problem import Problem
+    from posture_opt.problem.replanned import Replanned
 
 _LISTED = 20
 _ELSEWHERE = 20  # times the errors at home: no arm drifts that far
@@ -42,6 +44,7 @@ class Learned:
     test: Measurements | None = None
     refit_frames: bool = False
     calibrated: Problem | None = None
+    replanned: Replanned | None = None
     assessment: Assessment | None = None
 
 
@@ -55,6 +58,7 @@ def calibration_report(problem: Problem, learned: Learned) -> Report:
         undetermined_block(learned.calibration),
         outliers_block(learned),
         *([test_block(learned)] if learned.test is not None else []),
+        *(replanned_blocks(learned.replanned) if learned.replanned is not None else ()),
     )
     return Report(problem.name or "Calibration", (_answer(learned.calibration),), blocks)
 

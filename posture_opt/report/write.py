@@ -25,8 +25,9 @@ Files = dict[str, bytes]
 
 RESIDUALS = ("vectors", "joints", "inputs", "region", "shape", "repeats")
 PLAN = ("plan_points", "plan_errors")
-FIGURES = ("arm", "cloud", "budget", "joint_map", *(f"residual_{name}" for name in RESIDUALS), *PLAN)
-DOCUMENTS = ("solution.json", "spread.json", "calibration.json", "plan.json", "report.txt", "report.html")
+MAPS = ("map", "map_spread")
+FIGURES = ("arm", "cloud", "budget", "joint_map", "landing", *(f"residual_{name}" for name in RESIDUALS), *PLAN, *MAPS)
+DOCUMENTS = ("solution.json", "spread.json", "calibration.json", "plan.json", "map.json", "report.txt", "report.html")
 CALIBRATED = ("calibrated.yaml", "calibrated_covariance.csv", "calibrated.urdf")
 OWN_FILES = frozenset(
     (
@@ -34,6 +35,7 @@ OWN_FILES = frozenset(
         *CALIBRATED,
         "cloud.csv",
         "plan_points.csv",
+        "map.csv",
         *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")),
     )
 )
@@ -74,6 +76,8 @@ def calibration_document(learned: Learned) -> dict[str, Any]:
     document = learned.calibration.to_json()
     if learned.assessment is not None:
         document["assessment"] = learned.assessment.to_json()
+    if learned.replanned is not None:
+        document["posture"] = learned.replanned.to_json()
     return document
 
 
@@ -152,7 +156,13 @@ def _cloud_figures(cloud: Cloud) -> dict[str, Figure]:
 def _calibration_figures(problem: Problem, learned: Learned) -> dict[str, Figure]:
     from posture_opt.report.figures.residuals import residual_figures
 
-    return residual_figures(problem, learned)
+    figures = residual_figures(problem, learned)
+    again = learned.replanned
+    if again is not None and again.before is not None and again.after is not None:
+        from posture_opt.report.figures.landing import plot_landing
+
+        figures["landing"] = plot_landing(again)
+    return figures
 
 
 def _points(cloud: Cloud) -> bytes:

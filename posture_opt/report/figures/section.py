@@ -41,7 +41,7 @@ def plot_cross_section(solution: Solution, n: int = _SAMPLES, seed: int = 0) -> 
     half = 1.12 * float(np.abs(np.vstack([scale * points, boundary])).max())
     if len(solution.critical.covariance) == 1:
         _band(axes, solution, B, scale, half)
-    _clearance(axes, solution, B, scale, half)
+    clearance_lines(axes, solution, B, scale, half)
     axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
     names = [f"{line_words(b)}, off the target [{unit}]" for b in B]
     axes.set(xlabel=names[0], ylabel=names[1])
@@ -86,7 +86,8 @@ def _strip(along: Floats, low: float, high: float, reach: float) -> Floats:
                      low * along + reach * side])  # fmt: skip
 
 
-def _clearance(axes: Any, solution: Solution, B: Floats, scale: float, half: float) -> None:
+def clearance_lines(axes: Any, solution: Solution, B: Floats, scale: float, half: float) -> None:
+    """The play of the hole about the target: a circle, or two lines where one direction counts."""
     clearance = solution.goal.clearance
     if math.isnan(clearance) or solution.critical.within == "all":
         return

@@ -1,0 +1,53 @@
+"""Where the tool lands about the target: in the posture of the old model, and in that of the new one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from posture_opt.report.figures.section import clearance_lines, view_basis
+from posture_opt.report.style import BLUE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.units_text import length_unit
+from posture_opt.report.words import line_words
+from posture_opt.uncertainty.regions import Ellipsoid
+from posture_opt.uncertainty.spread import propagate
+
+if TYPE_CHECKING:
+    from posture_opt.problem.replanned import Replanned
+
+
+@styled
+def plot_landing(replanned: Replanned, after: str = "calibrated") -> Figure:
+    """The 95 % ellipses of both postures about the target, by what the measurements say of the arm."""
+    assert replanned.before is not None
+    assert replanned.after is not None
+    B, problem = view_basis(replanned.after), replanned.after.problem
+    figure = new_figure(6.2, 6.4)
+    axes = figure.add_subplot()
+    parts = (
+        (replanned.before, replanned.landed, VERMILLION, "posture of the model as it stands"),
+        (replanned.after, replanned.landing, BLUE, f"posture of the {after} model"),
+    )
+    regions = []
+    for solution, landing, colour, label in parts:
+        assert landing is not None
+        region = Ellipsoid(B @ landing.miss, B @ propagate(problem, solution.q).covariance @ B.T)
+        regions.append((region, colour, f"{label}: 95 % ellipse"))
+    every = np.vstack([region.points(0.95) for region, *_ in regions])
+    half = 1.12 * float(np.abs(every).max())
+    unit, scale = length_unit([half])
+    for region, colour, label in regions:
+        boundary = (scale * region.points(0.95)).T
+        axes.fill(*boundary, facecolor=colour, alpha=0.12, lw=0)
+        axes.plot(*boundary, color=colour, label=label)
+        axes.plot(*(scale * region.center), "P", color=colour, mec="white", ms=8, zorder=5)
+    axes.plot(0, 0, "x", color="black", ms=8, mew=2, zorder=6, label="target")
+    half *= scale
+    clearance_lines(axes, replanned.after, B, scale, half)
+    axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
+    names = [f"{line_words(b)}, off the target [{unit}]" for b in B]
+    axes.set(xlabel=names[0], ylabel=names[1])
+    legend_below(axes, 1)
+    return figure
