@@ -6,6 +6,7 @@
     {...} ──────── problem_from_dict ─> problem ─ propagate ──────> spread     closed form at one posture
                                         problem ─ simulate ───────> cloud      Monte Carlo at one posture
                                         problem ─ PostureSelector              built once, solved again and again
+                                        problem ─ map_targets ─────> map       the best posture over a grid of targets
                                         problem ─ SpreadFunction               covariances of many postures
                                         problem ─ Arm.from_problem             CasADi expressions of one's own
     data.csv ───── read_measurements ─> data
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from posture_opt.problem.load import load_problem, problem_from_dict
     from posture_opt.problem.measurement_plan import plan_measurements
     from posture_opt.selection.selector import PostureSelector, select_posture
+    from posture_opt.selection.target_map import TargetMap, map_targets
     from posture_opt.uncertainty.cloud import simulate
     from posture_opt.uncertainty.spread import propagate
     from posture_opt.uncertainty.spread_function import SpreadFunction
@@ -50,6 +52,7 @@ __all__ = [
     "Measurements",
     "PostureSelector",
     "SpreadFunction",
+    "TargetMap",
     "__version__",
     "assess",
     "calibrate",
@@ -57,6 +60,7 @@ __all__ = [
     "diagnose",
     "errors",
     "load_problem",
+    "map_targets",
     "plan_measurements",
     "problem_from_dict",
     "propagate",
@@ -75,11 +79,13 @@ _HOMES = {
     "Measurements": "diagnosis.measurements",
     "PostureSelector": "selection.selector",
     "SpreadFunction": "uncertainty.spread_function",
+    "TargetMap": "selection.target_map",
     "assess": "diagnosis.assessment",
     "calibrate": "diagnosis.calibration",
     "calibrated_problem": "problem.calibrated",
     "diagnose": "diagnosis.diagnosis",
     "load_problem": "problem.load",
+    "map_targets": "selection.target_map",
     "plan_measurements": "problem.measurement_plan",
     "problem_from_dict": "problem.load",
     "propagate": "uncertainty.spread",

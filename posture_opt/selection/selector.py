@@ -211,7 +211,7 @@ class PostureSelector:
         def ranked() -> tuple[Alternative, ...]:
             return self._alternatives(programme, found.goal, optima)
 
-        notes = (*self._problem.notes, programme.axis_note(found.goal), *self._collisions())
+        notes = (*self._problem.notes, programme.axis_note(found.goal), *self.remarks())
         if not by_starts and not by_sweep:
             notes = (*notes, _ONE_ONLY)
         notes += self._beside(best.q, found.goal)
@@ -247,7 +247,8 @@ class PostureSelector:
             f"{distance * 1e3:.2g} mm off the target, by ({vector}) mm, and no posture mends that.",
         )
 
-    def _collisions(self) -> tuple[str, ...]:
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on what is not looked at."""
         if self._problem.robot.n < 3:
             return ()
         tipped = any(f.kind == "rotate" and f.axis != 2 and abs(f.nominal) > 1e-6 for f in self._problem.robot.base)

@@ -1,0 +1,217 @@
+"""Maps over a grid of targets: colours in the cells, hatching where there is no posture, the best spot marked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from posture_opt.report.style import COLOUR_MAP, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.units_text import fixed, length_unit
+from posture_opt.report.words import PARTS, line_words
+
+if TYPE_CHECKING:
+    from posture_opt.selection.grid import Grid
+    from posture_opt.selection.target_map import TargetMap
+
+Floats = NDArray[np.float64]
+_WIDTH = 7.2
+_PANELS = 5.1  # of the width: the rest is the scale of colours
+_MOST_LAYERS = 9
+_ARROW = 0.14  # of the picture
+_HATCH = {"not reached": "////", "requirement not met": "...."}
+_NO_POSTURE = {"not reached": "not reached", "requirement not met": "reached, but a requirement is not met"}
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """What all panels of a map share: the grid, the scale of colours and how a length is written."""
+
+    grid: Grid
+    norm: Normalize
+    unit: str
+    scale: float
+
+    @classmethod
+    def of(cls, grid: Grid, values: Floats, others: Floats | None = None) -> Canvas:
+        """A scale over ``values`` (N,) [m] and, where given, other lengths that are drawn with the same colours."""
+        seen = values[np.isfinite(values)]
+        if others is not None and len(others):
+            # One gross outlier must not wash out all the rest.
+            seen = np.concatenate([seen, others[others <= np.quantile(others, 0.95)]])
+        low, high = float(seen.min()), float(seen.max())
+        unit, scale = length_unit([high])
+        if high - low < 1e-3 * high:
+            low, high = 0.98 * low, 1.02 * high
+        return cls(grid, Normalize(scale * low, scale * high), unit, scale)
+
+    def layers(self, values: NDArray[Any]) -> NDArray[Any]:
+        """(W, V, U, ...) an array over all targets by layers."""
+        return values.reshape(*self.grid.shape, *values.shape[1:])
+
+
+@styled
+def plot_target_map(found: TargetMap) -> Figure:
+    """The smallest spread that a posture gives, over the targets of the grid."""
+    label = f"standard deviation {PARTS[found.within]}"
+    if found.grid.shape[1] == 1 and found.grid.shape[0] == 1:
+        return plot_line(found.grid, {label: found.sigma})
+    canvas = Canvas.of(found.grid, found.sigma)
+    fates = np.array([spot.fate for spot in found.spots])
+    figure, panels = new_panels(canvas)
+    mesh: Any = None
+    for axes, layer in panels:
+        mesh = draw_cells(axes, canvas, canvas.layers(found.sigma)[layer])
+        hatch_cells(axes, canvas, canvas.layers(fates)[layer])
+        _mark_spots(axes, canvas, found, layer)
+    finish(figure, panels, mesh, f"{label} [{canvas.unit}]")
+    return figure
+
+
+def new_panels(canvas: Canvas) -> tuple[Figure, list[tuple[Any, int]]]:
+    """A figure with axes for each layer that is shown, and the numbers of these layers."""
+    count = canvas.grid.shape[0]
+    shown = np.unique(np.linspace(0, count - 1, min(count, _MOST_LAYERS)).round().astype(int)).tolist()
+    columns = min(len(shown), 3)
+    rows = math.ceil(len(shown) / columns)
+    (u0, u1), (v0, v1) = edges_of(canvas.grid)
+    # As high as the panels are for their width: no white bands, and a scale of colours of the same height.
+    height = _PANELS / columns * min(max((v1 - v0) / (u1 - u0), 0.3), 1.4)
+    figure = new_figure(_WIDTH, rows * (height + 0.5) + 0.7)
+    panels = []
+    for k, layer in enumerate(shown):
+        axes = figure.add_subplot(rows, columns, k + 1)
+        _name_axes(axes, canvas.grid, layer, small=columns > 1)
+        panels.append((axes, layer))
+    return figure, panels
+
+
+def edges_of(grid: Grid) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Ends of the picture along u and v [mm]: half a cell beyond the outer targets."""
+    (u, v, _), (du, dv, _) = grid.values, grid.sides
+    return (1e3 * (u[0] - du / 2), 1e3 * (u[-1] + du / 2)), (1e3 * (v[0] - dv / 2), 1e3 * (v[-1] + dv / 2))
+
+
+def _name_axes(axes: Any, grid: Grid, layer: int, small: bool) -> None:
+    names = [line_words(e) for e in grid.axes]
+    off = "" if grid.aligned else ", off the middle"
+    axes.set(xlabel=f"{names[0]}{off} [mm]", ylabel=f"{names[1]}{off} [mm]", aspect="equal")
+    if grid.aligned and (len(grid.values[2]) > 1 or abs(grid.values[2][0]) > 1e-9):
+        axes.set_title(f"{names[2]} = {fixed(1e3 * grid.values[2][layer], 1)} mm", fontsize=9 if small else 10)
+    (u0, u1), (v0, v1) = edges_of(grid)
+    axes.set(xlim=(u0, u1), ylim=(v0, v1))
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
+    axes.locator_params(nbins=5 if small else 8)
+    if small:
+        axes.tick_params(labelsize=8)
+
+
+def _corners(grid: Grid) -> tuple[Floats, Floats]:
+    (u0, u1), (v0, v1) = edges_of(grid)
+    return np.linspace(u0, u1, len(grid.values[0]) + 1), np.linspace(v0, v1, len(grid.values[1]) + 1)
+
+
+def draw_cells(axes: Any, canvas: Canvas, values: Floats) -> Any:
+    """The cells of one layer, values (V, U) [m], NaN left empty."""
+    shown = np.ma.masked_invalid(canvas.scale * values)
+    mesh = axes.pcolormesh(*_corners(canvas.grid), shown, cmap=COLOUR_MAP, norm=canvas.norm, zorder=1)
+    mesh.set_rasterized(True)  # as paths, hairlines show between the cells
+    return mesh
+
+
+def hatch_cells(axes: Any, canvas: Canvas, fates: NDArray[Any]) -> None:
+    """Grey hatching over the cells (V, U) without a posture, by what keeps the arm from it."""
+    from matplotlib.collections import PolyCollection
+
+    u, v = _corners(canvas.grid)
+    for fate, hatch in _HATCH.items():
+        cells = [
+            [(u[i], v[k]), (u[i + 1], v[k]), (u[i + 1], v[k + 1]), (u[i], v[k + 1])]
+            for k, i in np.argwhere(fates == fate).tolist()
+        ]
+        if cells:
+            look: dict[str, Any] = {"facecolor": "#EFEFEF", "edgecolor": "#B0B0B0", "hatch": hatch, "lw": 0}
+            axes.add_collection(PolyCollection(cells, zorder=1, label=_NO_POSTURE[fate], **look))
+
+
+def _mark_spots(axes: Any, canvas: Canvas, found: TargetMap, layer: int) -> None:
+    grid = canvas.grid
+    here = grid.values[2][layer]
+    half = grid.sides[2] / 2 + 1e-9
+    marks: list[tuple[Floats, str, dict[str, Any]]] = []
+    if found.own is not None:
+        text = "position in the problem" if found.own.feasible else "position in the problem, no posture there"
+        marks.append((found.own.position, text, {"marker": "X", "color": VERMILLION, "mec": "white", "ms": 12}))
+    marks.append((found.best.position, "best place", {"marker": "*", "color": ORANGE, "mec": "black", "ms": 18}))
+    for point, label, look in marks:
+        u, v, w = grid.coordinates(point[None])[0]
+        if abs(w - here) <= half:
+            axes.plot(1e3 * u, 1e3 * v, ls="none", zorder=6, clip_on=False, label=label, **look)
+    _mark_base(axes, canvas, found.programme.robot)
+    _direction(axes, grid, found.goal.direction)
+
+
+def _mark_base(axes: Any, canvas: Canvas, robot: Any) -> None:
+    """Where the arm stands, if the picture shows it."""
+    from posture_opt.model.chain import factor_values, walk
+
+    reached = walk(robot.base, factor_values(robot.base, []))
+    u, v, _ = 1e3 * canvas.grid.coordinates(np.array([reached.position], dtype=float))[0]
+    (u0, u1), (v0, v1) = edges_of(canvas.grid)
+    if u0 <= u <= u1 and v0 <= v <= v1:
+        axes.plot(u, v, "s", color="black", mec="white", ms=9, zorder=5, ls="none", label="base of the arm")
+
+
+def _direction(axes: Any, grid: Grid, direction: Floats) -> None:
+    """The direction of the task as an arrow in a corner, where it lies in the picture."""
+    along = grid.axes[:2] @ direction
+    if np.linalg.norm(along) < 0.999:
+        return
+    (u0, u1), (v0, v1) = edges_of(grid)
+    length = _ARROW * min(u1 - u0, v1 - v0)
+    start = np.array([u1, v1]) - 0.06 * min(u1 - u0, v1 - v0) - length * np.clip(along, 0, 1)
+    arrow = {"arrowstyle": "-|>", "color": "black", "lw": 2, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", start + length * along, start, arrowprops=arrow, zorder=7)
+    axes.plot([], [], "-", color="black", lw=2, marker=">", label="direction of the task")
+
+
+def finish(figure: Figure, panels: Sequence[tuple[Any, int]], mesh: Any, label: str) -> None:
+    """The scale of colours, and one legend for all panels."""
+    from matplotlib.ticker import MaxNLocator
+
+    bar = figure.colorbar(mesh, ax=[axes for axes, _ in panels], aspect=25, ticks=MaxNLocator(7))
+    bar.set_label(label)
+    bar.outline.set_visible(False)
+    if len(panels) == 1:
+        legend_below(panels[0][0], 3)
+        return
+    named: dict[str, Any] = {}
+    for axes, _ in panels:
+        handles, labels = axes.get_legend_handles_labels()
+        named |= dict(zip(labels, handles, strict=True))
+    figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=3)
+
+
+def plot_line(grid: Grid, curves: dict[str, Floats]) -> Figure:
+    """Lengths (U,) [m] along a line of targets, by their names."""
+    unit, scale = length_unit([float(np.nanmax(values)) for values in curves.values()])
+    figure = new_figure(6.4, 4.2)
+    axes = figure.add_subplot()
+    for label, values in curves.items():
+        axes.plot(1e3 * grid.values[0], scale * values, "o-", ms=4, label=label)
+    nowhere = ~np.isfinite(next(iter(curves.values())))
+    (left, right), _ = edges_of(grid)
+    step = (right - left) / len(nowhere)
+    for k in np.flatnonzero(nowhere):
+        axes.axvspan(left + k * step, left + (k + 1) * step, facecolor="#EFEFEF", hatch="////", edgecolor=LIGHT, lw=0)
+    axes.set(xlabel=f"{line_words(grid.axes[0])} [mm]", ylabel=f"[{unit}]", xlim=(left, right))
+    axes.set_ylim(bottom=0)
+    legend_below(axes, 2)
+    return figure

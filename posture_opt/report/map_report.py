@@ -1,0 +1,132 @@
+"""The report on a map of targets: the best place, the worst, and what the file's own position gives away."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.parts import frame_notes, note_facts, robot_facts, source_facts
+from posture_opt.report.units_text import count, fixed, joint_unit, length, length_unit, number, percent, place
+from posture_opt.report.words import CRITERIA, PARTS, direction_words, line_words
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.grid import Grid
+    from posture_opt.selection.target_map import Spot, TargetMap
+
+_SAME = 5e-4  # of the spread: what a map cannot promise to win
+_LESS = 1.5  # times: below, a gain is told in percent
+
+
+def map_report(problem: Problem, found: TargetMap) -> Report:
+    """Problem, places, the map itself."""
+    title = problem.name or "Map of targets"
+    return Report(title, lead(found), (problem_block(problem, found), places_block(found), map_block(found)))
+
+
+def lead(found: TargetMap) -> tuple[str, ...]:
+    """The best place, and what it is better than."""
+    best, worst = found.best, found.worst
+    part = PARTS[found.within]
+    answer = f"Best place: {place(best.position)}. There the tool point scatters by {length(best.sigma_max)} {part}"
+    answer += " (one standard deviation), in its best posture."
+    others = [f"At the worst place of the map the best posture scatters by {length(worst.sigma_max)}."]
+    if found.own is not None:
+        others.insert(0, _own_sentence(best, found.own))
+    return answer, " ".join(others)
+
+
+def _own_sentence(best: Spot, own: Spot) -> str:
+    if not own.feasible:
+        return "The position in the problem has no posture."
+    scatter = f"The position in the problem gives {length(own.sigma_max)}"
+    ratio = own.sigma_max / best.sigma_max if best.sigma_max > 0 else 1.0
+    if ratio < 1 + _SAME:
+        return f"{scatter}: no place of the map is better."
+    gain = f"{percent(1 - 1 / ratio)} less" if ratio < _LESS else f"{number(ratio)} times less"
+    return f"{scatter}: the best place has {gain}."
+
+
+def problem_block(problem: Problem, found: TargetMap) -> Block:
+    """What was asked, and where."""
+    task = found.programme.task
+    rows = [
+        *robot_facts(problem),
+        ("Task", f"{task.kind} - {task.summary}"),
+        ("Direction", f"{direction_words(found.goal.direction)} in the world"),
+        ("Minimised", CRITERIA[task.criterion].format(part=PARTS[task.within])),
+        ("Targets", grid_words(found.grid)),
+        *source_facts(problem),
+        *note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes)),
+    ]
+    return Block("Problem", (Facts(tuple(rows)),))
+
+
+def grid_words(grid: Grid) -> str:
+    """How many targets, and what they cover."""
+    u, v, w = map(len, grid.values)
+    texts = []
+    for axis, values in zip(grid.axes, grid.values, strict=True):
+        name = line_words(axis)
+        low, high = (fixed(1e3 * value, 1) for value in (values[0], values[-1]))
+        texts.append(f"{name} = {low} mm" if len(values) == 1 else f"{name} from {low} to {high} mm")
+    size = " x ".join(str(n) for n in (u, v, w) if n > 1)
+    off = "" if grid.aligned else f", off {place(grid.origin)}"
+    return f"{size}: {', '.join(texts)}{off}"
+
+
+def places_block(found: TargetMap) -> Block:
+    """Best, worst and own place with their postures."""
+    spots = {"best place": found.best, "worst place": found.worst}
+    if found.own is not None and found.own.feasible:
+        spots = {"best place": found.best, "position in the problem": found.own, "worst place": found.worst}
+    return Block("Places", (places_table(found, spots),))
+
+
+def places_table(found: TargetMap, spots: dict[str, Spot]) -> Table:
+    """Target, spread and posture of some places."""
+    joints = found.programme.robot.joints
+    unit, factor = length_unit([spot.sigma_max for spot in spots.values()])
+    headers = ["", *(f"{c} [mm]" for c in "xyz"), f"scatter [{unit}]"]
+    headers += [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in joints]
+    rows = []
+    for name, spot in spots.items():
+        cells = [name, *(fixed(1e3 * value, 1) for value in spot.position), number(factor * spot.sigma_max, 4)]
+        cells += [fixed(q * joint_unit(joint.type)[1], 1) for q, joint in zip(spot.q, joints, strict=True)]
+        rows.append(tuple(cells))
+    return Table(tuple(headers), tuple(rows))
+
+
+def map_block(found: TargetMap) -> Block:
+    """How much of the map can be served, and the figure."""
+    return Block("Map", (served_sentence(found), *_small_table(found)), figure="map")
+
+
+def served_sentence(found: TargetMap) -> str:
+    """How many targets have a posture, and what keeps the others from one."""
+    fates = [spot.fate for spot in found.spots]
+    text = f"{fates.count('feasible')} of {count(len(fates), 'target')} have a posture"
+    if fates.count("feasible") == 1:
+        text = f"1 of {count(len(fates), 'target')} has a posture"
+    away, kept = fates.count("not reached"), fates.count("requirement not met")
+    why = [f"{away} cannot be reached with the tool as it must be"] * (away > 0)
+    why += [f"{kept} can be reached, but not with all requirements met"] * (kept > 0)
+    unsure = sum(spot.feasible and not spot.optimal for spot in found.spots)
+    note = f" At {count(unsure, 'target')} the solver did not confirm an optimum." if unsure else ""
+    return f"{text}; {', '.join(why)}.{note}" if why else f"{text}.{note}"
+
+
+def _small_table(found: TargetMap) -> tuple[Table, ...]:
+    """The numbers of a map that has few columns and one layer."""
+    layers, rows, columns = found.grid.shape
+    if layers > 1 or columns > 11 or rows > 17:
+        return ()
+    unit, factor = length_unit([found.worst.sigma_max])
+    u, v = (line_words(axis) for axis in found.grid.axes[:2])
+    headers = (f"{v} \\ {u} [mm]", *(fixed(1e3 * value, 0) for value in found.grid.values[0]))
+    values = found.sigma.reshape(rows, columns)
+    cells = [
+        (fixed(1e3 * at, 0), *("-" if s != s else number(factor * s) for s in row))
+        for at, row in zip(found.grid.values[1][::-1], values[::-1], strict=True)
+    ]
+    return (Table((f"{unit}: {headers[0]}", *headers[1:]), tuple(cells), text_columns=0),)

@@ -1,0 +1,187 @@
+"""The best postures of many targets at once: starts for all of them in one batch, neighbours learn from each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from posture_opt.selection.feasible import ROW_TOLERANCE, TOLERANCE, Wish
+from posture_opt.selection.goal import Goal
+from posture_opt.selection.multistart import Candidate, Engine, Progress, Recipe, median, rank
+
+Floats = np.ndarray
+Fate = Literal["feasible", "not reached", "requirement not met"]
+Pairs = Sequence[tuple[np.ndarray, np.ndarray]]
+
+_STARTS = (48, 144)  # of a target, the second number where the first met no requirement
+_POLISHED = 4  # of a target where no start meets the further requirements
+_CHUNK = 32  # targets that are sought together
+_ROUNDS = 4  # of learning from neighbours
+_BETTER = 1e-4  # of the objective: what a neighbour's posture must promise
+
+
+@dataclass(frozen=True)
+class Place:
+    """What was found for one target: a posture, or why there is none."""
+
+    fate: Fate
+    best: Candidate | None
+    scale: float
+
+
+def best_places(
+    engines: Sequence[Engine],
+    goals: Sequence[Goal],
+    neighbours: Pairs,
+    *,
+    seed: int,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> list[Place]:
+    """The best place of every goal (N of them, points), each with the engine that solves it.
+
+    Args:
+        neighbours: pairs of index arrays: the postures of the second are tried at the first.
+        seed: of the random starts; the answer does not depend on ``workers``.
+    """
+    chunks = list(_chunks(engines))
+    found: dict[int, Place] = {}
+    for indices, places in _explored(chunks, engines, goals, seed, workers):
+        found |= dict(zip(indices, places, strict=True))
+        if progress is not None:
+            progress(len(found), len(goals))
+    places = [found[k] for k in range(len(goals))]
+    for _ in range(_ROUNDS):
+        if not _learn(places, engines, goals, neighbours):
+            break
+    return places
+
+
+def _chunks(engines: Sequence[Engine]) -> Iterable[list[int]]:
+    """Indices of goals that one engine serves, some at a time."""
+    for engine in {id(e): e for e in engines}.values():
+        mine = [k for k, other in enumerate(engines) if other is engine]
+        yield from (mine[i : i + _CHUNK] for i in range(0, len(mine), _CHUNK))
+
+
+def _explored(
+    chunks: Sequence[list[int]], engines: Sequence[Engine], goals: Sequence[Goal], seed: int, workers: int
+) -> Iterable[tuple[list[int], list[Place]]]:
+    if workers == 1 or len(chunks) == 1:
+        for chunk in chunks:
+            yield chunk, explore(engines[chunk[0]], [goals[k] for k in chunk], chunk, seed)
+        return
+    with ProcessPoolExecutor(workers) as pool:
+        recipes = [engines[chunk[0]].recipe for chunk in chunks]
+        shares = [[goals[k] for k in chunk] for chunk in chunks]
+        yield from zip(chunks, pool.map(_explore_there, recipes, shares, chunks, [seed] * len(chunks)), strict=True)
+
+
+def _explore_there(recipe: Recipe, goals: Sequence[Goal], indices: Sequence[int], seed: int) -> list[Place]:
+    return explore(Engine.build(recipe), goals, indices, seed)
+
+
+def explore(engine: Engine, goals: Sequence[Goal], indices: Sequence[int], seed: int) -> list[Place]:
+    """The places of some goals by random starts; ``indices`` seed them, each goal by its own."""
+    places = [Place("not reached", None, math.nan)] * len(goals)
+    for round_, starts in enumerate(_STARTS):
+        open_ = [k for k, place in enumerate(places) if place.best is None]
+        open_ = [k for k in open_ if not engine.programme.reach.misses(goals[k].lower, goals[k].upper)]
+        if not open_:
+            break
+        rngs = [np.random.default_rng([seed, round_, indices[k]]) for k in open_]
+        Q = np.vstack([engine.ik.random_postures(starts, rng) for rng in rngs])
+        wishes = [engine.wish(goals[k], starts, rng) for k, rng in zip(open_, rngs, strict=True)]
+        Q, errors = engine.ik.solve(Q, _together(wishes, starts))
+        at = np.repeat(open_, starts)
+        for k in open_:
+            mine = Q[(at == k) & (errors < TOLERANCE)]
+            if len(mine):
+                places[k] = _polished(engine, goals[k], mine)
+    return places
+
+
+def _together(wishes: Sequence[Wish], count: int) -> Wish:
+    """The wishes of ``count`` rows each as one batch."""
+    rows = np.vstack([np.broadcast_to(wish.rows, (count, 16)) for wish in wishes])
+    return Wish(rows[:, :3], rows[:, 3:6], rows[:, 6:9], wishes[0].weights, wishes[0].slack, rows[:, 15:])
+
+
+def _polished(engine: Engine, goal: Goal, Q: Floats) -> Place:
+    """The best place among postures (M, n) that reach the goal."""
+    _, violation, own, _ = (column[:, 0] for column in engine.screen(Q, goal.parameters()))
+    scale = _scale(engine, own)
+    goal = replace(goal, scale=scale)
+    candidates = engine.candidates(Q, goal)
+    met = violation <= ROW_TOLERANCE
+    if np.any(met):
+        chosen = [min((c for c in candidates if c.feasible), key=rank)]
+    else:
+        chosen = [candidates[k] for k in np.argsort(violation, kind="stable")[:_POLISHED]]
+    ends = sorted((engine.polished(candidate, goal) for candidate in chosen), key=rank)
+    if not ends[0].feasible:
+        return Place("requirement not met", None, scale)
+    return Place("feasible", ends[0], scale)
+
+
+def _scale(engine: Engine, own: Floats) -> float:
+    """The variance that the objective is divided by: the median of the postures seen at first."""
+    middle = 1.0 if engine.programme.task.criterion == "miss" else median(own)
+    return middle if middle > 0 else 1.0
+
+
+def _learn(places: list[Place], engines: Sequence[Engine], goals: Sequence[Goal], neighbours: Pairs) -> bool:
+    """Try the postures of neighbours; whether any place became better."""
+    better: dict[int, Candidate] = {}
+    for here, there in neighbours:
+        pairs = [
+            (k, places[j].best)
+            for k, j in zip(here.tolist(), there.tolist(), strict=True)
+            if places[j].best is not None and engines[j] is engines[k]
+        ]
+        for engine in {id(engines[k]): engines[k] for k, _ in pairs}.values():
+            mine = [(k, best.q) for k, best in pairs if engines[k] is engine and best is not None]
+            for k, candidate in _carried_over(engine, goals, places, mine):
+                if k not in better or rank(candidate) < rank(better[k]):
+                    better[k] = candidate
+    improved = [_improved(places, engines[k], goals[k], k, candidate) for k, candidate in better.items()]
+    return any(improved)
+
+
+def _carried_over(
+    engine: Engine, goals: Sequence[Goal], places: Sequence[Place], pairs: Sequence[tuple[int, Floats]]
+) -> Iterable[tuple[int, Candidate]]:
+    """Postures moved from their own target to that of goal k, where they promise more than what is known there."""
+    rng = np.random.default_rng(0)
+    wishes = [engine.wish(goals[k], 1, rng) for k, _ in pairs]
+    Q, errors = engine.ik.solve(np.array([q for _, q in pairs]), _together(wishes, 1))
+    scales = np.array([1.0 if math.isnan(places[k].scale) else places[k].scale for k, _ in pairs])
+    parameters = np.array([goals[k].parameters() for k, _ in pairs])
+    parameters[:, -1] = scales
+    objective, violation, _, variance = (column[:, 0] for column in engine.screen(Q, parameters))
+    sigma = np.sqrt(np.maximum(variance, 0.0))
+    for row, (k, _) in enumerate(pairs):
+        known = places[k].best
+        candidate = Candidate(Q[row], float(objective[row]), float(violation[row]), float(sigma[row]))
+        promising = candidate.feasible if known is not None else True
+        if known is not None:
+            promising &= candidate.objective < known.objective - _BETTER * max(abs(known.objective), 1e-9)
+        if errors[row] < TOLERANCE and promising:
+            yield k, candidate
+
+
+def _improved(places: list[Place], engine: Engine, goal: Goal, k: int, candidate: Candidate) -> bool:
+    known, scale = places[k].best, places[k].scale
+    if math.isnan(scale):  # no start had reached this target
+        scale = _scale(engine, np.asarray(engine.screen(candidate.q[None], goal.parameters())[2][:, 0]))
+        candidate = engine.candidates(candidate.q[None], replace(goal, scale=scale))[0]
+    end = engine.polished(candidate, replace(goal, scale=scale))
+    if not end.feasible or (known is not None and end.objective >= known.objective):
+        return False
+    places[k] = Place("feasible", end, scale)
+    return True

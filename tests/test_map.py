@@ -1,0 +1,233 @@
+"""Maps of targets against closed-form inverse kinematics, brute force, and an arm of another library."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import posture_opt as po
+from posture_opt.cli.main import main
+from posture_opt.errors import InputError, NoSolutionError
+from posture_opt.problem.load import load_builtin
+from posture_opt.selection.target_map import TargetMap, map_targets
+
+A1, A2 = 1.0, 0.7
+SIGMA = {"joint1.theta": 1e-4, "joint2.theta": 3e-4, "joint1.a": 1e-4, "joint2.a": 2e-4}
+UNITS = {"theta": "rad", "a": "m"}
+
+
+def planar(**task: Any) -> dict[str, Any]:
+    joints = [{"name": f"joint{k}", "a": f"{a} m", "limits": ["-180 deg", "180 deg"]} for k, a in ((1, A1), (2, A2))]
+    return {
+        "name": "two links",
+        "robot": {"kind": "dh", "joints": joints},
+        "uncertainty": {"sigma": {name: f"{s} {UNITS[name.split('.')[1]]}" for name, s in SIGMA.items()}},
+        "task": {"kind": "insert", "direction": [0, -1, 0], "position": ["0.9 m", "0.4 m", "0 m"], **task},
+    }
+
+
+def elbows(x: float, y: float) -> list[tuple[float, float]]:
+    """Both postures that reach (x, y), by the law of cosines."""
+    c = (x * x + y * y - A1 * A1 - A2 * A2) / (2 * A1 * A2)
+    if abs(c) > 1:
+        return []
+    return [
+        ((np.arctan2(y, x) - np.arctan2(A2 * np.sin(b), A1 + A2 * np.cos(b)) + np.pi) % (2 * np.pi) - np.pi, b)
+        for b in (np.arccos(c), -np.arccos(c))
+    ]
+
+
+def sigma_x(q1: float, q2: float) -> float:
+    """Standard deviation across a vertical direction, to first order."""
+    s1, s12, c1, c12 = np.sin(q1), np.sin(q1 + q2), np.cos(q1), np.cos(q1 + q2)
+    row = np.array([-A1 * s1 - A2 * s12, -A2 * s12, c1, c12])
+    return float(np.linalg.norm(row * list(SIGMA.values())))
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(main, ["map", *map(str, words)])
+
+
+def written_problem(folder: Path, data: dict[str, Any]) -> Path:
+    file = folder / "problem.yaml"
+    file.write_text(po.problem_from_dict(data).to_yaml(), encoding="utf-8")
+    return file
+
+
+@pytest.fixture(scope="module")
+def two_links() -> TargetMap:
+    problem = po.problem_from_dict(planar())
+    return map_targets(problem, counts=(11, 9), low=(-1.8, -1.2, 0), high=(1.8, 1.5, 0))
+
+
+def test_every_target_has_the_better_of_both_elbows(two_links: TargetMap) -> None:
+    points = two_links.grid.points
+    assert points.shape == (99, 3)
+    np.testing.assert_allclose(np.unique(points[:, 0]), np.linspace(-1.8, 1.8, 11))
+    for point, spot in zip(points, two_links.spots, strict=True):
+        postures = elbows(*point[:2])
+        assert spot.feasible == bool(postures), point
+        if postures:
+            # Second order of errors of 3e-4 rad: 1e-7 of σ; where the two elbows meet, the solver's own 1e-6.
+            assert spot.sigma_max == pytest.approx(min(sigma_x(*q) for q in postures), rel=1e-4)
+            q1, q2 = spot.q
+            x, y = A1 * np.cos(q1) + A2 * np.cos(q1 + q2), A1 * np.sin(q1) + A2 * np.sin(q1 + q2)
+            assert np.hypot(x - point[0], y - point[1]) < 2e-6
+    beyond = np.hypot(points[:, 0], points[:, 1]) > A1 + A2
+    within = np.hypot(points[:, 0], points[:, 1]) < A1 - A2
+    assert beyond.any()
+    assert within.any()
+    assert not two_links.feasible[beyond | within].any()
+
+
+def test_best_worst_and_own_place(two_links: TargetMap) -> None:
+    brute = {
+        tuple(p): min((sigma_x(*q) for q in elbows(*p[:2])), default=np.nan) for p in two_links.grid.points.tolist()
+    }
+    values = np.array(list(brute.values()))
+    assert two_links.best.sigma_max == pytest.approx(np.nanmin(values), rel=1e-4)
+    assert two_links.worst.sigma_max == pytest.approx(np.nanmax(values), rel=1e-4)
+    assert two_links.own is not None
+    assert two_links.own.sigma_max == pytest.approx(min(sigma_x(*q) for q in elbows(0.9, 0.4)), rel=1e-4)
+
+
+def test_what_is_reached_but_not_allowed_is_told_apart() -> None:
+    limit = np.radians(120)
+    problem = po.problem_from_dict(planar(subject_to=[{"kind": "limit_margin", "at_least": "60 deg"}]))
+    found = map_targets(problem, counts=(8, 8), low=(-1.55, -1.5, 0), high=(1.6, 1.45, 0))
+    fates = []
+    for point, spot in zip(found.grid.points, found.spots, strict=True):
+        postures = elbows(*point[:2])
+        allowed = [q for q in postures if max(map(abs, q)) <= limit]
+        fates.append("feasible" if allowed else "requirement not met" if postures else "not reached")
+        if allowed:
+            assert spot.sigma_max == pytest.approx(min(sigma_x(*q) for q in allowed), rel=1e-4)
+    assert [spot.fate for spot in found.spots] == fates
+    assert len(set(fates)) == 3
+
+
+def test_the_answer_does_not_depend_on_the_workers() -> None:
+    problem = po.problem_from_dict(planar())
+    where: dict[str, Any] = {"counts": (8, 8), "low": (-1.8, -1.5, 0), "high": (1.8, 1.5, 0)}
+    alone, shared = (map_targets(problem, workers=n, **where) for n in (1, 2))
+    np.testing.assert_array_equal(alone.postures, shared.postures)
+
+
+def test_a_spatial_map_is_as_good_as_thorough_solves() -> None:
+    problem = load_builtin("insert_ur10")
+    found = map_targets(problem, counts=(3, 2), low=(0.45, -0.2, 0.1), high=(0.95, 0.3, 0.1))
+    assert found.feasible.all()
+    for k in (0, 5):
+        point = [f"{v} m" for v in found.grid.points[k]]
+        best = po.select_posture(problem.with_task(position=point))
+        # What a map leaves to a solve of minutes: nothing that a person would see.
+        assert found.sigma[k] <= best.critical.sigma_max * 1.005
+        assert found.spots[k].radius95 == pytest.approx(
+            po.PostureSelector(problem, compiled=False).solve(position=found.grid.points[k]).critical.radius95, rel=0.01
+        )
+
+
+def test_a_grid_lies_across_the_direction_or_where_it_is_asked_to() -> None:
+    problem = load_builtin("insert_scara")
+    across = map_targets(problem, counts=(3, 3))
+    assert across.grid.aligned
+    np.testing.assert_allclose(across.grid.points[:, 2], -0.08)
+    np.testing.assert_allclose(across.grid.points.mean(axis=0), [0.2, 0.15, -0.08])
+    upright = map_targets(problem, counts=(2, 1, 3), low=(0.2, 0.15, -0.12), high=(0.24, 0.15, -0.04))
+    np.testing.assert_allclose(np.unique(upright.grid.points[:, 2]), [-0.12, -0.08, -0.04])
+    np.testing.assert_array_equal(upright.grid.axes, np.eye(3)[[0, 2, 1]])
+    layers = map_targets(problem, counts=(2, 3, 2), low=(0.2, 0.1, -0.12), high=(0.24, 0.16, -0.04))
+    assert layers.grid.shape == (2, 3, 2)
+    line = map_targets(problem, counts=(1, 1, 4), low=(0.2, 0.15, -0.12), high=(0.2, 0.15, -0.04))
+    assert line.grid.shape == (1, 1, 4)
+    for found in (across, upright, layers, line):
+        assert found.plot().axes
+
+
+def test_an_oblique_direction_has_its_own_plane() -> None:
+    problem = load_builtin("insert_ur10").with_task(direction=[1, 0, -1], position=["0.6 m", "0.2 m", "0.3 m"])
+    found = map_targets(problem, counts=(3, 3), compiled=False)
+    offset = found.grid.points - [0.6, 0.2, 0.3]
+    np.testing.assert_allclose(offset @ [1, 0, -1], 0, atol=1e-12)
+    assert np.linalg.matrix_rank(offset) == 2
+    assert found.plot().axes
+    with pytest.raises(InputError, match="--plane"):
+        map_targets(problem, counts=(3, 3, 3))
+
+
+def test_nothing_in_reach_has_no_map() -> None:
+    with pytest.raises(NoSolutionError, match="none of the 4 targets"):
+        map_targets(po.problem_from_dict(planar()), counts=(2, 2), low=(2, 2, 0), high=(3, 3, 0))
+
+
+def test_the_command_writes_table_document_and_figure(tmp_path: Path) -> None:
+    file, out = written_problem(tmp_path, planar(clearance="1 mm")), tmp_path / "out"
+    words = ["--problem", file, "--grid", "7x5", "--min", "-1.8 m, -1 m, 0 m", "--max", "1.8 m, 1 m, 0 m"]
+    result = run(*words, "--out", out)
+    assert result.exit_code == 0, result.stderr
+    names = {"map.csv", "map.json", "map.png", "map.svg", "report.txt", "report.html"}
+    assert {path.name for path in out.iterdir()} == names
+    with (out / "map.csv").open(encoding="utf-8") as table:
+        rows = list(csv.DictReader(table, skipinitialspace=True))
+    document = json.loads((out / "map.json").read_text(encoding="utf-8"))
+    assert len(rows) == len(document["targets"]) == 35
+    for row, entry in zip(rows, document["targets"], strict=True):
+        x, y = float(row["x [mm]"]), float(row["y [mm]"])
+        np.testing.assert_allclose([x, y], 1e3 * np.array(entry["position"][:2]), atol=1e-4)
+        assert (row["feasible"] == "1") == entry["feasible"] == bool(elbows(x / 1e3, y / 1e3))
+        if entry["feasible"]:
+            q = np.radians([float(row["joint1 [deg]"]), float(row["joint2 [deg]"])])
+            sigma = sigma_x(*q)
+            assert float(row["sigma across the direction [mm]"]) == pytest.approx(1e3 * sigma, rel=1e-4)
+            assert entry["sigma_max"] == pytest.approx(sigma, rel=1e-4)
+            # One direction: 95 % of a normal distribution lie within 1.96 σ.
+            assert entry["radius95"] == pytest.approx(1.959964 * sigma, rel=1e-3)
+            assert 0 <= float(row["success"]) <= 1
+        else:
+            assert row["joint1 [deg]"] == row["sigma across the direction [mm]"] == ""
+            assert entry["posture"] is None
+    sigmas = [entry["sigma_max"] for entry in document["targets"]]
+    assert document["best"]["sigma_max"] == pytest.approx(min(filter(None, sigmas)))
+    text = result.stdout
+    assert "of 35 targets have a posture" in text
+    assert "position in the problem" in text
+    assert max(map(len, text.splitlines())) <= 100
+    alone = run(*words, "--json")
+    assert json.loads(alone.stdout)["targets"] == document["targets"]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--grid", "many"], "is no grid"),
+        (["--grid", "0x5"], "is no grid"),
+        (["--grid", "1x1"], "one target is no map"),
+        (["--grid", "3x3x3x3"], "is no grid"),
+        (["--grid", "999x999"], "more than"),
+        (["--grid", "3x3x3"], "no width in z"),
+        (["--min", "0 m, 0 m, 0 m"], "two corners"),
+        (["--min", "0 m, 0 m, 0 m", "--max", "0 m, 0 m, 0 m"], "one point"),
+        (["--min", "1 m, 0 m, 0 m", "--max", "0 m, 1 m, 0 m"], "empty in x"),
+        (["--min", "0 m, 0 m", "--max", "1 m, 1 m, 0 m"], "three coordinates"),
+        (["--min", "0, 0 m, 0 m", "--max", "1 m, 1 m, 0 m"], "no unit"),
+        (["--plane", "xz"], "moves in another plane"),
+    ],
+)
+def test_a_grid_that_is_none_is_refused(tmp_path: Path, words: list[str], told: str) -> None:
+    result = run("--problem", written_problem(tmp_path, planar()), *words)
+    assert result.exit_code == 2, result.stdout
+    assert told in result.stderr
+
+
+def test_a_box_out_of_reach_is_no_solution(tmp_path: Path) -> None:
+    words = ["--min", "3 m, 3 m, 0 m", "--max", "4 m, 4 m, 0 m", "--grid", "2x2", "--out", tmp_path / "out"]
+    result = run("--problem", written_problem(tmp_path, planar()), *words)
+    assert result.exit_code == 3
+    assert "none of the 4 targets has a posture" in result.stderr
+    assert not (tmp_path / "out").exists()
