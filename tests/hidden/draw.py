@@ -17,7 +17,17 @@ from tests.hidden.noise import SIGMA, Noise, draw_noise
 from tests.hidden.rivals import rivals_of
 from tests.hidden.sizes import draw_effect
 from tests.hidden.special import draw_batch, draw_single, loosened
-from tests.hidden.strength import DETECTABLE, basis, components, names_of, off, reference_rms, signature, tangent
+from tests.hidden.strength import (
+    DETECTABLE,
+    basis,
+    components,
+    names_of,
+    off,
+    reference_rms,
+    signature,
+    strain,
+    tangent,
+)
 
 TRIES = 200
 
@@ -120,10 +130,10 @@ def place(rng: np.random.Generator, arm: Arm) -> Arm:
 
 
 def stated(rng: np.random.Generator, arm: Arm, free: bool) -> Arm:
-    """Free frames start roughly where they are: 20 mm and 2°, the tool 2 mm."""
+    """Free frames start roughly where they are: 20 mm and 2° of yaw, upright to 0.3°, the tool to 2 mm."""
     if not free:
         return arm
-    error = rng.normal(size=6) * np.array([0.02, 0.02, 0.02, 0.03, 0.03, 0.03])
+    error = rng.normal(size=6) * np.array([0.02, 0.02, 0.02, 0.03, 0.005, 0.005])
     base = np.array([f.value for f in arm.base])
     tool = np.array([f.value for f in arm.tool])
     if len(arm.measured) == 2:
@@ -160,13 +170,14 @@ def _effects(
     found: list[Effect] = []
     for kind in setting.kinds:
         e = draw_effect(rng, site, kind)
-        size = _strength(site, e, found, U)
+        size = _strength(site, e, found, U) / strain(e)
         if not low <= size <= high:
             goal = float(np.exp(rng.uniform(np.log(low), np.log(min(4 * low, high)))))
             e = e.scaled(float(np.clip(np.sqrt(goal / max(size, 1e-12)), *e.limits)))
         found.append(e)
     for e in found:
-        if not low * 0.999 <= _strength(site, e, [x for x in found if x is not e], U) <= high * 1.001:
+        size = _strength(site, e, [x for x in found if x is not e], U) / strain(e)
+        if not low * 0.999 <= size <= high * 1.001:
             raise OutOfReach
     return tuple(found)
 
@@ -187,7 +198,8 @@ def _truth(
     for e in effects:
         others = [x for x in effects if x is not e]
         rivals = rivals_of(site, e, U, SIGMA)
-        size = {"lambda": _strength(site, e, others, U), "lambda_alone": _strength(site, e, [], U), "rivals": rivals}
+        size = {name: _strength(site, e, x, U) for name, x in (("lambda", others), ("lambda_alone", []))}
+        size |= {"needed": DETECTABLE * strain(e), "rivals": rivals}
         listed.append({"kind": e.kind, "target": e.target, "size": e.size, "shape": e.shape, **size})
     model = np.concatenate([J, *(components(site, e, SIGMA) for e in effects)], axis=1)
     return {

@@ -102,7 +102,7 @@ FAMILIES: dict[str, Family] = {
     "few_poses": one("ur10", replace(FULL, rows=60, repeated=6, visits=2)),
     "planar": one("planar", UNLOADED, ON_PLANAR),
     "scara": one("scara", UNLOADED, ON_SCARA),
-    "seven": one("seven"),
+    "seven": one("seven", kinds=tuple(k for k in KINDS if k != "gear_ripple")),  # a URDF has no gear ratio
     "wrong_masses": one("ur10", FULL, GRAVITY, masses=0.25),
     "loose": one("ur10", FULL, LOOSE, loose=True),
     "heavy_tails": heavy,

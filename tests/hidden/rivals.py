@@ -10,7 +10,7 @@ from tests.hidden.effects import Effect, Site
 from tests.hidden.mechanics import Array
 from tests.hidden.strength import components, off, signature
 
-MARGIN = 6.0
+MARGIN, LISTED = 6.0, 30.0
 
 
 def candidates(site: Site) -> Iterator[Effect]:
@@ -43,7 +43,7 @@ def candidates(site: Site) -> Iterator[Effect]:
 
 
 def rivals_of(site: Site, truth: Effect, U: Array, sigma: float) -> list[dict]:
-    """Kinds and targets that explain all but ``MARGIN`` of the truth's λ, the closest first."""
+    """Kinds and targets that explain all but ``LISTED`` of the truth's λ, the closest first."""
     z = off(U, signature(site, (truth,), sigma))
     if z @ z < 2 * MARGIN:  # anything would do
         return []
@@ -59,7 +59,7 @@ def rivals_of(site: Site, truth: Effect, U: Array, sigma: float) -> list[dict]:
         lost = float(np.sum((z - Z @ np.linalg.lstsq(Z, z, rcond=1e-9)[0]) ** 2))
         # A rival with more parameters pays for them as the BIC counts.
         lost += (Z.shape[1] - len(truth.size)) * np.log(len(z))
-        if lost < MARGIN:
+        if lost < LISTED:
             found[e.name] = min(lost, found.get(e.name, np.inf))
     return [
         {"kind": k, "target": t, "lost": round(float(lost), 2)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from tests.hidden.families import GEOMETRY
+from tests.hidden.rivals import MARGIN
 
 GEOMETRIC = {*GEOMETRY, "base_frame", "tool_frame", "geometry"}
 WIDTH = 1.96
@@ -17,7 +18,8 @@ def score(truth: Json, answer: Json | None, seconds: float = 0.0, error: str = "
     true = [_name(e) for e in truth["effects"] if e["kind"] != "instrument_scale"]
     geometric = any(kind in GEOMETRY for kind, _ in true)
     record: Json = {key: truth[key] for key in ("family", "seed", "index", "arm")}
-    record |= {"truth": true, "strength": [e["lambda"] for e in truth["effects"]], "seconds": seconds, "error": error}
+    strength = [25.0 * e["lambda"] / e.get("needed", 25.0) for e in truth["effects"]]
+    record |= {"truth": true, "strength": strength, "seconds": seconds, "error": error}
     if answer is None:
         return record | {"verdict": "error", "named": [], "geometry": []}
     kept = GEOMETRY if geometric else set()
@@ -31,7 +33,7 @@ def score(truth: Json, answer: Json | None, seconds: float = 0.0, error: str = "
     }
     record["geometry"] = [_name(e) for e in answer["effects"] if e["kind"] in GEOMETRIC]
     record |= _right(true, names, sets, answer["verdict"])
-    rivals = {_name(r) for e in truth["effects"] for r in e.get("rivals", ())}
+    rivals = {_name(r) for e in truth["effects"] for r in e.get("rivals", ()) if r["lost"] < MARGIN}
     record["excused"] = bool(names) and names[0] in rivals
     record |= _sizes(truth, answer)
     extended = (answer.get("residual_rms") or {}).get("extended")

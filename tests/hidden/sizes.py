@@ -38,6 +38,7 @@ TYPICAL = {
     "square_wave": (0.1 * mrad, 0.4 * mrad),
 }
 KINDS = tuple(kind for kind in TYPICAL if kind not in ("instrument_scale", *OUTSIDE))
+LOADED = 5.0  # N m: a joint that carries less, such as one about the vertical, is no target
 WIDER = 1.5  # a size may leave the typical range by this factor to reach a wanted strength
 
 
@@ -98,7 +99,7 @@ def _per_load(rng: np.random.Generator, site: Site, kind: str):
         j = int(rng.choice(site.can_bend()))
         top = np.linalg.norm(site.tip_moment(j), axis=1).max()
         return site.arm.joints[j], {"k": 1 / max(top, 1e-9)}, {}
-    loaded = [j for j in range(site.arm.n) if np.abs(site.tau[:, j]).max() > 1.0 and not site.arm.prismatic[j]]
+    loaded = [j for j in range(site.arm.n) if np.abs(site.tau[:, j]).max() > LOADED and not site.arm.prismatic[j]]
     j = int(rng.choice(loaded)) if loaded else 0
     name = "c" if kind == "joint_compliance" else "h"
     return site.arm.joints[j], {name: 1 / max(np.abs(site.tau[:, j]).max(), 1e-9)}, {}
@@ -166,7 +167,7 @@ def _beyond(rng: np.random.Generator, site: Site, kind: str):
     if kind == "product":
         first, second = rng.uniform(0, 2 * np.pi, 2)
         return f"{a}*{b}", {"h": 1.0}, {"first": float(first), "second": float(second)}
-    loaded = [j for j in range(site.arm.n) if np.abs(site.tau[:, j]).max() > 1.0]
+    loaded = [j for j in range(site.arm.n) if np.abs(site.tau[:, j]).max() > LOADED]
     j = int(rng.choice(loaded)) if loaded else 0
     others = [n for n in names if n != site.arm.joints[j]]
     size = {"h": 1 / max(np.abs(site.tau[:, j]).max(), 1e-9)}

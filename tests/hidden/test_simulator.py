@@ -18,7 +18,7 @@ from tests.hidden.files import write
 from tests.hidden.mechanics import columns, moment, torques, walk
 from tests.hidden.noise import Noise, lever
 from tests.hidden.rivals import candidates
-from tests.hidden.strength import basis, names_of, off, reference_rms, signature, strength, tangent
+from tests.hidden.strength import basis, names_of, off, reference_rms, signature, strain, strength, tangent
 
 HERE = Path(__file__).parent
 FREE_OF_THE_PACKAGE = sorted(set(HERE.glob("*.py")) - {HERE / "hunt.py"} - set(HERE.glob("test_*.py")))
@@ -210,3 +210,12 @@ def test_the_files_are_read_by_the_package_as_they_were_meant(family: str, tmp_p
     words = (tmp_path / "problem.yaml").read_text() + (tmp_path / "data.csv").read_text()[:400]
     assert not any(str(e["kind"]) in words for e in case.truth["effects"])
     assert (tmp_path / "test.csv").exists() == (family == "full")
+
+
+def test_many_parameters_need_more_strength() -> None:
+    from scipy.special import chdtri, chndtr
+
+    quadratic = Effect("instrument_field", "instrument", {str(i): 0.0 for i in range(18)})
+    line, level = chdtri(1, 4.65e-4), 4.65e-4
+    assert 1 - chndtr(line, 1, 25.0) == pytest.approx(0.933, abs=0.002)
+    assert 1 - chndtr(chdtri(18, level), 18, 25.0 * strain(quadratic)) == pytest.approx(0.933, abs=0.01)
