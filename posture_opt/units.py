@@ -28,6 +28,7 @@ DIMENSIONS: dict[str, tuple[str, str]] = {
     "length per temperature": ("m/K", "12 um/K"),
     "angle per temperature": ("rad/K", "10 urad/K"),
     "per temperature": ("1/K", "12e-6 / K"),
+    "per length": ("1/m", "2e-5 / m"),
 }
 
 # Only what a robot file can need. The whole of pint's table takes 0.3 s to read, and it would accept

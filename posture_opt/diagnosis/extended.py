@@ -85,6 +85,9 @@ def fit_extended(residuals: Residuals, x0: Array, directions: Array, suspects: S
     values = {i: float(getattr(suspects[i].what, name)) for i, name in smooth}
     current = list(suspects)
     x, theta = x0.copy(), np.zeros(sum(s.Z.shape[1] for s in suspects))
+    if g + len(theta) == 0:
+        variance = float(np.mean(residuals.whitened(x0)[:m] ** 2))
+        return Extended(residuals, x, directions, (), theta, np.zeros((0, 0)), variance)
     for _ in range(4 if smooth else 1):
         Z = np.concatenate([np.zeros((m, 0)), *(s.Z for s in current)], axis=1)
         shape_columns = _shape_columns(tangents, current, theta, smooth)

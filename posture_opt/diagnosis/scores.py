@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,27 +117,33 @@ def _chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
         yield chunk
 
 
+WEIGHTS = {"named": 0.55, "nameless": 0.2, "cyclic": 0.25}
+"""Share of the level for each family of candidates: the thousands of frequencies must not drown the few names."""
+
+
 @dataclass(frozen=True, eq=False)
 class Chance:
-    """The least log p-value of all candidates in each of B flipped data sets."""
+    """The least log p-value of each family of candidates in each of B flipped data sets."""
 
-    least: Array
+    least: Mapping[str, Array]
 
-    @property
-    def tests(self) -> float:
+    def tests(self, family: str) -> float:
         """The number of independent tests whose least p-value has the median of the flipped ones."""
-        median = float(np.exp(np.median(self.least)))
-        return float(np.log(0.5) / np.log1p(-min(max(median, 1e-12), 0.999)))
+        median = float(np.exp(np.median(self.least[family])))
+        return float(max(np.log(0.5) / np.log1p(-min(max(median, 1e-12), 0.999)), 1.0))
 
-    def family_wise(self, log_p_value: float) -> float:
-        """Probability that chance gives any candidate so small a p-value.
+    def family_wise(self, log_p_value: float, family: str) -> float:
+        """Probability that chance gives any candidate of any family so much evidence.
 
-        From the flipped sets where they reach that far, beyond them by Šidák's formula with their number of tests.
+        Within the family from the flipped sets where they reach that far, beyond them by Šidák's formula with
+        their number of tests; between families the level is shared out (weighted Bonferroni).
         """
-        share = (1 + float(np.sum(self.least <= log_p_value))) / (1 + len(self.least))
-        if share > 5 / (1 + len(self.least)):
-            return share
-        return min(share, float(-np.expm1(self.tests * np.log1p(-np.exp(log_p_value)))))
+        least = self.least[family]
+        share = (1 + float(np.sum(least <= log_p_value))) / (1 + len(least))
+        if share <= 5 / (1 + len(least)):
+            beyond = -np.expm1(self.tests(family) * np.log1p(-np.exp(min(log_p_value, -1e-12))))
+            share = min(share, float(beyond))
+        return float(min(1.0, share / WEIGHTS[family]))
 
 
 def scan_frequencies(

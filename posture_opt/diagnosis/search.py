@@ -94,8 +94,7 @@ def search(scene: Scene) -> Verdict:
         finalists = _merged(finalists, _finalists(scene, scene.ground(chosen), fresh))
     chosen = tuple(sorted(chosen, key=lambda s: -_weight(scene, chosen, s)[1]))
     weights = [_weight(scene, chosen, s) for s in chosen]
-    tests = chance.tests
-    p_values = tuple(float(-np.expm1(tests * np.log1p(-np.exp(min(p, -1e-12))))) for p, _ in weights)
+    p_values = tuple(chance.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True))
     return Verdict(
         chosen,
         p_values,
@@ -157,11 +156,9 @@ def _pruned(scene: Scene, base: Ground, chance: Chance, chosen: list[Suspect]) -
     """Without the members that are no longer significant given the others, the least first."""
     while chosen:
         weights = [_weight(scene, chosen, s) for s in chosen]
-        worst = max(range(len(chosen)), key=lambda i: weights[i][0])
-        level = FIRST if len(chosen) == 1 else FURTHER
-        if chance.family_wise(weights[worst][0]) < level and weights[worst][1] > 0:
-            break
-        if len(chosen) == 1 and chance.family_wise(weights[worst][0]) < level:
+        p_values = [chance.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True)]
+        worst = max(range(len(chosen)), key=lambda i: (p_values[i], weights[i][0]))
+        if p_values[worst] < (FIRST if len(chosen) == 1 else FURTHER):
             break
         chosen = [s for i, s in enumerate(chosen) if i != worst]
     return tuple(chosen)

@@ -42,6 +42,11 @@ class Suspect:
         return self.what.target
 
     @property
+    def family(self) -> str:
+        """The family of tests that it belongs to."""
+        return "cyclic" if self.kind == "cyclic_error" else "named" if self.named else "nameless"
+
+    @property
     def key(self) -> tuple[str, str]:
         """Kind and target; several cyclic errors of one joint are told apart by their frequency."""
         return self.kind, self.target
@@ -109,25 +114,28 @@ def judge(ground: Ground, suspects: Sequence[Suspect], tangents: Tangents, case:
     sizes = np.array([bases[i][0].shape[1] for i in alive])
     rss = ground.rss
     values = log_p(gains, rss[None, :], sizes[:, None], ground.freedom) if alive else np.zeros((0, len(rss)))
-    least = values[:, 1:].min(axis=0) if alive else np.zeros(len(rss) - 1)
+    named = np.array([suspects[i].named for i in alive], dtype=bool)
     cyclic, lowest = _cyclic(ground, tangents, case)
-    least = np.minimum(least, lowest)
+    least = {"named": _least(values[named]), "nameless": _least(values[~named]), "cyclic": lowest}
     chance = Chance(least)
     found: dict[tuple[str, str], Judged] = {}
     for row, i in enumerate(alive):
-        p = float(values[row, 0])
-        key = suspects[i].key
-        if key not in found or p < found[key].log_p:
-            found[key] = Judged(
-                suspects[i], bases[i][0], bases[i][1], p, chance.family_wise(p), float(gains[row, 0] / rss[0])
-            )
+        p, suspect = float(values[row, 0]), suspects[i]
+        if suspect.key not in found or p < found[suspect.key].log_p:
+            share = float(gains[row, 0] / rss[0])
+            found[suspect.key] = Judged(suspect, *bases[i], p, chance.family_wise(p, suspect.family), share)
     judged = list(found.values())
     for suspect, p in cyclic:
         basis, rho = surviving(ground, suspect.Z)
         if basis.shape[1]:
             share = float(np.sum((basis.T @ ground.e) ** 2) / rss[0])
-            judged.append(Judged(suspect, basis, rho, p, chance.family_wise(p), share))
-    return sorted(judged, key=lambda j: j.log_p), chance
+            judged.append(Judged(suspect, basis, rho, p, chance.family_wise(p, "cyclic"), share))
+    return sorted(judged, key=lambda j: (j.p_value, j.log_p)), chance
+
+
+def _least(values: Array) -> Array:
+    """(B,) least log p-value of each flipped set."""
+    return np.asarray(values[:, 1:].min(axis=0, initial=0.0))
 
 
 def _cyclic(ground: Ground, tangents: Tangents, case: Case) -> tuple[list[tuple[Suspect, float]], Array]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,10 @@ from posture_opt.model.effects import Case
 Array = NDArray[np.float64]
 
 _BUMPS = 8
+_LENGTHS = (0.2, 0.3, 0.45)  # of a wave in space, in sizes of the workspace
+_DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)], dtype=float)
+_WIDTHS = (0.15, 0.35)  # rad, of a dent
+_FEWEST = 4  # rows that must lie in a dent
 _WAVES = range(1, 7)  # periods a turn of a square wave
 _PHASES = 8
 
@@ -31,6 +35,7 @@ class Umbrella:
 def umbrellas(tangents: Tangents, case: Case) -> Iterator[tuple[Umbrella, Array]]:
     """Every umbrella with its columns (m, k)."""
     yield from _joint_curves(tangents, case)
+    yield from _dents(tangents, case)
     yield from _square_waves(tangents, case)
     yield from _products(tangents, case)
     if "approach" in case.inputs:
@@ -48,6 +53,21 @@ def _joint_curves(tangents: Tangents, case: Case) -> Iterator[tuple[Umbrella, Ar
     for joint in _moving(case):
         q = tangents.residuals.data.q[:, joint]
         yield Umbrella("curve", names[joint]), tangents.of_joint(joint, bumps(q))
+
+
+def _dents(tangents: Tangents, case: Case) -> Iterator[tuple[Umbrella, Array]]:
+    """One bump somewhere in the range of a joint."""
+    names = case.robot.joint_names
+    for joint in _moving(case):
+        q = tangents.residuals.data.q[:, joint]
+        shape = 0
+        for width in _WIDTHS:
+            count = int(np.clip(np.ptp(q) / (1.5 * width), 4, 24))
+            for centre in np.linspace(q.min(), q.max(), count):
+                bump = np.exp(-0.5 * ((q - centre) / width) ** 2)
+                if (bump > 0.3).sum() >= _FEWEST:
+                    yield Umbrella("dent", names[joint], shape), tangents.of_joint(joint, bump[:, None])
+                    shape += 1
 
 
 def bumps(q: Array, count: int = _BUMPS) -> Array:
@@ -102,13 +122,16 @@ def _sides(tangents: Tangents, case: Case) -> Iterator[tuple[Umbrella, Array]]:
 
 
 def _fields(tangents: Tangents, case: Case) -> Iterator[tuple[Umbrella, Array]]:
-    """A smooth error over the workspace, and one over time."""
-    p = np.stack([np.broadcast_to(np.asarray(v, dtype=float), (len(tangents.residuals.data),))
-                  for v in tangents.walk.position], axis=1)  # fmt: skip
-    p = (p - p.mean(axis=0)) / max(float(p.std()), 1e-9)
-    axes = [i for i in range(3) if np.ptp(p[:, i]) > 1e-6]
-    squares = [p[:, i] * p[:, j] for k, i in enumerate(axes) for j in axes[k:]]
-    yield Umbrella("field", "tool point"), tangents.of_point(np.stack(squares, axis=1))
+    """A wave over the workspace, and a smooth course over time."""
+    n = len(tangents.residuals.data)
+    p = np.stack([np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in tangents.walk.position], axis=1)
+    size = float(np.linalg.norm(np.ptp(p, axis=0)))
+    axes = np.ptp(p, axis=0) > 1e-6
+    directions = [d for d in _DIRECTIONS if not np.any(d[~axes])]
+    for shape, (direction, share) in enumerate((d, s) for d in directions for s in _LENGTHS):
+        phase = 2 * np.pi / (share * max(size, 1e-9)) * (p @ (direction / np.linalg.norm(direction)))
+        waves = np.stack([np.sin(phase), np.cos(phase)], axis=1)
+        yield Umbrella("field", "tool point", shape), tangents.of_point(waves)
     if "time" in case.inputs:
         t = np.asarray(tangents.site.inputs.time, dtype=float)
         yield Umbrella("course", "time"), tangents.of_point(bumps(t, 5))

@@ -15,6 +15,7 @@ from posture_opt.model.effects.gear_eccentricity import GearEccentricity
 from posture_opt.model.effects.gear_ripple import GearRipple
 from posture_opt.model.effects.gear_second_harmonic import GearSecondHarmonic
 from posture_opt.model.effects.hysteresis import Hysteresis
+from posture_opt.model.effects.instrument_field import InstrumentField
 from posture_opt.model.effects.joint_compliance import JointCompliance
 from posture_opt.model.effects.joint_coupling import JointCoupling
 from posture_opt.model.effects.joint_scale import JointScale
@@ -44,6 +45,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     ThermalOffset,
     Drift,
     Slip,
+    InstrumentField,
     Quantisation,
 )
 
@@ -65,6 +67,7 @@ EffectSpec = Annotated[
     | ThermalOffset
     | Drift
     | Slip
+    | InstrumentField
     | Quantisation,
     Field(discriminator="kind"),
 ]

@@ -1,0 +1,47 @@
+"""A smooth error of the instrument over its volume."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from posture_opt.model.chain import subtract
+from posture_opt.model.effects.effect import Case, Effect, Move
+from posture_opt.model.site import ZERO, Site
+
+_PRODUCTS = ("xx", "xy", "xz", "yy", "yz", "zz")
+
+
+class InstrumentField(Effect):
+    """``dp = Σ w_ij p_i p_j``: the measured point is off by a quadratic function of where it is, seen from the base.
+
+    What is constant or linear in the place looks like a frame or like lengths.
+    """
+
+    summary: ClassVar[str] = "the instrument errs smoothly over its volume"
+    parameters: ClassVar = tuple((f"{axis}_{product}", "per length") for axis in "xyz" for product in _PRODUCTS)
+    for_planning: ClassVar = False
+
+    kind: Literal["instrument_field"] = "instrument_field"
+    instrument: Literal["instrument"] = "instrument"
+
+    @property
+    def target(self) -> str:
+        return "instrument"
+
+    def moves(self, site: Site) -> tuple[Move, ...]:
+        p = subtract(site.tool, site.walk.screws[len(site.robot.base)].origin)
+        products = [p["xyz".index(a)] * p["xyz".index(b)] for a, b in _PRODUCTS]
+        moves = []
+        for axis in range(3):
+            for product in products:
+                vector: list[Any] = [0.0, 0.0, 0.0]
+                vector[axis] = product
+                moves.append(Move(twist=((vector[0], vector[1], vector[2]), ZERO)))
+        return tuple(moves)
+
+    @classmethod
+    def candidates(cls, case: Case) -> Sequence[Effect]:
+        return [cls()] if np.count_nonzero(np.array(case.span) > 1e-6) > 1 else []
