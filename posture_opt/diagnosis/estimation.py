@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 
 _ROUNDS = 8  # of leaving out and taking back outliers; on real data two or three settle it
 _FAIR = 0.01  # of the weight of a prior: it settles faster than its own uncertainty matters
+_HELD = 1e-8  # of a variance, in correlations: a ten-thousandth of a standard deviation is as good as nothing
 _OFFSET = 1e-3  # of a standard error: how near to the minimum is near enough
 
 
@@ -26,8 +27,15 @@ class Prior:
 
     @classmethod
     def of(cls, rows: list[int], covariance: Array) -> Prior:
-        """From the covariance of the deviations ``rows``."""
-        return cls(tuple(rows), np.linalg.inv(np.linalg.cholesky(covariance))) if rows else cls()
+        """From the covariance of the deviations ``rows``; what has no variance in it, as after a calibration, is held.
+
+        ``W = Λ^(−½) Vᵀ D⁻¹`` with the correlations ``V Λ Vᵀ`` and the standard deviations D.
+        """
+        if not rows:
+            return cls()
+        sigma = np.sqrt(np.diag(covariance))
+        values, vectors = np.linalg.eigh(covariance / np.outer(sigma, sigma))
+        return cls(tuple(rows), (vectors / np.sqrt(np.maximum(values, _HELD))).T / sigma)
 
     def matrix(self, k: int) -> Array:
         """``W`` in the columns of all k unknowns."""

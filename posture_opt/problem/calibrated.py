@@ -190,7 +190,8 @@ def _header(calibration: Calibration, scatter: RemainingScatter) -> tuple[str, .
     lines = (
         f"Calibrated with {file}: {len(data)} rows{gone}.",
         f"Position errors where it had not seen the data: {before} RMS before, {after} after.",
-        f"What is still uncertain of its parameters stands in {COVARIANCE}, in mm and mrad.",
+        f"What is still uncertain of its parameters stands in {COVARIANCE}, in mm and mrad; combinations of them that",
+        "move nothing that was measured have no variance there.",
         f"{scatter.note[:1].upper()}{scatter.note[1:]}.",
         several,
     )

@@ -69,7 +69,12 @@ class UncertaintySpec(Spec):
         scatter = {name: _sigma(name, text, dimensions, issues, "scatter") for name, text in self.scatter.items()}
         if issues:
             raise InputError(issues)
-        return self._with_repeatability(named, robot).plus(Sources.scattering(scatter))
+        note = (
+            ("scatter from visit to visit is added to what is not known of the arm",)
+            if scatter and self.covariance
+            else ()
+        )
+        return self._with_repeatability(named, robot).plus(Sources.scattering(scatter, note))
 
     def check(self) -> None:
         """All of ``build`` that needs neither robot nor files: the last word of a name tells angles from lengths.
