@@ -65,6 +65,7 @@ class Assessment:
         axes: indices of the measured coordinates.
         direction: (3,) unit vector of the task in the frame of the measurements, or ``None`` without a task.
         instrument: σ of a coordinate that the problem states [m]; 0 where it states none.
+        block_axes: name and unit, m or rad, of what the blocks of the tests are cut along.
         remaining: ``None`` where the poses are too few for a region.
         repeats, goals: ``None`` where nothing was visited twice.
         notes: sentences for the report.
@@ -75,6 +76,7 @@ class Assessment:
     axes: tuple[int, ...]
     direction: Array | None
     instrument: float
+    block_axes: tuple[tuple[str, str], ...]
     nominal: ModelErrors
     calibrated: ModelErrors
     remaining: Remaining | None
@@ -96,6 +98,7 @@ class Assessment:
             instrument["sufficient"] = {name: ratio >= TEN_TIMES for name, ratio in self.ratios.items()}
         return {
             "sign": "measured minus model", "rows": self.rows, "poses": self.poses,
+            "block_axes": [name for name, _ in self.block_axes],
             "direction": None if self.direction is None else self.direction.tolist(),
             "nominal": self.nominal.to_json(), "calibrated": self.calibrated.to_json(),
             "remaining": None if self.remaining is None else self.remaining.to_json(),
@@ -130,6 +133,7 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
         axes=tuple(int(axis) for axis in axes),
         direction=direction,
         instrument=float(stated or 0.0),
+        block_axes=_block_axes(problem, data),
         nominal=models["nominal"],
         calibrated=models["calibrated"],
         remaining=_remaining(errors["calibrated"][:, axes], len(np.unique(used.pose))),
@@ -144,6 +148,12 @@ def _direction(problem: AssessedProblem) -> Array | None:
         return None
     direction = np.asarray(problem.task.direction, dtype=float)
     return np.asarray(direction / np.linalg.norm(direction))
+
+
+def _block_axes(problem: AssessedProblem, data: Measurements) -> tuple[tuple[str, str], ...]:
+    if data.position is not None:
+        return (("x", "m"), ("y", "m"), ("z", "m"))
+    return tuple((joint.name, "rad" if joint.type == "revolute" else "m") for joint in problem.robot.joints)
 
 
 def _notes(problem: AssessedProblem, axes: Any, direction: Array | None) -> tuple[str, ...]:

@@ -49,7 +49,10 @@ class MeanTest:
 
 @dataclass(frozen=True, eq=False)
 class BlockMean:
-    """The mean in one block of the workspace, from ``lower`` to ``upper`` (3,) [m]; ``zero`` is family-wise."""
+    """The mean in one block, from ``lower`` to ``upper`` (k,) [m, rad]; ``zero`` is family-wise.
+
+    The blocks are those of the workspace, or of the joint values where no position was measured.
+    """
 
     lower: Array
     upper: Array
@@ -97,7 +100,7 @@ def group_means(vectors: Array, groups: Codes) -> Array:
 def block_tests(vectors: Array, places: Array) -> tuple[BlockMean, ...]:
     """Tests of the means of vectors (n, d) [m] in blocks of the workspace, together of size 5 %.
 
-    The blocks cut the ``places`` (n, 3) [m] at medians. That a block's mean is zero is given up in the order of
+    The blocks cut the ``places`` (n, k) [m, rad] at medians. That a block's mean is zero is given up in the order of
     the p-values (S. Holm, Scand. J. Stat. 6 (1979) 65). Empty where the rows do not fill two blocks.
     """
     blocks = _cut(places)

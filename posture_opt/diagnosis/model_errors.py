@@ -51,7 +51,8 @@ class ModelErrors:
     Args:
         deviations: cross-validated, one entry a direction.
         mean: test of the mean over all poses; ``None`` for touched points, whose places nobody knows otherwise.
-        blocks: tests of the means in blocks of the workspace; empty with too few poses.
+        blocks: tests of the means in blocks of the workspace, for touched points in blocks of the joint values;
+            empty with too few poses.
         coordinate: RMS of one coordinate [m].
         beyond3: share of the coordinates beyond three standard deviations of their axis; 0.27 % of normal ones.
     """
@@ -96,11 +97,10 @@ def model_errors(data: Measurements, errors: Array, fitted: Array, axes: Codes, 
     measured = errors[:, axes]
     coordinate = float(np.sqrt(np.mean(measured**2)))
     beyond = float(np.mean(np.abs(measured - measured.mean(axis=0)) > 3 * measured.std(axis=0)))
-    if data.position is None:
-        return ModelErrors(deviations, None, (), coordinate, beyond)
     means = group_means(fitted[:, axes], data.pose)
-    places = group_means(data.position, data.pose)
-    return ModelErrors(deviations, mean_test(means), block_tests(means, places), coordinate, beyond)
+    places = group_means(data.q if data.position is None else data.position, data.pose)
+    overall = None if data.position is None else mean_test(means)
+    return ModelErrors(deviations, overall, block_tests(means, places), coordinate, beyond)
 
 
 def told(axes: Codes, direction: Array) -> tuple[bool, bool]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
 
 _TOTALS = {1: "in all", 2: "in the plane", 3: "in space"}
 _NOTHING = 0.1  # of its standard error: a mean that a fit has made zero, as chance hardly would on all axes
+_WHOLE = 0.6  # of the whole range: a block as long was not cut along it
 _NORMAL = 0.0027  # of normal numbers lie beyond three standard deviations
 
 
@@ -68,55 +68,61 @@ def _cells(d: Deviation, decimals: int) -> tuple[str, ...]:
 def mean_block(found: Assessment) -> Block:
     """The first rule: after calibration the mean of the residuals is zero, everywhere."""
     rule = "After a good calibration the errors scatter about zero, over all rows and in every part of the workspace."
-    if found.calibrated.mean is None:
-        told = (
-            "The place of a touched point is known from its touches only, so that their mean is zero whatever is wrong."
-        )
-        return Block("Is what remains mere scatter?", (rule, told), "residual_joints")
-    texts = chain.from_iterable(_mean_texts(words, getattr(found, name)) for name, words in MODELS.items())
+    texts = [_mean_text(found, name) for name in MODELS]
     if found.calibrated.zero and found.calibrated.blocks:
         verdict = "Rule kept: nothing speaks against taking what remains as scatter."
     elif found.calibrated.zero:
-        verdict = "No part of the workspace has poses enough to be tested by itself: measure more to know."
+        verdict = "The poses are too few to test parts of the workspace by themselves."
     else:
         verdict = "Rule broken: something is left that these parameters do not explain."
     return Block("Is what remains mere scatter?", (rule, *texts, verdict), "residual_joints")
 
 
-def _mean_texts(name: str, model: ModelErrors) -> list[str]:
-    assert model.mean is not None
-    mean, error = model.mean.mean, model.mean.error
-    if np.all(np.abs(mean) <= _NOTHING * error):
+def _mean_text(found: Assessment, name: str) -> str:
+    model: ModelErrors = getattr(found, name)
+    blocks = _blocks_text(found, model.blocks) if model.blocks else ""
+    if model.mean is None:
+        overall = "the mean of every touched point is zero, for its place is known from the touches only"
+    elif np.all(np.abs(model.mean.mean) <= _NOTHING * model.mean.error):
         overall = "the mean over all rows is zero, for the base was fitted"
     else:
+        mean, error = model.mean.mean.tolist(), model.mean.error.tolist()
         verdict = "chance explains that" if model.mean.zero else "that is no chance"
-        size = f"{shift(mean.tolist())} with standard errors {shift(error.tolist(), among=mean.tolist())}"
-        overall = f"the mean over all rows is {size}: {verdict} (p = {p_value(model.mean.p_value)})"
-    blocks = _blocks_text(model.blocks) if model.blocks else ""
-    return [f"{name.capitalize()}, {overall}.{blocks}"]
+        size = f"{shift(mean)} with standard errors {shift(error, among=mean)}"
+        overall = f"the mean over all rows is {size}: {verdict} (p {p_value(model.mean.p_value)})"
+    return f"{MODELS[name].capitalize()}, {overall}.{blocks}"
 
 
-def _blocks_text(blocks: tuple[BlockMean, ...]) -> str:
+def _blocks_text(found: Assessment, blocks: tuple[BlockMean, ...]) -> str:
     off = [block for block in blocks if not block.zero]
+    space = "workspace" if found.calibrated.mean is not None else "joint values"
     if not off:
-        return f" It is zero within chance in each of {len(blocks)} blocks of the workspace, too."
+        return f" It is zero within chance in each of {len(blocks)} blocks of the {space}, too."
     worst = max(off, key=lambda block: float(np.linalg.norm(block.test.mean)))
-    size = length(float(np.linalg.norm(worst.test.mean)))
-    return f" In {len(off)} of {len(blocks)} blocks of the workspace it is not zero: {size} where {_box(worst)}."
+    size, where = length(float(np.linalg.norm(worst.test.mean))), _box(found, blocks, worst)
+    return (
+        f" In {len(off)} of {len(blocks)} blocks of the {space} it is not zero; the worst is {size} off, where {where}."
+    )
 
 
-def _box(block: BlockMean) -> str:
-    sides = [
-        f"{axis} is {fixed(low)} to {fixed(high)} m"
-        for axis, low, high in zip("xyz", block.lower, block.upper, strict=True)
-        if high > low
-    ]
-    return ", ".join(sides)
+def _box(found: Assessment, blocks: tuple[BlockMean, ...], block: BlockMean) -> str:
+    """The sides of a block that are shorter than those of the whole."""
+    lowest = np.min([b.lower for b in blocks], axis=0)
+    highest = np.max([b.upper for b in blocks], axis=0)
+    cut = (block.upper - block.lower) < _WHOLE * (highest - lowest)
+    sides = zip(found.block_axes, block.lower, block.upper, cut, strict=True)
+    return ", ".join(_side(name, unit, low, high) for (name, unit), low, high, shorter in sides if shorter)
+
+
+def _side(name: str, unit: str, low: float, high: float) -> str:
+    if unit == "rad":
+        return f"{name} is {fixed(np.degrees(low), 0)} to {fixed(np.degrees(high), 0)} deg"
+    return f"{name} is {fixed(low)} to {fixed(high)} m"
 
 
 def p_value(p: float) -> str:
-    """0.23, 0.004, below 0.001."""
-    return "below 0.001" if p < 1e-3 else number(p, 2)
+    """= 0.23, = 0.004, below 0.001."""
+    return "below 0.001" if p < 1e-3 else f"= {number(p, 2)}"
 
 
 def inputs_block() -> Block:
@@ -173,14 +179,14 @@ def instrument_block(found: Assessment) -> Block:
     if not found.instrument:
         mend = "its accuracy is not stated: add uncertainty: {measurement: {position: 0.05 mm}} to the problem file."
         return Block("The instrument", (f"{rule} Whether this one is cannot be said, {mend}",))
-    texts = [f"{rule} This one has {stated_length(found.instrument)} in a coordinate."]
-    for name, words in MODELS.items():
+    texts = [f"{rule} This one's σ is {stated_length(found.instrument)} in a coordinate."]
+    for name, words in (("nominal", "The model as it stands"), ("calibrated", "The calibrated model")):
         ratio, size = found.ratios[name], length(getattr(found, name).coordinate)
         if ratio >= TEN_TIMES:
-            texts.append(f"The model {words} is off by {size}, {ratio:.0f} times as much: good enough.")
+            texts.append(f"{words} is off by {size} in a coordinate, {ratio:.0f} times that: good enough.")
         else:
             texts.append(
-                f"Warning: the model {words} is off by {size}, only {number(ratio, 2)} times as much: part of what "
-                "is seen is the instrument's own error."
+                f"Warning: {words[0].lower()}{words[1:]} is off by {size} in a coordinate, only {number(ratio, 2)} "
+                "times that: part of what is seen is the instrument's own error."
             )
     return Block("The instrument", tuple(texts))

@@ -22,7 +22,7 @@ _DOTS = 800  # more make a fog
 _IN_BIN = 20  # poses, on average
 _FEWEST = 4  # poses of a bin that is drawn
 _LEAST, _MOST = 6, 72  # bins: many, as errors of gears have tens of periods a turn
-_GAP = 0.2  # of the range: no line is drawn over it
+_GAP = 0.15  # of the bins, all of them empty: no line is drawn over it
 _LEVER = 0.05  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
 
 
@@ -52,7 +52,7 @@ class Binned:
         """The line with its band; it passes over a few empty bins, not over a wide gap."""
         known = np.isfinite(self.mean)
         x, mean, band = self.x[known], self.mean[known], self.band[known]
-        wide = np.flatnonzero(np.diff(x) > _GAP * (x.max(initial=-np.inf) - x.min(initial=np.inf))) + 1
+        wide = np.flatnonzero(np.diff(np.flatnonzero(known)) > max(_GAP * len(known), 3)) + 1
         x, mean, band = (np.insert(values, wide, np.nan) for values in (x, mean, band))
         axes.fill_between(x, mean - band, mean + band, color=colour, alpha=0.3, lw=0, zorder=3)
         axes.plot(x, mean, color=colour, lw=1.5, zorder=4, label=label)
@@ -61,7 +61,7 @@ class Binned:
 @styled
 def plot_residuals_over_joints(shown: Shown) -> Figure:
     """Errors along the motion of each joint over its value: dots are poses, the line is their mean in bins."""
-    from posture_opt.report.figures.residuals import COLOURS, TITLES, chosen_rows
+    from posture_opt.report.figures.residuals import COLOURS, TITLES
 
     robot = shown.robot
     figure = new_figure(9.6, 1.2 + 1.55 * robot.n)
@@ -69,16 +69,9 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
     for name, column in zip(shown.errors, grid.T, strict=True):
         sizes = []
         for axes, joint, x, along in zip(column, robot.joints, *_along(shown, shown.errors[name]), strict=True):
-            unit = "deg" if joint.type == "revolute" else "mm"
-            dots = chosen_rows(len(x), _DOTS)
-            axes.plot(
-                x[dots], along[dots], ".", color=COLOURS[name], ms=2.5, alpha=0.45, mew=0, zorder=2, rasterized=True
-            )
-            axes.axhline(0, color=GREY, lw=0.8, zorder=1)
-            if len(x) >= _FEWEST:
-                Binned.of(x, along).draw(axes, "black")
-                sizes.append(float(np.quantile(np.abs(along), 0.995)))
-            axes.set_xlabel(f"{joint.name} [{unit}]", labelpad=1)
+            _panel(axes, x, along, COLOURS[name])
+            sizes.append(float(np.quantile(np.abs(along), 0.995)))
+            axes.set_xlabel(f"{joint.name} [{'deg' if joint.type == 'revolute' else 'mm'}]", labelpad=1)
         limit = 1.1 * max(sizes, default=1.0)
         for axes in column:
             axes.set_ylim(-limit, limit)
@@ -87,6 +80,18 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
     figure.supylabel("error along the joint's own motion [mm]", fontsize=10)
     legend_below(grid[0][1], 2)
     return figure
+
+
+def _panel(axes: Any, x: Floats, along: Floats, colour: str) -> None:
+    from posture_opt.report.figures.residuals import chosen_rows
+
+    dots = chosen_rows(len(x), _DOTS)
+    look: dict[str, Any] = {"color": colour, "ms": 3 if len(x) > 200 else 6, "alpha": 0.5, "mew": 0}
+    some = f"{len(dots)} of {len(x)}" if len(dots) < len(x) else str(len(x))
+    axes.plot(x[dots], along[dots], ".", zorder=2, rasterized=True, label=f"{some} poses", **look)
+    axes.axhline(0, color=GREY, lw=0.8, zorder=1)
+    if len(x) >= _FEWEST:
+        Binned.of(x, along).draw(axes, "black", "mean of neighbours with its 95 % band")
 
 
 def _along(shown: Shown, errors: Floats) -> tuple[list[Floats], list[Floats]]:
