@@ -12,6 +12,7 @@
     data.csv ───── read_measurements ─> data
     problem, data ─ calibrate ────────> calibration  the parameters of the arm, with what the data determine
                                         problem ─ plan_measurements ─> plan    the postures to measure next
+    problem, data, calibration ─ check_spread ─> check  is the predicted spread true?
     problem, calibration ─ calibrated_problem ─> problem  the calibrated arm, to be planned with
 
 Inside everything is SI and radians. Wrong input raises ``errors.InputError``, an unsolvable problem
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.measurement_plan import MeasurementPlan
     from posture_opt.diagnosis.measurements import Measurements
     from posture_opt.diagnosis.reading import read_measurements
+    from posture_opt.diagnosis.spread_check import SpreadCheck, check_spread
     from posture_opt.model.arm import Arm
     from posture_opt.problem.calibrated import calibrated_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
@@ -51,12 +53,14 @@ __all__ = [
     "MeasurementPlan",
     "Measurements",
     "PostureSelector",
+    "SpreadCheck",
     "SpreadFunction",
     "TargetMap",
     "__version__",
     "assess",
     "calibrate",
     "calibrated_problem",
+    "check_spread",
     "diagnose",
     "errors",
     "load_problem",
@@ -78,11 +82,13 @@ _HOMES = {
     "MeasurementPlan": "diagnosis.measurement_plan",
     "Measurements": "diagnosis.measurements",
     "PostureSelector": "selection.selector",
+    "SpreadCheck": "diagnosis.spread_check",
     "SpreadFunction": "uncertainty.spread_function",
     "TargetMap": "selection.target_map",
     "assess": "diagnosis.assessment",
     "calibrate": "diagnosis.calibration",
     "calibrated_problem": "problem.calibrated",
+    "check_spread": "diagnosis.spread_check",
     "diagnose": "diagnosis.diagnosis",
     "load_problem": "problem.load",
     "map_targets": "selection.target_map",

@@ -52,6 +52,7 @@ def command(
             measured, found, folds, not no_priors, other, refit_frames,
             calibrated=(calibrated := po.calibrated_problem(problem, found)),
             assessment=po.assess(problem, measured, found),
+            spread_check=po.check_spread(problem, measured, found, folds=folds),
             replanned=None if no_plan else replanned(problem, found, calibrated, seed=common.seed),
         )  # fmt: skip
         if folder is not None:

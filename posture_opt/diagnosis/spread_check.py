@@ -33,6 +33,7 @@ from posture_opt.errors import InsufficientDataError
 Array = NDArray[np.float64]
 Codes = NDArray[np.intp]
 
+_LEVER = 0.01  # of the longest lever
 _FEW = 4  # coordinates of scatter for each σ: with fewer, one for all joints is asked for
 
 
@@ -53,6 +54,8 @@ class SpreadCheck:
         left: root mean square of a coordinate that the calibration leaves [m].
         noise: σ of each joint and of the instrument, estimated from repeats, or from what the calibration leaves.
         from_repeats: which of the two.
+        shown: (n,) whether the scatter of each joint shows: it moves the tool point by a hundredth of what the
+            others do, or more.
         sigma: (n,) what the problem states of the joints' scatter [rad, m].
         elsewhere: models of the scatter fitted at some postures and judged at others.
         odd: lines of postures whose visits differ far more than those of the others; they are left out.
@@ -67,6 +70,7 @@ class SpreadCheck:
     left: float
     noise: JointNoise | None
     from_repeats: bool
+    shown: NDArray[np.bool_]
     sigma: Array
     elsewhere: tuple[HeldOut, ...]
     odd: tuple[int, ...]
@@ -86,7 +90,7 @@ class SpreadCheck:
             "repeats": None if self.visits is None else {**self.visits.to_json(), "prediction": self.visits_by},
             "sigma_between_repeats": self.between or None,
             "sigma_left": self.left,
-            "joint_noise": None if self.noise is None else _noise_json(self.noise, self.from_repeats, self.sigma),
+            "joint_noise": _noise_json(self),
             "odd_lines": list(self.odd),
             "held_out": [found.to_json() for found in self.elsewhere],
         }
@@ -138,12 +142,19 @@ def check_spread(
         left=float(np.sqrt(np.mean(left**2))),
         noise=noise,
         from_repeats=bool(len(between.scatter.freedom)),
+        shown=_shown(used, calibration.x, noise),
         sigma=between.stated_sigma,
         elsewhere=elsewhere,
         odd=between.odd,
         remaining=remaining,
         instrument=residuals.sigma,
     )
+
+
+def _shown(residuals: Residuals, x: Array, noise: JointNoise | None) -> NDArray[np.bool_]:
+    lever = np.sqrt(np.mean(np.sum(joint_columns(residuals, x) ** 2, axis=1), axis=0))
+    moving = lever > _LEVER * np.where(_slides(residuals), 0.0, lever.max())
+    return np.asarray(moving & (noise.determined if noise is not None else True))
 
 
 def _sigma(remaining: RemainingScatter, residuals: Residuals) -> Array:
@@ -245,19 +256,22 @@ def _joints(
     return noise, predict_elsewhere(scatter, names, codes, stated, used.sigma)
 
 
-def _noise_json(noise: JointNoise, from_repeats: bool, stated: Array) -> dict[str, Any]:
+def _noise_json(found: SpreadCheck) -> dict[str, Any] | None:
+    noise = found.noise
+    if noise is None:
+        return None
     joints = [
         {
             "name": name, "sigma": float(sigma), "std": float(std) if np.isfinite(std) else None,
             "interval95": [float(low), float(high) if np.isfinite(high) else None],
-            "stated": float(given) or None, "determined": bool(np.isfinite(std)),
+            "stated": float(given) or None, "determined": bool(shown),
         }
-        for name, sigma, std, (low, high), given in zip(
-            noise.names, noise.sigma, noise.std, noise.interval, stated, strict=True
+        for name, sigma, std, (low, high), given, shown in zip(
+            noise.names, noise.sigma, noise.std, noise.interval, found.sigma, found.shown, strict=True
         )
     ]  # fmt: skip
     return {
-        "from": "repeats" if from_repeats else "calibration",
+        "from": "repeats" if found.from_repeats else "calibration",
         "joints": joints,
         "instrument": {
             "sigma": noise.instrument,

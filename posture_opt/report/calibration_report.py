@@ -13,12 +13,14 @@ from posture_opt.report.parameter_blocks import parameters_block, undetermined_b
 from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.replanned_blocks import replanned_blocks
 from posture_opt.report.residual_blocks import residual_blocks
-from posture_opt.report.units_text import count, decimals_of, fixed, number, percent, stated_length
+from posture_opt.report.truth_blocks import truth_blocks, truth_lead
+from posture_opt.report.units_text import count, decimals_of, fixed, number, stated_length
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.assessment import Assessment
     from posture_opt.diagnosis.calibration import Calibration
     from posture_opt.diagnosis.measurements import Measurements
+    from posture_opt.diagnosis.spread_check import SpreadCheck
     from posture_opt.diagnosis.validation import Statistics
     from posture_opt.problem.problem import Problem
     from posture_opt.problem.replanned import Replanned
@@ -46,6 +48,7 @@ class Learned:
     calibrated: Problem | None = None
     replanned: Replanned | None = None
     assessment: Assessment | None = None
+    spread_check: SpreadCheck | None = None
 
 
 def calibration_report(problem: Problem, learned: Learned) -> Report:
@@ -54,13 +57,15 @@ def calibration_report(problem: Problem, learned: Learned) -> Report:
         data_block(problem, learned),
         errors_block(problem, learned),
         *(residual_blocks(learned.assessment) if learned.assessment is not None else ()),
+        *(truth_blocks(learned.spread_check) if learned.spread_check is not None else ()),
         parameters_block(learned.calibration),
         undetermined_block(learned.calibration),
         outliers_block(learned),
         *([test_block(learned)] if learned.test is not None else []),
         *(replanned_blocks(learned.replanned) if learned.replanned is not None else ()),
     )
-    return Report(problem.name or "Calibration", (_answer(learned.calibration),), blocks)
+    truth = (truth_lead(learned.spread_check),) if learned.spread_check is not None else ()
+    return Report(problem.name or "Calibration", (_answer(learned.calibration), *truth), blocks)
 
 
 def _answer(found: Calibration) -> str:
@@ -98,11 +103,10 @@ def errors_block(problem: Problem, learned: Learned) -> Block:
     how += "." if found.by == "place" else f", in {rounds} rounds."
     free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
     frames = f" As it stands, the arm has only its free {' and '.join(free)} fitted." if free else ""
-    inside = f"{percent(found.coverage['calibrated'])} of the rows lie inside the predicted 95 % region."
     gone = f" {count(len(found.outliers), 'outlier is', 'outliers are')} not counted." if found.outliers else ""
     table = statistics_table({_NOMINAL: found.nominal, _CALIBRATED: found.calibrated})
     text = f"{how}{frames} The interval holds the RMS with 95 % confidence.{gone}"
-    return Block("What the simulation gets wrong", (text, table, inside))
+    return Block("What the simulation gets wrong", (text, table))
 
 
 def statistics_table(rows: dict[str, Statistics]) -> Table:

@@ -27,6 +27,8 @@ CAPTIONS = {
     "residual_inputs": "Mean errors with their 95 % bands over time, other inputs, and the side a joint came from.",
     "residual_region": "Errors of the calibrated model, and the ellipse that holds 95 of 100 of them.",
     "residual_shape": "Errors of the calibrated model beside the normal distribution: on the line means normal.",
+    "truth_coverage": "Measured rows in the predicted region of each probability: on the diagonal it is true.",
+    "truth_joints": "How much each joint scatters: estimated with 95 % intervals, and as stated.",
     "residual_repeats": "Repeated visits about their mean, with the ellipse that should hold 95 of 100 of them.",
 }
 

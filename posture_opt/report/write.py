@@ -24,9 +24,20 @@ if TYPE_CHECKING:
 Files = dict[str, bytes]
 
 RESIDUALS = ("vectors", "joints", "inputs", "region", "shape", "repeats")
+TRUTH = ("truth_coverage", "truth_joints")
 PLAN = ("plan_points", "plan_errors")
 MAPS = ("map", "map_spread")
-FIGURES = ("arm", "cloud", "budget", "joint_map", "landing", *(f"residual_{name}" for name in RESIDUALS), *PLAN, *MAPS)
+FIGURES = (
+    "arm",
+    "cloud",
+    "budget",
+    "joint_map",
+    "landing",
+    *(f"residual_{name}" for name in RESIDUALS),
+    *TRUTH,
+    *PLAN,
+    *MAPS,
+)
 DOCUMENTS = ("solution.json", "spread.json", "calibration.json", "plan.json", "map.json", "report.txt", "report.html")
 CALIBRATED = ("calibrated.yaml", "calibrated_covariance.csv", "calibrated.urdf")
 OWN_FILES = frozenset(
@@ -76,6 +87,9 @@ def calibration_document(learned: Learned) -> dict[str, Any]:
     document = learned.calibration.to_json()
     if learned.assessment is not None:
         document["assessment"] = learned.assessment.to_json()
+    if learned.spread_check is not None:
+        document["coverage95"] = learned.spread_check.coverage95
+        document["spread_check"] = learned.spread_check.to_json()
     if learned.replanned is not None:
         document["posture"] = learned.replanned.to_json()
     return document
@@ -157,6 +171,10 @@ def _calibration_figures(problem: Problem, learned: Learned) -> dict[str, Figure
     from posture_opt.report.figures.residuals import residual_figures
 
     figures = residual_figures(problem, learned)
+    if learned.spread_check is not None:
+        from posture_opt.report.figures.truth import truth_figures
+
+        figures |= truth_figures(learned.spread_check)
     again = learned.replanned
     if again is not None and again.before is not None and again.after is not None:
         from posture_opt.report.figures.landing import plot_landing

@@ -1,0 +1,115 @@
+"""Whether the predicted spread is true: reliability of the regions, and the scatter of each joint."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from posture_opt.diagnosis.coverage import LEVELS
+from posture_opt.report.style import BLUE, GREY, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.words import REGIONS
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.spread_check import SpreadCheck
+
+_TITLES = {"nominal": "as it stands", "calibrated": "calibrated"}
+_COLOURS = {"nominal": ORANGE, "calibrated": BLUE}
+_CLIP = 1.15  # times the largest value that is well told: beyond, a bar says nothing but that
+
+
+def truth_figures(found: SpreadCheck) -> dict[str, Figure]:
+    """Name -> figure."""
+    joints = {"truth_joints": plot_joint_scatter(found)} if found.noise is not None else {}
+    return {"truth_coverage": plot_reliability(found), **joints}
+
+
+@styled
+def plot_reliability(found: SpreadCheck) -> Figure:
+    """The share of the rows in the predicted region of every probability: on the diagonal the prediction is true."""
+    figure = new_figure(5.8, 6.0)
+    axes = figure.add_subplot()
+    nominal = found.coverage["nominal"]
+    whose = "the file's spread" if found.stated else "that of the instrument alone"
+    levels = 100 * np.array([0.0, *LEVELS, 1.0])
+    band = 100 * np.vstack([[0, 0], nominal.band, [1, 1]])
+    axes.fill_between(levels, band[:, 0], band[:, 1], color=LIGHT, lw=0, label=f"95 % of data sets, were {whose} true")
+    axes.plot([0, 100], [0, 100], color=GREY, lw=1)
+    for name, c in found.coverage.items():
+        n = len(c.probability)
+        shares = 100 * np.arange(1, n + 1) / n
+        label = _TITLES[name] + ("" if name != "nominal" or found.stated else " (the instrument alone)")
+        axes.step(100 * c.probability, shares, where="post", color=_COLOURS[name], label=label)
+        ends = 100 * np.array(c.interval)
+        off = {"nominal": -0.6, "calibrated": 0.6}[name]
+        axes.plot([95 + off] * 2, ends, color=_COLOURS[name], lw=3, solid_capstyle="butt", zorder=4)
+        axes.plot(95 + off, 100 * c.share, "o", color=_COLOURS[name], mec="white", ms=7, zorder=5)
+    region = REGIONS[nominal.dimension].removeprefix("95 % ")
+    axes.axvline(95, color=GREY, lw=0.8, ls=":")
+    axes.set(xlim=(0, 101), ylim=(0, 101), aspect="equal")
+    axes.set_xlabel(f"predicted: probability of the {region} [%] (dotted: 95 %)")
+    axes.set_ylabel("measured: rows inside it [%]")
+    legend_below(axes, 1)
+    return figure
+
+
+@styled
+def plot_joint_scatter(found: SpreadCheck) -> Figure:
+    """Estimated standard deviations with their 95 % intervals, and the stated ones."""
+    noise = found.noise
+    assert noise is not None
+    turning = [k for k, name in enumerate(noise.names) if not name.endswith(".d") and found.shown[k]]
+    sliding = [k for k, name in enumerate(noise.names) if name.endswith(".d") and found.shown[k]]
+    rows = {
+        k: (noise.names[k].rpartition(".")[0], noise.sigma[k], *noise.interval[k], found.sigma[k])
+        for k in map(int, np.flatnonzero(found.shown))
+    }
+    instrument = ("instrument", noise.instrument, *noise.instrument_interval, found.instrument)
+    lengths = [*(rows[k] for k in sliding), instrument]
+    panels = [([rows[k] for k in turning], "deg", math.degrees(1.0))] if turning else []
+    panels.append((lengths, "mm", 1e3))
+    heights = [len(part) for part, _, _ in panels]
+    figure = new_figure(6.4, 1.9 + 0.36 * sum(heights))
+    grid = figure.add_gridspec(len(panels), 1, height_ratios=[h + 0.8 for h in heights])
+    for k, (part, unit, factor) in enumerate(panels):
+        _bars(figure.add_subplot(grid[k]), part, unit, factor)
+    shown = dict(zip(*reversed(_labels(figure)), strict=True))
+    figure.legend(list(shown.values()), list(shown), loc="outside lower center", ncols=3)
+    return figure
+
+
+def _labels(figure: Figure) -> tuple[list[Any], list[Any]]:
+    pairs = [axes.get_legend_handles_labels() for axes in figure.axes]
+    return [h for handles, _ in pairs for h in handles], [label for _, labels in pairs for label in labels]
+
+
+def _bars(axes: Any, rows: list[tuple[Any, ...]], unit: str, factor: float) -> None:
+    told = [high for _, sigma, _, high, _ in rows if math.isfinite(high) and sigma > 0]
+    largest = max([*(sigma for _, sigma, *_ in rows), *(stated for *_, stated in rows)], default=0.0)
+    near = [high for high in told if high < 4 * largest]
+    edge = _CLIP * factor * max([largest, *near], default=1.0) or 1.0
+    labels = {"estimated": True, "95 % interval": True, "stated": True}
+    for k, (_, sigma, low, high, stated) in enumerate(rows):
+        beyond = not factor * high <= edge
+        end = edge if beyond else factor * high
+        axes.barh(
+            k,
+            factor * sigma,
+            color=BLUE,
+            height=0.6,
+            zorder=2,
+            label="estimated" if labels.pop("estimated", 0) else None,
+        )
+        label = "95 % interval" if labels.pop("95 % interval", 0) else None
+        axes.plot([factor * low, end], [k, k], color="black", lw=1.6, zorder=3, label=label)
+        if beyond:
+            axes.plot(end, k, ">", color="black", ms=6, zorder=4, clip_on=False)
+        if stated > 0:
+            label = "stated" if labels.pop("stated", 0) else None
+            axes.plot(factor * stated, k, "D", color=VERMILLION, ms=6, mec="white", zorder=5, label=label)
+    axes.set_yticks(range(len(rows)), [row[0] for row in rows])
+    axes.set(ylim=(len(rows) - 0.5, -0.5), xlim=(0, edge), xlabel=f"standard deviation [{unit}]")
+    axes.grid(axis="y", visible=False)
+    axes.tick_params(axis="y", length=0)

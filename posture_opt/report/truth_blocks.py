@@ -1,0 +1,238 @@
+"""What the report says of the predicted spread: whether it is true, between repeats and over all postures."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from posture_opt.report.blocks import Block, Table
+from posture_opt.report.repeat_blocks import MODELS
+from posture_opt.report.residual_blocks import p_value
+from posture_opt.report.units_text import angle, count, fixed, length, number, percent, stated_angle, stated_length
+from posture_opt.report.words import REGIONS
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.coverage import Coverage
+    from posture_opt.diagnosis.joint_prediction import HeldOut
+    from posture_opt.diagnosis.scatter_test import ScatterTest
+    from posture_opt.diagnosis.spread_check import SpreadCheck
+
+_LISTED = 8  # postures
+_WIDE = 0.1  # of the rows: so far does one draw of what stays move the share, that it needs words
+_NOTHING = 1e-3  # of the upper end of an interval: less than that is zero
+_MUCH = 2.0  # times the scatter between visits: more of what is left than that is no scatter
+
+
+def truth_blocks(found: SpreadCheck) -> tuple[Block, ...]:
+    """Coverage of the predicted regions, repeats against the prediction, scatter of each joint."""
+    noise = (joints_block(found),) if found.noise is not None else ()
+    return coverage_block(found), visits_block(found), *noise
+
+
+def truth_lead(found: SpreadCheck) -> str:
+    """The line for the top of the report."""
+    return coverage_sentence("nominal" if found.stated else "calibrated", found)
+
+
+def coverage_block(found: SpreadCheck) -> Block:
+    """How much of what was measured the predicted regions hold."""
+    how = (
+        "Each row is held against the region predicted for its posture by an arm that has not seen it: from the file's "
+        "uncertainty and the instrument for the arm as it stands; from what is still unsure of the parameters, the "
+        "scatter that the calibration leaves, and the instrument for the calibrated one."
+    )
+    sentences = [coverage_sentence(name, found) for name in found.coverage]
+    rows = tuple((MODELS[name], *_coverage_cells(c)) for name, c in found.coverage.items())
+    headers = (
+        "95 % region",
+        "holds",
+        "with 95 % confidence",
+        "were it true",
+        "to be scaled by",
+        "with 95 % confidence",
+    )
+    nominal = found.coverage["nominal"]
+    wide = found.stated and nominal.expected[1] - nominal.expected[0] > _WIDE
+    one = "What stays the same from visit to visit is drawn once for a robot: were the file's spread true, the share"
+    low, high = (percent(end) for end in nominal.expected)
+    draw = [f"{one} would still lie anywhere between {low} and {high}."] if wide else []
+    table = Table(headers, rows)
+    return Block("Is the predicted spread true?", (*sentences, how, table, *draw), "truth_coverage")
+
+
+def coverage_sentence(name: str, found: SpreadCheck) -> str:
+    """``The predicted 95 % ellipse holds 71 % of what was measured: the spread is understated by 1.9x.``"""
+    c = found.coverage[name]
+    if name == "nominal" and not found.stated:
+        return (
+            f"The problem states no uncertainty of the arm: as it stands, its predicted {REGIONS[c.dimension]} is that "
+            f"of the instrument alone and holds {percent(c.share)} of what was measured."
+        )
+    arm = "For the arm as it stands" if name == "nominal" else "Once calibrated"
+    holds = f"{arm}, the predicted {REGIONS[c.dimension]} holds {percent(c.share)} of what was measured"
+    return f"{holds}: {_verdict(c)}."
+
+
+def _verdict(c: Coverage) -> str:
+    low, high = (number(end, 2) for end in c.factor_interval)
+    if c.verdict == "right":
+        near = "" if float(low) <= 1 <= float(high) else " to within a tenth"
+        return f"the spread is right{near}, as far as these data tell (factor {low} to {high})"
+    if c.verdict == "understated":
+        return f"the spread is understated by {number(c.factor, 2)}x ({low} to {high})"
+    return f"the spread is overstated, {number(c.factor, 2)} ({low} to {high}) of it would do"
+
+
+def _coverage_cells(c: Coverage) -> tuple[str, ...]:
+    return (
+        percent(c.share),
+        f"{percent(c.interval[0])} to {percent(c.interval[1])}",
+        f"{percent(c.expected[0])} to {percent(c.expected[1])}",
+        number(c.factor),
+        f"{number(c.factor_interval[0])} to {number(c.factor_interval[1])}",
+    )
+
+
+def visits_block(found: SpreadCheck) -> Block:
+    """Scatter between repeats, against what the calibration leaves and against what the file says of visits."""
+    title = "Do repeats scatter as predicted?"
+    if not found.between:
+        told = (
+            "No posture was visited twice: what is scatter and what comes back at every visit, these data do not tell."
+        )
+        return Block(title, (told, "Visit some ten postures five times each to know."))
+    test = found.visits
+    texts = [_between_text(found)]
+    if found.odd:
+        lines = ", ".join(map(str, found.odd[:_LISTED])) + (" …" if len(found.odd) > _LISTED else "")
+        where = "the posture first visited in line" if len(found.odd) == 1 else "the postures first visited in lines"
+        texts.append(f"Left out: {where} {lines}, whose visits differ far more than any others: slips, no scatter.")
+    if test is None:
+        return Block(title, (*texts, "The file says nothing of scatter from visit to visit to be compared with."))
+    return Block(title, (*texts, *_test_texts(test, found.visits_by), _poses_table(test), *_more(test)))
+
+
+def _between_text(found: SpreadCheck) -> str:
+    size = f"Between visits of one posture a coordinate scatters by {length(found.between)} (standard deviation)"
+    ratio = found.left / found.between
+    left = f"{size}; the calibrated model is off by {length(found.left)} (root mean square)."
+    if ratio < _MUCH:
+        return f"{left} What it leaves is scatter, for the most part."
+    same = percent(1 - 1 / ratio**2)
+    return f"{left} So {same} of what is left, as a variance, comes back the same at every visit: it is no scatter."
+
+
+def _test_texts(test: ScatterTest, by: str) -> list[str]:
+    what = {
+        "visit": "the file's scatter from visit to visit and the instrument",
+        "joints": "the file's σ's of joint values, taken as scatter from visit to visit, and the instrument",
+    }[by]
+    how = f"Predicted from {what}. Errors that stay, such as wrong lengths, do not show between visits."
+    low, high = (number(end) for end in test.interval)
+    size = f"Measured is {number(test.factor)} times the predicted standard deviation ({low} to {high})"
+    verdict = {"right": "right", "understated": "understated", "overstated": "overstated"}[test.verdict]
+    shape = "" if math.isnan(test.p_shape) else f", of size and shape together {p_value(test.p_shape)}"
+    pooled = f"{size}: the scatter of visits is {verdict} (p of the size {p_value(test.p_size)}{shape})."
+    off = sum(not pose.true for pose in test.poses)
+    many = count(test.groups, "posture")
+    single = f"Tested one by one, {off} of {many} scatter{'s' * (off == 1)} otherwise than predicted."
+    return [how, pooled, single if off else f"Tested one by one, none of {many} scatters otherwise than predicted."]
+
+
+def _poses_table(test: ScatterTest) -> Table:
+    headers = ("line", "visits", "measured [mm]", "predicted [mm]", "ratio", "p, size", "p, shape", "as predicted")
+    rows = tuple(
+        (
+            str(pose.line), str(pose.n), number(1e3 * pose.measured), number(1e3 * pose.predicted),
+            number(pose.factor), _short(pose.p_size), "" if math.isnan(pose.p_shape) else _short(pose.p_shape),
+            "yes" if pose.true else "no",
+        )
+        for pose in test.poses[:_LISTED]
+    )  # fmt: skip
+    return Table(headers, rows, text_columns=0)
+
+
+def _short(p: float) -> str:
+    return p_value(p).replace("below ", "< ")
+
+
+def _more(test: ScatterTest) -> list[str]:
+    more = test.groups - _LISTED
+    return [f"and {more} more; all tests together err 5 % of the time."] if more > 0 else []
+
+
+def joints_block(found: SpreadCheck) -> Block:
+    """σ of each joint and of the instrument, and whether they predict other postures."""
+    noise = found.noise
+    assert noise is not None
+    source = (
+        "Estimated from the differences between visits (restricted likelihood)."
+        if found.from_repeats
+        else "Estimated from what the calibration leaves, which holds errors of the model too, as nothing was repeated."
+    )
+    rows = [
+        _joint_row(name, float(given), (float(s), float(e), float(low), float(high)), moved)
+        for name, given, s, e, (low, high), moved in zip(
+            noise.names, found.sigma, noise.sigma, noise.std, noise.interval, found.shown, strict=True
+        )
+    ]
+    rows.append(_instrument_row(found))
+    headers = ("scatter (standard deviation)", "stated", "estimated", "std. error", "95 % interval")
+    texts = [text for text in (_elsewhere_text(found.elsewhere, found.from_repeats),) if text]
+    return Block("Scatter of each joint", (source, Table(headers, tuple(rows)), *texts), "truth_joints")
+
+
+def _joint_row(name: str, stated: float, values: tuple[float, float, float, float], shown: bool) -> tuple[str, ...]:
+    sigma, std, low, high = values
+    slide = name.endswith(".d")
+    given = "" if not stated else stated_length(stated) if slide else stated_angle(stated)
+    if not shown:
+        return name, given, "not told", "", "it hardly moves the tool point"
+    write = _small_length if slide else _small_angle
+    interval = f"below {write(high)}" if low <= _NOTHING * high else f"{write(low)} to {write(high)}"
+    return name, given, write(sigma) if sigma > _NOTHING * high else "0", write(std), interval
+
+
+def _instrument_row(found: SpreadCheck) -> tuple[str, ...]:
+    noise, stated = found.noise, stated_length(found.instrument)
+    assert noise is not None
+    low, high = noise.instrument_interval
+    if not math.isfinite(noise.instrument_std):
+        return "instrument", stated, "not told", "", "not to be told from the joints"
+    size, error, least, most = (length(v, 2, [high]) for v in (noise.instrument, noise.instrument_std, low, high))
+    interval = f"below {most}" if low <= _NOTHING * high else f"{least} to {most}"
+    return "instrument", stated, size if noise.instrument > _NOTHING * high else "0", error, interval
+
+
+def _small_length(metres: float) -> str:
+    return length(metres, 2)
+
+
+def _small_angle(radians: float) -> str:
+    return angle(radians) if abs(radians) >= 1e-2 else f"{number(math.degrees(radians), 2)} deg"
+
+
+def _elsewhere_text(models: tuple[HeldOut, ...], repeats: bool) -> str:
+    """Whether σ's learned at some postures predict the ellipses at others."""
+    by = {model.model: model for model in models}
+    best = max((by[name] for name in ("joints", "one_sigma") if name in by), key=lambda m: m.gain, default=None)
+    if best is None:
+        return ""
+    words = "one σ for each joint" if best.model == "joints" else "one σ for all joints"
+    row = "visit" if repeats else "row"
+    tried = f"Learned at four fifths of the postures and tried at the others, {words}"
+    size = f"{fixed(best.gain, 2)} ± {fixed(best.gain_std, 2)} in the log-likelihood of a {row}"
+    if best.better is None:
+        told = f"{tried} predicts the scatter no better than one round region for all postures ({size})."
+    elif best.better:
+        likelier = number(math.exp(min(best.gain, 50.0)), 2)
+        told = (
+            f"{tried} predicts the scatter better than one round region for all postures: by {size}, which makes what "
+            f"was measured {likelier} times as likely, {row} by {row}."
+        )
+    else:
+        told = f"{tried} predicts the scatter worse than one round region for all postures ({size})."
+    if "stated" not in by:
+        return told
+    gain = best.log_likelihood - by["stated"].log_likelihood
+    return f"{told} Against the file's own statement it gains {fixed(gain, 2)}."
