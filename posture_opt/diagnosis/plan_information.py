@@ -145,5 +145,6 @@ def given_knowledge(problem: CalibrationProblem, data: Measurements, parameters:
     if data.touches:  # how well a ball sits in its socket says nothing of the instrument to come
         wide, variance = wide / np.sqrt(variance), 1.0
     gone = len(data) - len(kept)
-    notes += (f"{gone} of the given rows stand out and are not counted",) * (gone > 0)
+    stand = "stands" if gone == 1 else "stand"
+    notes += (f"{gone} of the given rows {stand} out and {'is' if gone == 1 else 'are'} not counted",) * (gone > 0)
     return Given(wide, start, variance, len(kept), len(J), notes)

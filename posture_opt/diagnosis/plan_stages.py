@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from posture_opt.diagnosis.plan_information import Given
 
 Array = NDArray[np.float64]
 
-_ROUNDING = 1e-12  # of the largest singular value
+_ROUNDING = 1e-7  # of the largest singular value
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +122,13 @@ class Unknowns:
 
     @property
     def settled(self) -> NDArray[np.bool_]:
-        """(k,) which parameters all candidates together would determine."""
-        return self.known.determined | self.beforehand.stated
+        """(k,) which parameters are determined already, or would be by all candidates together."""
+        return np.asarray(self.known.determined | self.already)
+
+    @cached_property
+    def already(self) -> NDArray[np.bool_]:
+        """(k,) which parameters the given data and the stated σ's determine: more data take nothing back."""
+        return np.asarray(self._told(self.given.R) | self.beforehand.stated)
 
     def criterion(self, purpose: str) -> Criterion:
         """What a plan for ``parameters`` or for the ``task`` makes small, in the unknowns z."""
@@ -138,14 +144,13 @@ class Unknowns:
         M = self.start + flat.T @ flat
         along = variances(M, self.L, self.T)
         task = float(np.sqrt(np.sum(along))) if len(along) else float("nan")
-        std = np.where(self._determined(J), np.sqrt(variances(M, self.D, self.T)), np.nan)
+        told = self.already | self._told(np.concatenate([J.reshape(-1, J.shape[-1]), self.given.R]))
+        std = np.where(told, np.sqrt(variances(M, self.D, self.T)), np.nan)
         return Stage(std, task, self._indices(J))
 
-    def _determined(self, J: Array) -> NDArray[np.bool_]:
-        rows = np.concatenate([J.reshape(-1, J.shape[-1]), self.given.R]) / np.sqrt(self.given.variance)
-        stack = np.concatenate([rows, self.beforehand.W])
-        found = identify(self.beforehand.names, stack, max(len(J) + self.given.rows, 1), scale=self.beforehand.scale)
-        return np.asarray(found.determined | self.beforehand.stated)
+    def _told(self, rows: Array) -> NDArray[np.bool_]:
+        stack = np.concatenate([rows / np.sqrt(self.given.variance), self.beforehand.W])
+        return identify(self.beforehand.names, stack, len(stack) + 1, scale=self.beforehand.scale).determined
 
     def _indices(self, J: Array) -> dict[str, float]:
         s = np.linalg.svd(np.concatenate([self.given.R, J.reshape(-1, J.shape[-1])]) @ self.seen, compute_uv=False)

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
 
 _MOST_ROWS = 60
+_WIDE = 100
+_TINY = 1e-6  # an index below it says that something is open
 _OPEN = "open"
 _SAID = {
     "O1": "geometric mean of the singular values, a pose",
@@ -165,13 +167,15 @@ def observability_block(plan: MeasurementPlan) -> Block:
 
 
 def _index(value: float) -> str:
-    return number(value) if value else "0"
+    return number(value) if value > _TINY else "0"
 
 
 def postures_block(plan: MeasurementPlan) -> Block:
     """The postures in order, with the tool point."""
     units = [joint_unit(joint.type) for joint in plan.robot.joints]
     heads = [f"{j.name} [{unit}]" for j, (unit, _) in zip(plan.robot.joints, units, strict=True)]
+    if len("  ".join([*heads, "no.", *3 * ["-1000.0"]])) > _WIDE:  # they will be broken: between words, then
+        heads = [head.replace("_", " ") for head in heads]
     factors = np.array([factor for _, factor in units])
     rows = tuple(
         (str(k + 1), *(fixed(float(v)) for v in q * factors), *(fixed(float(v), 1) for v in 1e3 * point))
