@@ -75,8 +75,8 @@ def strength(site: Site, e: Effect, U: Array, sigma: float) -> float:
 def strain(e: Effect) -> float:
     """What many parameters cost: the factor on λ that keeps the power of 25 at one parameter.
 
-    To be found 93 % of the time at one false alarm in 2150 takes λ = 25, 30 and 48 at 1, 3 and 18 parameters (noncentral
-    χ²). Up to three, 25 is kept as the definition.
+    To be found 93 % of the time at one false alarm in 2150 takes λ = 25, 30 and 48 at 1, 3 and 18 parameters, by the
+    noncentral χ². Up to three, 25 is kept as the definition.
     """
     return max(1.0, len(e.size) / 3) ** 0.36
 
