@@ -280,3 +280,25 @@ def test_ur10_lands_two_millimetres_apart_in_two_postures() -> None:
     assert goals.goals == 737  # of 738: one row is an outlier
     assert goals.measured.median == pytest.approx(2.04e-3, abs=0.01e-3)  # published with the data
     assert goals.missed["calibrated"].median < 0.3501e-3  # by arms that have not seen the posture
+
+
+def test_a_planar_arm_measured_in_space_without_an_error_across_its_plane() -> None:
+    rng = np.random.default_rng(12)
+    problem = planar()
+    q = rng.uniform(-2.5, 2.5, (60, 2))
+    points = np.column_stack([position(q, (1.0, 1.0 + LONGER)) + rng.normal(0, NOISE, q.shape), np.zeros(60)])
+    calibration = po.calibrate(problem, measured(problem, q, points))
+    found = po.assess(problem, measured(problem, q, points), calibration)
+    assert found.remaining.ellipse.rank == 2
+    assert found.remaining.factor == pytest.approx(2.5, abs=0.1)  # of a plane: in space it were 2.95
+    assert calibration.coverage["calibrated"] > 0.8
+
+
+def test_data_without_any_error_leave_nothing_to_assess() -> None:
+    q = np.random.default_rng(13).uniform(-2.5, 2.5, (40, 2))
+    problem = planar()
+    data = measured(problem, q, position(q))
+    found = po.assess(problem, data, po.calibrate(problem, data))
+    assert found.calibrated.zero
+    assert found.remaining is None
+    assert found.calibrated.coordinate == 0

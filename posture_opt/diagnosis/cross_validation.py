@@ -64,8 +64,9 @@ def predict(
         taught = position_errors(training, x)[:, residuals.axes]
         C = taught.T @ taught / max(len(taught) - len(residuals.parameters) / 3, 1)
         e = errors[np.ix_(left_out, residuals.axes)]
-        squared = np.einsum("ni,ni->n", e, np.linalg.solve(C, e.T).T)
-        inside[left_out] = squared <= 2 * gammaincinv(C.shape[0] / 2, 0.95)
+        # An arm in a plane has no error across it: C then spans the plane only.
+        squared = np.einsum("ni,ni->n", e @ np.linalg.pinv(C, rcond=1e-12, hermitian=True), e)
+        inside[left_out] = squared <= 2 * gammaincinv(max(np.linalg.matrix_rank(C, hermitian=True), 1) / 2, 0.95)
         tell()
     return Predicted(errors, inside, restless)
 
