@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 TEN_TIMES = 10.0  # better than what it judges an instrument should be
 _COVERAGE = 0.95
+_ROUNDING = 1e-12  # m
 
 
 class AssessedProblem(CalibrationProblem, Protocol):
@@ -120,8 +121,8 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
     axes = calibration.residuals.axes
     used = data.take(kept)
     direction = _direction(problem)
-    errors = {"nominal": -calibration.errors_nominal[kept], "calibrated": -calibration.errors[kept]}
-    fitted = {"nominal": errors["nominal"], "calibrated": -calibration.errors_fitted[kept]}
+    errors = {"nominal": _seen(calibration.errors_nominal[kept]), "calibrated": _seen(calibration.errors[kept])}
+    fitted = {"nominal": errors["nominal"], "calibrated": _seen(calibration.errors_fitted[kept])}
     models = {name: model_errors(used, errors[name], fitted[name], axes, direction) for name in errors}
     stated = problem.measurement.position if problem.measurement is not None else 0.0
     rotations = _turned(calibration.residuals.take(kept), calibration.x)
@@ -141,6 +142,11 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
         goals=goals_of(used, errors),
         notes=_notes(problem, axes, direction),
     )
+
+
+def _seen(errors: Array) -> Array:
+    """Measured minus model; what is rounding of a coordinate is no error."""
+    return np.where(np.abs(errors) > _ROUNDING, -errors, 0.0)
 
 
 def _direction(problem: AssessedProblem) -> Array | None:

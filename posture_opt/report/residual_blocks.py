@@ -82,9 +82,9 @@ def _mean_text(found: Assessment, name: str) -> str:
     model: ModelErrors = getattr(found, name)
     blocks = _blocks_text(found, model.blocks) if model.blocks else ""
     if model.mean is None:
-        overall = "the mean of every touched point is zero, for its place is known from the touches only"
+        overall = "the mean of every touched point is zero, as its place is known from the touches only"
     elif np.all(np.abs(model.mean.mean) <= _NOTHING * model.mean.error):
-        overall = "the mean over all rows is zero, for the base was fitted"
+        overall = "the mean over all rows is zero, as the fit makes it"
     else:
         mean, error = model.mean.mean.tolist(), model.mean.error.tolist()
         verdict = "chance explains that" if model.mean.zero else "that is no chance"
@@ -135,7 +135,10 @@ def remaining_block(found: Assessment) -> Block:
     """The second rule: the second moment of what remains is its vector uncertainty."""
     left = found.remaining
     if left is None:
-        return Block("What remains", ("Too few poses for a region of what remains.",))
+        return Block(
+            "What remains",
+            ("Nothing is left." if not found.calibrated.coordinate else "Too few poses for a region of what remains.",),
+        )
     ellipse = left.ellipse
     along = ", ".join(line_words(np.pad(a, (0, 3 - len(a)))) for a in ellipse.axes.T[::-1][: ellipse.rank])
     half = lengths([float(s) for s in (left.factor * ellipse.semi_axes)[::-1][: ellipse.rank]])

@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 _DOTS = 800  # more make a fog
 _IN_BIN = 20  # poses, on average
 _FEWEST = 4  # poses of a bin that is drawn
+_STEPS = 12  # different values, as of a payload: no more need to be put together
 _LEAST, _MOST = 6, 72  # bins: many, as errors of gears have tens of periods a turn
 _GAP = 0.15  # of the bins, all of them empty: no line is drawn over it
 _LEVER = 0.05  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
@@ -36,12 +37,14 @@ class Binned:
 
     @classmethod
     def of(cls, x: Floats, values: Floats, most: int = _MOST) -> Binned:
-        """Of values (n,) at x (n,), in ``most`` bins or fewer."""
+        """Of values (n,) at x (n,), in ``most`` bins or fewer; a few different x are bins of their own."""
         from scipy.special import stdtrit
 
-        bins = max(min(len(x) // _IN_BIN, most), _LEAST)
-        edges = np.linspace(x.min(), x.max(), bins + 1)
-        at = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, bins - 1)
+        steps, at = np.unique(x, return_inverse=True)
+        bins = len(steps)
+        if bins > _STEPS:
+            bins = max(min(len(x) // _IN_BIN, most), _LEAST)
+            at = np.clip(((x - steps[0]) / (steps[-1] - steps[0]) * bins).astype(int), 0, bins - 1)
         count = np.bincount(at, minlength=bins)
         some = np.where(count >= _FEWEST, count, np.nan)
         mean, middle = np.bincount(at, values, bins) / some, np.bincount(at, x, bins) / some
@@ -51,11 +54,11 @@ class Binned:
     def draw(self, axes: Any, colour: str, label: str = "") -> None:
         """The line with its band; it passes over a few empty bins, not over a wide gap."""
         known = np.isfinite(self.mean)
-        x, mean, band = self.x[known], self.mean[known], self.band[known]
         wide = np.flatnonzero(np.diff(np.flatnonzero(known)) > max(_GAP * len(known), 3)) + 1
-        x, mean, band = (np.insert(values, wide, np.nan) for values in (x, mean, band))
+        x, mean, band = (np.insert(values[known], wide, np.nan) for values in (self.x, self.mean, self.band))
+        marker = "o" if len(x) <= _STEPS else ""
         axes.fill_between(x, mean - band, mean + band, color=colour, alpha=0.3, lw=0, zorder=3)
-        axes.plot(x, mean, color=colour, lw=1.5, zorder=4, label=label)
+        axes.plot(x, mean, color=colour, lw=1.5, marker=marker, ms=4, zorder=4, label=label)
 
 
 @styled

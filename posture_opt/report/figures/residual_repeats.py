@@ -43,7 +43,9 @@ def plot_repeats(problem: Problem, shown: Shown, found: Assessment) -> Figure:
         axes = figure.add_subplot(lines, columns, k + 1)
         _panel(axes, cloud, ellipse)
         title = (
-            f"all visits of {len(groups)} poses" if alone else f"{len(rows)} visits, line {shown.data.line[rows[0]]}"
+            f"all visits of {len(groups)} poses, together"
+            if alone
+            else f"{len(rows)} visits, line {shown.data.line[rows[0]]}"
         )
         axes.set_title(title)
         axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
