@@ -10,10 +10,8 @@ import click
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import output_folder, progress_bar, show
-from posture_opt.cli.request import placed, requested_problem
-from posture_opt.cli.sigma import entries
+from posture_opt.cli.request import corner, placed, requested_problem
 from posture_opt.errors import InputError, Issue
-from posture_opt.units import parse_quantity
 
 
 @click.command("map")
@@ -51,8 +49,8 @@ def _where(grid: str | None, low: str | None, high: str | None) -> dict[str, Any
     issues: list[Issue] = []
     where = {
         "counts": _counts(grid, issues),
-        "low": _corner("--min", low, issues),
-        "high": _corner("--max", high, issues),
+        "low": corner("--min", low, issues),
+        "high": corner("--max", high, issues),
     }
     if issues:
         raise InputError(issues)
@@ -68,20 +66,3 @@ def _counts(text: str | None, issues: list[Issue]) -> tuple[int, ...] | None:
         issues.append(Issue(f"'{text}' is no grid", ("--grid",), text, mend))
         return None
     return tuple(map(int, parts))
-
-
-def _corner(option: str, text: str | None, issues: list[Issue]) -> tuple[float, float, float] | None:
-    if text is None:
-        return None
-    parts = entries(text)
-    values = []
-    for part in parts:
-        try:
-            values.append(parse_quantity(part, "length"))
-        except ValueError as error:
-            issues.append(Issue.told(str(error), (option,), part))
-    if len(parts) != 3:
-        issues.append(
-            Issue(f"a corner has three coordinates, {len(parts)} are given", (option,), text, "0.3 m, 0.1 m, 0.2 m")
-        )
-    return (values[0], values[1], values[2]) if len(values) == 3 else None

@@ -201,3 +201,21 @@ def _joint_value(pair: tuple[str, ...], robot: Robot, issues: list[Issue]) -> fl
     except ValueError as error:
         issues.append(Issue.told(str(error), key, pair[1]))
         return 0.0
+
+
+def corner(option: str, text: str | None, issues: list[Issue]) -> tuple[float, float, float] | None:
+    """The corner of a box [m] that an option states; what is wrong with it joins ``issues``."""
+    if text is None:
+        return None
+    parts = entries(text)
+    values = []
+    for part in parts:
+        try:
+            values.append(parse_quantity(part, "length"))
+        except ValueError as error:
+            issues.append(Issue.told(str(error), (option,), part))
+    if len(parts) != 3:
+        issues.append(
+            Issue(f"a corner has three coordinates, {len(parts)} are given", (option,), text, "0.3 m, 0.1 m, 0.2 m")
+        )
+    return (values[0], values[1], values[2]) if len(values) == 3 else None
