@@ -14,19 +14,20 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.clusters import clustered_covariance
 from posture_opt.diagnosis.comparison import compare, fit_frames, held_length
 from posture_opt.diagnosis.cross_validation import position_errors, predict, tested
-from posture_opt.diagnosis.estimation import estimate
+from posture_opt.diagnosis.estimation import Estimate, estimate
 from posture_opt.diagnosis.identifiability import Identifiability
 from posture_opt.diagnosis.knowledge import Knowledge, determine
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter
 from posture_opt.diagnosis.residuals import Residuals
+from posture_opt.diagnosis.sufficiency import check_amount, check_frames, check_geometry, check_sense, still_notes
 from posture_opt.diagnosis.validation import By, Statistics, folds_of, groups_of
-from posture_opt.errors import InsufficientDataError
 
 Array = NDArray[np.float64]
 
 Progress = Callable[[int, int], None]
 
+_ROUNDS = 3  # of fitting and judging the noise anew
 CORRELATED = 0.9  # from here on, one of two estimates leans on the other
 SIZE = "touched points alone do not tell the size of the arm: {} is held; state a distance under data.distances"
 
@@ -178,11 +179,14 @@ def calibrate(
     held = held_length(residuals)
     if held is not None:
         notes = (*notes, SIZE.format(residuals.parameters[held].name))
+    check_frames(residuals, position_errors(residuals, x_nominal))
     known = determine(problem, residuals, x_nominal, held, priors)
-    _check_amount(residuals, known, len(np.unique(groups)))
+    check_amount(residuals, known, len(np.unique(groups)))
     parts = folds_of(groups, folds, groups_by)
     tell = _teller(progress, 2 * len(parts) + 1)
-    found = estimate(residuals, x_nominal, known.directions, known.prior, weight=known.noise, design=known.design)
+    known, found = _fitted(problem, residuals, x_nominal, known, held, priors)
+    check_sense(residuals, position_errors(residuals, found.x)[found.kept])
+    check_geometry(residuals, known)
     tell()
     nominal = predict(residuals, parts, found, None, tell)
     calibrated = predict(residuals, parts, found, known, tell)
@@ -212,8 +216,31 @@ def calibrate(
         test=tested(problem, residuals, test, x_nominal, found.x, refit_frames),
         prior=known.stated,
         design=known.design,
-        notes=(*notes, *known.notes, *found.notes, *_restless(calibrated.restless, len(parts))),
+        notes=(
+            *notes,
+            *still_notes(problem.robot, data),
+            *known.notes,
+            *found.notes,
+            *_restless(calibrated.restless, len(parts)),
+        ),
     )
+
+
+def _fitted(
+    problem: CalibrationProblem, residuals: Residuals, x: Array, known: Knowledge, held: int | None, priors: bool
+) -> tuple[Knowledge, Estimate]:
+    """The estimate, and what is determined with the noise that it leaves.
+
+    An arm far off its drawing bends away from its tangents, which looks like noise until it is fitted: then the same
+    directions are judged again.
+    """
+    for _ in range(_ROUNDS):
+        found = estimate(residuals, x, known.directions, known.prior, weight=1.0, design=known.design)
+        again = determine(problem, residuals, x, held, priors, found)
+        if again.noise > known.noise / 2:
+            break
+        known = again
+    return known, found
 
 
 def _teller(progress: Progress | None, total: int) -> Callable[[], None]:
@@ -224,13 +251,3 @@ def _teller(progress: Progress | None, total: int) -> Callable[[], None]:
 
 def _restless(fits: int, rounds: int) -> tuple[str, ...]:
     return (f"{fits} of the {rounds} fits of the cross-validation did not come to rest",) if fits else ()
-
-
-def _check_amount(residuals: Residuals, known: Knowledge, groups: int) -> None:
-    measured, rank = len(residuals.data) * residuals.block + len(residuals.distances), known.directions.shape[1]
-    if measured <= rank or groups < 2:
-        poses = len(np.unique(residuals.data.pose))
-        raise InsufficientDataError(
-            f"{measured} measured coordinates in {poses} pose{'s' * (poses != 1)} cannot determine {rank} parameters "
-            f"and their errors: measure at least {int(np.ceil(rank / 3)) + 5} poses spread over the workspace"
-        )

@@ -64,7 +64,7 @@ def clustered_covariance(residuals: Residuals, found: Estimate, directions: Arra
         known = prior.matrix(len(found.x)) @ directions @ inverse
         M = M + found.weight**2 * known.T @ known
     values, vectors = np.linalg.eigh(M)
-    M = (vectors * np.maximum(values, found.fit.variance)) @ vectors.T
+    M = (vectors * np.maximum(values, found.variance)) @ vectors.T
     P = directions @ inverse
     return np.asarray(P @ M @ P.T)
 

@@ -90,21 +90,38 @@ def estimate(
         found = least_squares(_function(used, x0, directions, prior, weight), z, tolerance=_OFFSET, max_steps=100)
         z = found.x
         x = x0 + directions @ z
+        variance = found.variance
         if not robust and prior is None:
             settled = True
             break
         r, J = residuals.both(x)
         rows = n * residuals.block
-        gross, studentised = outlying(r[:rows], reduced(J[:rows], directions), residuals.block)
+        known = _known(prior, weight, directions)
+        gross, studentised = outlying(r[:rows], reduced(J[:rows], directions), residuals.block, known)
         gross = gross if robust else np.zeros(n, dtype=bool)
+        variance = _variance(found, known)
         # A prior that was weighed with the variance of a fit to outliers would be many times too sure of itself.
-        fair = np.sqrt(design * found.variance) if prior is not None else 0.0
+        fair = np.sqrt(design * variance) if prior is not None else 0.0
         settled = np.array_equal(~gross, kept) and abs(weight - fair) <= _FAIR * fair
         kept, weight = ~gross, fair
         if settled:
             break
-    covariance = design * directions @ found.covariance @ directions.T
-    return Estimate(x, covariance, kept, studentised, found.variance, found, settled, weight)
+    inverse = directions @ np.linalg.pinv(found.R, rcond=1e-14)
+    covariance = design * variance * inverse @ inverse.T
+    return Estimate(x, covariance, kept, studentised, variance, found, settled, weight)
+
+
+def _known(prior: Prior | None, weight: float, directions: Array) -> Array:
+    """The prior as further rows of the Jacobian."""
+    rows = np.zeros((0, directions.shape[1]))
+    return rows if prior is None else np.asarray(weight * prior.matrix(len(directions)) @ directions)
+
+
+def _variance(found: Fit, known: Array) -> float:
+    """Residual variance of the measurements: what a wrong prior costs is no noise of theirs."""
+    measured = found.residuals[: len(found.residuals) - len(known)]
+    by_prior = float(np.sum((known @ np.linalg.pinv(found.R, rcond=1e-14)) ** 2))
+    return float(measured @ measured) / max(len(measured) - len(found.x) + by_prior, 1.0)
 
 
 def _function(residuals: Residuals, x0: Array, directions: Array, prior: Prior | None, weight: float):  # type: ignore[no-untyped-def]

@@ -126,16 +126,17 @@ def _fit(x: Array, r: Array, R: Array, steps: int, converged: bool) -> Fit:
     return Fit(x, r, R, float(r @ r) / freedom, steps, converged)
 
 
-def outlying(residuals: Array, J: Array, block: int) -> tuple[NDArray[np.bool_], Array]:
+def outlying(residuals: Array, J: Array, block: int, known: Array | None = None) -> tuple[NDArray[np.bool_], Array]:
     """Which rows, of ``block`` residuals each, are gross outliers, and the studentised length (N,) of each row.
 
     The residuals of row i have the covariance ``s² (I − H_ii)``, ``H = J (JᵀJ)⁻¹ Jᵀ``; ``s`` is taken from the
     median of ``r_iᵀ (I − H_ii)⁻¹ r_i``, which outliers cannot move far. Gross is what Gaussian residuals would
     reach once in a thousand samples of this size, and half as much again, as real residuals have longer tails.
+    ``known`` are further rows of J, of a prior.
     """
     from scipy.special import gammainccinv
 
-    squared = _inflated_squares(residuals, J, block)
+    squared = _inflated_squares(residuals, J, block, known)
     studentised = np.sqrt(squared / _robust_variance(squared, block))
     return studentised > 1.5 * np.sqrt(2 * gammainccinv(block / 2, 1e-3 / len(squared))), studentised
 
@@ -154,10 +155,11 @@ def noise(residuals: Array, J: Array, block: int) -> float:
     return float(np.sqrt(_robust_variance(_inflated_squares(unexplained(residuals, J), J, block), block)))
 
 
-def _inflated_squares(residuals: Array, J: Array, block: int) -> Array:
+def _inflated_squares(residuals: Array, J: Array, block: int, known: Array | None = None) -> Array:
     """``r_iᵀ (I − H_ii)⁻¹ r_i`` (N,) of rows of ``block`` residuals."""
     n = len(residuals) // block
-    inverse = np.asarray(np.linalg.pinv(triangular(J), rcond=1e-14), dtype=float)
+    R = triangular(J if known is None else np.concatenate([J, known]))
+    inverse = np.asarray(np.linalg.pinv(R, rcond=1e-14), dtype=float)
     Q = reduced(J, inverse).reshape(n, block, -1)
     r = residuals.reshape(n, block)
     leverage = Q @ np.swapaxes(Q, -1, -2)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.clusters import design_effect
-from posture_opt.diagnosis.estimation import Prior
+from posture_opt.diagnosis.estimation import Estimate, Prior
 from posture_opt.diagnosis.fit import noise, unexplained
 from posture_opt.diagnosis.identifiability import ANGLE, LENGTH, Identifiability, identify
 from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter, prior_covariance
@@ -49,21 +49,21 @@ class Knowledge:
     notes: tuple[str, ...]
 
 
-def determine(problem: CalibrationProblem, residuals: Residuals, x: Array, held: int | None, priors: bool) -> Knowledge:
+def determine(
+    problem: CalibrationProblem, residuals: Residuals, x: Array, held: int | None, priors: bool,
+    found: Estimate | None = None,
+) -> Knowledge:  # fmt: skip
     """What measurements determine at the deviations ``x``, by themselves and with what is known beforehand.
 
     The noise is what no step of all parameters explains, but no less than the instrument's: what the model cannot
     express makes data worth less, and less still where neighbouring postures have it in common. Without stated σ's,
-    geometry has the prior of 10 mm and 1°.
+    geometry has the prior of 10 mm and 1°. With an estimate already ``found``, the noise is what that one leaves.
     """
     parameters, rows = residuals.parameters, len(residuals.data)
     names = [p.name for p in parameters]
-    r, J = residuals.both(x)
-    measured = rows * residuals.block
-    few = measured <= J.shape[1]
-    rest = unexplained(r[:measured], J[:measured])
-    design = 1.0 if few else design_effect(residuals, rest, J[:measured])
-    spread = max(noise(r[:measured], J[:measured], residuals.block), 1.0) * float(np.sqrt(design))
+    J = residuals.both(x)[1]
+    spread, design = _spread(residuals, x, found)
+    spread *= float(np.sqrt(design))
     indices, covariance = prior_covariance(problem, parameters) if priors else ([], np.zeros((0, 0)))
     scale = tolerances(parameters, indices)
     alone = identify(names, J, rows, held, scale=scale, noise=spread)
@@ -78,6 +78,19 @@ def determine(problem: CalibrationProblem, residuals: Residuals, x: Array, held:
     notes = (*_alike(design), *([NEAR.format(_vague(both))] if both.hardly.shape[1] else []))
     directions = np.concatenate([both.directions, both.hardly], axis=1)
     return Knowledge(alone, directions, fixed, prior, stated, spread, design, notes)
+
+
+def _spread(residuals: Residuals, x: Array, found: Estimate | None) -> tuple[float, float]:
+    """The residuals' standard deviation in units of the instrument's, at least 1, and their design effect."""
+    if found is not None:
+        residuals, x = residuals.take(np.flatnonzero(found.kept)), found.x
+    r, J = residuals.both(x)
+    measured = len(residuals.data) * residuals.block
+    r, J = r[:measured], J[:measured]
+    if measured <= J.shape[1]:
+        return 1.0, 1.0
+    rest = unexplained(r, J)
+    return max(noise(r, J, residuals.block), 1.0), design_effect(residuals, rest, J)
 
 
 def _alike(design: float) -> tuple[str, ...]:

@@ -143,6 +143,11 @@ def _guesses(q: Floats, robot: Robot, columns: dict[str, Column]) -> Iterator[Gu
                 which = ", ".join(names[j] for j in some)
                 mend = "write " + ", ".join(f"{names[j]} [{meant}]" for j in some)
                 yield Guess(other, f"the numbers of {which} are {meant}", mend, names[some[0]])
+    for i, name in enumerate(names):
+        other = q.copy()
+        other[:, i] *= -1
+        message = f"{name} counts in the opposite direction"
+        yield Guess(other, message, f"turn the sign of the numbers of {name}, or its axis in the problem file", name)
     for i, j in combinations(range(robot.n), 2):
         if robot.joints[i].type == robot.joints[j].type:
             other = q.copy()
