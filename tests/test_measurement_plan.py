@@ -156,6 +156,15 @@ def test_the_plan_keeps_to_limits_table_and_itself() -> None:
     assert plan.notes == ("no σ of the instrument is stated: 0.1 mm taken",)
 
 
+def test_the_tool_point_stays_where_the_instrument_sees_it() -> None:
+    low, high = (0.2, -0.3, 0.1), (0.7, 0.3, 0.9)
+    plan = plan_few(task_problem(), 15, within=(low, high))
+    points = SimulatedArm(TABLE, tool=shift(0, 0, 0.12)).points(plan.q)
+    assert (points >= np.array(low) - 1e-9).all()
+    assert (points <= np.array(high) + 1e-9).all()
+    assert not any("table" in note for note in plan.notes)
+
+
 def test_joints_of_two_turns_stay_within_one() -> None:
     arm = SimulatedArm(TABLE)
     plan = plan_few(po.problem_from_dict({"robot": arm.section(limits=("-360 deg", "360 deg"))}), 15)
@@ -291,7 +300,7 @@ def test_what_cannot_be_planned_is_said() -> None:
         plan_few(problem_of(), 0)
     with pytest.raises(InputError, match="a plan for 'speed' is not known"):
         plan_few(problem_of(), 30, purpose="speed")  # type: ignore[arg-type]
-    with pytest.raises(NoSolutionError, match="above 5000 mm: lower link_height"):
+    with pytest.raises(NoSolutionError, match=r"above 5000 mm: widen what is stated, link_height"):
         plan_few(problem_of(), 30, link_height=5.0)
 
 

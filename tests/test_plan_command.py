@@ -98,10 +98,23 @@ def test_json_alone_and_the_same_every_time(folder: Path) -> None:
 
 
 def test_a_preset_needs_no_file_and_keeps_above_its_table() -> None:
-    result = run("--robot", "ur5e", "--count", 12, "--link-height", "100 mm", "--json", "--candidates", 300)
+    result = run(
+        "--robot",
+        "ur5e",
+        "--count",
+        12,
+        "--link-height",
+        "100 mm",
+        "--max",
+        "1 m, 0 m, 1 m",
+        "--json",
+        "--candidates",
+        300,
+    )
     assert result.exit_code == 0, result.stderr
     document = json.loads(result.stdout)
     assert min(p["tool"][2] for p in document["postures"]) >= 0.1 - 1e-9
+    assert max(p["tool"][1] for p in document["postures"]) <= 0
     assert document["task"] is None
 
 
@@ -113,6 +126,9 @@ def test_a_preset_needs_no_file_and_keeps_above_its_table() -> None:
         (["--for", "speed"], 2, "--for"),
         (["--given", "dta.csv"], 2, "no such file"),
         (["--link-height", "5"], 2, "--link-height"),
+        (["--min", "1 m, 0 m"], 2, "--min: a corner has three coordinates"),
+        (["--min", "1 m, 0 m, 0 m", "--max", "0 m, 1 m, 1 m"], 2, "the box is empty"),
+        (["--min", "5 m, 0 m, 0 m"], 3, "with the tool point in the box"),
         (["--problem", "still.yaml"], 4, "no parameter can be determined"),
         (["--problem", "still.yaml", "--for", "task"], 2, "states no task to plan for"),
     ],

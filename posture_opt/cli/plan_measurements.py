@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,11 @@ import click
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import output_folder, progress_bar, show
-from posture_opt.cli.request import height_of, placed, requested_problem
+from posture_opt.cli.request import corner, height_of, placed, requested_problem
+from posture_opt.errors import InputError, Issue
+
+Corner = tuple[float, ...]
+Box = tuple[Corner, Corner]
 
 
 @click.command("plan-measurements")
@@ -30,19 +35,22 @@ from posture_opt.cli.request import height_of, placed, requested_problem
     "--candidates", type=click.IntRange(min=10, max=50_000), default=2000, show_default=True,
     help="Random postures to choose from.",
 )  # fmt: skip
+@click.option("--min", "low", metavar="TEXT", help='Lower corner of where the tool point may go: "0.3 m, -0.2 m, 0 m".')
+@click.option("--max", "high", metavar="TEXT", help="Its upper corner: what the instrument sees, say.")
 @common_options
 def command(
-    common: Common, count: int, data: Path | None, purpose: Any, candidates: int, link_height: str | None, **given: Any
-) -> None:
+    common: Common, count: int, data: Path | None, purpose: Any, candidates: int, link_height: str | None,
+    low: str | None, high: str | None, **given: Any,
+) -> None:  # fmt: skip
     """Which postures to measure next: those that tell most about the arm, or about its task."""
-    problem = requested_problem(**given)
+    problem, box = requested_problem(**given), _box(low, high)
     with output_folder(common.out) as folder, placed(problem):
         measured = None if data is None else po.read_measurements(data, problem)
         with progress_bar(common, "choosing postures") as progress:
             plan = po.plan_measurements(
                 problem, count, given=measured, purpose=purpose, seed=common.seed or 0,
-                link_height=None if link_height is None else height_of(link_height), candidates=candidates,
-                progress=progress,
+                link_height=None if link_height is None else height_of(link_height), within=box,
+                candidates=candidates, progress=progress,
             )  # fmt: skip
         if folder is not None:
             from posture_opt.report.plan_files import write_plan
@@ -55,3 +63,15 @@ def command(
         return plan_text(problem, plan)
 
     show(common, plan.to_json, text)
+
+
+def _box(low: str | None, high: str | None) -> Box | None:
+    """The corners of where the tool point may go; one of them alone bounds one side."""
+    issues: list[Issue] = []
+    corners = corner("--min", low, issues), corner("--max", high, issues)
+    lower, upper = corners[0] or (-math.inf,) * 3, corners[1] or (math.inf,) * 3
+    if not issues and any(a > b for a, b in zip(lower, upper, strict=True)):
+        issues.append(Issue("the box is empty: --min is above --max", ("--min",), low, "swap them"))
+    if issues:
+        raise InputError(issues)
+    return (lower, upper) if low or high else None

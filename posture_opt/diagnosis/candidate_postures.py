@@ -15,6 +15,9 @@ from posture_opt.robot.robot import Joint, Robot
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+Box = tuple[tuple[float, ...], tuple[float, ...]]
+ANYWHERE: Box = ((-math.inf,) * 3, (math.inf,) * 3)
+
 STEP = {"revolute": math.radians(0.01), "prismatic": 1e-5}
 """What postures are rounded to [rad, m]: numbers that a teach pendant takes as they are."""
 _MARGIN = {"revolute": math.radians(2.0), "prismatic": 2e-3}  # to a limit, where none is stated
@@ -31,6 +34,7 @@ class Room:
     Args:
         lower, upper: (n,) of every joint, one turn at most, the margins to the limits taken off [rad, m].
         height: the least height (world z) of the tool point and of all links that a joint can raise [m]; −inf: none.
+        box: lower and upper corner of where the tool point may go, world [m].
         own: how near corners of the chain, and the tool point, may come to links that are not their neighbours [m].
     """
 
@@ -38,10 +42,11 @@ class Room:
     lower: Array
     upper: Array
     height: float
+    box: Box
     own: float
 
     @classmethod
-    def of(cls, robot: Robot, *, height: float = -math.inf, margin: float = 0.0) -> Room:
+    def of(cls, robot: Robot, *, height: float = -math.inf, margin: float = 0.0, box: Box = ANYWHERE) -> Room:
         """The room inside the limits; ``margin`` to the limits of revolute joints where one is stated [rad].
 
         Raises:
@@ -49,7 +54,12 @@ class Room:
         """
         ranges = [_range(joint, margin) for joint in robot.joints]
         lower, upper = np.array(ranges, dtype=float).T
-        return cls(robot, lower, upper, height, _OWN * length(robot))
+        return cls(robot, lower, upper, height, box, _OWN * length(robot))
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the tool point is held in a box."""
+        return bool(np.isfinite(self.box).any())
 
     def allowed(self, q: Array) -> Mask:
         """(N,) which of the postures (N, n) are allowed."""
@@ -57,7 +67,8 @@ class Room:
         points = skeleton(self.robot, reached, len(q))
         moving = np.ptp(points[:, :, 2], axis=0) > 1e-9 if len(q) > 1 else np.ones(points.shape[1], dtype=bool)
         heights = np.where(moving, points[:, :, 2], np.inf).min(axis=1)
-        return np.asarray((heights >= self.height) & (own_distance(points, self.own) >= self.own))
+        inside = np.all((points[:, -1] >= self.box[0]) & (points[:, -1] <= self.box[1]), axis=1)
+        return np.asarray(inside & (heights >= self.height) & (own_distance(points, self.own) >= self.own))
 
     def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, float]:
         """``count`` random allowed postures (count, n), rounded, and the share of the tried ones that were allowed.
@@ -72,10 +83,11 @@ class Room:
             found.append(q[self.allowed(q)])
             have, tried = have + len(found[-1]), tried + _BATCH
         if have < count:
-            above = f" and above {self.height * 1e3:g} mm" if self.height > -math.inf else ""
+            above = f", above {self.height * 1e3:g} mm" if self.height > -math.inf else ""
+            above += ", with the tool point in the box" if self.bounded else ""
             raise NoSolutionError(
                 f"only {have} of {tried} random postures keep clear of the arm itself{above}: "
-                "lower link_height, or widen the limits of the joints"
+                "widen what is stated, link_height, the box or the limits of the joints"
             )
         return np.concatenate(found)[:count], have / tried
 

@@ -7,7 +7,7 @@ from typing import get_args
 
 import numpy as np
 
-from posture_opt.diagnosis.candidate_postures import Room
+from posture_opt.diagnosis.candidate_postures import ANYWHERE, Box, Room
 from posture_opt.diagnosis.exchange import Progress
 from posture_opt.diagnosis.measurement_plan import MeasurementPlan, Purpose, Target, plan
 from posture_opt.diagnosis.measurements import Measurements
@@ -33,6 +33,7 @@ def plan_measurements(
     purpose: Purpose = "parameters",
     seed: int = 0,
     link_height: float | None = None,
+    within: Box | None = None,
     candidates: int = 2000,
     progress: Progress | None = None,
 ) -> MeasurementPlan:
@@ -50,6 +51,7 @@ def plan_measurements(
         given: measurements made already.
         seed: of the candidates and starts; the same seed, the same plan.
         link_height: in place of the task's [m].
+        within: lower and upper corner (3,) of where the tool point may go, world [m]: what the instrument sees, say.
         candidates: random postures to choose from.
         progress: called with (done, total) rounds of the search.
 
@@ -64,9 +66,9 @@ def plan_measurements(
         raise InputError(Issue(f"a plan for '{purpose}' is not known", ("--for",), purpose, "parameters or task"))
     height, margin = bounds(problem)
     height = height if link_height is None else link_height
-    room = Room.of(problem.robot, height=height, margin=margin)
+    room = Room.of(problem.robot, height=height, margin=margin, box=within or ANYWHERE)
     target, notes = _target(problem, needed=purpose == "task")
-    notes += (NO_TABLE,) * (height == -math.inf and _upright(problem))
+    notes += (NO_TABLE,) * (height == -math.inf and not (within and within[0][2] > -math.inf) and _upright(problem))
     notes += (NO_TOOL,) * (given is None and _at_flange(problem))
     return plan(
         problem, room, count, given=given, purpose=purpose, target=target, seed=seed, candidates=candidates,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.problem.measurement_plan import NO_TABLE
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.parts import note_facts, robot_facts, sentence
 from posture_opt.report.units_text import (
@@ -62,14 +63,18 @@ def answer(plan: MeasurementPlan) -> tuple[str, ...]:
         first = f"{chosen} what as many random ones would {what}: this arm is easy to measure."
     else:
         first = f"{chosen} what {plan.equivalent} random ones would {what}."
+    table = "Nothing says where the table is: state a link_height before the robot drives there."
+    warned = (table,) if NO_TABLE in plan.notes else ()
     if plan.target is None or math.isnan(plan.after.task):
-        return (first,)
-    before = "" if math.isnan(plan.before.task) else f", {length(plan.before.task)} without them"
+        return (first, *warned)
+    known = plan.given is not None and not math.isnan(plan.before.task)
+    before = f", {length(plan.before.task)} without them" if known else ""
     counted = {"across": "across the direction ", "along": "along the direction "}.get(plan.target.within, "")
     return (
         first,
         f"What is not known of the arm will then put its tool point {length(plan.after.task)} off {counted}at the "
         f"task's posture (one standard deviation{before}).",
+        *warned,
     )
 
 
@@ -111,8 +116,10 @@ def _given(plan: MeasurementPlan) -> str:
 def _room(plan: MeasurementPlan) -> str:
     height = plan.room.height
     above = f"links and tool point above {stated_length(height)}, " if height > -math.inf else ""
+    box = "the tool point in the stated box, " if plan.room.bounded else ""
     return (
-        f"{above}the limits of the joints, and the tool point {length(plan.room.own, 2)} off the arm's other links; "
+        f"{above}{box}within the limits of the joints, and no corner of the arm nearer than {length(plan.room.own, 2)} "
+        "to a link that is not its neighbour; "
         f"{percent(plan.share)} of all postures do. Nothing else is checked for collisions: drive slowly the first time"
     )
 
@@ -122,15 +129,21 @@ def gain_block(plan: MeasurementPlan) -> Block:
     known = [int(np.sum(np.isfinite(stage.std))) for stage in (plan.before, plan.after, plan.random)]
     rows = [("parameters determined", *(str(n) for n in known))]
     if plan.target is not None:
-        rows.append(("tool point at the task [mm]", *(_value(s.task * 1e3) for s in _stages(plan))))
+        off = [_value(stage.task * 1e3) for stage in _stages(plan)]
+        rows.append(("tool point at the task [mm]", _OPEN if plan.given is None else off[0], *off[1:]))
     n = len(plan.q)
+    told = "what the given rows tell" if plan.given is not None else "nothing is measured"
     text = (
-        f"Before: what {'the given rows and ' * (plan.given is not None)}the tolerances of the parts tell. "
+        f"Before: {told}, and the stated σ's. "
         f"Random: the median of {count(21, 'plan')} of {count(n, 'random posture')} that keep clear of the same. "
     )
     what = "standard errors (geometric mean)" if plan.purpose == "parameters" else "standard deviation at the task"
-    text += f"The {what} would be {percent(plan.gain - 1)} larger with random ones." if plan.gain > 1.005 else ""
+    text += f"The {what} would be {_larger(plan.gain)} with random ones." if plan.gain > 1.005 else ""
     return Block("What it brings", (text, Table(("", "before", "planned", "random"), tuple(rows))), "plan_points")
+
+
+def _larger(gain: float) -> str:
+    return f"{percent(gain - 1)} larger" if gain < 2 else f"{number(gain, 2)} times as large"
 
 
 def _stages(plan: MeasurementPlan) -> tuple[Stage, Stage, Stage]:
@@ -150,6 +163,8 @@ def parameters_block(plan: MeasurementPlan) -> Block:
             rows.append((p.name, unit, *(_value(stage.std[i] * factor) for stage in _stages(plan))))
     table = Table(("parameter", "unit", "before", "planned", "random"), tuple(rows), text_columns=2)
     text = f"Expected standard errors; '{_OPEN}' is what cannot be told."
+    if plan.purpose == "task":
+        text += " They are a by-product of a plan for the task: a plan for parameters makes them small."
     words = [sentence(word.replace("was measured", "is measured")) for word in plan.words]
     never = ["No posture can tell these apart with this instrument:", *words] if words else []
     return Block("Parameters", (text, table, *never), "plan_errors")

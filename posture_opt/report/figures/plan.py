@@ -89,7 +89,8 @@ def _errors(axes: Any, plan: MeasurementPlan, rows: list[int], factor: float) ->
 
     y = np.arange(len(rows))
     before, after, random = (stage.std[rows] * factor for stage in (plan.before, plan.after, plan.random))
-    axes.hlines(y, after, np.fmax(before, random), color=LIGHT, lw=1.5, zorder=1)
+    three = np.array([before, after, random])
+    axes.hlines(y, np.fmin.reduce(three), np.fmax.reduce(three), color=LIGHT, lw=1.5, zorder=1)
     axes.plot(before, y, "s", color=GREY, ms=6, zorder=2, ls="none", label="before")
     axes.plot(random, y, "D", color=ORANGE, ms=6, zorder=3, ls="none", label=f"{len(plan.q)} random postures")
     axes.plot(after, y, "o", color=BLUE, ms=7, zorder=4, ls="none", label="planned")
