@@ -16,6 +16,7 @@ from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.prediction import (
     Errors,
+    Prediction,
     calibrated_prediction,
     columns,
     joint_columns,
@@ -109,26 +110,13 @@ def check_spread(
     using the stochastic ellipsoid approach, Robotica 24 (2006) 477.
     """
     residuals = calibration.residuals
-    kept = np.ones(len(data), dtype=bool)
-    kept[list(calibration.outliers)] = False
-    rows, axes = np.flatnonzero(kept), residuals.axes
+    rows, axes = _kept(calibration), residuals.axes
     used = residuals.take(rows)
     errors = Errors.of(residuals, problem.sources)
     remaining = remaining_scatter(problem, calibration)
     groups = groups_of(data, calibration.by, folds)
-    parts = folds_of(groups, folds, calibration.by)
-    taught = 1 - 1 / max(len(parts), 2)
-    stated = nominal_prediction(residuals, calibration.x_nominal, errors, residuals.sigma, parts, kept)
-    predicted = {
-        "nominal": stated.take(rows),
-        "calibrated": calibrated_prediction(
-            used, calibration.x, calibration.covariance, _sigma(remaining, residuals),
-            _instrument(remaining, residuals), taught,
-        ),
-    }  # fmt: skip
-    measured = {"nominal": calibration.errors_nominal, "calibrated": calibration.errors}
     coverage = {
-        name: Coverage.of(measured[name][np.ix_(rows, axes)], predicted[name], groups[rows]) for name in predicted
+        name: Coverage.of(*parts) for name, parts in predictions(problem, calibration, folds, remaining).items()
     }
     left = calibration.errors[np.ix_(rows, axes)]
     between = _Between.of(problem, used, calibration, errors)
@@ -149,6 +137,34 @@ def check_spread(
         remaining=remaining,
         instrument=residuals.sigma,
     )
+
+
+def predictions(
+    problem: CalibrationProblem, calibration: Calibration, folds: int = 5, remaining: RemainingScatter | None = None
+) -> dict[str, tuple[Array, Prediction, Codes]]:
+    """Held-out errors (N, d) [m] by model, what is predicted of them, and the groups (N,) that hang together."""
+    residuals, rows = calibration.residuals, _kept(calibration)
+    remaining = remaining or remaining_scatter(problem, calibration)
+    groups = groups_of(residuals.data, calibration.by, folds)
+    parts = folds_of(groups, folds, calibration.by)
+    kept = np.isin(np.arange(len(residuals.data)), rows)
+    nominal = nominal_prediction(
+        residuals, calibration.x_nominal, Errors.of(residuals, problem.sources), residuals.sigma, parts, kept
+    )
+    calibrated = calibrated_prediction(
+        residuals.take(rows), calibration.x, calibration.covariance, _sigma(remaining, residuals),
+        _instrument(remaining, residuals), 1 - 1 / max(len(parts), 2),
+    )  # fmt: skip
+    measured = np.ix_(rows, residuals.axes)
+    return {
+        "nominal": (calibration.errors_nominal[measured], nominal.take(rows), groups[rows]),
+        "calibrated": (calibration.errors[measured], calibrated, groups[rows]),
+    }
+
+
+def _kept(calibration: Calibration) -> Codes:
+    """The rows that are no outliers."""
+    return np.setdiff1d(np.arange(len(calibration.residuals.data)), calibration.outliers)
 
 
 def _shown(residuals: Residuals, x: Array, noise: JointNoise | None) -> NDArray[np.bool_]:
@@ -185,7 +201,7 @@ class _Between:
     @classmethod
     def of(cls, problem: CalibrationProblem, used: Residuals, calibration: Calibration, errors: Errors) -> _Between:
         data = used.data
-        visit, by = _visit(errors, used)
+        visit, by = visit_errors(errors, used)
         driven = list(used.robot.driven)
         stated = np.zeros(len(driven))
         for k, factor in enumerate(driven):
@@ -223,7 +239,7 @@ def _gross(scatter: Scatter) -> NDArray[np.bool_]:
     return np.asarray(size > 4 * scale * chdtri(freedom, 1e-3 / len(freedom)))
 
 
-def _visit(errors: Errors, residuals: Residuals) -> tuple[Array, str]:
+def visit_errors(errors: Errors, residuals: Residuals) -> tuple[Array, str]:
     """The covariance of what changes between visits; where the problem says nothing of it, σ's of joint values."""
     if errors.visit.any():
         return errors.visit, "visit"

@@ -23,7 +23,7 @@ _IN_BIN = 20  # poses, on average
 _FEWEST = 4  # poses of a bin that is drawn
 _STEPS = 12  # different values, as of a payload: no more need to be put together
 _LEAST, _MOST = 6, 72  # bins: many, as errors of gears have tens of periods a turn
-_GAP = 0.15  # of the bins, all of them empty: no line is drawn over it
+_GAP = 0.08  # of the bins, all of them empty: no line is drawn over it
 _LEVER = 0.05  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.prediction import Errors, columns
+from posture_opt.diagnosis.spread_check import visit_errors
 from posture_opt.report.figures.residual_shape import boundary
 from posture_opt.report.style import BLUE, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.words import line_words
@@ -100,12 +102,12 @@ def _pooled(shown: Shown, groups: list[Codes], B: Floats) -> Floats:
 
 
 def _predicted(problem: Problem, shown: Shown, rows: Codes, B: Floats) -> Ellipsoid | None:
-    """The scatter [mm²] of visits by the problem: its joints from visit to visit, and its instrument."""
-    sigma = dict(zip(problem.sources.names, problem.sources.sigma, strict=True))
-    C = np.zeros((3, 3))
-    for joint, column in zip(problem.robot.joints, shown.columns, strict=True):
-        s = sigma.get(f"{joint.name}.{'theta' if joint.type == 'revolute' else 'd'}", 0.0)
-        C += s**2 * column[rows].T @ column[rows] / len(rows)
+    """The scatter [mm²] of visits by the problem: what it says changes from visit to visit, and its instrument."""
+    residuals = shown.residuals.take(rows)
+    errors = Errors.of(residuals, problem.sources)
+    J = residuals.sigma * columns(residuals, shown.x, errors.factors)[:, : len(shown.axes)]
     instrument = problem.measurement.position if problem.measurement is not None else 0.0
-    C = 1e6 * B @ (C + (instrument or 0.0) ** 2 * np.eye(3)) @ B.T
-    return Ellipsoid(np.zeros(2), C) if np.trace(C) > 0 else None
+    C = J @ visit_errors(errors, residuals)[0] @ np.swapaxes(J, -1, -2)
+    C = C.mean(axis=0) + (instrument or 0.0) ** 2 * np.eye(len(shown.axes))
+    drawn = B[:, list(shown.axes)]
+    return Ellipsoid(np.zeros(2), 1e6 * drawn @ C @ drawn.T) if np.trace(C) > 0 else None

@@ -15,6 +15,7 @@ from posture_opt.report.units_text import number
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.measurements import Measurements
+    from posture_opt.diagnosis.residuals import Residuals
     from posture_opt.problem.problem import Problem
     from posture_opt.report.calibration_report import Learned
     from posture_opt.robot.robot import Robot
@@ -33,14 +34,15 @@ class Shown:
     """What is drawn of a calibration, outliers left out.
 
     Args:
+        residuals: the arm against the rows; ``x`` the calibrated deviations.
         errors: by model, (N, 3) measured minus model, cross-validated [mm].
         places: (N, 3) where, measured or the touched point [mm].
         columns: by joint, (N, 3) how the joint moves the tool point [m/rad or m/m].
         base: (3,) where the calibrated arm stands [mm].
     """
 
-    robot: Robot
-    data: Measurements
+    residuals: Residuals
+    x: Floats
     errors: dict[str, Floats]
     places: Floats
     columns: tuple[Floats, ...]
@@ -62,9 +64,17 @@ class Shown:
         origin = reached.screws[len(residuals.robot.base)].origin
         columns = tuple(_rows(position_column(reached, k), len(kept)) for k in residuals.robot.driven)
         return cls(
-            residuals.robot, residuals.data, errors, 1e3 * places, columns, 1e3 * _rows(origin, len(kept))[0],
+            residuals, found.x, errors, 1e3 * places, columns, 1e3 * _rows(origin, len(kept))[0],
             tuple(int(axis) for axis in residuals.axes),
         )  # fmt: skip
+
+    @property
+    def robot(self) -> Robot:
+        return self.residuals.robot
+
+    @property
+    def data(self) -> Measurements:
+        return self.residuals.data
 
     @property
     def views(self) -> tuple[tuple[int, int], ...]:
@@ -130,7 +140,7 @@ def plot_residual_vectors(shown: Shown) -> Figure:
     lengths = np.linalg.norm(shown.errors["nominal"], axis=1)
     large = float(np.quantile(lengths, 0.95))
     factor = exaggeration(large, float(np.ptp(shown.places, axis=0).max()))
-    ends = np.concatenate([shown.places, (shown.places + factor * shown.errors["nominal"])[rows]])
+    ends = np.concatenate([shown.places[rows], (shown.places + factor * shown.errors["nominal"])[rows]])
     boxes = [(ends[:, list(view)].min(axis=0), ends[:, list(view)].max(axis=0)) for view in views]
     heights = [float(np.clip(4.4 * (high - low)[1] / (high - low)[0], 1.6, 6.0)) for low, high in boxes]
     figure = new_figure(9.6, sum(heights) + 0.8)
