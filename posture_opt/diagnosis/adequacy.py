@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.measurements import Measurements
-from posture_opt.diagnosis.scores import Ground, gumbel_tail
+from posture_opt.diagnosis.scores import Ground, tail
 
 Array = NDArray[np.float64]
 
-LEVEL = 0.01
+LEVEL = 0.008
 _ROWS = 1200  # of a kernel: more are thinned out
 _SCALES = (0.5, 0.15)  # of the range of a joint
 _FIELD = (0.5, 0.2)  # of the size of the workspace
@@ -76,7 +76,7 @@ def _structure(ground: Ground, data: Measurements, points: Array, block: int) ->
     z = (table - centre[:, None]) / np.maximum(spread, 1e-300)[:, None]
     most = z[:, 1:].max(axis=0)
     best = int(np.argmax(z[:, 0]))
-    return gumbel_tail(most, float(z[best, 0])), names[best]
+    return tail(most, float(z[best, 0])), names[best]
 
 
 def _kernels(data: Measurements, points: Array, rows: NDArray[np.intp]) -> Iterator[tuple[str, Array]]:

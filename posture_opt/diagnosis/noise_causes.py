@@ -17,7 +17,7 @@ from posture_opt.diagnosis.tangents import Tangents
 
 Array = NDArray[np.float64]
 
-LEVEL = 0.01
+LEVEL = 0.007
 _STATED = 0.003  # a stated σ is a matter of taste: only a clear difference is worth a word
 _RIVALS = 6.0
 

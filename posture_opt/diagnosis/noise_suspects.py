@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.diagnosis.scores import gumbel_tail
+from posture_opt.diagnosis.scores import tail
 
 Array = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ def joint_and_range(
     most = np.stack(table)[:, 1:].max(axis=0)
     suspects = []
     for (kind, target, size), ratios in zip(found, table, strict=True):
-        p = gumbel_tail(most, float(ratios[0]))
+        p = tail(most, float(ratios[0]))
         suspects.append(NoiseSuspect(kind, target, float(ratios[0]), p, size, size / np.sqrt(max(ratios[0], 1.0))))
     return sorted(suspects, key=lambda s: -s.ratio)
 

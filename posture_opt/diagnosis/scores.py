@@ -190,11 +190,14 @@ def _two_columns(gram: tuple[Array, Array, Array], bs: Array, bc: Array) -> Arra
     return np.asarray(np.where(good, value, 0.0))
 
 
-def gumbel_tail(most: Array, value: float) -> float:
-    """p-value of ``value`` among the maxima of draws: counted, and beyond them by their Gumbel law."""
+def tail(most: Array, value: float) -> float:
+    """p-value of ``value`` among the maxima of draws: counted, and beyond them along an exponential tail.
+
+    The tail has the mean excess of the largest tenth (Pickands 1975, with shape zero).
+    """
     share = (1 + float(np.sum(most >= value))) / (1 + len(most))
     if share > 10 / (1 + len(most)):
         return share
-    beta = max(float(most.std()) * np.sqrt(6) / np.pi, 1e-12)
-    mode = float(most.mean()) - 0.5772 * beta
-    return float(min(share, max(-np.expm1(-np.exp(-(value - mode) / beta)), 1e-300)))
+    start = float(np.quantile(most, 0.9))
+    excess = max(float(np.mean(most[most >= start] - start)), 1e-12)
+    return float(min(share, max(0.1 * np.exp(-(value - start) / excess), 1e-300)))

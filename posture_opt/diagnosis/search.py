@@ -17,10 +17,11 @@ from posture_opt.model.effects import Case
 
 Array = NDArray[np.float64]
 
-FIRST = 0.035  # of the 5 % for the whole verdict: the first effect; the rest is left to noise and lack of fit
+FIRST = 0.032  # of the 5 % for the whole verdict: the first effect; the rest is left to noise and lack of fit
 FURTHER = 0.02  # every effect after the first
 RIVALS = 6.0  # of the criterion: within it, two causes cannot be told apart
 NAMELESS = 3.0  # the price of having no name
+LARGE = 4  # parameters: beyond, a group is charged as a group
 MOST = 16
 
 
@@ -68,7 +69,6 @@ class Verdict:
     judged: tuple[Judged, ...]
     chance: Chance
     left: Judged | None
-    left_chance: Chance | None
 
 
 def search(scene: Scene) -> Verdict:
@@ -77,16 +77,19 @@ def search(scene: Scene) -> Verdict:
     base = scene.ground()
     judged, chance = judge(base, suspects, scene.tangents, scene.case)
     if not judged or judged[0].p_value >= FIRST:
-        return Verdict((), (), (), (), tuple(judged), chance, judged[0] if judged else None, chance)
+        return Verdict((), (), (), (), tuple(judged), chance, judged[0] if judged else None)
     finalists = _finalists(scene, base, judged)
     chosen: tuple[Suspect, ...] = ()
-    seen: set[tuple[object, ...]] = set()
+    seen: set[tuple[str, ...]] = set()
     while True:
         pool = _pool(base, finalists)
         start = tuple(i for i, f in enumerate(finalists) if any(f.what == c.what for c in chosen))
-        chosen = _pruned(scene, base, chance, [finalists[i] for i in best_set(pool, start, MOST)])
+        best = [finalists[i] for i in best_set(pool, start, MOST)]
+        after, chance = judge(scene.ground(best), suspects, scene.tangents, scene.case)
+        chosen = _pruned(scene, chance, best)
+        if len(chosen) < len(best):
+            after, chance = judge(scene.ground(chosen), suspects, scene.tangents, scene.case)
         key = tuple(sorted(str(s.what) for s in chosen))
-        after, left_chance = judge(scene.ground(chosen), suspects, scene.tangents, scene.case)
         fresh = [j for j in after if j.p_value < FURTHER]
         if not fresh or key in seen or len(chosen) >= MOST:
             break
@@ -103,7 +106,6 @@ def search(scene: Scene) -> Verdict:
         tuple(judged),
         chance,
         after[0] if after else None,
-        left_chance,
     )
 
 
@@ -124,11 +126,23 @@ def _merged(former: list[Suspect], new: list[Suspect]) -> list[Suspect]:
 
 def _pool(ground: Ground, suspects: Sequence[Suspect]) -> Pool:
     bases = [surviving(ground, s.Z)[0] for s in suspects]
-    price = [2 * np.log(s.searched) + (0.0 if s.named else NAMELESS) for s in suspects]
+    price = [_price(ground, s, basis) for s, basis in zip(suspects, bases, strict=True)]
     # Two shapes of one cause exclude each other; lines of one joint do not, unless they are the same line.
     codes: dict[object, int] = {}
     rivals = [codes.setdefault(_exclusive(s), len(codes)) for s in suspects]
     return Pool(bases, ground.e, ground.freedom, np.array(price), np.array(rivals))
+
+
+def _price(ground: Ground, suspect: Suspect, basis: Array) -> float:
+    """What a suspect costs in the criterion: its parameters, its grid, and the lack of a name.
+
+    A parameter costs ``log m`` (Schwarz 1978); those of a large group at most what an empirical Bayes prior on the
+    group's size would charge, ``1 + log(T / k)`` each for an evidence T of k parameters (George, Foster 2000).
+    """
+    k = basis.shape[1]
+    evidence = float(np.sum((basis.T @ ground.e) ** 2)) / (float(ground.rss[0]) / ground.freedom)
+    each = min(np.log(ground.freedom), 1 + np.log(max(evidence / max(k, 1), 1.0)) if k > LARGE else np.inf)
+    return float(k * each + 2 * np.log(suspect.searched) + (0.0 if suspect.named else NAMELESS))
 
 
 def _exclusive(suspect: Suspect) -> object:
@@ -148,11 +162,11 @@ def _weight(scene: Scene, chosen: Sequence[Suspect], member: Suspect) -> tuple[f
     gain, rss = float(np.sum((basis.T @ ground.e) ** 2)), float(ground.rss[0])
     p = float(log_p(np.array([gain]), np.array([rss]), basis.shape[1], ground.freedom)[0])
     m = ground.freedom
-    lost = -m * np.log(max(1 - gain / rss, 1e-300)) - basis.shape[1] * np.log(m) - 2 * np.log(member.searched)
+    lost = -m * np.log(max(1 - gain / rss, 1e-300)) - _price(ground, member, basis)
     return p, float(lost)
 
 
-def _pruned(scene: Scene, base: Ground, chance: Chance, chosen: list[Suspect]) -> tuple[Suspect, ...]:
+def _pruned(scene: Scene, chance: Chance, chosen: list[Suspect]) -> tuple[Suspect, ...]:
     """Without the members that are no longer significant given the others, the least first."""
     while chosen:
         weights = [_weight(scene, chosen, s) for s in chosen]

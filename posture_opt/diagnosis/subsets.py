@@ -22,8 +22,8 @@ class Pool:
     Args:
         bases: each (m, k) orthonormal.
         e: (m,) residuals after the ground, with ``freedom`` degrees of freedom.
-        price: (candidates,) added to the criterion for each chosen one, beside ``k log m``: for a grid that was
-            searched, or for having no name.
+        price: (candidates,) added to the criterion for each chosen one: for its parameters, for a grid that was
+            searched, for having no name.
         rivals: (candidates,) candidates of equal code exclude each other.
     """
 
@@ -54,10 +54,6 @@ class Pool:
         """Sum of squares with nothing chosen."""
         return float(self.e @ self.e)
 
-    def size(self, chosen: Chosen) -> int:
-        """The number of parameters of a set."""
-        return sum(self.bases[i].shape[1] for i in chosen)
-
     def _index(self, chosen: Chosen) -> NDArray[np.intp]:
         edges = self._edges
         return np.concatenate([np.arange(edges[i], edges[i + 1]) for i in chosen]) if chosen else np.zeros(0, int)
@@ -71,12 +67,12 @@ class Pool:
         return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=1e-8)[0])
 
     def criterion(self, chosen: Chosen) -> float:
-        """``m log(RSS/m) + k log m + prices``: the least is the best."""
+        """``m log(RSS/m) + prices``: the least is the best."""
         return self._criterion(self.rss(chosen), chosen)
 
     def _criterion(self, rss: float, chosen: Chosen) -> float:
         m = self.freedom
-        cost = self.size(chosen) * np.log(m) + sum(float(self.price[i]) for i in chosen)
+        cost = sum(float(self.price[i]) for i in chosen)
         return float(m * np.log(max(rss, 1e-300) / m) + cost)
 
     def additions(self, chosen: Chosen) -> list[tuple[float, Chosen]]:

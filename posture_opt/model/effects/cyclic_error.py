@@ -41,6 +41,6 @@ class CyclicError(JointEffect):
     def grid(cls, span: float) -> np.ndarray:
         """Cycles a turn [1] to search where the joint ranges over ``span`` [rad]."""
         step = 2 * math.pi / max(span, 1e-3) / _OVERSAMPLING
-        # Two periods must fit the range of the joint: what is longer is no cycle but a curve.
-        first = max(FEWEST, 2 * 2 * math.pi / max(span, 1e-3))
+        # A period must fit the range of the joint: what is longer is no cycle but a curve.
+        first = max(FEWEST, 2 * math.pi / max(span, 1e-3))
         return np.arange(first, MOST, step)

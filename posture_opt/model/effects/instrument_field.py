@@ -33,7 +33,7 @@ class InstrumentField(Effect):
 
     def moves(self, site: Site) -> tuple[Move, ...]:
         p = subtract(site.tool, site.walk.screws[len(site.robot.base)].origin)
-        products = [p["xyz".index(a)] * p["xyz".index(b)] for a, b in _PRODUCTS]
+        products = [p["xyz".index(pair[0])] * p["xyz".index(pair[1])] for pair in _PRODUCTS]
         moves = []
         for axis in range(3):
             for product in products:

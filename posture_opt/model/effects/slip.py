@@ -15,7 +15,7 @@ from posture_opt.model.site import ZERO, Site
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Time
 
-_STEPS = 60  # moments at which a slip is looked for
+_STEPS = 150  # moments at which a slip is looked for
 _AXES = np.eye(3)
 
 
