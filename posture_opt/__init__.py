@@ -13,6 +13,7 @@
     problem, data ─ calibrate ────────> calibration  the parameters of the arm, with what the data determine
                                         problem ─ plan_measurements ─> plan    the postures to measure next
     problem, data, calibration ─ check_spread ─> check  is the predicted spread true?
+    problem, data ─ map_accuracy ─────> map          bias and spread over a grid of targets, beside what was measured
     problem, calibration ─ calibrated_problem ─> problem  the calibrated arm, to be planned with
 
 Inside everything is SI and radians. Wrong input raises ``errors.InputError``, an unsolvable problem
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.reading import read_measurements
     from posture_opt.diagnosis.spread_check import SpreadCheck, check_spread
     from posture_opt.model.arm import Arm
+    from posture_opt.problem.accuracy_map import AccuracyMap, map_accuracy
     from posture_opt.problem.calibrated import calibrated_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
     from posture_opt.problem.measurement_plan import plan_measurements
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "AccuracyMap",
     "Arm",
     "Assessment",
     "Calibration",
@@ -64,6 +67,7 @@ __all__ = [
     "diagnose",
     "errors",
     "load_problem",
+    "map_accuracy",
     "map_targets",
     "plan_measurements",
     "problem_from_dict",
@@ -75,6 +79,7 @@ __all__ = [
 
 _HOMES = {
     # A name is imported when it is first used: `import posture_opt` and `--help` need none of CasADi.
+    "AccuracyMap": "problem.accuracy_map",
     "Arm": "model.arm",
     "Assessment": "diagnosis.assessment",
     "Calibration": "diagnosis.calibration",
@@ -91,6 +96,7 @@ _HOMES = {
     "check_spread": "diagnosis.spread_check",
     "diagnose": "diagnosis.diagnosis",
     "load_problem": "problem.load",
+    "map_accuracy": "problem.accuracy_map",
     "map_targets": "selection.target_map",
     "plan_measurements": "problem.measurement_plan",
     "problem_from_dict": "problem.load",

@@ -16,6 +16,7 @@ from posture_opt.cli.main import main
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.problem.load import load_builtin
 from posture_opt.selection.target_map import TargetMap, map_targets
+from posture_opt.uncertainty.ball import central_radii, radius_in_space
 
 A1, A2 = 1.0, 0.7
 SIGMA = {"joint1.theta": 1e-4, "joint2.theta": 3e-4, "joint1.a": 1e-4, "joint2.a": 2e-4}
@@ -231,3 +232,147 @@ def test_a_box_out_of_reach_is_no_solution(tmp_path: Path) -> None:
     assert result.exit_code == 3
     assert "none of the 4 targets has a posture" in result.stderr
     assert not (tmp_path / "out").exists()
+
+
+def transform(theta: float, d: float, a: float, alpha: float, beta: float = 0.0) -> np.ndarray:
+    """Denavit and Hartenberg's matrix, with Hayati's turn about the new y axis behind it."""
+    ct, st, ca, sa, cb, sb = (f(v) for v in (theta, alpha, beta) for f in (np.cos, np.sin))
+    T = np.array([
+        [ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1.0],
+    ])  # fmt: skip
+    return T @ np.array([[cb, 0, sb, 0], [0, 1, 0, 0], [-sb, 0, cb, 0], [0, 0, 0, 1.0]])
+
+
+def tool_point(table: list[tuple[float, float, float]], q: Any, errors: dict[str, float]) -> np.ndarray:
+    """(3,) of a DH arm (d, a, alpha of each joint) with errors, by the textbook."""
+    T = np.eye(4)
+    for k, ((d, a, alpha), angle) in enumerate(zip(table, q, strict=True), start=1):
+        e = {key: errors.get(f"joint{k}.{key}", 0.0) for key in ("theta", "d", "a", "alpha", "beta")}
+        T = T @ transform(angle + e["theta"], d + e["d"], a + e["a"], alpha + e["alpha"], e["beta"])
+    return np.asarray(T[:3, 3])
+
+
+SIX = [(0.2, 0.0, np.pi / 2), (0, -0.4, 0), (0, -0.4, 0), (0.1, 0, np.pi / 2), (0.1, 0, -np.pi / 2), (0.1, 0, 0)]
+WRONG = {"joint1.theta": 2e-3, "joint2.a": 1e-3, "joint3.beta": -1e-3, "joint4.d": 5e-4, "joint5.alpha": 3e-3}
+
+
+def corrected(
+    table: list[tuple[float, float, float]], errors: dict[str, float], sigma: float, **task: Any
+) -> dict[str, Any]:
+    joints = [{"name": f"joint{k + 1}", "d": f"{d} m", "a": f"{a} m", "alpha": f"{al} rad"}
+              for k, (d, a, al) in enumerate(table)]  # fmt: skip
+    unit = {name: "m" if name.endswith((".a", ".d")) else "rad" for name in errors}
+    return {
+        "name": "corrected",
+        "robot": {"kind": "dh", "joints": joints, "corrections": {n: f"{v} {unit[n]}" for n, v in errors.items()}},
+        "uncertainty": {
+            "sigma": {f"{joint['name']}.theta": f"{sigma} rad" for joint in joints},
+            "measurement": {"position": "0.02 mm"},
+        },
+        "task": {"kind": "insert", **task},
+    }
+
+
+def test_the_bias_is_that_of_the_arm_with_the_wrong_parameters() -> None:
+    position = ["0.5 m", "0.1 m", "0.2 m"]
+    problem = po.problem_from_dict(corrected(SIX, WRONG, 1e-4, direction=[0, 0, -1], position=position))
+    found = po.map_accuracy(problem, counts=(3, 3))
+    assert found.targets.feasible.any()
+    for spot, bias, C in zip(found.targets.spots, found.bias, found.covariance, strict=True):
+        if not spot.feasible:
+            assert np.isnan(bias).all()
+            continue
+        # To the solver's 1e-6 m; the second order of 1e-4 rad moves the mean by 1e-8 m.
+        np.testing.assert_allclose(tool_point(SIX, spot.q, {}), spot.position, atol=2e-6)
+        landed = tool_point(SIX, spot.q, WRONG)
+        np.testing.assert_allclose(bias, landed - spot.position, atol=3e-6)
+        steps = 1e-6 * np.eye(6)
+        J = np.array([(tool_point(SIX, spot.q + s, WRONG) - tool_point(SIX, spot.q - s, WRONG)) / 2e-6 for s in steps])
+        np.testing.assert_allclose(C, 1e-8 * J.T @ J, rtol=1e-5, atol=1e-14)
+    known = found.targets.feasible
+    assert 1e-4 < np.nanmax(found.settled) < np.nanmax(found.distance)
+    assert found.radius95[known][0] == pytest.approx(
+        radius_in_space(0.95, found.covariance[known][0], np.zeros(3)), rel=1e-6
+    )
+    assert found.own is not None
+    middle = found.grid.points.shape[0] // 2
+    np.testing.assert_allclose(found.own[0], found.bias[middle], atol=1e-5)
+
+
+def measured_rows(folder: Path, errors: dict[str, float], sigma: float) -> Path:
+    """Measurements of a planar arm with wrong parameters and scattering joints, as a file."""
+    rng = np.random.default_rng(4)
+    table, q = [(0, A1, 0), (0, A2, 0)], rng.uniform(-2, 2, (400, 2))
+    moved = q + rng.normal(0, sigma, q.shape)
+    points = np.array([tool_point(table, row, errors)[:2] for row in moved]) + rng.normal(0, 2e-5, (400, 2))
+    file = folder / "data.csv"
+    head = "joint1 [deg], joint2 [deg], x [mm], y [mm]"
+    rows = np.column_stack([np.degrees(q), 1e3 * points])
+    np.savetxt(file, rows, fmt="%.9f", delimiter=",", header=head, comments="")
+    return file
+
+
+def test_measured_rows_stand_beside_what_is_predicted_for_them(tmp_path: Path) -> None:
+    errors = {"joint2.a": 3e-3, "joint1.theta": 2e-3}
+    table = [(0, A1, 0), (0, A2, 0)]
+    data = corrected(table, errors, 2e-4, direction=[0, -1, 0], position=["0.9 m", "0.4 m", "0 m"])
+    file, out = written_problem(tmp_path, data), tmp_path / "out"
+    words = ["--problem", file, "--quantity", "accuracy", "--data", measured_rows(tmp_path, errors, 2e-4)]
+    result = run(*words, "--grid", "8x7", "--out", out)
+    assert result.exit_code == 0, result.stderr
+    document = json.loads((out / "map.json").read_text(encoding="utf-8"))
+    measured = document["measured"]
+    assert measured["rows"] == 400
+    # Four standard errors of a share of 0.95 in 400.
+    assert abs(measured["share_within_95_of_own_posture"] - 0.95) < 4 * np.sqrt(0.95 * 0.05 / 400)
+    assert measured["rms_uncorrected"] > 10 * measured["rms"]
+    for entry in (e for e in document["targets"] if e["feasible"]):
+        q = list(entry["posture"].values())
+        bias = tool_point(table, q, errors) - entry["position"]
+        np.testing.assert_allclose(entry["bias"], bias, atol=3e-6)
+    figures = {f"{name}.{kind}" for name in ("map_bias", "map_spread") for kind in ("png", "svg")}
+    assert {p.name for p in out.iterdir()} == {"map.csv", "map.json", "report.txt", "report.html", *figures}
+    with (out / "map.csv").open(encoding="utf-8") as rows:
+        first = next(row for row in csv.DictReader(rows, skipinitialspace=True) if row["feasible"] == "1")
+    parts = [float(first[f"bias {c} [mm]"]) for c in "xyz"]
+    assert float(first["bias [mm]"]) == pytest.approx(np.linalg.norm(parts), rel=1e-4)
+    assert "In the region that is predicted for 95 %" in result.stdout
+    assert max(map(len, result.stdout.splitlines())) <= 100
+
+
+def test_a_spread_that_is_understated_is_said_to_be(tmp_path: Path) -> None:
+    errors = {"joint2.a": 3e-3}
+    data = corrected([(0, A1, 0), (0, A2, 0)], errors, 1e-4, direction=[0, -1, 0])
+    words = ["--problem", written_problem(tmp_path, data), "--quantity", "accuracy", "--grid", "5x5"]
+    result = run(*words, "--data", measured_rows(tmp_path, errors, 3e-4))
+    assert result.exit_code == 0, result.stderr
+    assert "the spread is understated" in " ".join(result.stdout.split())
+
+
+def test_without_corrections_there_is_no_bias_to_speak_of(tmp_path: Path) -> None:
+    file, out = written_problem(tmp_path, planar()), tmp_path / "out"
+    result = run("--problem", file, "--quantity", "accuracy", "--grid", "4x4", "--out", out)
+    assert result.exit_code == 0, result.stderr
+    assert "no corrections" in result.stdout
+    assert not (out / "map_bias.png").exists()
+    assert (out / "map_spread.png").exists()
+    document = json.loads((out / "map.json").read_text(encoding="utf-8"))
+    bias = [np.linalg.norm(entry["bias"]) for entry in document["targets"] if entry["feasible"]]
+    assert max(bias) < 1e-6 + 2e-6  # a length of 1 m and errors of 3e-4 rad, and the solver's own
+
+
+def test_data_belong_to_accuracy(tmp_path: Path) -> None:
+    result = run("--problem", written_problem(tmp_path, planar()), "--data", tmp_path / "data.csv")
+    assert result.exit_code == 2
+    assert "--quantity accuracy" in result.stderr
+
+
+@pytest.mark.parametrize("sigmas", [(1.0, 1.0, 1.0), (1.0, 0.3, 0.1), (1.0, 1.0, 0.0)])
+def test_many_radii_at_once_are_those_one_by_one(sigmas: tuple[float, ...]) -> None:
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    C = turn @ np.diag(np.square(sigmas)) @ turn.T
+    found = central_radii(0.95, np.array([C, 4 * C, 0 * C]))
+    np.testing.assert_allclose(found, np.array([1, 2, 0]) * radius_in_space(0.95, C, np.zeros(3)), rtol=1e-9)
+    # In fewer dimensions: Rayleigh's and the normal distribution.
+    assert central_radii(0.95, np.eye(2)[None])[0] == pytest.approx(np.sqrt(-2 * np.log(0.05)), rel=1e-10)
+    assert central_radii(0.95, np.ones((1, 1, 1)))[0] == pytest.approx(1.959963984540054, rel=1e-10)

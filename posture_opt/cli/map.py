@@ -1,8 +1,11 @@
-"""``optimize-posture map``: the best posture and its spread over a grid of targets."""
+"""``optimize-posture map``: the best posture and its spread, or the arm's accuracy, over a grid of targets."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import click
@@ -12,36 +15,85 @@ from posture_opt.cli.options import Common, common_options, problem_options, tas
 from posture_opt.cli.output import output_folder, progress_bar, show
 from posture_opt.cli.request import corner, placed, requested_problem
 from posture_opt.errors import InputError, Issue
+from posture_opt.problem.problem import Problem
 
 
 @click.command("map")
 @problem_options
 @task_options
+@click.option(
+    "--quantity",
+    type=click.Choice(["spread", "accuracy"]),
+    default="spread",
+    show_default=True,
+    help="The task's spread, or mean error and spread of the arm with the corrections of a calibration.",
+)
+@click.option(
+    "--data", type=click.Path(path_type=Path), metavar="DATA.csv", help="Measurements to set against the accuracy."
+)
 @click.option("--grid", metavar="NxM", help="Targets along the plane's sides, 15x15, or along x, y, z, 9x9x1.")
 @click.option("--min", "low", metavar="TEXT", help='Lower corner of the box of targets: "0.3 m, -0.2 m, 0.1 m".')
 @click.option("--max", "high", metavar="TEXT", help="Its upper corner.")
 @click.option("--plane", type=click.Choice(["xy", "xz", "yz"]), help="Plane of the map; else across the direction.")
 @common_options
-def command(common: Common, grid: str | None, low: str | None, high: str | None, plane: Any, **given: Any) -> None:
-    """The best posture and its spread over a grid of targets."""
-    where = _where(grid, low, high)
+def command(
+    common: Common, quantity: str, data: Path | None, grid: str | None, low: str | None, high: str | None, plane: Any,
+    **given: Any,
+) -> None:  # fmt: skip
+    """The best posture and its spread, or the arm's accuracy, over a grid of targets."""
+    if data is not None and quantity != "accuracy":
+        raise click.UsageError("--data goes with --quantity accuracy.")
+    where = {**_where(grid, low, high), "plane": plane, "seed": common.seed, "workers": common.workers}
     problem = requested_problem(**given)
     with output_folder(common.out) as folder, placed(problem):
-        with progress_bar(common, "targets") as progress:
-            found = po.map_targets(
-                problem, **where, plane=plane, seed=common.seed, workers=common.workers, progress=progress
-            )
+        found = _accuracy(problem, data, common, where) if quantity == "accuracy" else _spread(problem, common, where)
         if folder is not None:
-            from posture_opt.report.map_files import write_map
+            found.write(folder)
+    show(common, found.document, found.text)
 
-            write_map(folder, problem, found, common.plots)
+
+@dataclass(frozen=True)
+class _Found:
+    """What is shown of a map, whatever its quantity."""
+
+    document: Callable[[], dict[str, Any]]
+    text: Callable[[], str]
+    write: Callable[[Path], None]
+
+
+def _spread(problem: Problem, common: Common, where: dict[str, Any]) -> _Found:
+    with progress_bar(common, "targets") as progress:
+        found = po.map_targets(problem, **where, progress=progress)
 
     def text() -> str:
         from posture_opt.report.text import map_text
 
         return map_text(problem, found)
 
-    show(common, found.to_json, text)
+    def write(folder: Path) -> None:
+        from posture_opt.report.map_files import write_map
+
+        write_map(folder, problem, found, common.plots)
+
+    return _Found(found.to_json, text, write)
+
+
+def _accuracy(problem: Problem, data: Path | None, common: Common, where: dict[str, Any]) -> _Found:
+    measured = None if data is None else po.read_measurements(data, problem)
+    with progress_bar(common, "targets") as progress:
+        found = po.map_accuracy(problem, measured, **where, progress=progress)
+
+    def text() -> str:
+        from posture_opt.report.text import accuracy_text
+
+        return accuracy_text(problem, found)
+
+    def write(folder: Path) -> None:
+        from posture_opt.report.map_files import write_accuracy
+
+        write_accuracy(folder, problem, found, common.plots)
+
+    return _Found(found.to_json, text, write)
 
 
 def _where(grid: str | None, low: str | None, high: str | None) -> dict[str, Any]:

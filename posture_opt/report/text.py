@@ -9,6 +9,7 @@ from posture_opt.report.blocks import Block, Facts, Report, Table
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.measurement_plan import MeasurementPlan
+    from posture_opt.problem.accuracy_map import AccuracyMap
     from posture_opt.problem.problem import Problem
     from posture_opt.report.calibration_report import Learned
     from posture_opt.selection.solution import Solution
@@ -66,6 +67,13 @@ def map_text(problem: Problem, found: TargetMap) -> str:
     from posture_opt.report.map_report import map_report
 
     return render(map_report(problem, found))
+
+
+def accuracy_text(problem: Problem, found: AccuracyMap) -> str:
+    """The report on bias and spread over a grid of targets."""
+    from posture_opt.report.accuracy_report import accuracy_report
+
+    return render(accuracy_report(problem, found))
 
 
 def render(report: Report) -> str:

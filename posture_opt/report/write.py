@@ -26,7 +26,7 @@ Files = dict[str, bytes]
 RESIDUALS = ("vectors", "joints", "inputs", "region", "shape", "repeats")
 TRUTH = ("truth_coverage", "truth_joints")
 PLAN = ("plan_points", "plan_errors")
-MAPS = ("map", "map_spread")
+MAPS = ("map", "map_bias", "map_spread")
 FIGURES = (
     "arm",
     "cloud",

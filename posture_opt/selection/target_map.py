@@ -20,12 +20,13 @@ from posture_opt.selection.programme import Programme
 from posture_opt.selection.reach import drawn_between
 from posture_opt.selection.selector import HasTask, PostureSelector
 from posture_opt.selection.solution import critical_basis
-from posture_opt.uncertainty.ball import radius_in_space
+from posture_opt.uncertainty.ball import central_radii, radius_in_space
 from posture_opt.uncertainty.clearance import radius_for, success_probability
 from posture_opt.uncertainty.validity import finite_or_none
 
 Floats = np.ndarray
 _SAMPLES = 4000
+_CENTRAL = 0.01  # of σ: a smaller shift of the mean moves a radius by 1e-4 of it
 _MARGIN = 1e-6  # of σ: differences below it do not make a place better than another
 
 
@@ -250,19 +251,21 @@ def _spots(selector: PostureSelector, programme: Programme, goals: list[Goal], p
     moments = selector.tool_point.moments([np.ascontiguousarray(column) for column in Q.T])
     C = np.broadcast_to(moments.covariance, (len(Q), 3, 3))
     bias = np.broadcast_to(moments.mean - moments.position, (len(Q), 3))
-    row = {k: i for i, k in enumerate(found)}
+    own = B.T @ C @ B
+    row, central = {k: i for i, k in enumerate(found)}, central_radii(0.95, own)
     spots = []
     for k, (goal, place) in enumerate(zip(goals, places, strict=True)):
         if place.best is None:
             spots.append(_empty(goal, place.fate, nothing))
             continue
         i = row[k]
-        own, b = B.T @ C[i] @ B, B.T @ bias[i]
-        sigma = math.sqrt(max(float(np.linalg.eigvalsh(own)[-1]), 0.0))
-        radius = radius_for(0.95, own, b) if len(own) < 3 else radius_in_space(0.95, own, b)
+        b, sigma = B.T @ bias[i], math.sqrt(max(float(np.linalg.eigvalsh(own[i])[-1]), 0.0))
+        radius = float(central[i])
+        if float(np.linalg.norm(b)) > _CENTRAL * sigma:
+            radius = radius_for(0.95, own[i], b) if len(b) < 3 else radius_in_space(0.95, own[i], b)
         hit = math.nan
-        if not math.isnan(goal.clearance) and len(own) < 3:
-            hit = success_probability(own, goal.clearance, b)
+        if not math.isnan(goal.clearance) and len(b) < 3:
+            hit = success_probability(own[i], goal.clearance, b)
         along = math.sqrt(max(float(d @ C[i] @ d), 0.0))
         spots.append(
             Spot(goal.lower, "feasible", place.best.optimal, Q[i], C[i], bias[i], sigma, along, radius, hit)

@@ -18,6 +18,7 @@ from posture_opt.uncertainty.regions import coverage_factor
 from posture_opt.uncertainty.sources import Array
 
 _POLAR, _AZIMUTHS = 64, 128  # ten digits of a round ellipsoid, three of a line in space
+_NODES, _HALVINGS = 24, 45
 _erfc = np.vectorize(math.erfc, otypes=[float])
 
 
@@ -60,3 +61,55 @@ def _sphere() -> tuple[Array, Array]:
         [np.outer(s, np.cos(phi)), np.outer(s, np.sin(phi)), np.outer(z, np.ones(_AZIMUTHS))], axis=-1
     )
     return directions.reshape(-1, 3), np.repeat(w / (2 * _AZIMUTHS), _AZIMUTHS)
+
+
+def central_radii(p: float, covariances: Array) -> Array:
+    """The radii (N,) [m] about their means that hold N Gaussian points with probability p, all at once.
+
+    In the principal axes ``P(|x| > r)`` is the mean, over the directions u of the first quadrant or octant, of the
+    chi distribution's tail at ``r / √(Σ s_i² u_i²)``, and r is found by bisection.
+
+    Args:
+        covariances: (N, m, m) [m²], m = 1, 2 or 3; zero is allowed.
+    """
+    variances = np.linalg.eigvalsh(covariances).clip(0)
+    m = variances.shape[1]
+    squares, weights = _directions(m)
+    reach = np.sqrt(variances @ squares.T)
+    scatters = reach > 0
+    per_length = 1 / np.where(scatters, reach, 1.0)
+    low, high = np.zeros(len(variances)), coverage_factor(p, m) * np.sqrt(variances[:, -1])
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        z = np.where(scatters, middle[:, None] * per_length, np.inf)
+        outside = _chi_tail(z, m) @ weights > 1 - p
+        low, high = np.where(outside, middle, low), np.where(outside, high, middle)
+    return np.asarray((low + high) / 2)
+
+
+@functools.cache
+def _directions(m: int) -> tuple[Array, Array]:
+    """Squared components (K, m) of directions in the first octant (quadrant, half line), and their weights (K,)."""
+    if m == 1:
+        return np.ones((1, 1)), np.ones(1)
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    t, w = (nodes + 1) / 2, weights / 2
+    turn = np.pi / 2 * t
+    if m == 2:
+        return np.column_stack([np.cos(turn) ** 2, np.sin(turn) ** 2]), w
+    rise, along = np.meshgrid(t**2, turn, indexing="ij")
+    flat = 1 - rise
+    squares = np.stack([flat * np.cos(along) ** 2, flat * np.sin(along) ** 2, rise], axis=-1)
+    return squares.reshape(-1, 3), np.outer(w, w).ravel()
+
+
+def _chi_tail(z: Array, m: int) -> Array:
+    """P(chi > z) for m degrees of freedom, infinity allowed."""
+    if m == 2:
+        return np.asarray(np.exp(-(z**2) / 2))
+    from scipy.special import erfc
+
+    tail = erfc(z / math.sqrt(2))
+    if m == 3:
+        tail = tail + math.sqrt(2 / math.pi) * np.where(np.isinf(z), 0.0, z) * np.exp(-(z**2) / 2)
+    return np.asarray(tail)

@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from posture_opt.report.style import COLOUR_MAP, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.style import BLUE, COLOUR_MAP, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.units_text import fixed, length_unit
 from posture_opt.report.words import PARTS, line_words
 
@@ -61,7 +61,7 @@ def plot_target_map(found: TargetMap) -> Figure:
     """The smallest spread that a posture gives, over the targets of the grid."""
     label = f"standard deviation {PARTS[found.within]}"
     if found.grid.shape[1] == 1 and found.grid.shape[0] == 1:
-        return plot_line(found.grid, {label: found.sigma})
+        return plot_line(found.grid, label, found.sigma)
     canvas = Canvas.of(found.grid, found.sigma)
     fates = np.array([spot.fate for spot in found.spots])
     figure, panels = new_panels(canvas)
@@ -142,34 +142,42 @@ def hatch_cells(axes: Any, canvas: Canvas, fates: NDArray[Any]) -> None:
 
 
 def _mark_spots(axes: Any, canvas: Canvas, found: TargetMap, layer: int) -> None:
-    grid = canvas.grid
-    here = grid.values[2][layer]
-    half = grid.sides[2] / 2 + 1e-9
-    marks: list[tuple[Floats, str, dict[str, Any]]] = []
+    mark_own(axes, canvas, found, layer)
+    _mark(axes, canvas, found.best.position, layer, "best place", marker="*", color=ORANGE, mec="black", ms=18)
+    mark_base(axes, canvas, found.programme.robot)
+    mark_direction(axes, canvas.grid, found.goal.direction)
+
+
+def mark_own(axes: Any, canvas: Canvas, found: TargetMap, layer: int) -> None:
+    """The position in the file, if this layer is the one next to it."""
     if found.own is not None:
-        text = "position in the problem" if found.own.feasible else "position in the problem, no posture there"
-        marks.append((found.own.position, text, {"marker": "X", "color": VERMILLION, "mec": "white", "ms": 12}))
-    marks.append((found.best.position, "best place", {"marker": "*", "color": ORANGE, "mec": "black", "ms": 18}))
-    for point, label, look in marks:
-        u, v, w = grid.coordinates(point[None])[0]
-        if abs(w - here) <= half:
-            axes.plot(1e3 * u, 1e3 * v, ls="none", zorder=6, clip_on=False, label=label, **look)
-    _mark_base(axes, canvas, found.programme.robot)
-    _direction(axes, grid, found.goal.direction)
+        text = "position in the problem" + ("" if found.own.feasible else ", no posture there")
+        _mark(axes, canvas, found.own.position, layer, text, marker="X", color=VERMILLION, mec="white", ms=12)
 
 
-def _mark_base(axes: Any, canvas: Canvas, robot: Any) -> None:
+def _mark(axes: Any, canvas: Canvas, point: Floats, layer: int, label: str, **look: Any) -> None:
+    (u, v, w), levels = canvas.grid.coordinates(point[None])[0], canvas.grid.values[2]
+    here = int(np.argmin(np.abs(levels - w))) == layer and abs(levels[layer] - w) <= canvas.grid.sides[2] / 2 + 1e-9
+    if here and _seen(canvas.grid, 1e3 * u, 1e3 * v):
+        axes.plot(1e3 * u, 1e3 * v, ls="none", zorder=6, clip_on=False, label=label, **look)
+
+
+def _seen(grid: Grid, u: float, v: float) -> bool:
+    (u0, u1), (v0, v1) = edges_of(grid)
+    return u0 <= u <= u1 and v0 <= v <= v1
+
+
+def mark_base(axes: Any, canvas: Canvas, robot: Any) -> None:
     """Where the arm stands, if the picture shows it."""
     from posture_opt.model.chain import factor_values, walk
 
     reached = walk(robot.base, factor_values(robot.base, []))
     u, v, _ = 1e3 * canvas.grid.coordinates(np.array([reached.position], dtype=float))[0]
-    (u0, u1), (v0, v1) = edges_of(canvas.grid)
-    if u0 <= u <= u1 and v0 <= v <= v1:
+    if _seen(canvas.grid, u, v):
         axes.plot(u, v, "s", color="black", mec="white", ms=9, zorder=5, ls="none", label="base of the arm")
 
 
-def _direction(axes: Any, grid: Grid, direction: Floats) -> None:
+def mark_direction(axes: Any, grid: Grid, direction: Floats) -> None:
     """The direction of the task as an arrow in a corner, where it lies in the picture."""
     along = grid.axes[:2] @ direction
     if np.linalg.norm(along) < 0.999:
@@ -199,19 +207,20 @@ def finish(figure: Figure, panels: Sequence[tuple[Any, int]], mesh: Any, label: 
     figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=3)
 
 
-def plot_line(grid: Grid, curves: dict[str, Floats]) -> Figure:
-    """Lengths (U,) [m] along a line of targets, by their names."""
-    unit, scale = length_unit([float(np.nanmax(values)) for values in curves.values()])
+def plot_line(grid: Grid, label: str, values: Floats) -> Figure:
+    """Lengths (U,) [m] along a line of targets."""
+    unit, scale = length_unit([float(np.nanmax(values))])
     figure = new_figure(6.4, 4.2)
     axes = figure.add_subplot()
-    for label, values in curves.items():
-        axes.plot(1e3 * grid.values[0], scale * values, "o-", ms=4, label=label)
-    nowhere = ~np.isfinite(next(iter(curves.values())))
+    axes.plot(1e3 * grid.values[0], scale * values, "o-", ms=4, color=BLUE)
     (left, right), _ = edges_of(grid)
-    step = (right - left) / len(nowhere)
-    for k in np.flatnonzero(nowhere):
-        axes.axvspan(left + k * step, left + (k + 1) * step, facecolor="#EFEFEF", hatch="////", edgecolor=LIGHT, lw=0)
-    axes.set(xlabel=f"{line_words(grid.axes[0])} [mm]", ylabel=f"[{unit}]", xlim=(left, right))
+    step, nowhere = (right - left) / len(values), np.flatnonzero(~np.isfinite(values))
+    for k in nowhere:
+        name = "no posture" if k == nowhere[0] else None
+        ends = left + k * step, left + (k + 1) * step
+        axes.axvspan(*ends, facecolor="#EFEFEF", hatch="////", edgecolor=LIGHT, lw=0, label=name)
+    axes.set(xlabel=f"{line_words(grid.axes[0])} [mm]", ylabel=f"{label} [{unit}]", xlim=(left, right))
     axes.set_ylim(bottom=0)
-    legend_below(axes, 2)
+    if len(nowhere):
+        legend_below(axes)
     return figure

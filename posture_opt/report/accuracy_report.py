@@ -1,0 +1,161 @@
+"""The report on accuracy over a grid of targets: what the corrections take off, what scatters, what was measured."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.map_report import grid_words, served_sentence
+from posture_opt.report.parts import frame_notes, note_facts, robot_facts, source_facts
+from posture_opt.report.units_text import count, length, length_unit, number, percent, place
+from posture_opt.report.words import direction_words
+
+if TYPE_CHECKING:
+    from posture_opt.problem.accuracy_map import AccuracyMap, MeasuredErrors
+    from posture_opt.problem.problem import Problem
+
+Floats = NDArray[np.float64]
+_FEW = 20  # rows: fewer say little about a share of 95 %
+
+
+def accuracy_report(problem: Problem, found: AccuracyMap) -> Report:
+    """Problem, bias, spread, measured rows."""
+    title = problem.name or "Map of accuracy"
+    measured = [measured_block(found.measured)] if found.measured is not None else []
+    blocks = (problem_block(problem, found), bias_block(found), spread_block(found), *measured)
+    return Report(title, lead(found), blocks)
+
+
+def lead(found: AccuracyMap) -> tuple[str, ...]:
+    """What is off without corrections, and what scatters with them."""
+    spread = f"95 of 100 times the tool point stays within {_range(found.radius95)} of its mean, by the place."
+    if not found.corrected:
+        return ("The file holds no corrections of the arm: on average it lands where it is sent.", spread)
+    off = _range(found.distance)
+    return (f"Driven without the corrections the arm would land {off} off its target, by the place.", spread)
+
+
+def _range(values: Floats) -> str:
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    if high <= low * 1.005:
+        return length(high)
+    unit, factor = length_unit([high])
+    return f"{number(low * factor)} to {number(high * factor)} {unit}"
+
+
+def problem_block(problem: Problem, found: AccuracyMap) -> Block:
+    """What was asked, and where."""
+    targets = found.targets
+    task = targets.programme.task
+    corrected = f"{count(found.corrections, 'parameter')} of the arm" if found.corrected else "none in the file"
+    rows = [
+        *robot_facts(problem),
+        ("Corrections", corrected),
+        ("Task", f"{task.kind} - {task.summary}"),
+        ("Direction", f"{direction_words(targets.goal.direction)} in the world"),
+        ("Targets", grid_words(found.grid)),
+        *source_facts(problem),
+        *note_facts((*problem.notes, *frame_notes(problem.robot), *targets.notes)),
+    ]
+    text = f"In every target the arm takes the posture that is best for the task there. {served_sentence(targets)}"
+    return Block("Problem", (Facts(tuple(rows)), text))
+
+
+def bias_block(found: AccuracyMap) -> Block:
+    """Where the arm lands on average."""
+    if not found.corrected:
+        shift = length(float(np.nanmax(found.distance)))
+        text = f"Without corrections only the curvature of the motion shifts the mean: by {shift} at the most."
+        return Block("Mean error", (text,))
+    rows = [("as it is sent now, uncorrected", found.distance)]
+    rows += [("with its base set anew", found.settled)] if np.isfinite(found.settled).any() else []
+    table = _table(found, rows)
+    own = []
+    if found.own is not None:
+        own = [f"At the position in the problem it is {length(float(np.linalg.norm(found.own[0])))} off."]
+    text = (
+        "The posture is computed with the arm as it was believed to be and played on the arm as it was measured. "
+        "The second line has a base that is shifted and turned to suit the map: what only corrections take off."
+    )
+    return Block("Mean error without the corrections", (text, table, *own), figure="map_bias")
+
+
+def spread_block(found: AccuracyMap) -> Block:
+    """How far the arm scatters about its mean."""
+    rows = [("95 of 100 times within", found.radius95), ("longest semi-axis of the 95 % region", _longest(found))]
+    own = []
+    if found.own is not None:
+        own = [f"At the position in the problem it is {length(found.own[1])} (95 of 100 times)."]
+    text = "Distance of the tool point from its mean: what is still uncertain of the arm, and its scatter."
+    return Block("Spread", (text, _table(found, rows), *own), figure="map_spread")
+
+
+def _longest(found: AccuracyMap) -> Floats:
+    return np.asarray(found.semi_axes95[:, -1])
+
+
+def _table(found: AccuracyMap, rows: list[tuple[str, Floats]]) -> Table:
+    unit, factor = length_unit([float(np.nanmax(values)) for _, values in rows])
+    points = found.grid.points
+    cells = []
+    for name, values in rows:
+        numbers = [number(factor * float(f(values))) for f in (np.nanmin, np.nanmedian, np.nanmax)]
+        cells.append((name, *numbers, place(points[int(np.nanargmax(values))]).removesuffix(" mm")))
+    headers = (f"[{unit}]", "least", "median", "most", "most at x, y, z [mm]")
+    return Table(headers, tuple(cells))
+
+
+def measured_block(measured: MeasuredErrors) -> Block:
+    """Measured rows beside what is predicted for them."""
+    near = measured.near
+    rows = [("all rows", measured.uncorrected, measured.corrected)]
+    if near.any():
+        rows.append(("rows on the map", measured.uncorrected[near], measured.corrected[near]))
+    unit, factor = length_unit([float(measured.uncorrected.max())])
+    cells = [
+        (name, str(len(off)), *(number(factor * value) for value in (_rms(off), _rms(left), _p95(left))))
+        for name, off, left in rows
+    ]
+    headers = ("", "rows", f"RMS, uncorrected [{unit}]", f"RMS, corrected [{unit}]", f"95 % below [{unit}]")
+    notes = note_facts(measured.notes)
+    facts = [Facts(tuple(notes))] if notes else []
+    return Block("Measured", (Table(headers, tuple(cells)), *shares_sentences(measured), *facts))
+
+
+def _rms(lengths: Floats) -> float:
+    return float(np.sqrt(np.mean(lengths**2)))
+
+
+def _p95(lengths: Floats) -> float:
+    return float(np.quantile(lengths, 0.95))
+
+
+def shares_sentences(measured: MeasuredErrors) -> tuple[str, ...]:
+    """How many rows keep what is predicted."""
+    near, within = int(measured.near.sum()), length(measured.reach)
+    where = f"within {within} of the plane of the map"
+    if near:
+        text = f"Of the {count(near, 'row')} in cells of the map ({where}) {percent(measured.share_near)} keep the"
+        first = f"{text} distance that is predicted for 95 % there, the instrument's part included."
+        if near < _FEW:
+            first += " So few rows say little."
+    else:
+        first = f"No row lies in a cell of the map ({where}): --min and --max take it to where was measured."
+    own = f"In the region that is predicted for 95 % in their own postures lie {percent(measured.share)} of all rows"
+    return first, f"{own}{_verdict(measured)}."
+
+
+def _verdict(measured: MeasuredErrors) -> str:
+    """What the share says of the spread, if it is further from 95 % than chance takes it."""
+    rows = len(measured.cell)
+    if rows < _FEW:
+        return ""
+    # Neighbouring postures err alike: rows count for fewer than they are, so four standard errors.
+    chance = 4 * math.sqrt(0.95 * 0.05 / rows)
+    if measured.share < 0.95 - chance:
+        return ": the spread is understated"
+    return ": the spread is overstated" if measured.share > 0.95 + chance else ""

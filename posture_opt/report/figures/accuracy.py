@@ -1,0 +1,114 @@
+"""Maps of bias and spread over the targets, with the measured errors over them in the same colours."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from posture_opt.report.figures.map import (
+    Canvas,
+    draw_cells,
+    edges_of,
+    finish,
+    hatch_cells,
+    mark_base,
+    mark_direction,
+    mark_own,
+    new_panels,
+    plot_line,
+)
+from posture_opt.report.style import COLOUR_MAP, styled
+
+if TYPE_CHECKING:
+    from posture_opt.problem.accuracy_map import AccuracyMap
+
+Floats = NDArray[np.float64]
+_ARROW = 0.9  # of a cell's shorter side: the longest arrow
+_ALONG = 0.05  # of the longest arrow: below it an arrow is a dot
+
+
+def accuracy_figures(found: AccuracyMap) -> dict[str, Figure]:
+    """File name -> figure: the bias, where there are corrections, and the spread."""
+    figures = {"map_bias": plot_bias(found)} if found.corrected else {}
+    return {**figures, "map_spread": plot_spread_map(found)}
+
+
+@styled
+def plot_bias(found: AccuracyMap) -> Figure:
+    """How far off the target the arm lands without its corrections, and which way."""
+    measured = None if found.measured is None else found.measured.uncorrected
+    return _plot(found, found.distance, "mean distance from the target, uncorrected", measured, arrows=True)
+
+
+@styled
+def plot_spread_map(found: AccuracyMap) -> Figure:
+    """The distance from its mean that the tool point keeps 95 of 100 times."""
+    measured = None if found.measured is None else found.measured.corrected
+    return _plot(found, found.radius95, "95 of 100 times within", measured, arrows=False)
+
+
+def _plot(found: AccuracyMap, values: Floats, label: str, measured: Floats | None, *, arrows: bool) -> Figure:
+    grid, targets = found.grid, found.targets
+    if grid.shape[:2] == (1, 1):
+        return plot_line(grid, label, values)
+    near = found.measured is not None and found.measured.near
+    canvas = Canvas.of(grid, values, None if measured is None else measured[near])
+    fates = np.array([spot.fate for spot in targets.spots])
+    figure, panels = new_panels(canvas)
+    mesh: Any = None
+    for axes, layer in panels:
+        mesh = draw_cells(axes, canvas, canvas.layers(values)[layer])
+        hatch_cells(axes, canvas, canvas.layers(fates)[layer])
+        if arrows:
+            _arrows(axes, canvas, found, layer)
+        if measured is not None:
+            _rows(axes, canvas, found, measured, layer)
+        mark_own(axes, canvas, targets, layer)
+        mark_base(axes, canvas, targets.programme.robot)
+        mark_direction(axes, grid, targets.goal.direction)
+    finish(figure, panels, mesh, f"{label} [{canvas.unit}]")
+    return figure
+
+
+def _arrows(axes: Any, canvas: Canvas, found: AccuracyMap, layer: int) -> None:
+    """The part of the bias in the plane of the figure, enlarged alike everywhere."""
+    grid = canvas.grid
+    inside = canvas.layers(found.bias @ grid.axes[:2].T)[layer]
+    longest = float(np.nanmax(np.linalg.norm(found.bias @ grid.axes[:2].T, axis=1)))
+    if longest <= _ALONG * float(np.nanmax(found.distance)):
+        return  # it lies across the figure
+    step = max(1, round(max(grid.shape[1:]) / 12))
+    cell = 1e3 * min(grid.sides[:2]) * step
+    enlarged = _ARROW * cell / longest
+    at = np.meshgrid(1e3 * grid.values[0], 1e3 * grid.values[1])
+    shown = (slice(step // 2, None, step),) * 2
+    u, v = (part[shown] for part in at)
+    du, dv = (enlarged * inside[..., k][shown] for k in range(2))
+    # In the units of the axes, centred in its cell: the picture says where it goes, the colour how far.
+    axes.quiver(
+        u - du / 2, v - dv / 2, du, dv, angles="xy", scale_units="xy", scale=1, width=0.004, color="white",
+        edgecolor="black", linewidth=0.5, zorder=4,
+    )  # fmt: skip
+    label = f"which way, enlarged {float(f'{enlarged / 1e3:.2g}'):g}\N{MULTIPLICATION SIGN}"
+    axes.plot([], [], ls="none", marker=">", color="white", mec="black", ms=7, label=label)
+
+
+def _rows(axes: Any, canvas: Canvas, found: AccuracyMap, lengths: Floats, layer: int) -> None:
+    """Measured rows near this layer, in the colours of the cells."""
+    assert found.measured is not None
+    measured, grid = found.measured, canvas.grid
+    per_layer = grid.shape[1] * grid.shape[2]
+    mine = measured.near & (measured.cell // per_layer == layer)
+    if not mine.any():
+        return
+    u, v, _ = 1e3 * grid.coordinates(measured.place[mine]).T
+    size = float(np.clip(4000 / np.count_nonzero(mine), 12, 45))
+    axes.scatter(
+        u, v, c=canvas.scale * lengths[mine], cmap=COLOUR_MAP, norm=canvas.norm, s=size, edgecolors="white",
+        linewidths=0.8, zorder=5, label="measured", clip_on=False,
+    )  # fmt: skip
+    (u0, u1), (v0, v1) = edges_of(grid)  # which points on its edge would widen
+    axes.set(xlim=(u0, u1), ylim=(v0, v1))
