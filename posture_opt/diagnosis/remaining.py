@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from posture_opt.robot.robot import Robot
 Array = NDArray[np.float64]
 
 _TAUGHT = 0.8  # of the rows taught the arm that predicts a row: five folds
+_LEVER = 0.1  # of the longest of a turning joint
 _SURE = 0.5  # of a standard deviation: with a larger standard error the data do not tell it
 
 
@@ -91,6 +92,32 @@ def _from_data(problem: CalibrationProblem, calibration: Calibration) -> tuple[J
     return (noise, False) if noise is not None else None
 
 
+def covariance_under(calibration: Calibration, scatter: RemainingScatter) -> Array:
+    """(k, k) covariance of the estimate ``x``, given the errors that the joints and the instrument make in each row.
+
+    Least squares weighs all coordinates alike, and its own covariance ``s² A``, ``A = (JᵀJ + s² P)⁻¹`` with the prior's
+    precision P, takes them to be alike. The joints scatter the tool point more where the arm is stretched:
+
+    ``A (Σ J_iᵀ V_i J_i) A + s² (A − A JᵀJ A)``,  ``V_i = s_0² I + J_q diag(σ²) J_qᵀ``.
+
+    Source: White (1980), equation 5, with modelled variances and a prior.
+    """
+    residuals, s2 = calibration.residuals, calibration.variance
+    if not scatter.measured or residuals.oriented or residuals.distances or not s2 > 0:
+        return calibration.covariance
+    rows = np.setdiff1d(np.arange(len(residuals.data)), calibration.outliers)
+    kept = residuals.take(rows)
+    n, d = len(rows), len(kept.axes)
+    J = kept.both(calibration.x)[1][: n * d]
+    sigma = np.array([scatter.sigma.get(name, 0.0) for name in joint_errors(residuals.robot)])
+    S = joint_columns(kept, calibration.x) * sigma / kept.sigma
+    weighed = np.einsum("nij,nik->njk", S, J.reshape(n, d, -1))
+    meat = (scatter.instrument / kept.sigma) ** 2 * J.T @ J + np.einsum("njk,njl->kl", weighed, weighed)
+    A = calibration.covariance / s2
+    found = A @ meat @ A + s2 * (A - A @ (J.T @ J) @ A)
+    return np.asarray((found + found.T) / 2)
+
+
 def joint_errors(robot: Robot) -> tuple[str, ...]:
     """(n,) the names of the joint values' errors, JOINT.theta or JOINT.d."""
     factors = robot.factors
@@ -108,17 +135,36 @@ def _likeliest(
         return None
     if not common.determined.all():
         return None
-    turning = sum(not name.endswith(".d") for name in names)
+    strong = _strong(columns, names)
+    turning = sum(not name.endswith(".d") for name, own in zip(names, strong, strict=True) if own)
     if turning < 2:
         return common
+    weak = columns[:, :, ~strong] * common.sigma[~strong]
+    beside = known + weak @ np.swapaxes(weak, -1, -2)
+    own = [name for name, s in zip(names, strong, strict=True) if s]
     try:
         each = estimate_joint_noise(
-            errors, columns, instrument=instrument, fit_instrument=fit, names=names, known=known
+            errors, columns[:, :, strong], instrument=instrument, fit_instrument=fit, names=own, known=beside
         )
     except InsufficientDataError:
         return common
     clear = 2 * (each.log_likelihood - common.log_likelihood) > (turning - 1) * math.log(errors.size)
-    return each if clear and each.determined.all() else common
+    if not (clear and each.determined.all()):
+        return common
+    sigma, std, interval = common.sigma.copy(), common.std.copy(), common.interval.copy()
+    sigma[strong], std[strong], interval[strong] = each.sigma, each.std, each.interval
+    return replace(each, names=names, sigma=sigma, std=std, interval=interval)
+
+
+def _strong(columns: Array, names: tuple[str, ...]) -> NDArray[np.bool_]:
+    """(n,) which joints move what was measured far enough to have a σ of their own.
+
+    The last joint of an arm turns the tool point a little about itself: asked alone, it would have to swing by degrees
+    to explain what others leave.
+    """
+    lever = np.sqrt(np.mean(np.sum(columns**2, axis=1), axis=0))
+    turning = np.array([not name.endswith(".d") for name in names])
+    return np.asarray(~turning | (lever > _LEVER * lever[turning].max(initial=0.0)))
 
 
 def _stated(problem: CalibrationProblem) -> RemainingScatter:

@@ -12,7 +12,7 @@ import numpy as np
 
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.parameters import Parameter
-from posture_opt.diagnosis.remaining import RemainingScatter, remaining_scatter
+from posture_opt.diagnosis.remaining import RemainingScatter, covariance_under, remaining_scatter
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.replanned import Replanned, replan
 from posture_opt.problem.yaml_source import Document
@@ -21,8 +21,8 @@ from posture_opt.uncertainty.covariance_file import covariance_text
 from posture_opt.uncertainty.sources import Array, Sources
 
 ELSEWHERE = (
-    "the base is free, so the world is the frame of the instrument, and the place of the task is read in it: state it "
-    "there"
+    "the base is free, so the world is the frame of the instrument, and the place of the task is read in it: write "
+    "position and direction in that frame"
 )
 COVARIANCE = "calibrated_covariance.csv"
 _FINE = {"m": 1e-11, "rad": 1e-13}
@@ -35,14 +35,14 @@ def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
 
     The arm is the one that fits the measurements: every deviation of ``calibration.x`` counts, those too that are
     determined together only. Frames that were found are numbers and no longer free; of several targets the first is
-    the tool point. The covariance is the estimate's; to it comes the scatter from visit to visit that the calibration
-    leaves. :meth:`Problem.files` writes it as a complete problem file with its covariance beside it.
+    the tool point. The covariance is the estimate's, under the scatter from visit to visit that the calibration leaves;
+    that scatter comes to it. :meth:`Problem.files` writes it as a complete problem file with its covariance beside it.
 
     Raises:
         InputError: the calibration is one of another robot.
     """
-    x, covariance = _of_first_target(calibration)
     scatter = remaining_scatter(problem, calibration)
+    x, covariance = _of_first_target(calibration, covariance_under(calibration, scatter))
     known = _known(problem, calibration, x, covariance)
     document = {
         **problem.to_dict(),
@@ -83,11 +83,11 @@ def _name(parameter: Parameter) -> str:
     return f"tool.{parameter.name.rpartition('.')[2]}" if parameter.group == "tool" else parameter.name
 
 
-def _of_first_target(calibration: Calibration) -> tuple[dict[str, float], Array]:
+def _of_first_target(calibration: Calibration, covariance: Array) -> tuple[dict[str, float], Array]:
     """Deviations of the robot's parameters by name, and their covariance; touched points and other targets left out."""
     own = [i for i, p in enumerate(calibration.parameters) if p.factor >= 0 and p.code <= 0]
     x = {_name(calibration.parameters[i]): float(calibration.x[i]) for i in own}
-    return x, calibration.covariance[np.ix_(own, own)]
+    return x, covariance[np.ix_(own, own)]
 
 
 def _known(problem: Problem, calibration: Calibration, x: Mapping[str, float], covariance: Array) -> Sources:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.errors import InputError, NoSolutionError, SolverError
+from posture_opt.model.chain import factor_values, walk
 from posture_opt.problem.problem import Problem
 from posture_opt.selection.selector import select_posture
 from posture_opt.selection.solution import Solution
@@ -72,29 +73,46 @@ class Replanned:
 def replan(old: Problem, new: Problem, *, seed: int | None = None, workers: int = 1) -> Replanned | None:
     """The task of ``old`` planned with both arms, the first posture judged by the second; None without a task.
 
-    Where the old problem states no scatter, that of the new one is taken for it.
+    Where the old problem states no scatter, that of the new one is taken for it. Where the new arm has no posture for
+    the task, the old one is not asked.
     """
     if old.task is None or new.task is None:
         return None
     if old.sources.empty:
         old = replace(old, sources=new.sources)
-    before, why_not = _planned(old, seed, workers)
-    after, why_not_now = _planned(new, seed, workers)
-    basis = after.basis if after is not None else before.basis if before is not None else np.eye(3)
-    return Replanned(
-        before,
-        after,
-        None if before is None else _landing(new, before, basis),
-        None if after is None else _landing(new, after, basis),
-        tuple(dict.fromkeys((*why_not, *why_not_now))),
-    )
+    after, reasons = _planned(new, seed, workers)
+    if after is None:  # the search for reasons is long, and the old arm would have the same
+        return Replanned(reasons=reasons)
+    before, reasons = _planned(old, seed, workers)
+    landed = None if before is None else _landing(new, before, after.basis)
+    return Replanned(before, after, landed, _landing(new, after, after.basis), reasons)
 
 
 def _planned(problem: Problem, seed: int | None, workers: int) -> tuple[Solution | None, tuple[str, ...]]:
+    if far := _far_away(problem):
+        return None, (far,)
     try:
         return select_posture(problem, seed=seed, workers=workers), ()
     except (NoSolutionError, InputError, SolverError) as error:
         return None, tuple(str(error).splitlines())
+
+
+def _far_away(problem: Problem) -> str:
+    """Why the target is out of reach of any arm of this length, or an empty text; a search would take much longer."""
+    robot, task = problem.robot, problem.task
+    assert task is not None
+    if task.position is None:
+        return ""
+    first = robot.driven[0]
+    reached = walk(robot.factors, factor_values(robot.factors, [0.0] * robot.n))
+    distance = float(np.linalg.norm(np.array(task.position) - np.array(reached.screws[first].origin, dtype=float)))
+    stretched = sum(abs(factor.nominal) for factor in robot.factors[first:] if factor.kind == "translate")
+    stretched += sum(max(abs(j.lower), abs(j.upper)) for j in robot.joints if j.type == "prismatic")
+    if distance <= stretched:
+        return ""
+    return (
+        f"the target is out of reach: {distance:.2f} m from the first joint, and the arm stretches to {stretched:.2f} m"
+    )
 
 
 def _landing(problem: Problem, solution: Solution, basis: Array) -> Landing:

@@ -21,8 +21,8 @@ def replanned_blocks(replanned: Replanned, after: str = "calibrated") -> tuple[B
     """What the measurements change for the task: a sentence, both postures and their errors, or why there is none."""
     title = "Posture before and after"
     reasons = tuple(sentence(reason) for reason in replanned.reasons)
-    if replanned.before is None and replanned.after is None:
-        return (Block(title, ("There is no posture for this task, before or after.", *reasons)),)
+    if replanned.after is None:
+        return (Block(title, (f"The {after} arm has no posture for this task.", *reasons)),)
     figure = FIGURE if replanned.before is not None and replanned.after is not None else ""
     return (Block(title, (*_sentences(replanned, after), *reasons, _table(replanned, after)), figure),)
 
@@ -30,8 +30,7 @@ def replanned_blocks(replanned: Replanned, after: str = "calibrated") -> tuple[B
 def _sentences(replanned: Replanned, after: str) -> tuple[str, ...]:
     old, new = replanned.landed, replanned.landing
     if old is None or new is None:
-        which = f"the {after} arm" if new is None else "the arm as it stood"
-        return (f"For {which} there is no posture:",)
+        return ("The arm as it stood had no posture for this task:",)
     assert replanned.after is not None
     part = PARTS[replanned.after.critical.within]
     before, now = old.critical_error, new.critical_error
@@ -44,9 +43,8 @@ def _sentences(replanned: Replanned, after: str) -> tuple[str, ...]:
 
 def _table(replanned: Replanned, after: str) -> Table:
     pairs = ((replanned.before, replanned.landed), (replanned.after, replanned.landing))
-    some = replanned.after or replanned.before
-    assert some is not None
-    robot = some.programme.robot
+    assert replanned.after is not None
+    robot = replanned.after.programme.robot
     sizes = [landing.critical_error for _, landing in pairs if landing is not None]
     rows = [
         (joint.name, *("none" if s is None else joint_value(s.q[k], joint.type) for s, _ in pairs))
