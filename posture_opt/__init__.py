@@ -12,6 +12,7 @@
     data.csv ───── read_measurements ─> data
     problem, data ─ calibrate ────────> calibration  the parameters of the arm, with what the data determine
                                         problem ─ plan_measurements ─> plan    the postures to measure next
+    problem, data ─ calibrate_batch ──> batch        several robots of a type, and how they differ
     problem, data, calibration ─ check_spread ─> check  is the predicted spread true?
     problem, data ─ map_accuracy ─────> map          bias and spread over a grid of targets, beside what was measured
     problem, calibration ─ calibrated_problem ─> problem  the calibrated arm, to be planned with
@@ -28,6 +29,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from posture_opt import errors
     from posture_opt.diagnosis.assessment import Assessment, assess
+    from posture_opt.diagnosis.batch import Batch, calibrate_batch
     from posture_opt.diagnosis.calibration import Calibration, calibrate
     from posture_opt.diagnosis.diagnosis import Diagnosis, diagnose
     from posture_opt.diagnosis.measurement_plan import MeasurementPlan
@@ -51,6 +53,7 @@ __all__ = [
     "AccuracyMap",
     "Arm",
     "Assessment",
+    "Batch",
     "Calibration",
     "Diagnosis",
     "MeasurementPlan",
@@ -62,6 +65,7 @@ __all__ = [
     "__version__",
     "assess",
     "calibrate",
+    "calibrate_batch",
     "calibrated_problem",
     "check_spread",
     "diagnose",
@@ -82,6 +86,7 @@ _HOMES = {
     "AccuracyMap": "problem.accuracy_map",
     "Arm": "model.arm",
     "Assessment": "diagnosis.assessment",
+    "Batch": "diagnosis.batch",
     "Calibration": "diagnosis.calibration",
     "Diagnosis": "diagnosis.diagnosis",
     "MeasurementPlan": "diagnosis.measurement_plan",
@@ -92,6 +97,7 @@ _HOMES = {
     "TargetMap": "selection.target_map",
     "assess": "diagnosis.assessment",
     "calibrate": "diagnosis.calibration",
+    "calibrate_batch": "diagnosis.batch",
     "calibrated_problem": "problem.calibrated",
     "check_spread": "diagnosis.spread_check",
     "diagnose": "diagnosis.diagnosis",

@@ -9,7 +9,7 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options
-from posture_opt.cli.output import output_folder, progress_bar, show
+from posture_opt.cli.output import Answer, output_folder, progress_bar, show
 from posture_opt.cli.request import placed, requested_problem
 
 
@@ -39,26 +39,39 @@ def command(
     problem = requested_problem(**given)
     with output_folder(common.out) as folder, placed(problem):
         measured = po.read_measurements(data, problem)
-        other = None if test is None else po.read_measurements(test, problem)
-        with progress_bar(common, "calibrating") as progress:
-            found = po.calibrate(
-                problem, measured, priors=not no_priors, folds=folds, by=by, test=other, refit_frames=refit_frames,
-                progress=progress,
-            )  # fmt: skip
-        from posture_opt.problem.calibrated import replanned
-        from posture_opt.report.calibration_report import Learned
+        if len(measured.robot_names) > 1:
+            if test is not None:
+                raise click.UsageError("--test goes with measurements of one robot, and the data are of several.")
+            from posture_opt.cli.calibrate_batch import calibrated_batch
 
-        learned = Learned(
-            measured, found, folds, not no_priors, other, refit_frames,
-            calibrated=(calibrated := po.calibrated_problem(problem, found)),
-            assessment=po.assess(problem, measured, found),
-            spread_check=po.check_spread(problem, measured, found, folds=folds),
-            replanned=None if no_plan else replanned(problem, found, calibrated, seed=common.seed),
-        )  # fmt: skip
-        if folder is not None:
-            from posture_opt.report.write import write_calibration
+            document, text = calibrated_batch(common, folder, problem, measured, folds, by)
+        else:
+            other = None if test is None else po.read_measurements(test, problem)
+            how = {"priors": not no_priors, "folds": folds, "by": by, "test": other, "refit_frames": refit_frames}
+            document, text = _calibrated(common, folder, problem, measured, how, not no_plan)
+    show(common, document, text)
 
-            write_calibration(folder, problem, learned, common.plots)
+
+def _calibrated(
+    common: Common, folder: Path | None, problem: Any, measured: po.Measurements, how: dict[str, Any], plan: bool
+) -> Answer:
+    """Calibrates one robot, writes the files, and returns what can be shown."""
+    with progress_bar(common, "calibrating") as progress:
+        found = po.calibrate(problem, measured, **how, progress=progress)
+    from posture_opt.problem.calibrated import replanned
+    from posture_opt.report.calibration_report import Learned
+
+    learned = Learned(
+        measured, found, how["folds"], how["priors"], how["test"], how["refit_frames"],
+        calibrated=(calibrated := po.calibrated_problem(problem, found)),
+        assessment=po.assess(problem, measured, found),
+        spread_check=po.check_spread(problem, measured, found, folds=how["folds"]),
+        replanned=replanned(problem, found, calibrated, seed=common.seed) if plan else None,
+    )  # fmt: skip
+    if folder is not None:
+        from posture_opt.report.write import write_calibration
+
+        write_calibration(folder, problem, learned, common.plots)
 
     def text() -> str:
         from posture_opt.report.text import calibration_text
@@ -70,4 +83,4 @@ def command(
 
         return calibration_document(learned)
 
-    show(common, document, text)
+    return document, text

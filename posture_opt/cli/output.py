@@ -20,6 +20,8 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.report.document import json_text
 
 Progress = Callable[[int, int], None]
+Answer = tuple[Callable[[], dict[str, Any]], Callable[[], str]]
+"""What a command can show: its JSON document and its report."""
 
 
 def show(common: Common, document: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:

@@ -28,7 +28,9 @@ def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals,
     """
     if len(data.robot_names) > 1:
         names = ", ".join(data.robot_names)
-        raise InputError(Issue(f"measurements of several robots: {names}", mend="calibrate one robot at a time"))
+        raise InputError(
+            Issue(f"measurements of several robots: {names}", mend="calibrate the batch, or one robot at a time")
+        )
     notes = []
     sigma = problem.measurement.position if problem.measurement is not None else 0.0
     if not sigma:

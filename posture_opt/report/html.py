@@ -30,6 +30,7 @@ CAPTIONS = {
     "residual_shape": "Errors of the calibrated model beside the normal distribution: on the line means normal.",
     "truth_coverage": "Measured rows in the predicted region of each probability: on the diagonal it is true.",
     "truth_joints": "How much each joint scatters: estimated with 95 % intervals, and as stated.",
+    "batch": "How two parameters differ from robot to robot: the ellipse holds 95 of 100 robots of the type.",
     "residual_repeats": "Repeated visits about their mean, with the ellipse that should hold 95 of 100 of them.",
 }
 

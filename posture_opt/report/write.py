@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Files = dict[str, bytes]
 
 RESIDUALS = ("vectors", "joints", "inputs", "region", "shape", "repeats")
-TRUTH = ("truth_coverage", "truth_joints")
+TRUTH = ("truth_coverage", "truth_joints", "batch")
 PLAN = ("plan_points", "plan_errors")
 MAPS = ("map", "map_bias", "map_spread")
 FIGURES = (
@@ -46,6 +46,7 @@ OWN_FILES = frozenset(
         *CALIBRATED,
         "cloud.csv",
         "plan_points.csv",
+        "uncertainty.yaml",
         "map.csv",
         *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")),
     )

@@ -1,0 +1,144 @@
+"""The report on a batch of robots of one type: how they differ, and what that makes of the problem file."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.calibration_report import statistics_table
+from posture_opt.report.parts import note_facts, robot_facts
+from posture_opt.report.units_text import count, decimals_of, fixed, number, percent
+from posture_opt.report.words import source_words
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.batch import Batch, Pair
+    from posture_opt.diagnosis.measurements import Measurements
+    from posture_opt.problem.problem import Problem
+
+_LISTED = 20
+_PAIRS = 8
+_MANY = 10  # robots: with fewer, a correlation is hardly told
+
+
+def batch_report(problem: Problem, data: Measurements, found: Batch) -> Report:
+    """Data, errors robot by robot, variation across the batch, correlations, the section for the problem file."""
+    blocks = (
+        _data_block(problem, data, found),
+        _errors_block(found),
+        _spread_block(problem, found),
+        _pairs_block(found),
+        _section_block(),
+    )
+    return Report(problem.name or "Batch", (_answer(problem, found), _errors(found)), blocks)
+
+
+def _answer(problem: Problem, found: Batch) -> str:
+    real = [pair for pair in found.pairs if pair.real]
+    many = count(len(found.robots), "robot")
+    if not real:
+        return f"{many} of one type: no two of their parameters are seen to vary together."
+    first = real[0]
+    a, b = (source_words(name, problem.robot) for name in (first.a, first.b))
+    also = f", and {count(len(real) - 1, 'other pair')} too" if len(real) > 1 else ""
+    return f"{many} of one type: {a} and {b} vary together, correlation {_rho(first)}{also}."
+
+
+def _rho(pair: Pair) -> str:
+    low, high = pair.interval
+    return f"{fixed(pair.correlation)} ({fixed(low)} to {fixed(high)} with 95 % confidence)"
+
+
+def _errors(found: Batch) -> str:
+    before, after = (number(1e3 * s.rms) for s in (found.nominal, found.calibrated))
+    return f"Calibrated one by one, their position errors go from {before} mm to {after} mm RMS."
+
+
+def _data_block(problem: Problem, data: Measurements, found: Batch) -> Block:
+    names = ", ".join(found.robots[:_LISTED]) + (" …" if len(found.robots) > _LISTED else "")
+    facts = [
+        ("File", Path(data.file).name or "table"),
+        ("Rows", f"{len(data)} of {count(len(found.robots), 'robot')}: {names}"),
+    ]
+    notes = note_facts((*data.warnings, *problem.notes, *found.notes))
+    return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
+
+
+def _errors_block(found: Batch) -> Block:
+    """Errors of the whole batch, and robot by robot."""
+    how = "Every row is predicted by its own robot's calibration, which has not seen its group of rows."
+    whole = statistics_table({"as they stand": found.nominal, "calibrated": found.calibrated})
+    texts = [_coverage_text(name, found) for name in found.coverage]
+    rows = [
+        (name, str(len(mine)), number(1e3 * c.nominal.rms), number(1e3 * c.calibrated.rms), str(len(c.outliers)))
+        for name, mine, c in zip(found.robots, found.rows, found.calibrations, strict=True)
+    ]
+    headers = ("robot", "rows", "as it stands, RMS [mm]", "calibrated, RMS [mm]", "outliers")
+    more = [f"and {len(rows) - _LISTED} more"] if len(rows) > _LISTED else []
+    table = Table(headers, tuple(rows[:_LISTED]))
+    return Block("Position errors", (how, whole, *texts, table, *more))
+
+
+def _coverage_text(name: str, found: Batch) -> str:
+    share, (low, high) = found.coverage[name]
+    who = {"nominal": "as they stand", "calibrated": "calibrated"}[name]
+    held = f"Of all rows, {percent(share)} lie in the 95 % region predicted for the robots {who}"
+    return f"{held} ({percent(low)} to {percent(high)}, robots being what is drawn at random)."
+
+
+def _spread_block(problem: Problem, found: Batch) -> Block:
+    """Mean and standard deviation of each parameter across the batch."""
+    from scipy.special import stdtrit
+
+    sure = float(stdtrit(len(found.robots) - 1, 0.975))
+    rows = []
+    for k, p in enumerate(found.parameters):
+        unit, factor = ("deg", math.degrees(1.0)) if p.unit == "rad" else ("mm", 1e3)
+        mean, error = factor * float(found.spread.mean[k]), factor * float(found.spread.mean_std[k])
+        sigma, (low, high) = factor * float(found.spread.sigma[k]), factor * found.spread.interval[k]
+        places = decimals_of(error)
+        interval = f"below {number(high)}" if low == 0 else f"{number(low)} to {number(high)}"
+        stated = number(factor * float(found.stated[k])) if found.stated[k] else ""
+        off = "no" if abs(mean) <= sure * error else "yes"
+        rows.append(
+            (p.name, unit, f"{fixed(mean, places)} ± {fixed(error, places)}", off, number(sigma), interval, stated)
+        )
+    headers = ("parameter", "unit", "mean deviation", "off nominal", "σ across", "95 % interval", "stated σ")
+    text = (
+        "Every robot is calibrated by itself, without priors; what its own errors add to the differences between the "
+        "robots is taken off (restricted likelihood). Off nominal: the mean of the type is not the one of the file."
+    )
+    left = [f"Not told by the data of every robot: {', '.join(found.not_told)}."] if found.not_told else []
+    return Block("Across the batch", (text, Table(headers, tuple(rows), text_columns=2), *left))
+
+
+def _pairs_block(found: Batch) -> Block:
+    """Which parameters vary together."""
+    title = "What varies together"
+    if not found.pairs:
+        return Block(title, ("One parameter alone is told: there is nothing to vary with it.",))
+    shown = [p for p in found.pairs if p.real or p.stated or np.ptp(p.interval) < 1][:_PAIRS] or list(found.pairs[:1])
+    rows = tuple(
+        (
+            f"{p.a}, {p.b}", fixed(p.correlation), f"{fixed(p.interval[0])} to {fixed(p.interval[1])}",
+            fixed(p.stated) if p.stated else "", "yes" if p.real else "not seen",
+        )
+        for p in shown
+    )  # fmt: skip
+    real = sum(p.real for p in found.pairs)
+    pairs = count(len(found.pairs), "pair")
+    text = f"Of {pairs} {real} {'varies' if real == 1 else 'vary'} together beyond chance, all tested together (5 %)."
+    few = [f"{_MANY} robots or more would tell correlations better."] if len(found.robots) < _MANY else []
+    table = Table(("parameters", "correlation", "95 % interval", "stated", "real"), rows)
+    return Block(title, (text, table, *few), "batch")
+
+
+def _section_block() -> Block:
+    text = (
+        "uncertainty.yaml holds this as a section of the problem file: the σ's that were found, and the correlations "
+        "that are real. With it the program plans for any robot of this type."
+    )
+    return Block("For the problem file", (text,))

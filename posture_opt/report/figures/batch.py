@@ -1,0 +1,71 @@
+"""How two parameters vary together across a batch of robots."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from posture_opt.report.style import BLUE, GREY, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.words import source_words
+from posture_opt.uncertainty.regions import Ellipsoid
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.batch import Batch, Pair
+    from posture_opt.problem.problem import Problem
+
+_PANELS = 3
+
+
+@styled
+def plot_batch(problem: Problem, found: Batch) -> Figure:
+    """The robots as points with their standard errors, and the ellipse that holds 95 of 100 robots of the type."""
+    pairs = [pair for pair in found.pairs if pair.real][:_PANELS] or list(found.pairs[:1])
+    figure = new_figure(5.2 * len(pairs) + 0.6, 5.4)
+    for k, pair in enumerate(pairs):
+        _panel(figure.add_subplot(1, len(pairs), k + 1), problem, found, pair)
+    legend_below(figure.axes[0], 2 if len(pairs) == 1 else 4)
+    return figure
+
+
+def _panel(axes: Any, problem: Problem, found: Batch, pair: Pair) -> None:
+    i, j = found.names.index(pair.a), found.names.index(pair.b)
+    scale = np.array([math.degrees(1.0) if found.parameters[k].unit == "rad" else 1e3 for k in (i, j)])
+    units = ["deg" if found.parameters[k].unit == "rad" else "mm" for k in (i, j)]
+    chosen = np.ix_([i, j], [i, j])
+    points = found.estimates[:, [i, j]] * scale
+    errors = np.array([np.sqrt(_variances(found, k, (pair.a, pair.b))) for k in range(len(points))]) * scale
+    axes.axhline(0, color=GREY, lw=0.8)
+    axes.axvline(0, color=GREY, lw=0.8)
+    axes.errorbar(*points.T, *errors.T[::-1], fmt="o", color=BLUE, ms=5, elinewidth=1, label="robots, ± std. error")
+    center, C = found.spread.mean[[i, j]] * scale, found.spread.covariance[chosen] * np.outer(scale, scale)
+    ellipse = Ellipsoid(center, C)
+    if ellipse.rank == 2:
+        axes.plot(*ellipse.points(0.95).T, color=VERMILLION, label="95 of 100 robots of the type")
+    said = _stated(found, pair, (i, j))
+    if said is not None:
+        axes.plot(
+            *Ellipsoid(np.zeros(2), said * np.outer(scale, scale)).points(0.95).T, "--", color=ORANGE, label="stated"
+        )
+    axes.plot(0, 0, "+", color="black", ms=10, mew=2, label="nominal")
+    low, high = pair.interval
+    axes.set_title(f"correlation {pair.correlation:.2f} ({low:.2f} to {high:.2f})")
+    for which, name, unit in zip("xy", (pair.a, pair.b), units, strict=True):
+        axes.set(**{f"{which}label": f"{source_words(name, problem.robot)}, off nominal [{unit}]"})
+    if units[0] == units[1]:
+        axes.set_aspect("equal", adjustable="datalim")
+
+
+def _variances(found: Batch, robot: int, names: tuple[str, str]) -> list[float]:
+    calibration = found.calibrations[robot]
+    place = {p.name: k for k, p in enumerate(calibration.parameters)}
+    return [float(calibration.covariance[place[name], place[name]]) for name in names]
+
+
+def _stated(found: Batch, pair: Pair, index: tuple[int, int]) -> Any:
+    sigma = found.stated[list(index)]
+    if not np.all(sigma > 0) or abs(pair.stated) >= 1:
+        return None
+    return np.outer(sigma, sigma) * [[1.0, pair.stated], [pair.stated, 1.0]]
