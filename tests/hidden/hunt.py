@@ -43,12 +43,11 @@ def ask(folder: Path, by_command: bool = False) -> dict[str, Any]:
             raise RuntimeError(f"exit code {done.returncode}: {done.stderr[-500:]}")
         return json.loads(done.stdout)
     import posture_opt as po
-    from posture_opt.diagnosis.diagnosis import diagnose
 
     problem = po.load_problem(folder / "problem.yaml")
     data = po.read_measurements(folder / "data.csv", problem)
     more = {"test": po.read_measurements(other, problem)} if other.exists() else {}
-    return json.loads(json.dumps(diagnose(problem, data, **more).to_json()))
+    return json.loads(json.dumps(po.diagnose(problem, data, **more).to_json()))
 
 
 def trial(case: Case, options: argparse.Namespace) -> dict[str, Any]:
