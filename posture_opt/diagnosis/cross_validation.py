@@ -45,8 +45,6 @@ def predict(
         found: the estimate from all rows: its outliers teach nothing, and the fits start near it.
         tell: is called after each fit.
     """
-    from scipy.special import gammaincinv
-
     data = residuals.data
     errors, inside, restless = np.zeros((len(data), 3)), np.zeros(len(data), dtype=bool), 0
     for left_out in folds:
@@ -60,26 +58,52 @@ def predict(
                 weight=float(np.sqrt(known.design * found.variance)), design=known.design,
             )  # fmt: skip
             x, restless = again.x, restless + (not again.at_rest)
-        errors[left_out] = position_errors(residuals.take(left_out), x)
+        rest = residuals.take(left_out)
+        errors[left_out] = position_errors(rest, x)
         taught = position_errors(training, x)[:, residuals.axes]
-        C = taught.T @ taught / max(len(taught) - len(residuals.parameters) / 3, 1)
-        e = errors[np.ix_(left_out, residuals.axes)]
-        # An arm in a plane has no error across it: C then spans the plane only.
-        squared = np.einsum("ni,ni->n", e @ np.linalg.pinv(C, rcond=1e-12, hermitian=True), e)
-        inside[left_out] = squared <= 2 * gammaincinv(max(np.linalg.matrix_rank(C, hermitian=True), 1) / 2, 0.95)
+        inside[left_out] = _inside(rest, errors[left_out], taught, x, None if known is None else again)
         tell()
     return Predicted(errors, inside, restless)
+
+
+def _inside(rest: Residuals, errors: Array, taught: Array, x: Array, found: Estimate | None) -> NDArray[np.bool_]:
+    """Whether errors (n, 3) lie in the 95 % regions that other rows' errors ``taught`` (m, d) lead one to expect.
+
+    They hold the scatter of those, and what is not known of the parameters; Hotelling's distribution, as the scatter
+    itself is estimated.
+    """
+    from scipy.special import fdtri
+
+    e, d = errors[:, rest.axes], len(rest.axes)
+    frames = sum(p.group != "geometry" for p in rest.parameters)
+    fitted = frames if found is None else len(found.fit.x)
+    free = max(len(taught) - fitted / d, d + 1.0)
+    C = np.broadcast_to(taught.T @ taught / free, (len(e), d, d))
+    if found is not None:
+        J = rest.both(x)[1][: len(e) * rest.block].reshape(len(e), rest.block, -1)[:, :d] * rest.sigma
+        J = _about_points(rest, J)
+        C = C + J @ found.covariance @ np.swapaxes(J, -1, -2)
+    squared = np.einsum("ni,ni->n", e, np.linalg.solve(C, e[..., None])[..., 0])
+    return np.asarray(squared <= d * free / (free - d + 1) * fdtri(d, free - d + 1, 0.95))
+
+
+def _about_points(residuals: Residuals, rows: Array) -> Array:
+    """Rows (N, …) less the mean over the touches of the same point."""
+    if residuals.data.position is not None:
+        return rows
+    rows = rows.copy()
+    for code in np.unique(residuals.data.point):
+        mine = residuals.data.point == code
+        rows[mine] -= rows[mine].mean(axis=0)
+    return rows
 
 
 def position_errors(residuals: Residuals, x: Array) -> Array:
     """Position errors (N, 3) [m]; of touched points, about the mean of each point, which no one knows otherwise."""
     error = residuals.error(x)
     if residuals.data.position is None:
-        for code in np.unique(residuals.data.point):
-            mine = residuals.data.point == code
-            error[mine] -= error[mine].mean(axis=0)
-    else:
-        error[:, ~residuals.data.measured_axes] = 0.0
+        return _about_points(residuals, error)
+    error[:, ~residuals.data.measured_axes] = 0.0
     return error
 
 

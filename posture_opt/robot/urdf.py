@@ -19,6 +19,7 @@ from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree, read_urdf
 Array = NDArray[np.float64]
 FLANGE = "tool0"
 MOVING = ("revolute", "continuous", "prismatic")
+_LOCKED = 0.1  # cosine of the pitch: below, an error of yaw is nearly one of roll
 _ON_AXIS = 1e-14  # how far beside a coordinate axis a unit vector may lie: far below what a pose can show
 
 
@@ -29,7 +30,8 @@ class UrdfRobot(RobotFormat):
     ROS-Industrial's name of the tool flange.
 
     A joint is ``Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)`` of its origin, then the motion about or along its axis;
-    where the axis points against a coordinate axis, ``JOINT.theta`` still counts along the coordinate axis. Fixed
+    where the axis points against a coordinate axis, ``JOINT.theta`` still counts along the coordinate axis. Where an
+    origin's pitch is near ±90°, errors of yaw, pitch and roll are small turns of the frame behind it. Fixed
     joints are constant, their masses count to the moving link that carries them. Meshes are never opened.
     Source: ROS, "URDF XML specification", elements link and joint.
     """
@@ -148,10 +150,23 @@ def _link_factors(segment: _Segment, index: int) -> tuple[Factor, ...]:
     joint = segment.moving
     return (
         *(factor for origin in segment.before for factor in _constant(origin)),
-        *frame_factors(joint.name, *_xyz_rpy(joint.origin)),
+        *_origin_factors(joint.name, *_xyz_rpy(joint.origin)),
         *_motion(joint, index),
         *(factor for origin in segment.behind for factor in _constant(origin)),
     )
+
+
+def _origin_factors(name: str, xyz: tuple[float, ...], rpy: tuple[float, ...]) -> tuple[Factor, ...]:
+    """The named factors of a joint's origin.
+
+    Where pitch is near ±90° roll and yaw turn about the same axis, and no three errors of them make a small turn about
+    the third: there yaw, pitch and roll are small turns about z, y and x of the frame behind the origin.
+    """
+    named = frame_factors(name, xyz, rpy)
+    if abs(math.cos(rpy[1])) > _LOCKED:
+        return named
+    turned = tuple(replace(factor, parameter="") for factor in named[3:])
+    return (*named[:3], *turned, *frame_factors(name, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))[3:])
 
 
 def _constant(origin: Array) -> tuple[Factor, ...]:
