@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -25,8 +25,9 @@ Codes = NDArray[np.intp]
 Purpose = Literal["parameters", "task"]
 
 _DRAWS = 21  # random plans of the same size that the chosen one is compared with
-_STARTS = 4
-_NEW = 24  # postures tried near each chosen one, in each round
+_STARTS = 4  # of the exchange; fewer for large plans, where one ends as well as another
+_STARTED = 240  # postures in all starts together
+_NEW, _MOST_NEW = 24, 3000  # postures tried near each chosen one, and near all, in each round
 _SHOWN = 1500  # random postures that are kept to be drawn
 _APART = {"revolute": np.radians(5.0), "prismatic": 0.02}
 _NEAR = (0.2, 0.05)  # of the joints' ranges: how near, round by round
@@ -161,7 +162,7 @@ def plan(
     return MeasurementPlan(
         robot=problem.robot, q=q, points=nominal_poses(problem.robot, q)[0], purpose=purpose,
         parameters=measuring.parameters, settled=unknowns.settled, words=unknowns.known.words,
-        before=unknowns.stage(J[:0]), after=unknowns.stage(chosen),
+        before=_before(unknowns.stage(J[:0]), given), after=unknowns.stage(chosen),
         random=Stage.median([unknowns.stage(J[drawn[:count]]) for drawn in random]), gain=gain, equivalent=equal,
         tried=len(pool), target=target, tour=way, room=room, share=share,
         reach=nominal_poses(problem.robot, pool[:_SHOWN])[0], given=given,
@@ -170,6 +171,11 @@ def plan(
         axes=tuple("xyz"[i] for i in measuring.residuals.axes), targets=measuring.targets,
         notes=tuple(dict.fromkeys((*assumed, *known.notes, *notes))),
     )  # fmt: skip
+
+
+def _before(stage: Stage, given: Measurements | None) -> Stage:
+    """Where nothing was measured the task's error is that of parts as they are drawn, which is no knowledge."""
+    return stage if given is not None else replace(stage, task=float("nan"))
 
 
 def _given(problem: CalibrationProblem, data: Measurements | None, measuring: Instrument) -> Given:
@@ -209,14 +215,15 @@ class _Search:
     def best(self, pool: Array, J: Array, count: int, seed: int, progress: Progress | None) -> tuple[Array, Array]:
         """The best postures (count, n) and their derivatives: first of the pool, then also of others near them."""
         apart = self._apart(count)
-        start, total = self.unknowns.start, _STARTS + len(_NEAR)
+        starts = max(1, min(_STARTS, _STARTED // count))
+        start, total = self.unknowns.start, starts + len(_NEAR)
         tell: Callable[[int, int], None] = lambda done, of: progress(done, total) if progress else None  # noqa: E731
         found = exchange(
             self.unknowns.blocks(J),
             start,
             self.criterion,
             count,
-            starts=_STARTS,
+            starts=starts,
             seed=seed,
             places=pool / apart,
             progress=tell,
@@ -231,7 +238,7 @@ class _Search:
                 self.unknowns.blocks(both), start, self.criterion, count, former=np.arange(count), places=moves / apart
             )
             q, chosen = moves[found.chosen], both[found.chosen]
-            tell(_STARTS + k + 1, total)
+            tell(starts + k + 1, total)
         return q, chosen
 
     def _apart(self, count: int) -> Array:
@@ -242,7 +249,7 @@ class _Search:
 
     def _near(self, q: Array, near: float, rng: np.random.Generator) -> Array:
         step = near * (self.room.upper - self.room.lower)
-        tried = np.repeat(q, _NEW, axis=0)
+        tried = np.repeat(q, max(1, min(_NEW, _MOST_NEW // len(q))), axis=0)
         tried = self.room.rounded(tried + step * rng.normal(size=tried.shape))
         return np.asarray(tried[self.room.allowed(tried)])
 

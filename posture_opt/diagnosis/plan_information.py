@@ -15,6 +15,7 @@ from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.nominal import still_axes
 from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter
 from posture_opt.diagnosis.residuals import Residuals
+from posture_opt.model.chain import factor_values, walk
 from posture_opt.model.derivatives import position_column
 from posture_opt.robot.robot import Robot
 
@@ -70,7 +71,11 @@ class Instrument:
         return J.reshape(len(q), self.coordinates, len(x))
 
     def tool_rows(self, q: Array, x: Array, basis: Array) -> Array:
-        """(t, k) shift of the (first) tool point at the posture q (n,) along the t rows of ``basis``, per unknown."""
+        """(t, k) shift of the (first) tool point at the posture q (n,) along the t rows of ``basis``, per unknown.
+
+        The rows of ``basis`` are directions about the arm as its nominal base stands; they turn with a base found
+        elsewhere.
+        """
         data = planned_rows(self.residuals.robot, q[None], np.ones(3, dtype=bool), self.targets, False).take([0])
         here = replace(self.residuals, data=data)
         reached = here.walk(x)
@@ -78,7 +83,13 @@ class Instrument:
         for k, parameter in enumerate(self.parameters):
             if parameter.factor >= 0 and parameter.code <= 0:
                 columns[:, k] = [float(np.ravel(entry)[0]) for entry in position_column(reached, parameter.factor)]
-        return np.asarray(basis @ columns)
+        return np.asarray(basis @ self._base(np.zeros(len(x))) @ self._base(x).T @ columns)
+
+    def _base(self, x: Array) -> Array:
+        """(3, 3) orientation of the base in the world."""
+        factors = self.residuals.robot.base
+        values = {p.name: float(v) for p, v in zip(self.parameters, x, strict=True) if p.group == "base"}
+        return np.array(walk(factors, factor_values(factors, (), values)).columns, dtype=float).T
 
 
 def planned_rows(

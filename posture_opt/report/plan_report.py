@@ -67,13 +67,12 @@ def answer(plan: MeasurementPlan) -> tuple[str, ...]:
     warned = (table,) if NO_TABLE in plan.notes else ()
     if plan.target is None or math.isnan(plan.after.task):
         return (first, *warned)
-    known = plan.given is not None and not math.isnan(plan.before.task)
-    before = f", {length(plan.before.task)} without them" if known else ""
+    before = "" if math.isnan(plan.before.task) else f", {length(plan.before.task)} without them"
     counted = {"across": "across the direction ", "along": "along the direction "}.get(plan.target.within, "")
     return (
         first,
         f"What is not known of the arm will then put its tool point {length(plan.after.task)} off {counted}at the "
-        f"task's posture (one standard deviation{before}).",
+        f"task's posture (root mean square{before}).",
         *warned,
     )
 
@@ -86,7 +85,7 @@ def planned_block(problem: Problem, plan: MeasurementPlan) -> Block:
         *([("Given", _given(plan))] if plan.given is not None else []),
         ("Kept clear", _room(plan)),
     ]
-    notes = note_facts((*problem.notes, *plan.notes))
+    notes = note_facts((*problem.notes, *(note for note in plan.notes if note != NO_TABLE)))
     return Block("What is planned", (Facts((*robot_facts(problem), *facts, *notes)),))
 
 
@@ -129,15 +128,14 @@ def gain_block(plan: MeasurementPlan) -> Block:
     known = [int(np.sum(np.isfinite(stage.std))) for stage in (plan.before, plan.after, plan.random)]
     rows = [("parameters determined", *(str(n) for n in known))]
     if plan.target is not None:
-        off = [_value(stage.task * 1e3) for stage in _stages(plan)]
-        rows.append(("tool point at the task [mm]", _OPEN if plan.given is None else off[0], *off[1:]))
+        rows.append(("tool point at the task off by [mm]", *(_value(s.task * 1e3) for s in _stages(plan))))
     n = len(plan.q)
     told = "what the given rows tell" if plan.given is not None else "nothing is measured"
     text = (
         f"Before: {told}, and the stated σ's. "
         f"Random: the median of {count(21, 'plan')} of {count(n, 'random posture')} that keep clear of the same. "
     )
-    what = "standard errors (geometric mean)" if plan.purpose == "parameters" else "standard deviation at the task"
+    what = "standard errors (geometric mean)" if plan.purpose == "parameters" else "error at the task"
     text += f"The {what} would be {_larger(plan.gain)} with random ones." if plan.gain > 1.005 else ""
     return Block("What it brings", (text, Table(("", "before", "planned", "random"), tuple(rows))), "plan_points")
 
