@@ -24,6 +24,7 @@ ELSEWHERE = (
     "the base is free, so the world is the frame of the instrument, and the place of the task is read in it: write "
     "position and direction in that frame"
 )
+_SUFFIX = ", calibrated"
 COVARIANCE = "calibrated_covariance.csv"
 _FINE = {"m": 1e-11, "rad": 1e-13}
 """Below, a deviation is rounding: [m], and [rad] at any reach of an arm."""
@@ -42,15 +43,15 @@ def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
         InputError: the calibration is one of another robot.
     """
     scatter = remaining_scatter(problem, calibration)
-    x, covariance = _of_first_target(calibration, covariance_under(calibration, scatter))
-    known = _known(problem, calibration, x, covariance)
+    x, covariance = of_first_target(calibration, covariance_under(calibration, scatter))
+    known = known_sources(problem, calibration, x, covariance)
     document = {
         **problem.to_dict(),
-        "name": f"{problem.name}, calibrated",
-        "robot": _robot(problem, x),
-        "uncertainty": _uncertainty(problem, scatter, bool(known.names)),
+        "name": f"{problem.name.removesuffix(_SUFFIX)}{_SUFFIX}",
+        "robot": corrected_section(problem, x),
+        "uncertainty": uncertainty_section(problem, scatter, COVARIANCE if known.names else ""),
     }
-    text = covariance_text(known.names, known.covariance, _units(problem, known.names))
+    text = covariance_text(known.names, known.covariance, parameter_units(problem, known.names))
     attached = {COVARIANCE: text} if known.names else {}
     return build_problem(
         Document(document), problem.folder, problem.name, attached=attached, header=_header(calibration, scatter)
@@ -74,7 +75,7 @@ def arm_of_frames(problem: Problem, calibration: Calibration) -> Problem:
     """The problem with the nominal arm where the measurements saw it: free frames are found, and nothing else."""
     x = {p.name: v for p, v in zip(calibration.parameters, calibration.x_nominal, strict=True)}
     found = {_name(p): x[p.name] for p in calibration.parameters if p.group in ("base", "tool") and p.code <= 0}
-    document = {**problem.to_dict(), "robot": _robot(problem, found)}
+    document = {**problem.to_dict(), "robot": corrected_section(problem, found)}
     return build_problem(Document(document), problem.folder, problem.name, attached=problem.attached)
 
 
@@ -83,19 +84,19 @@ def _name(parameter: Parameter) -> str:
     return f"tool.{parameter.name.rpartition('.')[2]}" if parameter.group == "tool" else parameter.name
 
 
-def _of_first_target(calibration: Calibration, covariance: Array) -> tuple[dict[str, float], Array]:
+def of_first_target(calibration: Calibration, covariance: Array) -> tuple[dict[str, float], Array]:
     """Deviations of the robot's parameters by name, and their covariance; touched points and other targets left out."""
     own = [i for i, p in enumerate(calibration.parameters) if p.factor >= 0 and p.code <= 0]
     x = {_name(calibration.parameters[i]): float(calibration.x[i]) for i in own}
     return x, covariance[np.ix_(own, own)]
 
 
-def _known(problem: Problem, calibration: Calibration, x: Mapping[str, float], covariance: Array) -> Sources:
+def known_sources(problem: Problem, calibration: Calibration, x: Mapping[str, float], covariance: Array) -> Sources:
     """What is still uncertain of errors that stay: the estimates, and stated σ's that the data had no part in."""
     names, units = list(x), {p: f.kind for p, f in problem.robot.parameters.items()}
     least = np.array([_FINE["rad" if units[name] == "rotate" else "m"] for name in names])
     kept = [i for i in range(len(names)) if covariance[i, i] > least[i] ** 2]
-    found = Sources(tuple(names[i] for i in kept), _semidefinite(covariance[np.ix_(kept, kept)]))
+    found = Sources(tuple(names[i] for i in kept), semidefinite(covariance[np.ix_(kept, kept)]))
     sources = problem.sources
     moved = {name.rpartition(".")[0] for name in x if name.endswith(".roll")}
     others = [
@@ -109,7 +110,7 @@ def _known(problem: Problem, calibration: Calibration, x: Mapping[str, float], c
     return found.plus(Sources(tuple(sources.names[i] for i in others), sources.constant[np.ix_(others, others)]))
 
 
-def _semidefinite(covariance: Array) -> Array:
+def semidefinite(covariance: Array) -> Array:
     """The covariance without the rounding of its zeros; in correlations, which have no units."""
     sigma = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(sigma, sigma))
@@ -117,7 +118,7 @@ def _semidefinite(covariance: Array) -> Array:
     return np.asarray((found + found.T) / 2)
 
 
-def _robot(problem: Problem, x: Mapping[str, float]) -> dict[str, Any]:
+def corrected_section(problem: Problem, x: Mapping[str, float]) -> dict[str, Any]:
     """The robot's section with deviations ``x`` [rad or m] added: frames as numbers, the rest as corrections."""
     section = dict(problem.to_dict()["robot"])
     nominal, parameters = problem.spec.robot.nominal(problem.folder).parameters, problem.robot.parameters
@@ -155,13 +156,14 @@ def quantity(value: float, factor: Factor) -> str:
     return f"{'0' if number == '-0' else number} {'deg' if factor.kind == 'rotate' else 'mm'}"
 
 
-def _uncertainty(problem: Problem, scatter: RemainingScatter, known: bool) -> dict[str, Any]:
+def uncertainty_section(problem: Problem, scatter: RemainingScatter, covariance: str) -> dict[str, Any]:
+    """The section of a problem whose parameters' covariance stands in a file, beside the scatter of the joints."""
     former = problem.to_dict().get("uncertainty") or {}
     parameters = problem.robot.parameters
     sigma = {name: _rounded(value, parameters[name]) for name, value in scatter.sigma.items()}
     kept = {key: former[key] for key in ("measurement",) if former.get(key) is not None}
     return {
-        **({"covariance": COVARIANCE} if known else {}),
+        **({"covariance": covariance} if covariance else {}),
         **({"scatter": sigma} if sigma else {}),
         **kept,
     }
@@ -172,7 +174,7 @@ def _rounded(sigma: float, factor: Factor) -> str:
     return f"{float(f'{value:.4g}'):.12f}".rstrip("0").rstrip(".") + f" {unit}"
 
 
-def _units(problem: Problem, names: tuple[str, ...]) -> list[str]:
+def parameter_units(problem: Problem, names: tuple[str, ...]) -> list[str]:
     parameters = problem.robot.parameters
     return ["mrad" if parameters[name].kind == "rotate" else "mm" for name in names]
 
