@@ -12,6 +12,7 @@ import posture_opt as po
 from posture_opt.diagnosis.mean_test import block_tests, group_means, holm, mean_test
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.reading import read_measurements
+from posture_opt.diagnosis.trends import trend
 from tests.helpers.planar_2r import position, postures_at
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -302,3 +303,41 @@ def test_data_without_any_error_leave_nothing_to_assess() -> None:
     assert found.calibrated.zero
     assert found.remaining is None
     assert found.calibrated.coordinate == 0
+
+
+def test_a_drift_is_found_with_its_size_and_time_like_noise_is_none() -> None:
+    rng = np.random.default_rng(14)
+    time = np.sort(rng.uniform(0, 3600, 400))
+    alarms, hits = 0, []
+    for _ in range(400):
+        noise = rng.normal(0, NOISE, (400, 3))
+        for k in range(1, 400):  # neighbours err alike: a memory of some three rows
+            noise[k] += 0.7 * noise[k - 1]
+        alarms += trend("time", time, noise).p_value < 0.05
+        moved = trend("time", time, noise + np.outer(time / np.ptp(time), [1e-4, 0, 0]))
+        hits.append((moved.change[0] - 1e-4) / moved.error[0])
+    # Binomial of 400 at 5 %: 20 ± 4.4; batches of 20 rows hold most of the memory, not all of it.
+    assert 6 <= alarms <= 40
+    # Student of 18 degrees of freedom: standard deviation 1.06.
+    assert np.std(hits) == pytest.approx(1.06, abs=0.2)
+    assert abs(np.mean(hits)) < 0.25
+    assert trend("payload", np.ones(400), noise) is None
+    assert trend("time", time[:8], noise[:8]) is None
+
+
+@pytest.mark.parametrize("play", [0.0, 1e-4])
+def test_play_of_a_joint_shows_in_the_side_that_it_arrives_from(play: float) -> None:
+    rng = np.random.default_rng(16)
+    problem = planar()
+    q, side = rng.uniform(-2.5, 2.5, (200, 2)), rng.choice([-1, 1], (200, 2))
+    points = position(q + np.column_stack([np.zeros(200), play * side[:, 1]])) + rng.normal(0, NOISE, q.shape)
+    sides = {"joint1.approach": side[:, 0], "joint2.approach": side[:, 1]}
+    data = measured(problem, q, points, **sides, **{"temperature [degC]": rng.uniform(20, 25, 200)})
+    found = po.assess(problem, data, po.calibrate(problem, data, folds=2))
+    assert [t.name for t in found.trends] == ["row", "temperature"]
+    assert not any(t.found for t in found.trends)  # one of them in twenty draws
+    first, second = found.sides
+    assert not first.found
+    assert second.found == (play > 0)
+    # On a lever of 1 m from -0.1 mrad to 0.1 mrad; the fit takes none of it, as the side is drawn by lot.
+    assert second.difference == pytest.approx(2 * play, abs=4 * second.error)

@@ -14,6 +14,8 @@ from posture_opt.diagnosis.model_errors import ModelErrors, model_errors, told
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.repeats import Goals, Repeats, goals_of, repeats_of
 from posture_opt.diagnosis.residuals import Residuals, matrices, rotation_vectors
+from posture_opt.diagnosis.trends import Sides, Trend, sides_of, trends_of
+from posture_opt.model.derivatives import position_column
 from posture_opt.uncertainty.regions import Ellipsoid, hotelling_factor
 
 Array = NDArray[np.float64]
@@ -69,6 +71,7 @@ class Assessment:
         block_axes: name and unit, m or rad, of what the blocks of the tests are cut along.
         remaining: ``None`` where the poses are too few for a region.
         repeats, goals: ``None`` where nothing was visited twice.
+        trends, sides: how the calibrated model's errors move with inputs, and with the side of arrival.
         notes: sentences for the report.
     """
 
@@ -83,6 +86,8 @@ class Assessment:
     remaining: Remaining | None
     repeats: Repeats | None
     goals: Goals | None
+    trends: tuple[Trend, ...] = ()
+    sides: tuple[Sides, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -106,6 +111,8 @@ class Assessment:
             "instrument": instrument,
             "repeats": None if self.repeats is None else self.repeats.to_json(),
             "goals": None if self.goals is None else self.goals.to_json(),
+            "trends": [trend.to_json() for trend in self.trends],
+            "approach": [sides.to_json() for sides in self.sides],
             "notes": list(self.notes),
         }  # fmt: skip
 
@@ -140,6 +147,8 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
         remaining=_remaining(errors["calibrated"][:, axes], len(np.unique(used.pose))),
         repeats=None if data.touches else repeats_of(used, deviations, rotations, oriented),
         goals=goals_of(used, errors),
+        trends=trends_of(used, fitted["calibrated"][:, axes]),
+        sides=sides_of(used, fitted["calibrated"], _motions(calibration.residuals.take(kept), calibration.x)),
         notes=_notes(problem, axes, direction),
     )
 
@@ -179,6 +188,12 @@ def _remaining(errors: Array, poses: int) -> Remaining | None:
     factor = hotelling_factor(_COVERAGE, ellipse.rank, poses)
     inside = float(np.mean(ellipse.mahalanobis(errors) <= factor))
     return Remaining(ellipse, len(errors), poses, factor, inside)
+
+
+def _motions(residuals: Residuals, x: Array) -> list[Array]:
+    reached, N = residuals.walk(x), len(residuals.data)
+    columns = [position_column(reached, k) for k in residuals.robot.driven]
+    return [np.stack([np.broadcast_to(np.asarray(c, dtype=float), N) for c in column], axis=-1) for column in columns]
 
 
 def _turned(residuals: Residuals, x: Array) -> Array | None:

@@ -73,21 +73,29 @@ def mean_test(vectors: Array) -> MeanTest:
 
     Source: H. Hotelling, Ann. Math. Stat. 2 (1931) 360.
     """
-    from scipy.special import fdtrc
-
     n, d = vectors.shape
     mean = vectors.mean(axis=0)
     if n < 2:
         return MeanTest(mean, np.full(d, np.nan), n, float("nan"))
-    S = np.atleast_2d(np.cov(vectors, rowvar=False))
-    error = np.sqrt(np.diag(S) / n)
+    S = np.atleast_2d(np.cov(vectors, rowvar=False)) / n
+    return MeanTest(mean, np.sqrt(np.diag(S)), n, hotelling(mean, S, n - 1))
+
+
+def hotelling(estimate: Array, S: Array, dof: float) -> float:
+    """The probability of an estimate (d,) so far from zero, its covariance S (d, d) estimated with ``dof``.
+
+    ``T² = yᵀ S⁻¹ y``; ``T² (ν + 1 − d) / (d ν)`` is F(d, ν + 1 − d). NaN where S has no variance, or ν < d.
+    """
+    from scipy.special import fdtrc
+
     values, axes = np.linalg.eigh(S)
     varies = values > RANK_TOLERANCE * values[-1]
     rank = int(np.count_nonzero(varies))
-    if not rank or n <= rank:
-        return MeanTest(mean, error, n, float("nan"))
-    t2 = n * float(np.sum((mean @ axes[:, varies]) ** 2 / values[varies]))
-    return MeanTest(mean, error, n, float(fdtrc(rank, n - rank, t2 * (n - rank) / (rank * (n - 1)))))
+    rest = dof + 1 - rank
+    if not rank or rest <= 0:
+        return float("nan")
+    t2 = float(np.sum((estimate @ axes[:, varies]) ** 2 / values[varies]))
+    return float(fdtrc(rank, rest, t2 * rest / (rank * dof)))
 
 
 def group_means(vectors: Array, groups: Codes) -> Array:

@@ -17,7 +17,16 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.assessment import Assessment
     from posture_opt.diagnosis.mean_test import BlockMean
     from posture_opt.diagnosis.model_errors import Deviation, ModelErrors
+    from posture_opt.diagnosis.trends import Trend
 
+_INPUTS = {
+    # input of the data -> words, unit, factor from SI
+    "row": ("the rows of the file", "", 1.0),
+    "time": ("time", "h", 1 / 3600),
+    "temperature": ("temperature", "degC", 1.0),
+    "payload": ("payload", "kg", 1.0),
+}
+_HOURS = 2 * 3600.0  # s: shorter times are told in minutes
 _TOTALS = {1: "in all", 2: "in the plane", 3: "in space"}
 _NOTHING = 0.1  # of its standard error: a mean that a fit has made zero, as chance hardly would on all axes
 _WHOLE = 0.6  # of the whole range: a block as long was not cut along it
@@ -30,7 +39,7 @@ def residual_blocks(found: Assessment) -> tuple[Block, ...]:
         directions_block(found),
         *([goals_block(found)] if found.goals is not None else []),
         mean_block(found),
-        inputs_block(),
+        inputs_block(found),
         remaining_block(found),
         shape_block(found),
         instrument_block(found),
@@ -125,10 +134,34 @@ def p_value(p: float) -> str:
     return "below 0.001" if p < 1e-3 else f"= {number(p, 2)}"
 
 
-def inputs_block() -> Block:
-    """Where to look for drift, heat, load and backlash."""
-    text = "A line that leaves its band about zero tells of drift, heat, load or backlash."
-    return Block("Errors over time and other inputs", (text,), "residual_inputs")
+def inputs_block(found: Assessment) -> Block:
+    """Drift, heat, load and play: what moves the errors that are left."""
+    texts = [_trend_text(trend) for trend in found.trends if trend.found]
+    calm = [_INPUTS[trend.name][0] for trend in found.trends if not trend.found]
+    if calm:
+        texts.append(f"No trend beyond chance over {_listed(calm)}.")
+    off = sorted((sides for sides in found.sides if sides.found), key=lambda sides: -abs(sides.difference))
+    if off:
+        sizes = ", ".join(f"{sides.joint} by {length(abs(sides.difference))}" for sides in off)
+        texts.append(f"The side from which a joint arrives makes a difference along its motion: {sizes}.")
+    elif found.sides:
+        texts.append("The side from which a joint arrives makes no difference beyond chance.")
+    first = "Once calibrated, the errors should follow neither time nor other inputs."
+    return Block("Errors over time and other inputs", (first, *texts), "residual_inputs")
+
+
+def _listed(words: list[str]) -> str:
+    return " or ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+
+
+def _trend_text(trend: Trend) -> str:
+    words, unit, factor = _INPUTS[trend.name]
+    if trend.name == "time" and trend.range[1] - trend.range[0] < _HOURS:
+        unit, factor = "min", 1 / 60
+    low, high = (f"{factor * value:.4g}" for value in trend.range)
+    span = "from the first row to the last" if trend.name == "row" else f"from {low} to {high} {unit}"
+    change = shift(trend.change.tolist())
+    return f"Over {words}, {span}, the mean error moves by {change}: that is no chance (p {p_value(trend.p_value)})."
 
 
 def remaining_block(found: Assessment) -> Block:
