@@ -84,8 +84,12 @@ def _name(parameter: Parameter) -> str:
     return f"tool.{parameter.name.rpartition('.')[2]}" if parameter.group == "tool" else parameter.name
 
 
-def of_first_target(calibration: Calibration, covariance: Array) -> tuple[dict[str, float], Array]:
-    """Deviations of the robot's parameters by name, and their covariance; touched points and other targets left out."""
+def of_first_target(calibration: Calibration, covariance: Array | None = None) -> tuple[dict[str, float], Array]:
+    """Deviations of the robot's parameters by name, and their covariance; touched points and other targets left out.
+
+    ``covariance`` (k, k) is that of the calibration unless another is given.
+    """
+    covariance = calibration.covariance if covariance is None else covariance
     own = [i for i, p in enumerate(calibration.parameters) if p.factor >= 0 and p.code <= 0]
     x = {_name(calibration.parameters[i]): float(calibration.x[i]) for i in own}
     return x, covariance[np.ix_(own, own)]
