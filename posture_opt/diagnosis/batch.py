@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from posture_opt.diagnosis.spread_check import predictions
 from posture_opt.diagnosis.validation import By, Statistics
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.uncertainty.regions import coverage_factor
+from posture_opt.uncertainty.sources import Sources
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.intp]
@@ -154,9 +155,9 @@ def calibrate_batch(
     """
     _check(data)
     rows = tuple(np.flatnonzero(data.robot == code) for code in range(len(data.robot_names)))
-    found = []
+    found, unbiased = [], _without_geometry(problem)
     for k, mine in enumerate(rows):
-        found.append(_one(problem, data, mine, k, folds, by))
+        found.append(_one(unbiased, data, mine, k, folds, by))
         if progress is not None:
             progress(k + 1, len(rows))
     calibrations = tuple(found)
@@ -212,11 +213,21 @@ def _one(
     mine = data.take(rows)
     own = replace(mine, robot=np.zeros(len(rows), dtype=np.intp), robot_names=(name,))
     try:
-        return calibrate(problem, own, priors=False, folds=folds, by=by)
+        return calibrate(problem, own, folds=folds, by=by)
     except InsufficientDataError as error:
         raise InsufficientDataError(f"robot {name}: {error}") from None
     except InputError as error:
         raise InputError([replace(issue, message=f"robot {name}: {issue.message}") for issue in error.issues]) from None
+
+
+def _without_geometry(problem: CalibrationProblem) -> CalibrationProblem:
+    """The problem without σ's of geometry; those of frames that are not free stay knowledge."""
+    sources = problem.sources
+    frame = np.array([name.startswith(("base.", "tool.")) for name in sources.names], dtype=bool)
+    constant = np.where(np.outer(frame, frame), sources.constant, 0.0)
+    bare = Sources(sources.names, constant + sources.visit, sources.notes, sources.visit)
+    changed: CalibrationProblem = replace(cast(Any, problem), sources=bare)
+    return changed
 
 
 def _told(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_STEPS = 5000  # of EM; a batch that varies less than its members are known to needs the most
-_SETTLED = 1e-7  # of a scaled covariance
+_STEPS = 1000  # of EM; a batch that varies less than its members are known to needs the most
+_SETTLED = 1e-6  # of a scaled covariance
 _CHI2 = 3.841458820694124  # 95 % of χ² with one degree of freedom
 _NORMAL = 1.959963984540054
 

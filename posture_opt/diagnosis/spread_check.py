@@ -61,6 +61,7 @@ class SpreadCheck:
         elsewhere: models of the scatter fitted at some postures and judged at others.
         odd: lines of postures whose visits differ far more than those of the others; they are left out.
         remaining: the scatter that the calibrated model takes; ``instrument`` the σ of a coordinate [m].
+        notes: sentences on what these data cannot tell.
     """
 
     coverage: dict[str, Coverage]
@@ -77,6 +78,7 @@ class SpreadCheck:
     odd: tuple[int, ...]
     remaining: RemainingScatter
     instrument: float
+    notes: tuple[str, ...] = ()
 
     @property
     def coverage95(self) -> dict[str, float]:
@@ -94,6 +96,7 @@ class SpreadCheck:
             "joint_noise": _noise_json(self),
             "odd_lines": list(self.odd),
             "held_out": [found.to_json() for found in self.elsewhere],
+            "notes": list(self.notes),
         }
 
 
@@ -136,6 +139,20 @@ def check_spread(
         odd=between.odd,
         remaining=remaining,
         instrument=residuals.sigma,
+        notes=_unknowable(problem),
+    )
+
+
+def _unknowable(problem: CalibrationProblem) -> tuple[str, ...]:
+    """What the problem says of a type of robots, and no single robot can tell."""
+    pairs = np.argwhere(np.triu(problem.sources.constant, 1) != 0)
+    names = [f"{problem.sources.names[i]} with {problem.sources.names[j]}" for i, j in pairs[:3]]
+    if not names:
+        return ()
+    what = ", ".join(names) + (" and others" if len(pairs) > len(names) else "")
+    return (
+        f"whether parameters vary together from robot to robot ({what}) cannot be known from one robot: measure ten or "
+        "more of the type, named in a column 'robot'",
     )
 
 

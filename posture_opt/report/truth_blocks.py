@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Block, Table
+from posture_opt.report.parts import sentence
 from posture_opt.report.repeat_blocks import MODELS
 from posture_opt.report.residual_blocks import p_value
 from posture_opt.report.units_text import angle, count, fixed, length, number, percent, stated_angle, stated_length
@@ -57,7 +58,9 @@ def coverage_block(found: SpreadCheck) -> Block:
     low, high = (percent(end) for end in nominal.expected)
     draw = [f"{one} would still lie anywhere between {low} and {high}."] if wide else []
     table = Table(headers, rows)
-    return Block("Is the predicted spread true?", (*sentences, how, table, *draw), "truth_coverage")
+    return Block(
+        "Is the predicted spread true?", (*sentences, how, table, *draw, *map(sentence, found.notes)), "truth_coverage"
+    )
 
 
 def coverage_sentence(name: str, found: SpreadCheck) -> str:
