@@ -14,10 +14,13 @@ from posture_opt.diagnosis.calibration import Calibration, calibrate
 from posture_opt.diagnosis.extended import Extended, fit_extended
 from posture_opt.diagnosis.gains import HeldOut, held_out
 from posture_opt.diagnosis.geometry_names import GeometryCause, geometry_causes
+from posture_opt.diagnosis.limits import unknowable
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.noise_causes import NoiseCause, noise_causes
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.search import Scene, Verdict, search
+from posture_opt.diagnosis.second_session import Gain, SecondSession, second_session
+from posture_opt.diagnosis.stages import Stages
 from posture_opt.diagnosis.suspects import Suspect
 from posture_opt.diagnosis.tangents import Tangents, case_of
 from posture_opt.diagnosis.umbrellas import Umbrella
@@ -39,6 +42,7 @@ class Finding:
         p_value: family-wise, of the data without this cause.
         gain: relative drop of the cross-validated RMS that it brings.
         confounded_with: (kind, target) that could stand for it.
+        interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
     """
 
     kind: str
@@ -48,15 +52,18 @@ class Finding:
     gain: float
     confounded_with: tuple[tuple[str, str], ...] = ()
     effect: Effect | None = None
+    interval: tuple[float, float] | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The entry of ``effects`` in ``diagnosis.json``."""
+        interval = {} if self.interval is None else {"gain_interval95": list(self.interval)}
         return {
             "kind": self.kind,
             "target": self.target,
             "estimate": {n: {"value": v, "std": s, "unit": u} for n, (v, s, u) in self.estimate.items()},
             "p_value": self.p_value,
             "gain": self.gain,
+            **interval,
             "confounded_with": [{"kind": k, "target": t} for k, t in self.confounded_with],
         }
 
@@ -73,6 +80,8 @@ class Diagnosis:
         model: the fitted arm with its effects.
         unexplained: umbrellas, curves without a name, that the residuals need.
         adequacy: what is left after everything.
+        groups: (N,) what the cross-validation left out together, of the rows that are no outliers.
+        test: another file predicted by what this one taught.
     """
 
     outcome: Outcome
@@ -87,6 +96,8 @@ class Diagnosis:
     unexplained: tuple[Umbrella, ...]
     adequacy: Adequacy
     by: By
+    groups: NDArray[np.intp]
+    test: SecondSession | None = None
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -105,9 +116,10 @@ class Diagnosis:
         p = self.adequacy.p_value
         if self.unexplained and self.search.judged:
             p = min(p, self.search.judged[0].p_value)
+        test = {} if self.test is None else {"test": self.test.to_json()}
         return {
             "verdict": self.outcome,
-            "effects": [f.to_json() for f in self.findings],
+            "effects": [self._effect_json(i) for i in range(len(self.findings))],
             "unexplained": {
                 "p_value": p,
                 "place": [f"{u.kind}: {u.target}" for u in self.unexplained] or [self.adequacy.place],
@@ -116,6 +128,8 @@ class Diagnosis:
             "residuals": {name: getattr(self, name).to_json() for name in names},
             "coverage95": {name: float(self.held[name].inside.mean()) for name in names},
             "cross_validation": self.by,
+            "gain": self.gain.to_json(),
+            **test,
             "candidates": [
                 {
                     "kind": j.suspect.kind,
@@ -127,8 +141,27 @@ class Diagnosis:
                 }
                 for j in self.search.judged
             ],
+            "absorbed": [
+                {"kind": s.kind, "target": s.target, "surviving_share": rho} for s, rho in self.search.absorbed
+            ],
+            "unknowable": [limit.to_json() for limit in unknowable(self.model.residuals)],
             "notes": list(self.notes),
         }
+
+    @property
+    def gain(self) -> Gain:
+        """Of all effects together over the calibrated arm, cross-validated."""
+        return Gain.of(self.held["extended"].errors, self.held["calibrated"].errors, self.groups)
+
+    def test_gain(self, finding: int) -> Gain | None:
+        """What an effect brings on the other file; None where there is none, or where it is not asked."""
+        if self.test is None or self.findings[finding].effect is None:
+            return None
+        return self.test.gains[sum(f.effect is not None for f in self.findings[:finding])]
+
+    def _effect_json(self, i: int) -> dict[str, Any]:
+        gain = self.test_gain(i)
+        return self.findings[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
 
 
 def diagnose(
@@ -139,6 +172,8 @@ def diagnose(
     by: By | None = None,
     flips: int = 299,
     seed: int = 0,
+    test: Measurements | None = None,
+    refit_frames: bool = False,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Name what the model lacks to explain measurements, at 5 % false alarms for the whole verdict.
@@ -146,13 +181,21 @@ def diagnose(
     Geometry that the data determine is part of every model. Effects and nameless curves compete by what they
     explain of the rest; the null of all of them together comes from flipping the signs of whole poses.
 
+    Args:
+        folds, by: of the cross-validation, as in `calibrate`.
+        flips: draws of the null.
+        test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
+        progress: is told how many of how many parts are done.
+
     Raises:
         InputError: as `calibrate`.
         InsufficientDataError: fewer measurements than unknowns.
     """
-    calibration = calibrate(problem, data, folds=folds, by=by)
+    stages = Stages(progress, 20, 55, 5, 20)
+    calibration = calibrate(problem, data, folds=folds, by=by, progress=stages.next())
     scene = scene_of(calibration, flips, seed)
-    found = search(scene)
+    found = search(scene, stages.rounds(stages.next()))
+    stages.next()
     residuals = scene.tangents.residuals
     named = [s for s in found.chosen if isinstance(s.what, Effect)]
     nameless = tuple(s.what for s in found.chosen if isinstance(s.what, Umbrella))
@@ -168,21 +211,27 @@ def diagnose(
     groups = groups_of(residuals.data, groups_by, folds)
     parts = folds_of(groups, folds, groups_by)
     base = fit_extended(residuals, calibration.x, directions, [])
+    tell = stages.next()
     held = {
         "nominal": held_out(fit_extended(residuals, calibration.x_nominal, known, []), parts),
         "calibrated": held_out(base, parts),
         "extended": held_out(model, parts),
     }
     findings = (
-        *_effect_findings(found, model, held["extended"], parts),
+        *_effect_findings(found, model, held["extended"], parts, groups, tell),
         *(_noise_finding(n) for n in noise),
         *(_geometry_finding(g, held) for g in geometry),
     )
     outcome: Outcome = "unexplained" if unclear else "effects_found" if findings else "none_found"
     statistics = {name: Statistics.of(h.errors, groups) for name, h in held.items()}
+    other = None
+    if test is not None:
+        other = second_session(problem, test, calibration.x_nominal, base, model, refit_frames=refit_frames)
+    stages.end()
     return Diagnosis(
         outcome, findings, calibration, statistics["nominal"], statistics["calibrated"], statistics["extended"],
-        held, model, found, nameless, left, groups_by, calibration.notes,
+        held, model, found, nameless, left, groups_by, groups, other,
+        (*calibration.notes, *(() if other is None else other.notes)),
     )  # fmt: skip
 
 
@@ -220,7 +269,9 @@ def _known_directions(calibration: Calibration) -> Array:
     return directions
 
 
-def _effect_findings(found: Verdict, model: Extended, whole: HeldOut, parts: Any) -> list[Finding]:
+def _effect_findings(
+    found: Verdict, model: Extended, whole: HeldOut, parts: Any, groups: NDArray[np.intp], tell: Progress
+) -> list[Finding]:
     named = [i for i, s in enumerate(found.chosen) if s.named]
     std = model.std
     findings = []
@@ -235,10 +286,16 @@ def _effect_findings(found: Verdict, model: Extended, whole: HeldOut, parts: Any
         }
         for name in effect.shape:
             estimate[name] = (float(getattr(effect, name)), float("nan"), "")
-        gain = 1 - whole.rms / held_out(model, parts, without=place).rms
+        gain = Gain.of(whole.errors, held_out(model, parts, without=place).errors, groups)
         rivals = tuple((r.kind, r.target) for r in found.rivals[i])
         fitted = effect.with_estimate(model.theta[part].tolist())
-        findings.append(Finding(effect.kind, effect.target, estimate, found.p_values[i], float(gain), rivals, fitted))
+        findings.append(
+            Finding(
+                effect.kind, effect.target, estimate, found.p_values[i], gain.value, rivals, fitted,
+                (gain.low, gain.high),
+            )
+        )  # fmt: skip
+        tell(place + 1, len(named))
     return findings
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.scores import Chance, Ground, log_p, surviving
 from posture_opt.diagnosis.shapes import refined
 from posture_opt.diagnosis.subsets import Pool, alternatives, best_set
-from posture_opt.diagnosis.suspects import Judged, Suspect, catalogue, judge
+from posture_opt.diagnosis.suspects import Judged, Suspect, absorbed, catalogue, judge
 from posture_opt.diagnosis.tangents import Tangents
 from posture_opt.model.effects import Case
 
@@ -60,6 +60,7 @@ class Verdict:
         rivals: for each chosen one the suspects that could stand for it.
         judged: every candidate on the geometry alone.
         left: the best candidate on all that was chosen.
+        absorbed: named suspects that the geometry alone could stand for, with the share of their trace that is left.
     """
 
     chosen: tuple[Suspect, ...]
@@ -69,19 +70,22 @@ class Verdict:
     judged: tuple[Judged, ...]
     chance: Chance
     left: Judged | None
+    absorbed: tuple[tuple[Suspect, float], ...] = ()
 
 
-def search(scene: Scene) -> Verdict:
-    """The effects in the residuals, with family-wise error of the first at 3.5 %."""
+def search(scene: Scene, tell: Callable[[], None] = lambda: None) -> Verdict:
+    """The effects in the residuals, with family-wise error of the first at 3.5 %; tells each round that is done."""
     suspects = catalogue(scene.tangents, scene.case)
     base = scene.ground()
     judged, chance = judge(base, suspects, scene.tangents, scene.case)
+    hidden = absorbed(base, suspects, judged)
     if not judged or judged[0].p_value >= FIRST:
-        return Verdict((), (), (), (), tuple(judged), chance, judged[0] if judged else None)
+        return Verdict((), (), (), (), tuple(judged), chance, judged[0] if judged else None, hidden)
     finalists = _finalists(scene, base, judged)
     chosen: tuple[Suspect, ...] = ()
     seen: set[tuple[str, ...]] = set()
     while True:
+        tell()
         pool = _pool(base, finalists)
         start = tuple(i for i, f in enumerate(finalists) if any(f.what == c.what for c in chosen))
         best = [finalists[i] for i in best_set(pool, start, MOST)]
@@ -106,6 +110,7 @@ def search(scene: Scene) -> Verdict:
         tuple(judged),
         chance,
         after[0] if after else None,
+        hidden,
     )
 
 

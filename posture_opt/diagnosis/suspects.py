@@ -133,6 +133,18 @@ def judge(ground: Ground, suspects: Sequence[Suspect], tangents: Tangents, case:
     return sorted(judged, key=lambda j: (j.p_value, j.log_p)), chance
 
 
+def absorbed(
+    ground: Ground, suspects: Sequence[Suspect], judged: Sequence[Judged]
+) -> tuple[tuple[Suspect, float], ...]:
+    """Named suspects that the ground explains whole, one of each kind and target, with the share that is left of it."""
+    known = {j.suspect.key for j in judged}
+    found: dict[tuple[str, str], tuple[Suspect, float]] = {}
+    for suspect in suspects:
+        if suspect.named and suspect.key not in known:
+            found.setdefault(suspect.key, (suspect, surviving(ground, suspect.Z)[1]))
+    return tuple(found.values())
+
+
 def _least(values: Array) -> Array:
     """(B,) least log p-value of each flipped set."""
     return np.asarray(values[:, 1:].min(axis=0, initial=0.0))

@@ -1,0 +1,200 @@
+"""Another session predicted by what one taught: whether a gain holds where nothing was fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.comparison import fit_groups
+from posture_opt.diagnosis.cross_validation import position_errors
+from posture_opt.diagnosis.extended import Extended
+from posture_opt.diagnosis.measurements import Measurements
+from posture_opt.diagnosis.parameters import CalibrationProblem, candidates
+from posture_opt.diagnosis.residuals import Residuals
+from posture_opt.diagnosis.suspects import Suspect
+from posture_opt.diagnosis.tangents import Tangents
+from posture_opt.diagnosis.validation import Statistics
+from posture_opt.errors import InputError, Issue
+from posture_opt.model.effects import Effect
+
+Array = NDArray[np.float64]
+_DRAWS = 500
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Relative drop of an RMS with its 95 % bootstrap interval over groups of rows."""
+
+    value: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, errors: Array, without: Array, groups: NDArray[np.intp]) -> Gain:
+        """Of errors (N, d) against those ``without`` (N, d) of the same rows, which hang together in ``groups``."""
+        code = np.unique(groups, return_inverse=True)[1]
+        sums = np.stack([np.bincount(code, np.sum(e**2, axis=1)) for e in (errors, without)], axis=1)
+        drawn = np.random.default_rng(0).integers(len(sums), size=(_DRAWS, len(sums)))
+        totals = sums[drawn].sum(axis=1)
+        ratios = 1 - np.sqrt(totals[:, 0] / np.maximum(totals[:, 1], 1e-300))
+        low, high = np.quantile(ratios, [0.025, 0.975])
+        total = sums.sum(axis=0)
+        return cls(float(1 - np.sqrt(total[0] / max(total[1], 1e-300))), float(low), float(high))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return {"value": self.value, "interval95": [self.low, self.high]}
+
+
+@dataclass(frozen=True, eq=False)
+class SecondSession:
+    """Another file predicted by what one taught.
+
+    Args:
+        data: the other file; ``errors`` by model (N, 3) model minus measured [m].
+        models: position errors of the arm as it stands, calibrated, and with the effects that can be planned with.
+        gain: of the effects over the calibrated arm.
+        gains: (effects) of each effect over the model without it; None for one that changes with time.
+        refitted: whether base and tool were fitted again.
+    """
+
+    data: Measurements
+    errors: Mapping[str, Array]
+    models: Mapping[str, Statistics]
+    gain: Gain
+    gains: tuple[Gain | None, ...]
+    refitted: bool
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What has to be said of these figures."""
+        notes = ["base and tool are fitted again to the test file"] if self.refitted else []
+        if any(gain is None for gain in self.gains):
+            notes.append(
+                "effects of time are left out of the prediction of the test file: they belong to their session"
+            )
+        if any(gain is not None for gain in self.gains) and self.gain.low <= 0:
+            sure = "no gain" if self.gain.value <= 0 else "no sure gain"
+            notes.append(
+                f"the effects bring {sure} on the test file: RMS {self.models['calibrated'].rms * 1e3:.4g} mm "
+                f"calibrated, {self.models['extended'].rms * 1e3:.4g} mm with them"
+            )
+        return tuple(notes)
+
+    def to_json(self) -> dict[str, Any]:
+        """The part ``test`` of ``diagnosis.json`` [m]."""
+        models = {name: statistics.to_json() for name, statistics in self.models.items()}
+        return {**models, "gain": self.gain.to_json(), "frames_refitted": self.refitted, "rows": len(self.data)}
+
+
+def second_session(
+    problem: CalibrationProblem, other: Measurements, x_nominal: Array, calibrated: Extended, extended: Extended,
+    *, refit_frames: bool = False,
+) -> SecondSession:  # fmt: skip
+    """Errors of three models on other measurements, nothing fitted to them, or base and tool alone.
+
+    Effects of time say nothing of another session and are left out.
+
+    Raises:
+        InputError: the file measures other targets, or several robots.
+    """
+    _check(extended.residuals, other)
+    sight = _Sight(problem, replace(extended.residuals, data=other, distances=()), refit_frames)
+    kept = [i for i, s in enumerate(extended.suspects) if _lasting(s)]
+    theta = [extended.theta[part] for part in extended.slices]
+    errors = {
+        "nominal": sight.errors(x_nominal, [], []),
+        "calibrated": sight.errors(calibrated.x, [], []),
+        "extended": sight.errors(extended.x, [extended.suspects[i] for i in kept], [theta[i] for i in kept]),
+    }
+    gains: list[Gain | None] = [None] * len(extended.suspects)
+    for i in kept:
+        gains[i] = Gain.of(errors["extended"], _without(sight, extended, i), other.pose)
+    models = {name: Statistics.of(e, other.pose) for name, e in errors.items()}
+    gain = Gain.of(errors["extended"], errors["calibrated"], other.pose)
+    return SecondSession(other, errors, models, gain, tuple(gains), refit_frames)
+
+
+def _lasting(suspect: Suspect) -> bool:
+    return isinstance(suspect.what, Effect) and suspect.what.for_planning
+
+
+def _check(residuals: Residuals, other: Measurements) -> None:
+    mine = residuals.data
+    if len(other.robot_names) > 1:
+        raise InputError(Issue("the test file holds several robots", mend="test with one robot at a time"))
+    if other.target_names != mine.target_names or (other.position is None) != (mine.position is None):
+        raise InputError(Issue("the test file measures other targets", mend="test with the same points on the tool"))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sight:
+    """The other file, seen by any estimate."""
+
+    problem: CalibrationProblem
+    residuals: Residuals
+    refit: bool
+
+    def errors(self, x: Array, suspects: Sequence[Suspect], theta: Sequence[Array]) -> Array:
+        """(N, 3) [m] of geometry ``x`` with effects."""
+        residuals, shift = self.residuals, self._shift(x, suspects, theta)
+        if residuals.data.position is not None:
+            # What the effects add to the model is taken off the measured points instead.
+            moved = np.where(residuals.data.measured_axes, residuals.data.position - shift, residuals.data.position)
+            residuals = replace(residuals, data=replace(residuals.data, position=moved))
+            return self._refitted(residuals, x) if self.refit else position_errors(residuals, x)
+        errors = self._refitted(residuals, x) if self.refit else position_errors(residuals, x)
+        return errors + _about_points(shift, residuals.data)
+
+    def _shift(self, x: Array, suspects: Sequence[Suspect], theta: Sequence[Array]) -> Array:
+        residuals = self.residuals
+        shift = np.zeros((len(residuals.data), 3))
+        tangents = Tangents(residuals, x)
+        for suspect, values in zip(suspects, theta, strict=True):
+            assert isinstance(suspect.what, Effect)
+            rows = (tangents.columns(suspect.what) @ values).reshape(-1, residuals.block)
+            shift[:, residuals.axes] += rows[:, : len(residuals.axes)] * residuals.sigma
+        return shift
+
+    def _refitted(self, residuals: Residuals, x: Array) -> Array:
+        """With base and tool fitted again, though the problem file may state them as known."""
+        robot = replace(self.problem.robot, base_free=True, tool_free=True)
+        wide = replace(residuals, parameters=candidates(robot, residuals.data, orientation=residuals.oriented))
+        value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
+        start = np.array([value.get(p.name, 0.0) for p in wide.parameters])
+        again = fit_groups(wide, start, {"base", "tool"})
+        return position_errors(wide, start if again is None else again.x)
+
+
+def _about_points(shift: Array, data: Measurements) -> Array:
+    shift = shift.copy()
+    for code in np.unique(data.point):
+        shift[data.point == code] -= shift[data.point == code].mean(axis=0)
+    return shift
+
+
+def _without(sight: _Sight, model: Extended, left_out: int) -> Array:
+    """(N, 3) errors on the other file of the model that is fitted, to first order, without one effect."""
+    residuals = model.residuals
+    rows = len(residuals.data) * residuals.block
+    others = [i for i in range(len(model.suspects)) if i != left_out]
+    Z = np.concatenate([np.zeros((rows, 0)), *(model.suspects[i].Z for i in others)], axis=1)
+    theta = np.concatenate([np.zeros(0), *(model.theta[model.slices[i]] for i in others)])
+    r, J = residuals.both(model.x)
+    r = r.copy()
+    r[:rows] += Z @ theta
+    A = np.concatenate([J @ model.directions, np.concatenate([Z, np.zeros((len(r) - rows, Z.shape[1]))])], axis=1)
+    scale = np.linalg.norm(A, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    step = np.linalg.lstsq(A / scale, -r, rcond=1e-10)[0] / scale
+    g = model.directions.shape[1]
+    x, theta = model.x + model.directions @ step[:g], theta + step[g:]
+    edges = np.cumsum([0, *(model.suspects[i].Z.shape[1] for i in others)])
+    parts = [theta[a:b] for a, b in pairwise(edges)]
+    chosen = [k for k, i in enumerate(others) if _lasting(model.suspects[i])]
+    return sight.errors(x, [model.suspects[others[k]] for k in chosen], [parts[k] for k in chosen])
