@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -31,6 +32,15 @@ _ALIGNED = 1e-9
 _OUTER = 0.02  # of the rows, on either side, that the map need not cover
 _STEP = 0.01  # m, that its box is rounded to
 
+TOUCHES = (
+    "touched points tell how well touches agree, not where the arm stands: errors count from the mean of each point, "
+    "and no share of them can be set against the predicted distances"
+)
+FITTED = (
+    "free and fitted to these rows: what that takes off their errors is still in the prediction, and no share of "
+    "them can be set against it"
+)
+
 
 @dataclass(frozen=True, eq=False)
 class MeasuredErrors:
@@ -39,39 +49,40 @@ class MeasuredErrors:
     Args:
         place: (M, 3) tool point of the rows by the model [m], world.
         cell: (M,) the target in whose cell each lies; -1 for none.
+        near: (M,) whether they lie in a cell that has a prediction.
         uncorrected, corrected: (M,) distance of the measured from the modelled tool point [m], by the arm without
             its corrections and as it stands in the file.
         limit: (M,) distance that 95 % of all rows should keep in the cell, the instrument's part included [m]; NaN
             off the map.
         inside: (M,) whether a row lies in the 95 % region that is predicted for its own posture.
+        comparable: whether the rows tell all of the error: not where they touch points, or where frames are fitted
+            to them.
         reach: rows count as near the map within this distance of its plane [m].
         notes: sentences for the report.
     """
 
     place: Floats
     cell: Floats
+    near: Floats
     uncorrected: Floats
     corrected: Floats
     limit: Floats
     inside: Floats
+    comparable: bool
     reach: float
     notes: tuple[str, ...] = ()
 
-    @cached_property
-    def near(self) -> Floats:
-        """(M,) which rows lie in a cell that has a prediction."""
-        return np.asarray((self.cell >= 0) & np.isfinite(self.limit))
-
     @property
     def share_near(self) -> float:
-        """Share of the near rows within the distance that is predicted for their cell; NaN where there is none."""
+        """Share of the near rows within the distance predicted for their cell; NaN for none, or if not comparable."""
         near = self.near
-        return float(np.mean(self.corrected[near] <= self.limit[near])) if near.any() else float("nan")
+        known = near.any() and self.comparable
+        return float(np.mean(self.corrected[near] <= self.limit[near])) if known else math.nan
 
     @property
     def share(self) -> float:
-        """Share of all rows in the 95 % region that is predicted for their own posture."""
-        return float(np.mean(self.inside))
+        """Share of all rows in the 95 % region that is predicted for their own posture; NaN if not comparable."""
+        return float(np.mean(self.inside)) if self.comparable else math.nan
 
     def to_json(self) -> dict[str, Any]:
         """Counts, shares, and lengths [m]."""
@@ -81,7 +92,7 @@ class MeasuredErrors:
             "rows_near": int(self.near.sum()),
             "near_within": self.reach,
             "share_within_95_of_cell": finite_or_none(self.share_near),
-            "share_within_95_of_own_posture": self.share,
+            "share_within_95_of_own_posture": finite_or_none(self.share),
             "rms_uncorrected": rms["un"],
             "rms": rms[""],
             "notes": list(self.notes),
@@ -262,10 +273,15 @@ def _measured(
     tool_point: ToolPoint,
 ) -> MeasuredErrors:  # fmt: skip
     """The rows of the first target, their errors by both arms, and what is predicted for them."""
-    notes: tuple[str, ...] = ()
+    notes = []
     if len(data.target_names) > 1:
         data = data.take(np.flatnonzero(data.target == 0))
-        notes = (f"only rows of the target {data.target_names[0]} are compared",)
+        notes.append(f"only rows of the target {data.target_names[0]} are compared")
+    free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
+    if data.touches:
+        notes.append(TOUCHES)
+    elif free:
+        notes.append(f"{' and '.join(free)} {'is' if len(free) == 1 else 'are'} {FITTED}")
     if not len(data):
         raise InputError(Issue("no row measures the tool point of this problem", ("--data",), mend="name other data"))
     errors = [_errors(one, data) for one in (uncorrected, problem)]
@@ -278,7 +294,11 @@ def _measured(
     inside = _inside(problem.robot, tool_point, data, errors[1], instrument)
     lengths = [np.linalg.norm(e, axis=1) for e in errors]
     reach = targets.grid.sides[2] / 2
-    return MeasuredErrors(place, cell, lengths[0], lengths[1], limits[cell], inside, reach, notes)
+    comparable = not data.touches and not free
+    near = (cell >= 0) & np.isfinite(limits[cell])
+    return MeasuredErrors(
+        place, cell, near, lengths[0], lengths[1], limits[cell], inside, comparable, reach, tuple(notes)
+    )
 
 
 def _errors(problem: Problem, data: Measurements) -> Floats:

@@ -71,7 +71,7 @@ def bias_block(found: AccuracyMap) -> Block:
         shift = length(float(np.nanmax(found.distance)))
         text = f"Without corrections only the curvature of the motion shifts the mean: by {shift} at the most."
         return Block("Mean error", (text,))
-    rows = [("as it is sent now, uncorrected", found.distance)]
+    rows = [("without the corrections", found.distance)]
     rows += [("with its base set anew", found.settled)] if np.isfinite(found.settled).any() else []
     table = _table(found, rows)
     own = []
@@ -136,6 +136,8 @@ def _p95(lengths: Floats) -> float:
 
 def shares_sentences(measured: MeasuredErrors) -> tuple[str, ...]:
     """How many rows keep what is predicted."""
+    if not measured.comparable:
+        return ()
     near, within = int(measured.near.sum()), length(measured.reach)
     where = f"within {within} of the plane of the map"
     if near:

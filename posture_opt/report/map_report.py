@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from posture_opt.selection.target_map import Spot, TargetMap
 
 _SAME = 5e-4  # of the spread: what a map cannot promise to win
+_MOST_COLUMNS = 9
 _LESS = 1.5  # times: below, a gain is told in percent
 
 
@@ -80,7 +81,8 @@ def places_block(found: TargetMap) -> Block:
     spots = {"best place": found.best, "worst place": found.worst}
     if found.own is not None and found.own.feasible:
         spots = {"best place": found.best, "position in the problem": found.own, "worst place": found.worst}
-    return Block("Places", (places_table(found, spots),))
+    table = places_table(found, spots)
+    return Block("Places", (table.transposed() if len(table.headers) > _MOST_COLUMNS else table,))
 
 
 def places_table(found: TargetMap, spots: dict[str, Spot]) -> Table:
