@@ -173,6 +173,7 @@ def _arrows(
     axes.annotate("base", base, xytext=(6, 6), textcoords="offset points", annotation_clip=True)
     axes.plot(x, y, ".", color=colour, ms=2, alpha=0.6, zorder=2)
     axes.set(xlabel=f"{'xyz'[view[0]]} [mm]", ylabel=f"{'xyz'[view[1]]} [mm]", aspect="equal")
+    axes.locator_params(nbins=6)
     return axes.quiver(
         x, y, u, v, color=colour, angles="xy", scale_units="xy", scale=1, width=0.0035, headwidth=3.5, zorder=4
     )
