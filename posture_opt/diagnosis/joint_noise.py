@@ -68,6 +68,7 @@ def estimate_joint_noise(
     equal: bool = False,
     names: Sequence[str] = (),
     known: Array | None = None,
+    intervals: bool = True,
 ) -> JointNoise:
     """Standard deviations of the joints that make measured errors likeliest.
 
@@ -84,6 +85,7 @@ def estimate_joint_noise(
         equal: one standard deviation for all joints whose name does not end in ``.d``.
         names: (n,) the joints' errors.
         known: (N, d, d) covariance of the errors besides [m²], as that of a prediction; not with ``groups``.
+        intervals: whether these are wanted; they take longer than all the rest.
 
     Raises:
         InsufficientDataError: no group has two rows, or fewer coordinates than unknowns.
@@ -92,7 +94,7 @@ def estimate_joint_noise(
     scatter = Scatter.of(np.asarray(errors, dtype=float), np.asarray(columns, dtype=float), groups, known)
     if not len(scatter.freedom):
         raise InsufficientDataError("no posture was measured twice: repeat some postures to see their scatter")
-    return fit_scatter(scatter, named, instrument, fit_instrument, equal, groups is not None)
+    return fit_scatter(scatter, named, instrument, fit_instrument, equal, groups is not None, intervals)
 
 
 def fit_scatter(

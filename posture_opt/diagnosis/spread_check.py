@@ -23,7 +23,7 @@ from posture_opt.diagnosis.prediction import (
     joint_errors,
     nominal_prediction,
 )
-from posture_opt.diagnosis.remaining import RemainingScatter, remaining_scatter
+from posture_opt.diagnosis.remaining import RemainingScatter, covariance_under, remaining_scatter
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.scatter_test import ScatterTest, scatter_test
 from posture_opt.diagnosis.validation import folds_of, groups_of
@@ -169,7 +169,7 @@ def predictions(
         residuals, calibration.x_nominal, Errors.of(residuals, problem.sources), residuals.sigma, parts, kept
     )
     calibrated = calibrated_prediction(
-        residuals.take(rows), calibration.x, calibration.covariance, _sigma(remaining, residuals),
+        residuals.take(rows), calibration.x, covariance_under(calibration, remaining), _sigma(remaining, residuals),
         _instrument(remaining, residuals), 1 - 1 / max(len(parts), 2),
     )  # fmt: skip
     measured = np.ix_(rows, residuals.axes)
