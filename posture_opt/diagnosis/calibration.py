@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.chart import Chart
 from posture_opt.diagnosis.clusters import clustered_covariance
 from posture_opt.diagnosis.comparison import compare, fit_frames, held_length
 from posture_opt.diagnosis.cross_validation import position_errors, predict, tested
@@ -172,7 +173,9 @@ def calibrate(
         InputError: several robots at once, or a test file with other targets.
         InsufficientDataError: fewer measurements than unknowns.
     """
-    residuals, notes = compare(problem, data)
+    given, notes = compare(problem, data)
+    chart = Chart.of(given)
+    residuals = chart.fitted
     groups_by: By = by or ("place" if data.position is None else "pose")
     groups = groups_of(data, groups_by, folds)
     x_nominal = fit_frames(problem.robot, residuals)
@@ -196,10 +199,10 @@ def calibrate(
     gone = np.flatnonzero(~found.kept)
     notes += ("base and tool are fitted again to the test file",) * (test is not None and refit_frames)
     return Calibration(
-        parameters=residuals.parameters,
-        x_nominal=x_nominal,
-        x=found.x,
-        covariance=covariance,
+        parameters=given.parameters,
+        x_nominal=chart.told(x_nominal),
+        x=chart.told(found.x),
+        covariance=chart.told_covariance(found.x, covariance),
         fixed=known.fixed,
         identifiability=known.identifiability,
         nominal=Statistics.of(nominal.errors[found.kept], groups[found.kept]),
@@ -207,13 +210,13 @@ def calibrate(
         errors_nominal=nominal.errors,
         errors=calibrated.errors,
         errors_fitted=position_errors(residuals, found.x),
-        residuals=residuals,
+        residuals=given,
         coverage={"calibrated": float(calibrated.inside[found.kept].mean())},
         outliers=tuple(int(i) for i in gone),
         lines=tuple(int(line) for line in data.line[gone]),
         variance=found.variance,
         by=groups_by,
-        test=tested(problem, residuals, test, x_nominal, found.x, refit_frames),
+        test=tested(residuals, test, x_nominal, found.x, refit_frames),
         prior=known.stated,
         design=known.design,
         notes=(

@@ -12,7 +12,7 @@ from posture_opt.diagnosis.comparison import fit_frames, fit_groups
 from posture_opt.diagnosis.estimation import Estimate, estimate
 from posture_opt.diagnosis.knowledge import Knowledge
 from posture_opt.diagnosis.measurements import Measurements
-from posture_opt.diagnosis.parameters import CalibrationProblem, candidates
+from posture_opt.diagnosis.parameters import candidates
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.validation import Statistics
 from posture_opt.errors import InputError, Issue
@@ -108,7 +108,7 @@ def position_errors(residuals: Residuals, x: Array) -> Array:
 
 
 def tested(
-    problem: CalibrationProblem, residuals: Residuals, test: Measurements | None, x_nominal: Array, x: Array,
+    residuals: Residuals, test: Measurements | None, x_nominal: Array, x: Array,
     refit: bool,
 ) -> dict[str, Statistics]:  # fmt: skip
     """The position errors of another file, predicted by ``x``, and by the arm as it stands.
@@ -122,16 +122,16 @@ def tested(
         raise InputError(Issue("the test file measures other targets", mend="test with the same points on the tool"))
     other = replace(residuals, data=test, distances=())
     if refit:
-        return _refitted(problem, other, {"nominal": x_nominal, "calibrated": x})
+        return _refitted(other, {"nominal": x_nominal, "calibrated": x})
     return {
         name: Statistics.of(position_errors(other, at), test.pose)
         for name, at in (("nominal", x_nominal), ("calibrated", x))
     }
 
 
-def _refitted(problem: CalibrationProblem, other: Residuals, models: dict[str, Array]) -> dict[str, Statistics]:
+def _refitted(other: Residuals, models: dict[str, Array]) -> dict[str, Statistics]:
     """The same with base and tool fitted again, though the problem file may state them as known."""
-    robot = replace(problem.robot, base_free=True, tool_free=True)
+    robot = replace(other.robot, base_free=True, tool_free=True)
     wide = replace(other, parameters=candidates(robot, other.data, orientation=other.oriented))
     found = {}
     for name, x in models.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.residuals import Residuals, _stacked, matrices
 from posture_opt.model.chain import factor_values, walk
-from posture_opt.robot.robot import Robot
+from posture_opt.robot.robot import Factor, Robot
 
 Array = NDArray[np.float64]
 
@@ -60,12 +61,13 @@ def start(residuals: Residuals) -> Array:
         free = robot.base_free, tool_free
         R_b, t_b, offset = _frames(p, R, codes, offset, data.position, free, _base(residuals))
         if robot.base_free:
-            values |= dict(zip((f"base.{a}" for a in "xyz"), t_b, strict=True)) | _rpy("base", R_b)
+            values |= dict(zip((f"base.{a}" for a in "xyz"), t_b, strict=True)) | _angles(robot.base, R_b)
         if tool_free and residuals.oriented:
             assert data.rotation is not None
             for k in range(tools):
                 turn = np.swapaxes(R_b @ R, -1, -2) @ matrices(data.rotation)
-                values |= _rpy(_tool(residuals, k), nearest_rotation(turn[codes == k].sum(axis=0)))
+                found = _angles(robot.tool, nearest_rotation(turn[codes == k].sum(axis=0)))
+                values |= {name.replace("tool", _tool(residuals, k), 1): angle for name, angle in found.items()}
     if tool_free:
         for k in range(tools):
             values |= {f"{_tool(residuals, k)}.{a}": offset[k, i] for i, a in enumerate("xyz")}
@@ -154,11 +156,30 @@ def _sockets(
     return offset, middle
 
 
-def _rpy(prefix: str, R: Array) -> dict[str, float]:
-    """Roll, pitch, yaw of ``R = Rz(yaw) Ry(pitch) Rx(roll)`` under their names."""
+def rpy(R: Array) -> dict[str, float]:
+    """Roll, pitch, yaw of ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
     pitch = math.atan2(-R[2, 0], math.hypot(R[0, 0], R[1, 0]))
     if math.hypot(R[0, 0], R[1, 0]) < 1e-9:  # only a sum of roll and yaw is left: all of it into yaw
         roll, yaw = 0.0, math.atan2(-R[0, 1], R[1, 1])
     else:
         roll, yaw = math.atan2(R[2, 1], R[2, 2]), math.atan2(R[1, 0], R[0, 0])
-    return {f"{prefix}.roll": roll, f"{prefix}.pitch": pitch, f"{prefix}.yaw": yaw}
+    return {"roll": roll, "pitch": pitch, "yaw": yaw}
+
+
+def frame_rotation(factors: Sequence[Factor], turns: Mapping[str, float]) -> Array:
+    """Rotation (3, 3) of a frame whose named turns have these values beside their nominal ones."""
+    named = {factor.parameter: turns[factor.parameter.rpartition(".")[2]] for factor in factors if _turn(factor)}
+    return np.array(walk(factors, factor_values(factors, [], named)).columns, dtype=float).T
+
+
+def _turn(factor: Factor) -> bool:
+    return factor.kind == "rotate" and bool(factor.parameter)
+
+
+def _angles(factors: Sequence[Factor], R: Array) -> dict[str, float]:
+    """The named turns of a frame whose rotation is ``R``: what its constant turns leave over."""
+    constant = [factor for factor in factors if factor.kind == "rotate" and not factor.parameter]
+    before = np.array(walk(constant, [factor.nominal for factor in constant]).columns, dtype=float).T
+    found = rpy(before.T @ R)
+    names = [factor.parameter for factor in factors if _turn(factor)]
+    return {name: found[name.rpartition(".")[2]] for name in names}
