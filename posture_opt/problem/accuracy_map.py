@@ -30,6 +30,7 @@ from posture_opt.uncertainty.validity import finite_or_none
 Floats = np.ndarray
 _ALIGNED = 1e-9
 _OUTER = 0.02  # of the rows, on either side, that the map need not cover
+_ELSEWHERE = 20  # times the predicted distance: no spread is that much understated
 _STEP = 0.01  # m, that its box is rounded to
 
 TOUCHES = (
@@ -39,6 +40,10 @@ TOUCHES = (
 FITTED = (
     "free and fitted to these rows: what that takes off their errors is still in the prediction, and no share of "
     "them can be set against it"
+)
+ELSEWHERE = (
+    "so far off, base, tool or instrument were not where the file has them when these rows were measured: calibrate "
+    "with them, or leave base and tool free"
 )
 
 
@@ -105,7 +110,7 @@ class AccuracyMap:
 
     Args:
         targets: the postures of the arm without corrections: what its controller would command.
-        corrections: number of parameters that the file corrects.
+        corrections: number of parameters that the file corrects; ``effects`` of effects that it knows.
         bias: (N, 3) mean tool point of the arm in the file minus the target, world [m]; NaN without a posture.
         covariance: (N, 3, 3) of the tool point [m²].
         basis: (2, 3) the plane of a planar arm, else (3, 3).
@@ -118,6 +123,7 @@ class AccuracyMap:
 
     targets: TargetMap
     corrections: int
+    effects: int
     bias: Floats
     covariance: Floats
     basis: Floats
@@ -146,6 +152,7 @@ class AccuracyMap:
             "quantity": "accuracy",
             "direction": self.targets.goal.direction.tolist(),
             "corrections": self.corrections,
+            "effects": self.effects,
             "own": None if self.own is None else {"bias": self.own[0].tolist(), "radius95": self.own[1]},
             "grid": self.grid.to_json(),
             "targets": [self._target(k, spot, joints) for k, spot in enumerate(self.targets.spots)],
@@ -174,7 +181,7 @@ class AccuracyMap:
     @property
     def corrected(self) -> bool:
         """Whether the file corrects the arm at all: else the bias is the second-order shift of the mean."""
-        return self.corrections > 0
+        return self.corrections + self.effects > 0
 
 
 def map_accuracy(
@@ -191,8 +198,9 @@ def map_accuracy(
 ) -> AccuracyMap:
     """Where an arm lands that is driven without its corrections, and how it scatters, over a grid of targets.
 
-    The posture at a target is the one that the task takes there by the arm without ``corrections``. With the forward
-    models f of the corrected and f₀ of the uncorrected arm, ``f₀(q) = target`` and the bias is ``E f(q) − target``.
+    The posture at a target is the one that the task takes there by the arm without corrections and effects. With the
+    forward models f of the corrected and f₀ of the uncorrected arm, ``f₀(q) = target`` and the bias is
+    ``E f(q) − target``.
     Without corrections that leaves the second-order shift of the mean.
 
     Args:
@@ -222,9 +230,9 @@ def map_accuracy(
         (at,), C = _predicted(tool_point, (targets.own,))
         own = at, float(central_radii(0.95, basis @ C @ basis.T)[0])
     measured = None if data is None else _measured(problem, uncorrected, data, targets, projected, tool_point)
-    corrections = len(problem.spec.robot.corrections)
+    known_of_arm = len(problem.spec.robot.corrections), len(problem.effects)
     settled = _settled(targets.grid.points, bias)
-    return AccuracyMap(targets, corrections, bias, covariance, basis, radius, semi_axes, settled, own, measured)
+    return AccuracyMap(targets, *known_of_arm, bias, covariance, basis, radius, semi_axes, settled, own, measured)
 
 
 def _settled(points: Floats, bias: Floats) -> Floats:
@@ -263,7 +271,9 @@ def _box_of(
     low, high = np.quantile(place, [_OUTER, 1 - _OUTER], axis=0)
     low, high = _STEP * np.floor(low / _STEP), _STEP * np.ceil(high / _STEP)
     if np.count_nonzero(np.ptp(place, axis=0) > _STEP) == 3:
-        level = float(np.median(place[:, axis])) if task.position is None else task.position[axis]
+        level = float(np.median(place[:, axis]))
+        if task.position is not None and low[axis] <= task.position[axis] <= high[axis]:
+            level = task.position[axis]
         low[axis] = high[axis] = level
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])
 
@@ -289,12 +299,14 @@ def _measured(
     place, _ = nominal_poses(problem.robot, data.q)
     cell = targets.grid.cells(place)
     limits = np.full(len(targets.spots) + 1, np.nan)  # the last one is that of rows off the map
-    used = np.array([k for k in np.unique(cell[cell >= 0]) if targets.spots[k].feasible], dtype=int)
+    used = np.flatnonzero(targets.feasible)
     limits[used] = central_radii(0.95, projected[used] + instrument**2 * np.eye(projected.shape[1]))
     inside = _inside(problem.robot, tool_point, data, errors[1], instrument)
     lengths = [np.linalg.norm(e, axis=1) for e in errors]
     reach = targets.grid.sides[2] / 2
-    comparable = not data.touches and not free
+    elsewhere = not free and not data.touches and float(np.median(lengths[1])) > _ELSEWHERE * np.nanmedian(limits)
+    notes += [ELSEWHERE] if elsewhere else []
+    comparable = not data.touches and not free and not elsewhere
     near = (cell >= 0) & np.isfinite(limits[cell])
     return MeasuredErrors(
         place, cell, near, lengths[0], lengths[1], limits[cell], inside, comparable, reach, tuple(notes)

@@ -51,7 +51,9 @@ def problem_block(problem: Problem, found: AccuracyMap) -> Block:
     """What was asked, and where."""
     targets = found.targets
     task = targets.programme.task
-    corrected = f"{count(found.corrections, 'parameter')} of the arm" if found.corrected else "none in the file"
+    known = [f"{count(found.corrections, 'parameter')} of the arm"] * (found.corrections > 0)
+    known += [count(found.effects, "effect")] * (found.effects > 0)
+    corrected = " and ".join(known) or "none in the file"
     rows = [
         *robot_facts(problem),
         ("Corrections", corrected),

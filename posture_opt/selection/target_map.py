@@ -236,7 +236,9 @@ def _beside(grid: Grid, count: int, goals: list[Goal]) -> list[tuple[np.ndarray,
 def _nowhere(spots: list[Spot]) -> str:
     reached = sum(spot.fate == "requirement not met" for spot in spots)
     why = f"; {reached} can be reached, but not with all requirements met" if reached else ""
-    return f"none of the {len(spots)} targets has a posture{why}: move the box (--min, --max)"
+    return (
+        f"none of the {len(spots)} targets has a posture with the tool as it must be{why}: move the box (--min, --max)"
+    )
 
 
 def _spots(selector: PostureSelector, programme: Programme, goals: list[Goal], places: list[Place]) -> list[Spot]:
