@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 _TAUGHT = 0.8  # of the rows taught the arm that predicts a row: five folds
 _LEVER = 0.1  # of the longest of a turning joint
+_EXACT = 0.3  # of the instrument's standard deviation
 _SURE = 0.5  # of a standard deviation: with a larger standard error the data do not tell it
 
 
@@ -47,13 +48,18 @@ def remaining_scatter(problem: CalibrationProblem, calibration: Calibration) -> 
     model lacks, both to be met again at the next visit, beside the uncertainty of the fit, which is known. One standard
     deviation for all turning joints is taken unless the likelihood speaks clearly for one each (Schwarz 1978).
 
-    Where the data cannot tell, the problem's own scatter is returned: its repeatability, or the σ's of its joints.
+    Where the data cannot tell the scatter from none, and do not speak against it, the problem's own is returned: its
+    repeatability, the σ's of its joints, or what the robot's data sheet says.
     """
-    found = _from_data(problem, calibration)
+    found, stated = _from_data(problem, calibration), _stated(problem)
     if found is None:
-        return _stated(problem)
+        return stated
     noise, given = found
+    if stated.sigma and _does_not_tell(noise, stated.sigma):
+        return stated
     sigma = {name: float(s) for name, s in zip(noise.names, noise.sigma, strict=True) if s > 0}
+    if not sigma:
+        return RemainingScatter({}, noise.instrument, True, "no scatter of the joints is seen behind the instrument's")
     source = (
         "the instrument as stated" if given else f"the instrument, {noise.instrument * 1e3:.3g} mm, from the data too"
     )
@@ -78,14 +84,15 @@ def unseen_errors(calibration: Calibration) -> tuple[Array, Array, NDArray[np.in
 def _from_data(problem: CalibrationProblem, calibration: Calibration) -> tuple[JointNoise, bool] | None:
     """The likeliest scatter, and whether the instrument's was given; ``None`` where the data do not tell it."""
     errors, known, rows = unseen_errors(calibration)
-    if not float(np.sum(errors**2)) > 0:
-        return None
     columns, names = joint_columns(calibration.residuals.take(rows), calibration.x), joint_errors(problem.robot)
     stated = problem.measurement.position if problem.measurement is not None else 0.0
+    size = float(np.sqrt(np.mean(errors**2)))
+    if size <= _EXACT * stated or not size > 0:
+        return None  # better than their instrument: made up, or the instrument is another one
     if stated:
         noise = _likeliest(errors, known, columns, names, stated, fit=False)
-        return (noise, True) if noise is not None and noise.sigma.any() else None
-    noise = _likeliest(errors, known, columns, names, float(np.sqrt(np.mean(errors**2))), fit=True)
+        return (noise, True) if noise is not None else None
+    noise = _likeliest(errors, known, columns, names, size, fit=True)
     if noise is None or not noise.sigma.any() or not noise.instrument_std < _SURE * noise.instrument:
         # Nobody says how good the instrument is, and the data do not tell it from the joints: all of it is theirs.
         noise = _likeliest(errors, known, columns, names, 0.0, fit=False)
@@ -167,6 +174,13 @@ def _strong(columns: Array, names: tuple[str, ...]) -> NDArray[np.bool_]:
     return np.asarray(~turning | (lever > _LEVER * lever[turning].max(initial=0.0)))
 
 
+def _does_not_tell(noise: JointNoise, stated: Mapping[str, float]) -> bool:
+    """Whether all standard deviations may be zero as well as those that are stated."""
+    nothing = not noise.interval[:, 0].any()
+    upper = dict(zip(noise.names, noise.interval[:, 1], strict=True))
+    return nothing and all(sigma <= upper.get(name, math.inf) for name, sigma in stated.items())
+
+
 def _stated(problem: CalibrationProblem) -> RemainingScatter:
     sources = problem.sources
     visit = {name: float(s) for name, s in zip(sources.names, np.sqrt(np.diag(sources.visit)), strict=True) if s > 0}
@@ -174,5 +188,15 @@ def _stated(problem: CalibrationProblem) -> RemainingScatter:
         return RemainingScatter(visit, note="scatter of the joints as stated: the data do not tell it")
     own = joint_errors(problem.robot)
     sigma = {name: float(s) for name, s in zip(sources.names, sources.sigma, strict=True) if name in own and s > 0}
-    note = "the σ's of the joints, as stated, taken for their scatter: the data do not tell it"
-    return RemainingScatter(sigma, note=note if sigma else "the data tell no scatter of the joints, and none is stated")
+    if sigma:
+        return RemainingScatter(
+            sigma, note="the σ's of the joints, as stated, taken for their scatter: the data do not tell it"
+        )
+    sheet = problem.robot.repeatability
+    if sheet is not None:
+        from posture_opt.uncertainty.repeatability import joint_sigmas
+
+        found = joint_sigmas(problem.robot, sheet.value)
+        sigma = dict(zip(found.names, map(float, found.sigma), strict=True))
+        return RemainingScatter(sigma, note="scatter of the joints from the data sheet: the data do not tell it")
+    return RemainingScatter(note="the data tell no scatter of the joints, and none is stated")
