@@ -92,4 +92,9 @@ def _performance_texts(repeats: Repeats) -> list[str]:
     if repeats.poses[0].orientation:
         worst = max(np.degrees(angle.repeatability) for pose in repeats.poses for angle in pose.orientation)
         texts.append(f"The orientation repeats within {number(float(worst))} deg about any axis (RP, worst pose).")
+        if repeats.oriented:
+            off = max(abs(np.degrees(angle.accuracy)) for pose in repeats.poses for angle in pose.orientation)
+            texts.append(
+                f"The calibrated model's orientation is off by up to {number(float(off))} deg about an axis (AP)."
+            )
     return texts

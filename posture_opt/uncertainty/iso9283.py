@@ -86,26 +86,33 @@ def position_performance(
 
     Source: ISO 9283:1998, 7.2.1 and 7.2.2.
     """
-    x, goal = _cycles(attained), np.atleast_1d(np.asarray(commanded, dtype=float))
-    if x.shape[1] != len(goal) or not np.isfinite(goal).all():
-        raise InputError(f"a commanded position of {len(goal)} numbers does not fit attained ones of {x.shape[1]}")
-    n, error = len(x), x.mean(axis=0) - goal
-    distance = np.linalg.norm(x - x.mean(axis=0), axis=1)
+    accuracy, interval = position_accuracy(attained, commanded, p)
+    x = _cycles(attained)
+    n, distance = len(x), np.linalg.norm(x - x.mean(axis=0), axis=1)
     mean, sd = float(distance.mean()), float(distance.std(ddof=1))
-    covariance = np.atleast_2d(np.cov(x, rowvar=False))
-    accuracy, repeatability = float(np.linalg.norm(error)), mean + 3 * sd
-    half = _accuracy_margin(covariance, error, n, p)
+    covariance, repeatability = np.atleast_2d(np.cov(x, rowvar=False)), mean + 3 * sd
     low, high = repeatability_sampling(covariance, n, p, seed=seed).interval if repeatability else (1.0, 1.0)
     return PositionPerformance(
         n=n,
         accuracy=accuracy,
-        accuracy_interval=(max(accuracy - half, 0.0), accuracy + half),
+        accuracy_interval=interval,
         repeatability=repeatability,
         repeatability_interval=(repeatability / high, repeatability / low),
         mean_distance=mean,
         sd_distance=sd,
         probability=p,
     )
+
+
+def position_accuracy(attained: ArrayLike, commanded: ArrayLike, p: float = 0.95) -> tuple[float, Interval]:
+    """AP and its interval alone, without the simulation behind that of RP; see `position_performance`."""
+    x, goal = _cycles(attained), np.atleast_1d(np.asarray(commanded, dtype=float))
+    if x.shape[1] != len(goal) or not np.isfinite(goal).all():
+        raise InputError(f"a commanded position of {len(goal)} numbers does not fit attained ones of {x.shape[1]}")
+    error = x.mean(axis=0) - goal
+    accuracy = float(np.linalg.norm(error))
+    half = _accuracy_margin(np.atleast_2d(np.cov(x, rowvar=False)), error, len(x), p)
+    return accuracy, (max(accuracy - half, 0.0), accuracy + half)
 
 
 def orientation_performance(attained: ArrayLike, commanded: float) -> OrientationPerformance:
