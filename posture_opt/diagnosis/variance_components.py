@@ -14,12 +14,12 @@ Codes = NDArray[np.intp]
 
 _STEPS = 200  # of Fisher scoring; five to twenty settle it
 _SETTLED = 1e-8  # of log-likelihood: what a further step would gain
-_ROUGH = 1e-4  # the same where an interval of 95 % is sought
+_ROUGH = 1e-3  # the same where an interval of 95 % is sought
 _FLOOR = 1e-6  # of the RMS error: an instrument of exactly no noise would make singular covariances
 _IDLE = 1e-9  # of the longest lever: a joint that moves nothing
 _PART = 0.05  # of an undetermined direction: a smaller part does not spoil a component
 _PLAIN = 200.0  # degrees of freedom: from there on the likelihood is quadratic in log σ
-_NEAR = 0.01  # of the root of χ²: how exactly the end of an interval is found
+_NEAR = 0.03  # of the root of χ²: how exactly the end of an interval is found
 _CHI2 = 3.841458820694124  # 95 % of χ² with one degree of freedom
 
 
