@@ -12,7 +12,7 @@ import numpy as np
 
 from posture_opt.selection.feasible import ROW_TOLERANCE, TOLERANCE, Wish
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.multistart import Candidate, Engine, Progress, Recipe, median, rank
+from posture_opt.selection.multistart import Candidate, Engine, Progress, Recipe, distinct, median, rank
 
 Floats = np.ndarray
 Fate = Literal["feasible", "not reached", "requirement not met"]
@@ -22,7 +22,8 @@ _STARTS = (48, 144)  # of a target, the second number where the first met no req
 _POLISHED = 4  # of a target where no start meets the further requirements
 _CHUNK = 32  # targets that are sought together
 _ROUNDS = 4  # of learning from neighbours
-_BETTER = 1e-4  # of the objective: what a neighbour's posture must promise
+_BETTER = 1e-4  # of the objective: what a neighbour's posture must promise, and what is no difference
+_NEAR = 0.05  # of the objective: how far a neighbour's posture may lie above the optimum that it leads to
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,7 @@ def best_places(
     for _ in range(_ROUNDS):
         if not _learn(places, engines, goals, neighbours):
             break
+    _agree(places, engines, goals, neighbours)
     return places
 
 
@@ -147,7 +149,9 @@ def _learn(places: list[Place], engines: Sequence[Engine], goals: Sequence[Goal]
         for engine in {id(engines[k]): engines[k] for k, _ in pairs}.values():
             mine = [(k, best.q) for k, best in pairs if engines[k] is engine and best is not None]
             for k, candidate in _carried_over(engine, goals, places, mine):
-                if k not in better or rank(candidate) < rank(better[k]):
+                known = places[k].best
+                promising = known is None or _gain(candidate, known) > _BETTER
+                if promising and (k not in better or rank(candidate) < rank(better[k])):
                     better[k] = candidate
     improved = [_improved(places, engines[k], goals[k], k, candidate) for k, candidate in better.items()]
     return any(improved)
@@ -156,7 +160,7 @@ def _learn(places: list[Place], engines: Sequence[Engine], goals: Sequence[Goal]
 def _carried_over(
     engine: Engine, goals: Sequence[Goal], places: Sequence[Place], pairs: Sequence[tuple[int, Floats]]
 ) -> Iterable[tuple[int, Candidate]]:
-    """Postures moved from their own target to that of goal k, where they promise more than what is known there."""
+    """Postures moved from their own target to that of goal k, where they meet what is required if anything does."""
     rng = np.random.default_rng(0)
     wishes = [engine.wish(goals[k], 1, rng) for k, _ in pairs]
     Q, errors = engine.ik.solve(np.array([q for _, q in pairs]), _together(wishes, 1))
@@ -168,11 +172,50 @@ def _carried_over(
     for row, (k, _) in enumerate(pairs):
         known = places[k].best
         candidate = Candidate(Q[row], float(objective[row]), float(violation[row]), float(sigma[row]))
-        promising = candidate.feasible if known is not None else True
-        if known is not None:
-            promising &= candidate.objective < known.objective - _BETTER * max(abs(known.objective), 1e-9)
-        if errors[row] < TOLERANCE and promising:
+        if errors[row] < TOLERANCE and (known is None or candidate.feasible):
             yield k, candidate
+
+
+def _gain(candidate: Candidate, known: Candidate) -> float:
+    """By what share of the objective a candidate is better."""
+    return (known.objective - candidate.objective) / max(abs(known.objective), 1e-9)
+
+
+def _agree(places: list[Place], engines: Sequence[Engine], goals: Sequence[Goal], neighbours: Pairs) -> None:
+    """Of equally good postures take the one of the neighbour: a map is read more easily, and an arm moves less.
+
+    From the best place outwards, each target once.
+    """
+    beside: dict[int, list[int]] = {}
+    for here, there in neighbours:
+        for k, j in zip(here.tolist(), there.tolist(), strict=True):
+            beside.setdefault(j, []).append(k)
+    known = {k: place.best for k, place in enumerate(places) if place.best is not None}
+    while known:
+        front = [min(known, key=lambda k: known[k].sigma)]
+        while front:
+            for k in front:
+                known.pop(k, None)
+            pairs = {k: j for j in front for k in beside.get(j, []) if k in known and engines[k] is engines[j]}
+            _take_over(places, engines, goals, pairs)
+            front = list(pairs)
+
+
+def _take_over(
+    places: list[Place], engines: Sequence[Engine], goals: Sequence[Goal], pairs: dict[int, int]
+) -> None:  # fmt: skip
+    """At each first target the posture of the second one, where it is another one and as good."""
+    for engine in {id(engines[k]): engines[k] for k in pairs}.values():
+        mine = [(k, best.q) for k, j in pairs.items() if engines[k] is engine and (best := places[j].best) is not None]
+        for k, candidate in _carried_over(engine, goals, places, mine):
+            known = places[k].best
+            assert known is not None
+            alike = len(distinct(np.array([known.q, candidate.q]), engine.programme.robot)) == 1
+            if alike or _gain(candidate, known) < -_NEAR:
+                continue
+            end = engine.polished(candidate, replace(goals[k], scale=places[k].scale))
+            if end.feasible and (end.optimal or not known.optimal) and _gain(end, known) > -_BETTER:
+                places[k] = Place("feasible", end, places[k].scale)
 
 
 def _improved(places: list[Place], engine: Engine, goal: Goal, k: int, candidate: Candidate) -> bool:
