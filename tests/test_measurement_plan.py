@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,15 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.diagnosis.exchange import exchange
+from posture_opt.diagnosis.plan_information import Given, given_knowledge, instrument, nothing_given
+from posture_opt.diagnosis.plan_stages import Beforehand, Unknowns
 from posture_opt.diagnosis.travel import tour
 from posture_opt.errors import InputError, InsufficientDataError, NoSolutionError
 from posture_opt.report.plan_files import plan_csv
 from tests.helpers.simulated_arm import DEG, SimulatedArm, shift, turn
+
+JACOBI = Path(__file__).parents[2] / "shared" / "data" / "jacobi_ur5"
 
 # A 6R arm with a spherical wrist, two of its axes parallel.
 TABLE = (
@@ -127,9 +133,6 @@ def test_as_many_random_postures_as_are_said_do_the_same() -> None:
     plan, problem = plan_of("task"), task_problem()
     rng = np.random.default_rng(77)
     q = rng.uniform(-np.pi, np.pi, (plan.equivalent, 6))
-    from posture_opt.diagnosis.plan_information import instrument, nothing_given
-    from posture_opt.diagnosis.plan_stages import Beforehand, Unknowns
-
     device, _ = instrument(problem, None)
     x = np.zeros(len(device.parameters))
     J = device.blocks(q, x)
@@ -212,7 +215,6 @@ def test_what_is_given_counts() -> None:
 
 
 def test_the_task_turns_with_a_base_that_is_found_elsewhere() -> None:
-    rng = np.random.default_rng(8)
     arm = SimulatedArm(TABLE, base=BASE, tool=TOOL)
     there = BASE @ np.array([0.5, 0.2, 0.2, 1.0])
     moved = {**TASK, "direction": list(BASE[:3, 2] * -1), "position": [f"{v!r} m" for v in there[:3].tolist()]}
@@ -221,11 +223,11 @@ def test_the_task_turns_with_a_base_that_is_found_elsewhere() -> None:
     off = []
     for robot, task in ((far, TASK), (FREE, moved)):
         problem = problem_of(robot=robot, uncertainty=sigma, task=task)
-        data = measured(problem, arm, arm.drawn(40, np.random.default_rng(9)), rng)
+        data = measured(problem, arm, arm.drawn(40, np.random.default_rng(9)), np.random.default_rng(8))
         plan = plan_few(problem, 10, given=data)
         off.append(plan.before.task)
-    # The same posture but for what the search leaves, and other draws of 114 residuals: 7 %, three of that.
-    assert off[0] == pytest.approx(off[1], rel=0.2)
+    # The same data and the same posture, but for what the search for it leaves.
+    assert off[0] == pytest.approx(off[1], rel=0.01)
 
 
 def test_a_noisy_arm_is_planned_for_as_it_is() -> None:
@@ -305,6 +307,28 @@ def test_slides_and_arms_with_few_joints_are_planned_for() -> None:
     np.testing.assert_allclose(plan.q[:, 2] * 1e5, np.round(plan.q[:, 2] * 1e5), atol=1e-6)
     one = plan_few(problem_of(PLANAR[:1], robot={}), 4)
     assert {p.name for p, s in zip(one.parameters, one.settled, strict=True) if s} == {"j1.theta", "j1.a"}
+
+
+@pytest.mark.skipif(not JACOBI.is_dir(), reason=f"the measurements of a real arm are not there: {JACOBI}")
+def test_few_chosen_rows_of_a_real_arm_predict_the_others_better_than_random_ones() -> None:
+    problem = po.load_problem(JACOBI / "problem.yaml")
+    grid = po.read_measurements(JACOBI / "grid.csv", problem)
+    device, _ = instrument(problem, grid)
+    start = given_knowledge(problem, grid.take(np.arange(0, 1000, 25)), device.parameters)
+    J, k = device.blocks(grid.q, start.x), len(start.x)
+    nothing = Given(np.zeros((0, k)), start.x, start.variance, 0)
+    unknowns = Unknowns.of(Beforehand.of(problem, device.parameters), J, nothing, np.zeros((0, k)), 20)
+    places = grid.q / np.radians(20)
+    chosen = exchange(unknowns.blocks(J), unknowns.start, unknowns.criterion("parameters"), 20, places=places).chosen
+
+    def left(rows: np.ndarray) -> float:
+        found = po.calibrate(problem, grid.take(np.sort(rows)), folds=2)
+        error = replace(found.residuals, data=grid).error(found.x)
+        return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+
+    random = [left(np.random.default_rng(seed).choice(1000, 20, replace=False)) for seed in range(7)]
+    # 0.135 mm against 0.150: geometry fitted to all 1000 rows leaves 0.113, which no choice of rows mends.
+    assert left(chosen) < 0.95 * np.median(random)
 
 
 def test_what_cannot_be_planned_is_said() -> None:

@@ -29,8 +29,9 @@ _STARTS = 4  # of the exchange; fewer for large plans, where one ends as well as
 _STARTED = 240  # postures in all starts together
 _NEW, _MOST_NEW = 24, 3000  # postures tried near each chosen one, and near all, in each round
 _SHOWN = 1500  # random postures that are kept to be drawn
-_APART = {"revolute": np.radians(5.0), "prismatic": 0.02}
-_NEAR = (0.2, 0.05)  # of the joints' ranges: how near, round by round
+# Two postures differ by this in at least one joint [rad, m]: what the model cannot express differs from place to place.
+_APART = {"revolute": np.radians(20.0), "prismatic": 0.05}
+_NEAR = (0.3, 0.1, 0.03)  # of the joints' ranges: how near, round by round
 
 
 @dataclass(frozen=True, eq=False)

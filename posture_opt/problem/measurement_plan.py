@@ -45,7 +45,8 @@ def plan_measurements(
     tolerance of what has none, count as knowledge as they do in ``calibrate``.
 
     Postures keep to the joint limits (by 2° and 2 mm at least, or by the task's ``limit_margin``), to one turn of a
-    joint that has more, above the task's ``link_height`` with links and tool point, and the tool point off the arm.
+    joint that has more, above the task's ``link_height`` with links and tool point, and off the arm itself; any two
+    are 20° or 50 mm apart in some joint where there is room for it.
 
     Args:
         given: measurements made already.
