@@ -83,7 +83,9 @@ def _inside(rest: Residuals, errors: Array, taught: Array, x: Array, found: Esti
         J = rest.both(x)[1][: len(e) * rest.block].reshape(len(e), rest.block, -1)[:, :d] * rest.sigma
         J = _about_points(rest, J)
         C = C + J @ found.covariance @ np.swapaxes(J, -1, -2)
-    squared = np.einsum("ni,ni->n", e, np.linalg.solve(C, e[..., None])[..., 0])
+    # An arm measured in space may have no error at all across its plane: C is singular there.
+    inverse = np.linalg.pinv(C, rcond=1e-12, hermitian=True)
+    squared = np.einsum("ni,nij,nj->n", e, inverse, e)
     return np.asarray(squared <= d * free / (free - d + 1) * fdtri(d, free - d + 1, 0.95))
 
 
