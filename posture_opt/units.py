@@ -140,13 +140,30 @@ def _quantity(dimension: str) -> Any:
 # Angle or length: a parameter's name decides, so the text is read when the robot is known.
 Quantity = Annotated[Any, WithJsonSchema({"type": "string", "examples": ["1 deg", "10 mm"]})]
 
+
+def parse_celsius(value: Any) -> float:
+    """The temperature [degC] of a text such as ``"23.5 degC"``.
+
+    Raises:
+        ValueError: no number, no unit or another one; the message holds the mend.
+    """
+    match = _NUMBER.match(value) if isinstance(value, str) else None
+    if match is None or match[2] not in ("degC", "°C"):
+        raise ValueError(f"'{value}' is no temperature; write for example 23.5 degC")
+    return float(match[1])
+
+
 if TYPE_CHECKING:
+    Celsius = float
     Length = float
     Angle = float
     Mass = float
     Temperature = float
     Time = float
 else:
+    Celsius = Annotated[
+        float, BeforeValidator(parse_celsius), WithJsonSchema({"type": "string", "examples": ["23.5 degC"]})
+    ]
     Length = _quantity("length")
     Angle = _quantity("angle")
     Mass = _quantity("mass")

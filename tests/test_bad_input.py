@@ -92,7 +92,23 @@ CASES = {
     ),
     "unknown task": ("task: {kind: insrt}", 7, "task.kind: 'insrt' is not known here", "'insert'"),
     "task without kind": ("task: {direction: [0, 0, 1]}", 7, "task.kind: is missing", "write kind: drill | insert"),
-    "unknown effect": ("effects: [{kind: joint_compliance}]", 7, "no effect of kind 'joint_compliance'", "none so far"),
+    "unknown effect": (
+        "effects: [{kind: joint_complience, joint: joint1}]",
+        7,
+        "'joint_complience' is not known here",
+        "'joint_compl",
+    ),
+    "effect of no joint": ("effects: [{kind: backlash}]", 7, "effects[0].joint: is missing", ""),
+    "effect of another arm": ("effects: [{kind: backlash, joint: elbow}]", 7, "no joint 'elbow'", "joint1, joint2"),
+    "estimate of nothing": (
+        "effects: [{kind: backlash, joint: joint1, estimate: {hight: 1 mrad}}]",
+        7,
+        "has no parameter 'hight'",
+        "width",
+    ),
+    "estimate without unit": ("effects: [{kind: backlash, joint: joint1, estimate: {width: 1}}]", 7, "no unit", "deg"),
+    "side of no joint": ("task: {kind: insert, approach: {elbow: 1}}", 7, "no such joint", "joint1"),
+    "temperature of no unit": ("task: {kind: insert, temperature: 25}", 7, "is no temperature", "23.5 degC"),
     "unknown solver": ("solver: {kind: ipop}", 7, "solver.kind: 'ipop' is not known here", "'ipopt'"),
     "no starts": ("solver: {starts: 0}", 7, "solver.starts: must be 1 or greater, not 0", ""),
     "a word for a number": ("solver: {starts: many}", 7, "solver.starts: 'many' is not a whole number", ""),
@@ -352,7 +368,13 @@ task:
   clearance: 1 mm
   criterion: miss
   minimize: [{kind: limit_margin, at_least: 5 deg}]
-effects: []
+effects:
+  - {kind: backlash, joint: joint1, estimate: {width: 1 mrad}}
+  - {kind: cyclic_error, joint: joint1, cycles: 17.5, estimate: {sin: 1 mrad, cos: 0 rad}}
+  - {kind: hysteresis, joint: joint1, travel: 0.5 rad}
+  - {kind: joint_coupling, joint: joint1, follows: joint2, estimate: {ratio: 1.0e-4}}
+  - {kind: thermal_growth, length: all}
+  - {kind: drift, course: linear, constant: 10 s}
 solver: {kind: ipopt, starts: 3, seed: 0}
 data: {distances: [[front/0, front/1, 50 mm]]}
 """

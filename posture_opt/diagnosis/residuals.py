@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.parameters import Parameter
-from posture_opt.model.chain import Walk, factor_values, walk
+from posture_opt.diagnosis.row_inputs import extended_for
+from posture_opt.model.chain import Walk
 from posture_opt.model.derivatives import position_column, rotation_column
+from posture_opt.model.extension import forward
 from posture_opt.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -70,7 +72,7 @@ class Residuals:
                 rows = values.setdefault(name, np.zeros(len(self.data)))
                 rows[self.data.target == parameter.code] = deviation
         q = [np.ascontiguousarray(column) for column in self.data.q.T]
-        return walk(self.robot.factors, factor_values(self.robot.factors, q, values))
+        return forward(extended_for(self.robot, self.data), q, values)[0]
 
     def error(self, x: Array, reached: Walk | None = None) -> Array:
         """Position of the model minus the measured one (N, 3) [m]; of touched points, minus the point."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,8 +13,6 @@ from posture_opt.model.effects import Effect
 Array = NDArray[np.float64]
 
 _RANGE = {"travel": 1.6, "constant": 1.6}  # factor either way on a geometric grid
-_SECONDS = {"constant", "moment"}
-_ANGLES = {"travel", "lsb"}
 _EVALUATIONS = 16
 
 
@@ -57,9 +53,3 @@ def _bracket(tangents: Tangents, effect: Effect, name: str, value: float) -> tup
 def reshaped(effect: Effect, name: str, value: float) -> Effect:
     """The effect with another shape [SI]."""
     return effect.model_copy(update={name: value})
-
-
-def shape_text(name: str, value: float) -> Any:
-    """A shape as a problem file states it."""
-    unit = " rad" if name in _ANGLES else " s" if name in _SECONDS else ""
-    return f"{value:.9g}{unit}" if unit else value

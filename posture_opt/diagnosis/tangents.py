@@ -12,31 +12,17 @@ from numpy.typing import NDArray
 
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.residuals import Residuals
+from posture_opt.diagnosis.row_inputs import inputs_of
 from posture_opt.model.chain import Walk
 from posture_opt.model.derivatives import position_column, rotation_column
 from posture_opt.model.effects import Case, Effect, Move
-from posture_opt.model.inputs import Inputs
 from posture_opt.model.site import Site
 from posture_opt.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-REFERENCE_TEMPERATURE = 20.0
-"""degC at which the lengths of a model hold (ISO 1)."""
 _VARIES = {"payload": 0.05, "temperature": 0.3}  # kg, K: less tells nothing
 _SIDED = 0.5  # of the rows must know the side from which their joints arrived
-
-
-def inputs_of(data: Measurements, robot: Robot) -> Inputs:
-    """The inputs of effects in every row of measurements."""
-    n = len(data)
-    return Inputs(
-        payload=data.payload if data.payload is not None else np.full(n, robot.payload),
-        approach=list(data.approach.T),
-        approach_length=list(data.approach_length.T),
-        temperature=data.temperature - REFERENCE_TEMPERATURE if data.temperature is not None else np.zeros(n),
-        time=data.time - data.time.min() if data.time is not None else np.arange(n, dtype=float),
-    )
 
 
 def case_of(data: Measurements, robot: Robot) -> Case:

@@ -10,8 +10,9 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
-from posture_opt.model.chain import Walk, factor_values, stack, walk
+from posture_opt.model.chain import Walk, stack
 from posture_opt.model.derivatives import twist_column
+from posture_opt.model.extension import extension_twists, forward
 from posture_opt.robot.robot import Robot
 
 
@@ -39,8 +40,9 @@ class Arm:
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the model parameters, from the base to the tool."""
-        return tuple(self.robot.parameters)
+        """Names of the model parameters, from the base to the tool, and those of the effects."""
+        extension = self.robot.extension
+        return (*self.robot.parameters, *(extension.names if extension is not None else ()))
 
     @cached_property
     def q(self) -> ca.SX:
@@ -54,7 +56,7 @@ class Arm:
         named: dict[str, Any] = {}
         if p is not None:
             named = dict(zip(self.parameters, split(p, len(self.parameters), "parameters"), strict=True))
-        return walk(robot.factors, factor_values(robot.factors, joints, named))
+        return forward(robot, joints, named)[0]
 
     def pose(self, q: Any, p: Any = None) -> Any:
         """``T_world_tool`` (4, 4) [m], a CasADi expression where ``q`` or ``p`` is one, else an array."""
@@ -76,6 +78,8 @@ class Arm:
         """``∂(x, φ)/∂p`` (6, k): tool-point shift and small rotation per parameter, world-aligned axes."""
         reached = self.walk(q, p)
         columns = [twist_column(reached, i) for i, factor in enumerate(self.robot.factors) if factor.parameter]
+        joints = split(q, self.robot.n, "posture")
+        columns += [(*shift, *turn) for shift, turn in extension_twists(self.robot, joints, reached)[0]]
         return stack(list(zip(*columns, strict=True)))
 
 

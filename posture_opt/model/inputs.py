@@ -18,6 +18,7 @@ class Inputs:
         approach_length: (n,) length of that last move [rad or m]; empty: long moves.
         temperature: above the reference temperature [K].
         time: since the first measurement [s]; rows are counted where no time is given.
+        stated: names of the joints whose side is known.
     """
 
     payload: Scalar = 0.0
@@ -25,6 +26,7 @@ class Inputs:
     approach_length: Sequence[Scalar] = ()
     temperature: Scalar = 0.0
     time: Scalar = 0.0
+    stated: tuple[str, ...] = ()
 
     def side(self, joint: int) -> Scalar:
         """The side from which a joint arrived."""

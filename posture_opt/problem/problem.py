@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from posture_opt.diagnosis.data_spec import DataSpec
 from posture_opt.errors import InputError, Issue, KeyPath
+from posture_opt.problem.extension import effect_sources, extended_robot, extension_notes
 from posture_opt.problem.issues import schema_issues
 from posture_opt.problem.plausible import plausibility_notes
 from posture_opt.problem.schema import ProblemSpec
@@ -74,8 +75,16 @@ class Problem:
         if kind and former.get("kind", kind) != kind:
             notes = (*notes, f"the task '{former['kind']}' of the file is overridden by '{kind}'")
         overridden = self.overridden | {("task", key) for key in (*keys, *(["kind"] if kind else []))}
+        plain = replace(self.robot, extension=None)
+        robot = extended_robot(plain, self.effects, spec.task)
         return replace(
-            self, task=spec.task, spec=spec, document=document, notes=notes, overridden=frozenset(overridden)
+            self,
+            robot=robot,
+            task=spec.task,
+            spec=spec,
+            document=document,
+            notes=notes,
+            overridden=frozenset(overridden),
         )
 
     def with_robot(self, robot: Mapping[str, Any]) -> Problem:
@@ -134,8 +143,17 @@ def build_problem(
     robot, sources, texts = None, None, attached or {}
     if spec is not None:
         robot = _collect(issues, "robot", lambda: spec.robot.build(folder))
+    if spec is not None and robot is not None:
+        plain = robot
+        robot = _collect(issues, "", lambda: extended_robot(plain, spec.effects, spec.task))
     if spec is not None and robot is not None and "uncertainty" not in broken:
         sources = _collect(issues, "uncertainty", lambda: spec.uncertainty.build(robot, folder, texts))
+        if sources is not None and spec.effects:
+            extended, stated = robot, sources
+            more = _collect(
+                issues, "", lambda: effect_sources(extended, spec.effects, folder, texts, spec.uncertainty.covariance)
+            )
+            sources = stated.plus(more) if more is not None else None
     elif "uncertainty" in data:
         uncertainty = UncertaintySpec.model_validate(data["uncertainty"])
         _collect(issues, "uncertainty", uncertainty.check)
@@ -154,7 +172,7 @@ def build_problem(
         data=spec.data,
         spec=spec,
         folder=folder,
-        notes=(*sources.notes, *plausibility_notes(robot, spec.uncertainty, sources)),
+        notes=(*sources.notes, *plausibility_notes(robot, spec.uncertainty, sources), *extension_notes(robot)),
         document=document.data,
         origin=document,
         attached=texts,
@@ -194,5 +212,5 @@ def _collect(issues: list[Issue], section: str, build: Callable[[], T]) -> T | N
     try:
         return build()
     except InputError as error:
-        issues += [issue.at(section) if not issue.file else issue for issue in error.issues]
+        issues += [issue.at(section) if section and not issue.file else issue for issue in error.issues]
         return None

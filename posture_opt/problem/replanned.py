@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -86,6 +87,23 @@ def replan(old: Problem, new: Problem, *, seed: int | None = None, workers: int 
     before, reasons = _planned(old, seed, workers)
     landed = None if before is None else _landing(new, before, after.basis)
     return Replanned(before, after, landed, _landing(new, after, after.basis), reasons)
+
+
+def replan_with(
+    olds: Mapping[str, Problem], new: Problem, *, seed: int | None = None
+) -> dict[str, Replanned]:  # fmt: skip
+    """The task planned with each of several arms, every posture judged by the arm of ``new``."""
+    after, reasons = _planned(new, seed, 1)
+    if after is None:
+        return {name: Replanned(reasons=reasons) for name in olds}
+    landing = _landing(new, after, after.basis)
+    found = {}
+    for name, old in olds.items():
+        old = replace(old, sources=new.sources) if old.sources.empty and old.robot.extension is None else old
+        before, reasons = _planned(old, seed, 1)
+        landed = None if before is None else _landing(new, before, after.basis)
+        found[name] = Replanned(before, after, landed, landing, reasons)
+    return found
 
 
 def _planned(problem: Problem, seed: int | None, workers: int) -> tuple[Solution | None, tuple[str, ...]]:

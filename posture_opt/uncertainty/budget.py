@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posture_opt.model.chain import Walk, factor_values
+from posture_opt.model.chain import Walk
 from posture_opt.model.derivatives import position_column, rotation_column
+from posture_opt.model.extension import forward
 from posture_opt.uncertainty.moments import exact_moments
 from posture_opt.uncertainty.sources import Array
 from posture_opt.uncertainty.tool_point import ToolPoint
@@ -48,8 +49,24 @@ def budgets(
 ) -> tuple[tuple[Share, ...], ...]:
     """The budget along each of the directions (m, 3), see :func:`budget`."""
     U = np.asarray(directions, dtype=float).reshape(-1, 3)
-    gradient = _gradient(tool_point, [float(v) for v in q])
-    return tuple(_shares(tool_point.names, np.einsum("kab,a,b->k", gradient, u, u)) for u in U)
+    posture = [float(v) for v in q]
+    names, gradient = tool_point.names, _gradient(tool_point, posture)
+    if tool_point.effects is not None:
+        names, gradient = _with_effects(tool_point, posture, gradient)
+    return tuple(_shares(names, np.einsum("kab,a,b->k", gradient, u, u)) for u in U)
+
+
+def _with_effects(tool_point: ToolPoint, q: list[float], gradient: Array) -> tuple[tuple[str, ...], Array]:
+    """Names and gradient with the parameters of effects behind those of the chain, to first order."""
+    beside = tool_point.effects
+    assert beside is not None
+    reached = tool_point.walk(q)[0]
+    E = np.asarray(tool_point.effect_columns(q, reached), dtype=float)
+    J = np.asarray(tool_point.jacobian(reached), dtype=float)
+    shared = np.einsum("ak,be,ke->kab", J, E, beside.cross)
+    own = np.einsum("ae,bf,ef->eab", E, E, beside.covariance) + np.einsum("ae,bk,ke->eab", E, J, beside.cross)
+    both = np.concatenate([gradient + (shared + np.swapaxes(shared, 1, 2)) / 2, (own + np.swapaxes(own, 1, 2)) / 2])
+    return (*tool_point.names, *beside.names), both
 
 
 def _shares(names: Sequence[str], elasticity: Array) -> tuple[Share, ...]:
@@ -77,7 +94,7 @@ def _gradient(tool_point: ToolPoint, q: list[float]) -> Array:
 def _independent(tool_point: ToolPoint, q: list[float]) -> Array:
     """The gradient of the exact covariance of independent sources: all 2k variations in one walk."""
     k = len(tool_point.indices)
-    values = factor_values(tool_point.robot.factors, q)
+    values = forward(tool_point.robot, q)[1]
     variances: list[float | Array] = [0.0] * len(values)
     for i, (index, variance) in enumerate(zip(tool_point.indices, np.diag(tool_point.covariance), strict=True)):
         varied = np.full(2 * k, float(variance))

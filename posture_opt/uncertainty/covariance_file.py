@@ -54,11 +54,17 @@ def read_covariance(path: Path, dimensions: dict[str, str], text: str | None = N
 
 def covariance_text(names: Sequence[str], covariance: Array, units: Sequence[str]) -> str:
     """The text that ``read_covariance`` reads back: names with units, and the covariance (k, k), SI, in these."""
-    scale = [parse_quantity(f"1 {unit}", "angle" if unit.endswith("rad") else "length") for unit in units]
+    scale = [_scale_of(unit) for unit in units]
     rows = covariance / np.outer(scale, scale)
     head = ", ".join(["name", *(f"{name} [{unit}]" for name, unit in zip(names, units, strict=True))])
     lines = [", ".join([name, *(f"{value:.15g}" for value in row)]) for name, row in zip(names, rows, strict=True)]
     return "\n".join([head, *lines, ""])
+
+
+def _scale_of(unit: str) -> float:
+    """The SI value of a unit of this file: lengths, angles, and the SI units of effects."""
+    known = {"rad": 1.0, "mrad": 1e-3, "m": 1.0, "mm": 1e-3}
+    return known.get(unit, 1.0)
 
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
@@ -101,6 +107,10 @@ def _header(cells: Sequence[str], dimensions: dict[str, str]) -> tuple[list[str]
 
 
 def _unit_factor(name: str, unit: str | None, dimension: str, issues: list[Issue]) -> float:
+    if dimension == "ratio":
+        if unit not in (None, "1"):
+            issues.append(Issue(f"{name} is a ratio", (name,), unit, f"write {name} [1]"))
+        return 1.0
     try:
         return parse_quantity(f"1 {unit}", dimension) if unit is not None else 1.0
     except ValueError as error:

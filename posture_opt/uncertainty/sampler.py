@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.model.chain import Walk, factor_values, walk
+from posture_opt.model.chain import Walk
+from posture_opt.model.extension import forward
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.sources import Array
@@ -36,14 +37,20 @@ class Sampler:
     def of(cls, spread: Spread) -> Sampler:
         """The sampler of robot, posture and sources of a closed-form spread."""
         tool_point = spread.tool_point
-        root = covariance_root(tool_point.covariance)
-        return cls(spread.robot, spread.q, tool_point.names, root, tool_point.walk(spread.q)[0])
+        names, covariance = tool_point.names, tool_point.covariance
+        if tool_point.effects is not None:
+            beside = tool_point.effects
+            names = (*names, *beside.names)
+            covariance = np.block([[covariance, beside.cross], [beside.cross.T, beside.covariance]])
+        kept = np.flatnonzero(np.diag(covariance) > 0)
+        root = covariance_root(covariance[np.ix_(kept, kept)])
+        return cls(spread.robot, spread.q, tuple(names[k] for k in kept), root, tool_point.walk(spread.q)[0])
 
     def __call__(self, rng: np.random.Generator, n: int) -> tuple[Array, Array]:
         """n draws: shifts (n, 3) [m] and rotation vectors (n, 3) [rad], world axes."""
         p = rng.standard_normal((n, len(self.names))) @ self.root.T
         named = dict(zip(self.names, p.T, strict=True))
-        reached = walk(self.robot.factors, factor_values(self.robot.factors, self.q, named))
+        reached = forward(self.robot, self.q, named)[0]
         position = np.stack([np.broadcast_to(entry, n) for entry in reached.position], axis=-1)
         return position - np.array(self.nominal.position, dtype=float), rotation_vector(reached, self.nominal, n)
 

@@ -59,6 +59,7 @@ class UncertaintySpec(Spec):
             InputError: everything wrong with the section, keys relative to it.
         """
         dimensions = {n: "angle" if f.kind == "rotate" else "length" for n, f in robot.parameters.items()}
+        dimensions |= robot.extension.dimensions if robot.extension is not None else {}
         issues = [*self._contradictions(), *self._weight_issues(robot)]
         named = Sources()
         try:

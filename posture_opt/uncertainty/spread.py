@@ -164,7 +164,6 @@ def propagate(problem: HasSources, posture: PostureLike) -> Spread:
 def spread_of(tool_point: ToolPoint, q: Sequence[float], notes: tuple[str, ...] = ()) -> Spread:
     """The spread of a tool point at ``q`` (n,) [rad or m], nothing checked."""
     moments = tool_point.moments(q)
-    twists = np.asarray(tool_point.twists(moments.walk)) if tool_point.indices else np.zeros((6, 0))
     covariance = _symmetric(moments.covariance)
     return Spread(
         tool_point=tool_point,
@@ -174,7 +173,7 @@ def spread_of(tool_point: ToolPoint, q: Sequence[float], notes: tuple[str, ...] 
         covariance=covariance,
         covariance_first_order=_symmetric(moments.first_order),
         bias=moments.mean - moments.position,
-        pose_covariance=_symmetric(twists @ tool_point.covariance @ twists.T),
+        pose_covariance=_symmetric(tool_point.pose_covariance(q, moments.walk)),
         basis=ellipse_basis(tool_point, covariance),
         notes=notes,
     )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from posture_opt.model.chain import Scalar, Walk, factor_values, stack, walk
+from posture_opt.model.chain import Scalar, Walk, add, stack
 from posture_opt.model.derivatives import position_column, twist_column
+from posture_opt.model.extension import extension_twists, forward
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.moments import exact_moments
 from posture_opt.uncertainty.planar import Plane, planar_moments, plane_of
@@ -46,24 +47,44 @@ class Moments:
 
 
 @dataclass(frozen=True)
+class EffectSources:
+    """Uncertain parameters of effects, which act on the tool point to first order.
+
+    Args:
+        names: (e,) of all parameters of the robot's effects, then of the sides that no one knows.
+        covariance: (e, e); cross: (k, e) with the sources of the chain.
+    """
+
+    names: tuple[str, ...]
+    covariance: np.ndarray
+    cross: np.ndarray
+
+
+@dataclass(frozen=True)
 class ToolPoint:
-    """The tool point of ``robot`` under the errors ``names`` with ``covariance``, sorted from base to tool."""
+    """The tool point of ``robot`` under the errors ``names`` with ``covariance``, sorted from base to tool.
+
+    ``effects`` holds what is uncertain of the robot's effects, ``None`` where nothing is.
+    """
 
     robot: Robot
     names: tuple[str, ...]
     indices: tuple[int, ...]
     covariance: np.ndarray
     plane: Plane | None
+    effects: EffectSources | None = None
 
     @classmethod
     def of(cls, robot: Robot, sources: NamedCovariance) -> ToolPoint:
         """Sort the sources along the chain, leaving out those without variance."""
         at = {factor.parameter: i for i, factor in enumerate(robot.factors) if factor.parameter}
         variance = np.diag(sources.covariance)
-        order = sorted((k for k in range(len(sources.names)) if variance[k] > 0), key=lambda k: at[sources.names[k]])
+        own = [k for k in range(len(sources.names)) if variance[k] > 0 and sources.names[k] in at]
+        order = sorted(own, key=lambda k: at[sources.names[k]])
         names = tuple(sources.names[k] for k in order)
         indices = tuple(at[name] for name in names)
-        return cls(robot, names, indices, sources.covariance[np.ix_(order, order)], plane_of(robot, indices))
+        effects = _effect_sources(robot, sources, order)
+        return cls(robot, names, indices, sources.covariance[np.ix_(order, order)], plane_of(robot, indices), effects)
 
     @property
     def correlated(self) -> bool:
@@ -78,24 +99,32 @@ class ToolPoint:
         return "exact, planar" if self.plane is not None else "exact + second order of the correlations"
 
     def walk(self, q: Sequence[Scalar]) -> tuple[Walk, list[Scalar]]:
-        """The walk along the nominal chain at ``q`` (n,), and the value of every factor [rad or m]."""
-        values = factor_values(self.robot.factors, q)
-        return walk(self.robot.factors, values), values
+        """The walk along the nominal chain at ``q`` (n,), with its effects, and the value of every factor."""
+        reached, values, _ = forward(self.robot, q)
+        return reached, values
 
     def moments(self, q: Sequence[Scalar], *, complete: bool = True) -> Moments:
         """Mean and covariance at the posture ``q``: n scalars, arrays (N,) or symbols.
 
         Without ``complete`` the correlations of a spatial arm enter to first order only.
         """
-        reached, values = self.walk(q)
+        moments = self._of_chain(q, complete)
+        if self.effects is None:
+            return moments
+        beside = self._of_effects(q, moments.walk)
+        return replace(moments, covariance=moments.covariance + beside, first_order=moments.first_order + beside)
+
+    def _of_chain(self, q: Sequence[Scalar], complete: bool) -> Moments:
+        reached, values, shift = forward(self.robot, q)
         jacobian = self.jacobian(reached)
         first = jacobian @ self.covariance @ transpose(jacobian)
         position = stack(reached.position)
         if self.method == "exact, planar":
             assert self.plane is not None
             mean, C = planar_moments(self.robot, reached, values, self.indices, self.covariance, self.plane)
-            return Moments(position, stack(mean), stack(C), first, reached)
+            return Moments(position, stack(add(mean, shift)), stack(C), first, reached)
         mean, C = exact_moments(self.robot.factors, values, self._variances())
+        mean = add(mean, shift)
         if not self.correlated:
             return Moments(position, stack(mean), stack(C), first, reached)
         if not complete:
@@ -107,6 +136,29 @@ class ToolPoint:
         diagonal = second_order(reached, self.indices, np.diag(np.diag(self.covariance)))
         covariance = stack(C) + (full.covariance - diagonal.covariance)
         return Moments(position, stack(mean) + (full.bias - diagonal.bias), covariance, first, reached)
+
+    def _of_effects(self, q: Sequence[Scalar], reached: Walk) -> Any:
+        """(3, 3) what the uncertainty of the effects adds to the covariance, to first order."""
+        assert self.effects is not None
+        E = self.effect_columns(q, reached)
+        cross = self.jacobian(reached) @ self.effects.cross @ transpose(E) if self.indices else np.zeros((3, 3))
+        return E @ self.effects.covariance @ transpose(E) + cross + transpose(cross)
+
+    def effect_columns(self, q: Sequence[Scalar], reached: Walk, *, turns: bool = False) -> Any:
+        """(3, e) shift of the tool point per unit of each effect's parameter; (6, e) with its rotation."""
+        own, sides = extension_twists(self.robot, q, reached)
+        columns = [(*shift, *turn) if turns else shift for shift, turn in (*own, *sides)]
+        return stack(list(zip(*columns, strict=True)))
+
+    def pose_covariance(self, q: Sequence[float], reached: Walk) -> np.ndarray:
+        """(6, 6) of shift and small rotation, first order."""
+        T = np.asarray(self.twists(reached)) if self.indices else np.zeros((6, 0))
+        found = T @ self.covariance @ T.T
+        if self.effects is None:
+            return np.asarray(found)
+        E = np.asarray(self.effect_columns(q, reached, turns=True), dtype=float)
+        cross = T @ self.effects.cross @ E.T
+        return np.asarray(found + E @ self.effects.covariance @ E.T + cross + cross.T)
 
     def jacobian(self, reached: Walk) -> Any:
         """``∂x/∂source`` (3, k) [m/rad, m/m], world frame."""
@@ -123,3 +175,22 @@ class ToolPoint:
         for index, variance in zip(self.indices, np.diag(self.covariance), strict=True):
             variances[index] = float(variance)
         return variances
+
+
+def _effect_sources(robot: Robot, sources: NamedCovariance, order: Sequence[int]) -> EffectSources | None:
+    """What is uncertain of the effects of a robot, or ``None`` where nothing is."""
+    if robot.extension is None:
+        return None
+    names = robot.extension.names
+    sides = robot.extension.sides
+    at = {name: k for k, name in enumerate(sources.names)}
+    size = len(names) + len(sides)
+    covariance, cross = np.zeros((size, size)), np.zeros((len(order), size))
+    known = [(e, at[name]) for e, name in enumerate(names) if name in at]
+    for e, k in known:
+        cross[:, e] = sources.covariance[list(order), k]
+        for f, m in known:
+            covariance[e, f] = sources.covariance[k, m]
+    for e in range(len(names), size):
+        covariance[e, e] = 1.0  # a side is -1 or +1
+    return EffectSources((*names, *sides), covariance, cross) if covariance.any() else None

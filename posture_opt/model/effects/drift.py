@@ -22,6 +22,7 @@ class Drift(Effect):
     summary: ClassVar[str] = "the point moves with time, the same in all postures"
     parameters: ClassVar = (("x", "length"), ("y", "length"), ("z", "length"))
     shape: ClassVar = ("constant",)
+    shape_units: ClassVar = {"constant": "s"}
     needs: ClassVar = frozenset({"time"})
     for_planning: ClassVar = False
 

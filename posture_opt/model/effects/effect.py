@@ -66,6 +66,8 @@ class Effect(Spec):
     """Name and dimension of each linear parameter."""
     shape: ClassVar[tuple[str, ...]] = ()
     """Fields that enter in another way than linearly, found by a search."""
+    shape_units: ClassVar[Mapping[str, str]] = {}
+    """SI units of those that have one."""
     needs: ClassVar[frozenset[Input]] = frozenset()
     """Inputs without which the effect cannot be seen."""
     for_planning: ClassVar[bool] = True
@@ -91,12 +93,13 @@ class Effect(Spec):
 
     @property
     def name(self) -> str:
-        """``kind[target]``, under which its parameters stand among the sources."""
-        return f"{self.kind}[{self.target}]"
+        """``kind(target)``, under which its parameters stand among the sources; a line tells its cycles."""
+        label = "".join(f" {getattr(self, name):.4g}" for name in self.shape if name == "cycles")
+        return f"{self.kind}({self.target}{label})"
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """``kind[target].parameter``."""
+        """``kind(target).parameter``."""
         return tuple(f"{self.name}.{name}" for name, _ in self.dimensions)
 
     @property
@@ -132,13 +135,17 @@ class Effect(Spec):
 
     def to_dict(self) -> dict[str, Any]:
         """The entry of ``effects:`` in a problem file."""
-        return {key: value for key, value in self.model_dump(exclude_none=True).items() if value != {}}
+        entry = {key: value for key, value in self.model_dump(exclude_none=True).items() if value not in ({}, ())}
+        for name, unit in self.shape_units.items():
+            entry[name] = f"{entry[name]:.12g} {unit}"
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in entry.items()}
 
 
 def _read(value: Any, dimension: str) -> float:
     if dimension == "ratio":
         if isinstance(value, bool) or not isinstance(value, int | float | np.floating):
-            raise ValueError(f"'{value}' is no ratio; write a number such as 2e-4")
+            given = f"'{value}'" if isinstance(value, str) else "this"
+            raise ValueError(f"{given} is no ratio; write a number such as 2e-4")
         return float(value)
     return parse_quantity(value, dimension)
 

@@ -22,6 +22,7 @@ class Hysteresis(JointEffect):
     summary: ClassVar[str] = "lost motion that grows with the travel before"
     parameters: ClassVar = (("height", "angle"),)
     shape: ClassVar = ("travel",)
+    shape_units: ClassVar = {"travel": "rad"}
     needs: ClassVar = frozenset({"approach"})
 
     kind: Literal["hysteresis"] = "hysteresis"

@@ -24,6 +24,7 @@ class Quantisation(JointEffect):
     summary: ClassVar[str] = "the joint reaches whole steps only"
     parameters: ClassVar = (("share", "ratio"),)
     shape: ClassVar = ("lsb",)
+    shape_units: ClassVar = {"lsb": "rad"}
 
     kind: Literal["quantisation"] = "quantisation"
     lsb: Angle = Field(gt=0, description="the step")

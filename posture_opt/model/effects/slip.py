@@ -24,6 +24,7 @@ class Slip(Effect):
 
     summary: ClassVar[str] = "a step at some moment: a coupling or the base slipped"
     shape: ClassVar = ("moment",)
+    shape_units: ClassVar = {"moment": "s"}
     needs: ClassVar = frozenset({"time"})
     for_planning: ClassVar = False
 

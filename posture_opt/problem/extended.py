@@ -1,0 +1,145 @@
+"""The problem of an extended arm: calibrated, with the effects that a diagnosis named, and planned anew."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posture_opt.diagnosis.calibration import Calibration
+from posture_opt.diagnosis.diagnosis import Diagnosis
+from posture_opt.diagnosis.remaining import RemainingScatter, remaining_scatter
+from posture_opt.model.effects import Effect
+from posture_opt.problem.calibrated import (
+    arm_of_frames,
+    calibrated_problem,
+    corrected_section,
+    known_sources,
+    of_first_target,
+    parameter_units,
+    semidefinite,
+    uncertainty_section,
+)
+from posture_opt.problem.problem import Problem, build_problem
+from posture_opt.problem.replanned import Replanned, replan_with
+from posture_opt.problem.yaml_source import Document
+from posture_opt.uncertainty.covariance_file import covariance_text
+from posture_opt.uncertainty.sources import Array, Sources
+from posture_opt.units import DIMENSIONS
+
+COVARIANCE = "extended_covariance.csv"
+
+
+def extended_problem(problem: Problem, diagnosis: Diagnosis, *, time_effects: bool = False) -> Problem:
+    """The problem with the arm that the diagnosis fitted: geometry, effects, and what is uncertain of both together.
+
+    Effects that change with time are left out unless asked for: they belong to the session that was measured.
+    """
+    calibration = extended_calibration(diagnosis)
+    x, covariance = of_first_target(calibration, calibration.covariance)
+    effects, parameters = _exported(diagnosis, time_effects)
+    scatter = remaining_scatter(problem, calibration)
+    geometry = known_sources(problem, calibration, x, covariance)
+    known = _with_effects(problem, diagnosis, geometry, parameters)
+    document = {
+        **problem.to_dict(),
+        "name": f"{problem.name}, extended",
+        "robot": corrected_section(problem, x),
+        "uncertainty": uncertainty_section(problem, scatter, COVARIANCE if known.names else ""),
+        "effects": [*problem.to_dict().get("effects", []), *(_entry(effect) for effect in effects)],
+    }
+    units = [*parameter_units(problem, geometry.names), *(unit for _, _, unit in parameters)]
+    attached = {COVARIANCE: covariance_text(known.names, known.covariance, units)} if known.names else {}
+    header = _header(diagnosis, scatter, time_effects)
+    return build_problem(Document(document), problem.folder, problem.name, attached=attached, header=header)
+
+
+def extended_calibration(diagnosis: Diagnosis) -> Calibration:
+    """The calibration with the geometry of the extended arm, and the errors that it leaves."""
+    model, calibration = diagnosis.model, diagnosis.calibration
+    g = model.directions.shape[1]
+    covariance = model.directions @ model.covariance[:g, :g] @ model.directions.T
+    errors = calibration.errors.copy()
+    kept = np.setdiff1d(np.arange(len(errors)), calibration.outliers)
+    errors[kept] = diagnosis.held["extended"].errors
+    return replace(calibration, x=model.x, covariance=covariance, errors=errors, variance=model.variance)
+
+
+def plan_again(
+    problem: Problem, diagnosis: Diagnosis, extended: Problem, seed: int | None = None
+) -> dict[str, Replanned]:
+    """The task planned with the arm as it stands and with the calibrated one, each judged by the extended one."""
+    if problem.task is None:
+        return {}
+    calibrated = calibrated_problem(problem, diagnosis.calibration)
+    nominal = arm_of_frames(problem, diagnosis.calibration)
+    return replan_with({"nominal": nominal, "calibrated": calibrated}, extended, seed=seed)
+
+
+def posture_document(plans: dict[str, Replanned]) -> dict[str, Any]:
+    """The part ``posture`` of diagnosis.json: what each arm would choose, as the extended one sees it."""
+    document: dict[str, Any] = {}
+    for name, plan in plans.items():
+        parts = plan.to_json("extended")
+        document[name] = parts["nominal"]
+        document["extended"] = parts["extended"]
+        document["reasons"] = parts["reasons"]
+    return document
+
+
+def _exported(diagnosis: Diagnosis, time_effects: bool) -> tuple[list[Effect], list[tuple[str, int, str]]]:
+    """The effects to plan with, and (name, place in theta, unit) of their parameters."""
+    effects, parameters = [], []
+    for effect, part in zip(diagnosis.model.effects(), diagnosis.model.slices, strict=True):
+        if not (effect.for_planning or time_effects):
+            continue
+        effects.append(effect)
+        for k, (name, (_, dimension)) in enumerate(zip(effect.parameter_names, effect.dimensions, strict=True)):
+            parameters.append((name, part.start + k, "1" if dimension == "ratio" else DIMENSIONS[dimension][0]))
+    return effects, parameters
+
+
+def _with_effects(
+    problem: Problem, diagnosis: Diagnosis, geometry: Sources, parameters: Sequence[tuple[str, int, str]]
+) -> Sources:
+    """The sources of the geometry with those of the effects, correlated as they were estimated."""
+    model = diagnosis.model
+    g, k, e = model.directions.shape[1], len(geometry.names), len(parameters)
+    names = [p.name for p in diagnosis.calibration.parameters]
+    at = [names.index(name) if name in names else -1 for name in geometry.names]
+    columns = [g + place for _, place, _ in parameters]
+    cross: Array = model.directions @ model.covariance[:g, columns]
+    covariance = np.zeros((k + e, k + e))
+    covariance[:k, :k] = geometry.covariance
+    for row, i in enumerate(at):
+        if i >= 0:
+            covariance[row, k:] = covariance[k:, row] = cross[i]
+    covariance[k:, k:] = model.covariance[np.ix_(columns, columns)]
+    if not k + e:
+        return Sources()
+    return Sources((*geometry.names, *(name for name, _, _ in parameters)), semidefinite(covariance))
+
+
+def _entry(effect: Effect) -> dict[str, Any]:
+    """An effect as problem files have it, its shape with units."""
+    return {**effect.to_dict(), "covariance": COVARIANCE}
+
+
+def _header(diagnosis: Diagnosis, scatter: RemainingScatter, time_effects: bool) -> tuple[str, ...]:
+    """What the file says of itself in its first lines."""
+    data = diagnosis.calibration.residuals.data
+    errors = ", ".join(f"{getattr(diagnosis, n).rms * 1e3:.3g} mm {n}" for n in ("nominal", "calibrated", "extended"))
+    named = ", ".join(f"{f.kind} of {f.target}" for f in diagnosis.findings if f.effect is not None) or "no effect"
+    left = [e.name for e in diagnosis.model.effects() if not e.for_planning]
+    lines = [
+        f"Extended by what {Path(data.file).name or 'a table'} ({len(data)} rows) says of the arm: {named}.",
+        f"Position errors where it had not seen the data, RMS: {errors}.",
+        f"What is still uncertain of its parameters stands in {COVARIANCE}, in mm, mrad and SI units.",
+        f"{scatter.note[:1].upper()}{scatter.note[1:]}.",
+    ]
+    if left and not time_effects:
+        lines.append(f"Left out, as it belongs to its session: {', '.join(left)}.")
+    return tuple(lines)

@@ -1,0 +1,110 @@
+"""The ``effects`` section of a problem file: the robot with them, under the inputs that the task states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.model.effects import Effect
+from posture_opt.model.extension import Extension
+from posture_opt.model.inputs import Inputs
+from posture_opt.model.site import Site
+from posture_opt.nearest import one_of
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.tasks import Task
+from posture_opt.uncertainty.covariance_file import read_covariance
+from posture_opt.uncertainty.sources import Sources, covariance_issues
+
+REFERENCE_TEMPERATURE = 20.0
+"""degC at which lengths hold (ISO 1); a task without a temperature is done there."""
+
+
+def extended_robot(robot: Robot, effects: tuple[Effect, ...], task: Task | None) -> Robot:
+    """The robot with the effects of the file; the plain one where there are none.
+
+    Raises:
+        InputError: effects that this robot cannot have, or inputs of unknown joints; keys from the top of the file.
+    """
+    issues = _task_issues(robot, task)
+    for index, effect in enumerate(effects):
+        fault = effect.robot_fault(robot) or _unweighed(robot, effect)
+        if fault:
+            message, _, mend = fault.partition("; ")
+            issues.append(Issue(message, ("effects", index), effect.kind, mend))
+    names = [effect.name for effect in effects]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            issues.append(Issue(f"{name} is given twice", ("effects", index), name, "keep one of them"))
+    if issues:
+        raise InputError(issues)
+    return replace(robot, extension=Extension(effects, _inputs(robot, task))) if effects else robot
+
+
+def effect_sources(
+    robot: Robot, effects: tuple[Effect, ...], folder: Path, attached: Mapping[str, str], read: str | None
+) -> Sources:
+    """What the covariance files of the effects say; ``read`` is the one that the uncertainty has read already.
+
+    Raises:
+        InputError: as `read_covariance`.
+    """
+    found = Sources()
+    files = dict.fromkeys(e.covariance for e in effects if e.covariance and e.covariance != read)
+    for file in files:
+        assert file is not None
+        names, covariance = read_covariance(folder / file, robot.extension.dimensions, attached.get(file))
+        issues = covariance_issues(names, covariance)
+        if issues:
+            raise InputError([replace(issue, key=("effects",), value=file) for issue in issues])
+        found = found.plus(Sources(names, (covariance + covariance.T) / 2))
+    return found
+
+
+def extension_notes(robot: Robot) -> tuple[str, ...]:
+    """What was assumed of the inputs of the effects."""
+    if robot.extension is None:
+        return ()
+    unknown = sorted({effect.target for effect in robot.extension.effects if "approach" in effect.needs})
+    unknown = [joint for joint in unknown if joint not in robot.extension.inputs.stated]
+    notes = []
+    if unknown:
+        told = f"task: {{approach: {{{unknown[0]}: 1}}}} tells it"
+        notes.append(f"from which side {', '.join(unknown)} will arrive is not known: it counts as scatter ({told})")
+    kinds = {effect.kind for effect in robot.extension.effects if not effect.for_planning}
+    if kinds:
+        notes.append(
+            f"{', '.join(sorted(kinds))}: planned as at its beginning, for what changes with time no one knows"
+        )
+    return tuple(notes)
+
+
+def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
+    if task is None:
+        return []
+    return [
+        Issue(
+            "the robot has no such joint", ("task", "approach", name), name, one_of(name, robot.joint_names, "joints")
+        )
+        for name in task.approach
+        if name not in robot.joint_names
+    ]
+
+
+def _unweighed(robot: Robot, effect: Effect) -> str:
+    if "masses" in effect.needs and not Site(robot, [0.0] * robot.n).weighed:
+        return "masses or centres of mass of some links are not stated; add mass and com to the joints"
+    return ""
+
+
+def _inputs(robot: Robot, task: Task | None) -> Inputs:
+    if task is None:
+        return Inputs(payload=robot.payload)
+    warmth = 0.0 if task.temperature is None else task.temperature - REFERENCE_TEMPERATURE
+    return Inputs(
+        payload=robot.payload if task.payload is None else task.payload,
+        approach=[float(task.approach.get(name, 0)) for name in robot.joint_names],
+        temperature=warmth,
+        stated=tuple(task.approach),
+    )
