@@ -29,7 +29,7 @@ from tests.hidden.strength import (
     tangent,
 )
 
-TRIES = 200
+NATURAL, TRIES = 40, 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +47,15 @@ class Draw:
     truth: dict[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """Between which λ an effect is to be, and whether its size may be scaled to get there."""
+
+    weakest: float
+    strongest: float
+    scaled: bool
+
+
 class OutOfReach(Exception):  # noqa: N818
     """The wanted strength cannot be had in this draw."""
 
@@ -61,13 +70,16 @@ def draw(
     strongest: float = np.inf,
     test: bool = False,
 ) -> Draw:
-    """Case ``index`` of a family; λ of each effect between ``weakest`` and ``strongest``, by its size if need be."""
+    """Case ``index`` of a family, λ of each effect between ``weakest`` and ``strongest``.
+
+    Sizes are the catalogue's, drawn until they are of that strength; where that does not happen, they are scaled.
+    """
     key = [seed, zlib.crc32(family.encode()), index]
     setting = FAMILIES[family](np.random.default_rng(key), kind)
     for attempt in range(TRIES):
         rng = np.random.default_rng([*key, attempt])
         try:
-            case = _attempt(rng, setting, (weakest, strongest), test)
+            case = _attempt(rng, setting, Wanted(weakest, strongest, attempt >= NATURAL), test)
         except OutOfReach:
             continue
         case.truth.update(family=family, seed=seed, index=index, attempt=attempt)
@@ -75,7 +87,7 @@ def draw(
     raise OutOfReach(f"{family} {setting.kinds} of λ {weakest:g} … {strongest:g}")
 
 
-def _attempt(rng: np.random.Generator, setting: Setting, wanted: tuple[float, float], test: bool) -> Draw:
+def _attempt(rng: np.random.Generator, setting: Setting, wanted: Wanted, test: bool) -> Draw:
     free = bool(rng.random() < 0.6) if setting.free is None else setting.free
     nominal = place(rng, ARMS[setting.arm]())
     masses = nominal.masses * (1 + setting.masses * rng.choice([-1.0, 1.0], nominal.n))
@@ -100,7 +112,7 @@ def _attempt(rng: np.random.Generator, setting: Setting, wanted: tuple[float, fl
     if setting.noise:
         noise, entry = draw_noise(rng, site, setting.noise)
         entry["lambda"] = noise.strength(site)
-        if not wanted[0] <= entry["lambda"] <= wanted[1]:
+        if not wanted.weakest <= entry["lambda"] <= wanted.strongest:
             raise OutOfReach
         entries.append(entry)
     added, gross = noise.draw(rng, site)
@@ -159,11 +171,9 @@ def geometry(rng: np.random.Generator, arm: Arm, setting: Setting) -> dict[str, 
     return {name: value for name, value in found.items() if value}
 
 
-def _effects(
-    rng: np.random.Generator, site: Site, setting: Setting, free: bool, wanted: tuple[float, float]
-) -> tuple[Effect, ...]:
+def _effects(rng: np.random.Generator, site: Site, setting: Setting, free: bool, wanted: Wanted) -> tuple[Effect, ...]:
     """The effects of the setting, each of the wanted strength beside the geometry and the others."""
-    low, high = wanted
+    low, high = wanted.weakest, wanted.strongest
     if setting.kinds == ("instrument_scale",):
         return (draw_effect(rng, site, "instrument_scale"),)
     U = basis(tangent(site, names_of(site, free), SIGMA))
@@ -171,7 +181,7 @@ def _effects(
     for kind in setting.kinds:
         e = draw_effect(rng, site, kind)
         size = _strength(site, e, found, U) / strain(e)
-        if not low <= size <= high:
+        if wanted.scaled and not low <= size <= high:
             goal = float(np.exp(rng.uniform(np.log(low), np.log(min(4 * low, high)))))
             e = e.scaled(float(np.clip(np.sqrt(goal / max(size, 1e-12)), *e.limits)))
         found.append(e)

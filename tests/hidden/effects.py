@@ -64,10 +64,10 @@ class Site:
         world = moment(self.arm, self.walk, self.session.payload, self.end(j), j + 1)
         return np.einsum("nba,nb->na", self.walk.R_link[:, j], world)
 
-    def can_bend(self) -> list[int]:
-        """Links longer than 50 mm, but the last."""
+    def can_bend(self, least: float) -> list[int]:
+        """Links longer than ``least`` [m], but the last."""
         lengths = np.linalg.norm([self.along(j)[0] for j in range(self.arm.n)], axis=1)
-        return [j for j in range(self.arm.n - 1) if lengths[j] > 0.05 and not self.arm.prismatic[j]]
+        return [j for j in range(self.arm.n - 1) if lengths[j] > least and not self.arm.prismatic[j]]
 
     @cached_property
     def base_moment(self) -> Array:

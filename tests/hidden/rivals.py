@@ -31,7 +31,7 @@ def candidates(site: Site) -> Iterator[Effect]:
         if np.abs(site.tau[:, site.joint(name)]).max() > 1.0:
             yield Effect("joint_compliance", name, {"c": tiny / 100})
             yield Effect("load_backlash", name, {"h": tiny / 100})
-    yield from (Effect("link_bending", arm.joints[j], {"k": tiny / 100}) for j in site.can_bend())
+    yield from (Effect("link_bending", arm.joints[j], {"k": tiny / 100}) for j in site.can_bend(0.05))
     yield Effect("base_compliance", "base", {"k": tiny / 100})
     if np.ptp(site.session.payload):
         yield Effect("payload_error", "payload", {"e": tiny / 100})

@@ -34,6 +34,7 @@ def score(truth: Json, answer: Json | None, seconds: float = 0.0, error: str = "
     record["geometry"] = [_name(e) for e in answer["effects"] if e["kind"] in GEOMETRIC]
     record |= _right(true, names, sets, answer["verdict"])
     rivals = {_name(r) for e in truth["effects"] for r in e.get("rivals", ()) if r["lost"] < MARGIN}
+    record["separable"] = not rivals
     record["excused"] = bool(names) and names[0] in rivals
     record |= _sizes(truth, answer)
     extended = (answer.get("residual_rms") or {}).get("extended")

@@ -39,6 +39,7 @@ TYPICAL = {
 }
 KINDS = tuple(kind for kind in TYPICAL if kind not in ("instrument_scale", *OUTSIDE))
 LOADED = 5.0  # N m: a joint that carries less, such as one about the vertical, is no target
+BENDING = 0.18  # m: what is shorter is stiff
 WIDER = 1.5  # a size may leave the typical range by this factor to reach a wanted strength
 
 
@@ -96,7 +97,7 @@ def _per_load(rng: np.random.Generator, site: Site, kind: str):
     if kind == "payload_error":
         return "payload", {"e": _sign(rng) / max(np.abs(site.payload_tau).max(), 1e-9)}, {}
     if kind == "link_bending":
-        j = int(rng.choice(site.can_bend()))
+        j = int(rng.choice(site.can_bend(BENDING)))
         top = np.linalg.norm(site.tip_moment(j), axis=1).max()
         return site.arm.joints[j], {"k": 1 / max(top, 1e-9)}, {}
     loaded = [j for j in range(site.arm.n) if np.abs(site.tau[:, j]).max() > LOADED and not site.arm.prismatic[j]]
