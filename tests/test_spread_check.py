@@ -286,6 +286,15 @@ def test_rows_of_nearly_equal_commands_are_revisits() -> None:
     assert len(np.unique(revisits(slow, np.zeros(2, dtype=bool)))) == 1000
 
 
+@pytest.mark.parametrize("visits", [1, 3])
+def test_made_up_data_without_any_scatter_pass(visits: int) -> None:
+    q = np.random.default_rng(15).uniform(-2.5, 2.5, (30, 2)).repeat(visits, axis=0)
+    found = checked(arm(STATED), q, position(q, (1.0, 0.8)))
+    assert found.coverage95 == {"nominal": 1.0, "calibrated": 1.0}
+    assert found.visits is None  # copies of a row are no repeats
+    json.dumps(found.to_json(), allow_nan=False)
+
+
 def test_the_document_is_plain_json(understated: SpreadCheck) -> None:
     document = json.loads(json.dumps(understated.to_json(), allow_nan=False))
     assert set(understated.coverage95) == {"nominal", "calibrated"}

@@ -15,6 +15,8 @@ from posture_opt.uncertainty.sources import Sources
 Array = NDArray[np.float64]
 Codes = NDArray[np.intp]
 
+_LEAST = 1e-8  # m: no instrument is better, and a region without thickness holds nothing
+
 
 @dataclass(frozen=True, eq=False)
 class Errors:
@@ -136,7 +138,7 @@ def calibrated_prediction(
     J = residuals.both(x)[1][: N * residuals.block].reshape(N, residuals.block, -1)[:, :d] * residuals.sigma
     J = J - _means(residuals, J)
     S = joint_columns(residuals, x) * scatter
-    visit = S @ np.swapaxes(S, -1, -2) + instrument**2 * np.eye(d)
+    visit = S @ np.swapaxes(S, -1, -2) + max(instrument, _LEAST) ** 2 * np.eye(d)
     return Prediction(J @ _root(covariance / taught), _about_points(residuals, visit))
 
 
@@ -181,4 +183,5 @@ def _about_points(residuals: Residuals, scatter: Array) -> Array:
     if residuals.data.position is not None:
         return scatter
     share = 1.0 / np.bincount(residuals.data.point)[residuals.data.point]
-    return np.asarray(scatter * (1 - 2 * share)[:, None, None] + share[:, None, None] * _means(residuals, scatter))
+    own = np.maximum(1 - 2 * share, 0.0)  # a point touched once has no error at all; it keeps its region
+    return np.asarray(scatter * own[:, None, None] + share[:, None, None] * _means(residuals, scatter))

@@ -34,6 +34,7 @@ from posture_opt.errors import InsufficientDataError
 Array = NDArray[np.float64]
 Codes = NDArray[np.intp]
 
+_COPY = 1e-9  # m: visits that agree to less are one row written twice
 _LEVER = 0.01  # of the longest lever
 _FEW = 4  # coordinates of scatter for each σ: with fewer, one for all joints is asked for
 
@@ -227,6 +228,8 @@ class _Between:
         codes = np.arange(len(data)) if data.touches else revisits(data, _slides(used))
         scatter = Scatter.of(used.error(calibration.x)[:, used.axes], joint_columns(used, calibration.x), codes)
         firsts = np.array([rows[0] for rows in rows_of(codes) if len(rows) > 1], dtype=np.intp)
+        copied = np.trace(scatter.squares, axis1=-2, axis2=-1) <= scatter.freedom * _COPY**2
+        scatter, firsts = scatter.take(~copied), firsts[~copied]
         gross = _gross(scatter)
         odd = tuple(int(line) for line in data.line[firsts[gross]])
         scatter, firsts = scatter.take(~gross), firsts[~gross]

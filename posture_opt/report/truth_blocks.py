@@ -133,9 +133,8 @@ def _test_texts(test: ScatterTest, by: str) -> list[str]:
     how = f"Predicted from {what}. Errors that stay, such as wrong lengths, do not show between visits."
     low, high = (number(end) for end in test.interval)
     size = f"Measured is {number(test.factor)} times the predicted standard deviation ({low} to {high})"
-    verdict = {"right": "right", "understated": "understated", "overstated": "overstated"}[test.verdict]
     shape = "" if math.isnan(test.p_shape) else f", of size and shape together {p_value(test.p_shape)}"
-    pooled = f"{size}: the scatter of visits is {verdict} (p of the size {p_value(test.p_size)}{shape})."
+    pooled = f"{size}: the scatter of visits is {test.verdict} (p of the size {p_value(test.p_size)}{shape})."
     off = sum(not pose.true for pose in test.poses)
     many = count(test.groups, "posture")
     single = f"Tested one by one, {off} of {many} scatter{'s' * (off == 1)} otherwise than predicted."
@@ -156,7 +155,7 @@ def _poses_table(test: ScatterTest) -> Table:
 
 
 def _short(p: float) -> str:
-    return p_value(p).replace("below ", "< ")
+    return "< 0.001" if p < 1e-3 else number(p, 2)
 
 
 def _more(test: ScatterTest) -> list[str]:
