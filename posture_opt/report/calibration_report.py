@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.parameter_blocks import parameters_block, undetermined_block
 from posture_opt.report.parts import note_facts, robot_facts
-from posture_opt.report.replanned_blocks import replanned_blocks
+from posture_opt.report.replanned_blocks import replanned_blocks, replanned_lead
 from posture_opt.report.residual_blocks import residual_blocks
 from posture_opt.report.truth_blocks import truth_blocks, truth_lead
 from posture_opt.report.units_text import count, decimals_of, fixed, number, stated_length
@@ -65,7 +65,8 @@ def calibration_report(problem: Problem, learned: Learned) -> Report:
         *(replanned_blocks(learned.replanned) if learned.replanned is not None else ()),
     )
     truth = (truth_lead(learned.spread_check),) if learned.spread_check is not None else ()
-    return Report(problem.name or "Calibration", (_answer(learned.calibration), *truth), blocks)
+    plan = replanned_lead(learned.replanned) if learned.replanned is not None else ()
+    return Report(problem.name or "Calibration", (_answer(learned.calibration), *plan, *truth), blocks)
 
 
 def _answer(found: Calibration) -> str:

@@ -27,6 +27,18 @@ def replanned_blocks(replanned: Replanned, after: str = "calibrated") -> tuple[B
     return (Block(title, (*_sentences(replanned, after), *reasons, _table(replanned, after)), figure),)
 
 
+def replanned_lead(replanned: Replanned, after: str = "calibrated") -> tuple[str, ...]:
+    """What it means for the task, in a sentence; nothing where one of the postures is missing."""
+    old, new = replanned.landed, replanned.landing
+    if old is None or new is None:
+        return ()
+    sizes = [old.distance, new.critical_error]
+    return (
+        f"For the task: in its best posture the old model would have missed the target by {_length(sizes[0], sizes)}; "
+        f"the {after} one stays within {_length(sizes[1], sizes)} (95 of 100 visits).",
+    )
+
+
 def _sentences(replanned: Replanned, after: str) -> tuple[str, ...]:
     old, new = replanned.landed, replanned.landing
     if old is None or new is None:
