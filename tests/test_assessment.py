@@ -288,11 +288,13 @@ def test_a_planar_arm_measured_in_space_without_an_error_across_its_plane() -> N
     problem = planar()
     q = rng.uniform(-2.5, 2.5, (60, 2))
     points = np.column_stack([position(q, (1.0, 1.0 + LONGER)) + rng.normal(0, NOISE, q.shape), np.zeros(60)])
-    calibration = po.calibrate(problem, measured(problem, q, points))
-    found = po.assess(problem, measured(problem, q, points), calibration)
+    data = measured(problem, q, points)
+    calibration = po.calibrate(problem, data)
+    found = po.assess(problem, data, calibration)
     assert found.remaining.ellipse.rank == 2
     assert found.remaining.factor == pytest.approx(2.5, abs=0.1)  # of a plane: in space it were 2.95
     assert calibration.coverage["calibrated"] > 0.8
+    assert [effect.kind for effect in po.diagnose(problem, data).effects] == ["link_length"]
 
 
 def test_data_without_any_error_leave_nothing_to_assess() -> None:
