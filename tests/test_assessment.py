@@ -294,7 +294,7 @@ def test_a_planar_arm_measured_in_space_without_an_error_across_its_plane() -> N
     assert found.remaining.ellipse.rank == 2
     assert found.remaining.factor == pytest.approx(2.5, abs=0.1)  # of a plane: in space it were 2.95
     assert calibration.coverage["calibrated"] > 0.8
-    assert [effect.kind for effect in po.diagnose(problem, data).effects] == ["link_length"]
+    assert "link_length" in [effect.kind for effect in po.diagnose(problem, data).effects]
 
 
 def test_data_without_any_error_leave_nothing_to_assess() -> None:
