@@ -19,6 +19,7 @@ from posture_opt.cli.main import main
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.problem.calibrated import arm_of_frames, quantity, replanned
 from posture_opt.problem.problem import Problem
+from posture_opt.report.figures.landing import plot_landing
 from posture_opt.robot.robot import Factor
 from posture_opt.selection.selector import PostureSelector
 from tests.helpers.pin import PinArm
@@ -350,6 +351,23 @@ def test_the_report_tells_both_postures_and_their_errors(commanded: tuple[Path, 
     assert [line.split()[0] for line in block.splitlines() if line.startswith("j")] == ["j1", "j2"]
     quiet = run("calibrate", folder / "data.csv", "--problem", folder / "problem.yaml", "--no-plan")
     assert "Posture before and after" not in quiet.stdout
+
+
+def test_the_figure_shows_both_postures_about_the_target(commanded: tuple[Path, Known, Result]) -> None:
+    found = commanded[1]
+    again = replanned(found.problem, found.calibration, found.calibrated)
+    assert again is not None
+    assert again.landed is not None
+    (axes,) = plot_landing(again).axes
+    labels = [str(line.get_label()) for line in axes.lines]
+    assert [label for label in labels if not label.startswith("_")] == [
+        "posture of the model as it stands: 95 % ellipse",
+        "posture of the calibrated model: 95 % ellipse",
+        "target",
+        "clearance 0.3 mm",
+    ]
+    old = np.asarray(axes.lines[0].get_xydata(), dtype=float)
+    np.testing.assert_allclose((old.min(axis=0) + old.max(axis=0)) / 2, 1e3 * again.landed.miss[:2], atol=1e-3)  # mm
 
 
 def test_a_calibrated_problem_is_changed_without_its_files(known: Known) -> None:
