@@ -283,6 +283,8 @@ def _joints(
         stated = None
         if between.stated_sigma.any():
             stated = covariances(scatter.columns, between.stated_sigma, used.sigma)
+    if not scatter.squares.max(initial=0.0) > _COPY**2:
+        return None, ()
     coordinates = float(scatter.freedom.sum()) * scatter.squares.shape[1]
     equal = coordinates < _FEW * (len(names) + 1)
     try:

@@ -15,6 +15,7 @@ Codes = NDArray[np.intp]
 _STEPS = 200  # of Fisher scoring; five to twenty settle it
 _SETTLED = 1e-8  # of log-likelihood: what a further step would gain
 _ROUGH = 1e-3  # the same where an interval of 95 % is sought
+_NOTHING = 1e-12  # m: less is rounding
 _FLOOR = 1e-6  # of the RMS error: an instrument of exactly no noise would make singular covariances
 _IDLE = 1e-9  # of the longest lever: a joint that moves nothing
 _PART = 0.05  # of an undetermined direction: a smaller part does not spoil a component
@@ -253,7 +254,7 @@ class Components:
 
 def _mean_square(scatter: Scatter) -> float:
     total = float(np.trace(scatter.squares, axis1=-2, axis2=-1).sum())
-    return max(total / float(scatter.freedom.sum() * scatter.squares.shape[1]), 1e-300)
+    return max(total / float(scatter.freedom.sum() * scatter.squares.shape[1]), _NOTHING**2)
 
 
 def _scale(information: Array) -> Array:
