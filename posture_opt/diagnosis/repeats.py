@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 Codes = NDArray[np.intp]
 
 CYCLES = 30  # of the standard
+_POSTURES = 20  # of one goal, 190 pairs
 _MOST_ROWS = 2000  # whose tests are simulated for their intervals: a second or two
 
 
@@ -175,9 +176,11 @@ def _visits(data: Measurements) -> Iterator[Codes]:
 
 
 def _pairs(data: Measurements) -> Iterator[tuple[Codes, Codes]]:
-    """Rows of two postures of one goal and target."""
+    """Rows of two postures of one goal and target; of very many postures some, evenly over the file."""
     for rows in _grouped(data.goal * (data.target.max(initial=0) + 1) + data.target):
-        yield from combinations([rows[mine] for mine in _grouped(data.pose[rows])], 2)
+        postures = [rows[mine] for mine in _grouped(data.pose[rows])]
+        some = np.unique(np.linspace(0, len(postures) - 1, min(len(postures), _POSTURES)).round().astype(int))
+        yield from combinations([postures[k] for k in some], 2)
 
 
 def _grouped(codes: Codes) -> list[Codes]:

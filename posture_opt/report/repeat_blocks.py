@@ -40,6 +40,8 @@ def _distance_cells(d: Distances) -> tuple[str, ...]:
 def repeats_block(found: Assessment) -> Block:
     """Accuracy and repeatability after ISO 9283, and the pooled scatter of visits."""
     title, repeats = "Accuracy and repeatability (ISO 9283)", found.repeats
+    if repeats is None and found.calibrated.mean is None:
+        return Block(title, ("Touched points tell nothing of repeatability: no position was measured.",))
     if repeats is None:
         return Block(title, ("No posture was visited twice, so that repeatability cannot be said.",))
     low, high = repeats.interval
