@@ -16,7 +16,6 @@ from posture_opt.diagnosis.plan_information import Given, given_knowledge, instr
 from posture_opt.diagnosis.plan_stages import Beforehand, Unknowns
 from posture_opt.diagnosis.travel import tour
 from posture_opt.errors import InputError, InsufficientDataError, NoSolutionError
-from posture_opt.report.plan_files import plan_csv
 from tests.helpers.simulated_arm import DEG, SimulatedArm, shift, turn
 
 JACOBI = Path(__file__).parents[2] / "shared" / "data" / "jacobi_ur5"
@@ -176,7 +175,7 @@ def test_joints_of_two_turns_stay_within_one() -> None:
 
 def test_the_file_takes_what_was_measured_beside_the_postures(tmp_path: Path) -> None:
     plan, problem = plan_of(), problem_of()
-    head, *lines = plan_csv(plan).splitlines()
+    head, *lines = plan.to_csv().splitlines()
     points = 1e3 * SimulatedArm(TABLE, base=BASE, tool=TOOL).points(plan.q)
     rows = [f"{line}, {', '.join(f'{v:.4f}' for v in point)}" for line, point in zip(lines, points, strict=True)]
     (tmp_path / "measured.csv").write_text("\n".join([head + ", x [mm], y [mm], z [mm]", *rows]), encoding="utf-8")
@@ -279,11 +278,22 @@ def test_every_target_is_measured_at_every_posture() -> None:
     heads |= {f"{a} [m]": points[:, i] for i, a in enumerate("xyz")}
     plan = plan_few(problem, 8, given=po.read_measurements({**heads, "target": ["A", "B"] * 20}, problem))
     assert plan.targets == ("A", "B")
-    lines = plan_csv(plan).splitlines()
+    lines = plan.to_csv().splitlines()
     assert lines[0].endswith("j6 [deg], target")
     assert [line[-1] for line in lines[1:5]] == ["A", "B", "A", "B"]
     assert len(lines) == 17
     assert {"tool[A].x", "tool[B].x"} <= {p.name for p in plan.parameters}
+
+
+def test_repeats_are_rounds_of_the_whole_tour() -> None:
+    problem = problem_of(PLANAR, robot={})
+    once, thrice = plan_few(problem, 8), plan_few(problem, 8, repeats=3)
+    # The mean of three visits has a variance of a third, and the σ's of geometry are 10 mm and 1 deg: nothing here.
+    np.testing.assert_allclose(thrice.after.std, once.after.std / np.sqrt(3), rtol=0.05)
+    head, *lines = thrice.to_csv().splitlines()
+    assert head == "j1 [deg], j2 [deg], pose"
+    assert lines[:8] == lines[8:16] == lines[16:]
+    assert [line.split(", ")[2] for line in lines[:8]] == [str(k) for k in range(1, 9)]
 
 
 def test_orientations_are_planned_with_where_the_instrument_measures_them() -> None:

@@ -35,12 +35,13 @@ Box = tuple[Corner, Corner]
     "--candidates", type=click.IntRange(min=10, max=50_000), default=2000, show_default=True,
     help="Random postures to choose from.",
 )  # fmt: skip
+@click.option("--repeats", type=click.IntRange(min=1), default=1, show_default=True, help="Visits to each posture.")
 @click.option("--min", "low", metavar="TEXT", help='Lower corner of where the tool point may go: "0.3 m, -0.2 m, 0 m".')
 @click.option("--max", "high", metavar="TEXT", help="Its upper corner: what the instrument sees, say.")
 @common_options
 def command(
     common: Common, count: int, data: Path | None, purpose: Any, candidates: int, link_height: str | None,
-    low: str | None, high: str | None, **given: Any,
+    repeats: int, low: str | None, high: str | None, **given: Any,
 ) -> None:  # fmt: skip
     """Which postures to measure next: those that tell most about the arm, or about its task."""
     problem, box = requested_problem(**given), _box(low, high)
@@ -50,7 +51,7 @@ def command(
             plan = po.plan_measurements(
                 problem, count, given=measured, purpose=purpose, seed=common.seed or 0,
                 link_height=None if link_height is None else height_of(link_height), within=box,
-                candidates=candidates, progress=progress,
+                repeats=repeats, candidates=candidates, progress=progress,
             )  # fmt: skip
         if folder is not None:
             from posture_opt.report.plan_files import write_plan

@@ -46,9 +46,10 @@ class Given:
 
 @dataclass(frozen=True, eq=False)
 class Instrument:
-    """The measurement of all targets at one posture, as a function of the posture."""
+    """The measurement of all targets at one posture, visited ``repeats`` times, as a function of the posture."""
 
     residuals: Residuals
+    repeats: int = 1
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -59,16 +60,21 @@ class Instrument:
         return self.residuals.data.target_names
 
     @property
+    def rows(self) -> int:
+        """Measurements at one posture, of one visit."""
+        return max(len(self.targets), 1)
+
+    @property
     def coordinates(self) -> int:
-        """Numbers measured at one posture."""
-        return self.residuals.block * max(len(self.targets), 1)
+        """Numbers measured at one posture, of one visit."""
+        return self.residuals.block * self.rows
 
     def blocks(self, q: Array, x: Array) -> Array:
-        """(N, b, k) derivatives of what is measured at the postures (N, n), in units of the instrument's σ."""
+        """(N, b, k) derivatives of the mean of all visits to the postures (N, n), in standard deviations of it."""
         template = self.residuals.data
         data = planned_rows(self.residuals.robot, q, template.measured_axes, self.targets, self.residuals.oriented)
         _, J = replace(self.residuals, data=data).both(x)
-        return J.reshape(len(q), self.coordinates, len(x))
+        return np.asarray(np.sqrt(self.repeats) * J.reshape(len(q), self.coordinates, len(x)))
 
     def tool_rows(self, q: Array, x: Array, basis: Array) -> Array:
         """(t, k) shift of the (first) tool point at the posture q (n,) along the t rows of ``basis``, per unknown.
@@ -109,7 +115,9 @@ def planned_rows(
     )  # fmt: skip
 
 
-def instrument(problem: CalibrationProblem, given: Measurements | None) -> tuple[Instrument, tuple[str, ...]]:
+def instrument(
+    problem: CalibrationProblem, given: Measurements | None, repeats: int = 1
+) -> tuple[Instrument, tuple[str, ...]]:
     """The instrument of a problem, which measures what the given data have, or what moves; and what was assumed."""
     robot, stated = problem.robot, problem.measurement
     sigma = stated.position if stated is not None else 0.0
@@ -122,7 +130,7 @@ def instrument(problem: CalibrationProblem, given: Measurements | None) -> tuple
     targets = given.target_names if given is not None and len(given.target_names) > 1 else ()
     data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, rotation > 0)
     parameters = unknowns(problem, data, orientation=rotation > 0)
-    return Instrument(Residuals(robot, data, parameters, sigma or SIGMA, rotation)), tuple(notes)
+    return Instrument(Residuals(robot, data, parameters, sigma or SIGMA, rotation), repeats), tuple(notes)
 
 
 def nothing_given(unknowns: int) -> Given:

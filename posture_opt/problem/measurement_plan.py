@@ -9,9 +9,10 @@ import numpy as np
 
 from posture_opt.diagnosis.candidate_postures import ANYWHERE, Box, Room
 from posture_opt.diagnosis.exchange import Progress
-from posture_opt.diagnosis.measurement_plan import MeasurementPlan, Purpose, Target, plan
+from posture_opt.diagnosis.measurement_plan import MeasurementPlan, Purpose, Target
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.nominal import nominal_poses
+from posture_opt.diagnosis.planning import plan
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.problem.problem import Problem
 from posture_opt.selection.selector import select_posture
@@ -34,6 +35,7 @@ def plan_measurements(
     seed: int = 0,
     link_height: float | None = None,
     within: Box | None = None,
+    repeats: int = 1,
     candidates: int = 2000,
     progress: Progress | None = None,
 ) -> MeasurementPlan:
@@ -53,6 +55,7 @@ def plan_measurements(
         seed: of the candidates and starts; the same seed, the same plan.
         link_height: in place of the task's [m].
         within: lower and upper corner (3,) of where the tool point may go, world [m]: what the instrument sees, say.
+        repeats: visits to each posture, in rounds.
         candidates: random postures to choose from.
         progress: called with (done, total) rounds of the search.
 
@@ -63,6 +66,10 @@ def plan_measurements(
     """
     if count < 1:
         raise InputError(Issue(f"{count} postures are no plan", ("--count",), count, "plan at least 1"))
+    if repeats < 1:
+        raise InputError(
+            Issue(f"{repeats} visits are none", ("--repeats",), repeats, "visit each posture at least once")
+        )
     if purpose not in get_args(Purpose):
         raise InputError(Issue(f"a plan for '{purpose}' is not known", ("--for",), purpose, "parameters or task"))
     height, margin = bounds(problem)
@@ -73,6 +80,7 @@ def plan_measurements(
     notes += (NO_TOOL,) * (given is None and _at_flange(problem))
     return plan(
         problem, room, count, given=given, purpose=purpose, target=target, seed=seed, candidates=candidates,
+        repeats=repeats,
         notes=notes, progress=progress,
     )  # fmt: skip
 

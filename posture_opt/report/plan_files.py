@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from posture_opt.report.plan_report import plan_report
-from posture_opt.report.units_text import fixed, joint_unit
+from posture_opt.report.units_text import fixed
 from posture_opt.report.write import Files, report_files, write_files
 
 if TYPE_CHECKING:
@@ -27,22 +25,7 @@ def plan_files(problem: Problem, plan: MeasurementPlan, plots: bool = True) -> F
     """File name -> content: plan.csv, plan_points.csv, plan.json, reports and figures."""
     figures = _figures(plan) if plots else {}
     files = report_files("plan", plan.to_json(), plan_report(problem, plan), figures, problem)
-    return {**files, "plan.csv": plan_csv(plan).encode(), "plan_points.csv": points_csv(plan).encode()}
-
-
-def plan_csv(plan: MeasurementPlan) -> str:
-    """The postures in the order of their visit; with columns of what was measured added it is a file of measurements.
-
-    With several targets every posture has a row for each of them.
-    """
-    units = [joint_unit(joint.type) for joint in plan.robot.joints]
-    heads = [f"{joint.name} [{unit}]" for joint, (unit, _) in zip(plan.robot.joints, units, strict=True)]
-    factors = np.array([factor for _, factor in units])
-    lines = [", ".join([*heads, *(["target"] if plan.targets else [])])]
-    for q in plan.q:
-        cells = [fixed(float(value)) for value in q * factors]
-        lines += [", ".join([*cells, target]) for target in plan.targets] or [", ".join(cells)]
-    return "\n".join(lines) + "\n"
+    return {**files, "plan.csv": plan.to_csv().encode(), "plan_points.csv": points_csv(plan).encode()}
 
 
 def points_csv(plan: MeasurementPlan) -> str:

@@ -98,8 +98,9 @@ def _purpose(plan: MeasurementPlan) -> str:
 def _measured(plan: MeasurementPlan) -> str:
     position = f"{', '.join(plan.axes)} to {stated_length(plan.sigma)}"
     turned = f", orientation to {stated_angle(plan.sigma_rotation)}" if plan.sigma_rotation else ""
+    often = "once" if plan.repeats == 1 else f"in {plan.repeats} rounds"
     targets = f", of each of the targets {', '.join(plan.targets)}" if plan.targets else ""
-    return f"{position}{turned} (one standard deviation){targets}, once at each of {count(len(plan.q), 'posture')}"
+    return f"{position}{turned} (one standard deviation){targets}, {often} at each of {count(len(plan.q), 'posture')}"
 
 
 def _given(plan: MeasurementPlan) -> str:
@@ -133,7 +134,7 @@ def gain_block(plan: MeasurementPlan) -> Block:
     told = "what the given rows tell" if plan.given is not None else "nothing is measured"
     text = (
         f"Before: {told}, and the stated σ's. "
-        f"Random: the median of {count(21, 'plan')} of {count(n, 'random posture')} that keep clear of the same. "
+        f"Random: the median of {count(plan.draws, 'plan')} of {count(n, 'random posture')} that keep clear as well. "
     )
     what = "standard errors (geometric mean)" if plan.purpose == "parameters" else "error at the task"
     text += f"The {what} would be {_larger(plan.gain)} with random ones." if plan.gain > 1.005 else ""
@@ -205,7 +206,18 @@ def _travel(plan: MeasurementPlan) -> list[str]:
         return []
     text = f"In this order the joints travel {angle(tour.travel)} together"
     text += f" (the largest move of each leg), {angle(tour.unordered)} as they were chosen."
+    text += f" {_sides(plan)}"
     if not tour.blocked:
         return [f"{text} Straight moves between them keep clear too."]
     legs = ", ".join(f"{k + 1} to {k + 2}" for k in tour.blocked)
     return [f"{text} A straight move of the joints does not keep clear on the way from {legs}: go round."]
+
+
+def _sides(plan: MeasurementPlan) -> str:
+    """From which sides the joints arrive."""
+    shares = dict(zip(plan.robot.joint_names, plan.tour.sides, strict=True))
+    one_sided = [name for name, share in shares.items() if share in (0.0, 1.0)]
+    if one_sided:
+        return f"Always from the same side {'arrives' if len(one_sided) == 1 else 'arrive'} {', '.join(one_sided)}."
+    low, high = min(shares.values()), max(shares.values())
+    return f"Every joint arrives from both sides, from below on {percent(low)} to {percent(high)} of the legs."
