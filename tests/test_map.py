@@ -376,3 +376,34 @@ def test_many_radii_at_once_are_those_one_by_one(sigmas: tuple[float, ...]) -> N
     # In fewer dimensions: Rayleigh's and the normal distribution.
     assert central_radii(0.95, np.eye(2)[None])[0] == pytest.approx(np.sqrt(-2 * np.log(0.05)), rel=1e-10)
     assert central_radii(0.95, np.ones((1, 1, 1)))[0] == pytest.approx(1.959963984540054, rel=1e-10)
+
+
+def test_rows_that_do_not_tell_the_whole_error_give_no_share(tmp_path: Path) -> None:
+    table, errors = [(0, A1, 0), (0, A2, 0)], {"joint2.a": 3e-3}
+    data = corrected(table, errors, 2e-4, direction=[0, -1, 0])
+    rows = measured_rows(tmp_path, errors, 2e-4)
+    where: dict[str, Any] = {"counts": (4, 4), "low": (-1.5, -1.5, 0), "high": (1.5, 1.5, 0)}
+    free = po.problem_from_dict({**data, "robot": {**data["robot"], "base": "free"}})
+    found = po.map_accuracy(free, po.read_measurements(rows, free), **where)
+    assert found.measured is not None
+    assert np.isnan([found.measured.share, found.measured.share_near]).all()
+    assert "base is free" in found.measured.notes[0]
+    # A base that stands 0.2 m aside: the rows were measured elsewhere, and no spread is to blame.
+    moved = po.problem_from_dict({**data, "robot": {**data["robot"], "base": {"xyz": ["0.2 m", "0 m", "0 m"]}}})
+    found = po.map_accuracy(moved, po.read_measurements(rows, moved), **where)
+    assert found.measured is not None
+    assert np.isnan(found.measured.share)
+    assert "so far off" in found.measured.notes[-1]
+
+
+def test_effects_count_as_corrections_do() -> None:
+    data = corrected([(0, A1, 0), (0, A2, 0)], {}, 1e-5, direction=[0, -1, 0], position=["0.9 m", "0.4 m", "0 m"])
+    effect = {"kind": "cyclic_error", "joint": "joint2", "cycles": 3, "estimate": {"sin": "2 mrad", "cos": "0 rad"}}
+    problem = po.problem_from_dict({**data, "effects": [effect]})
+    found = po.map_accuracy(problem, counts=(3, 3))
+    assert found.corrected
+    for spot, bias in zip(found.targets.spots, found.bias, strict=True):
+        if spot.feasible:
+            q = [spot.q[0], spot.q[1] + 2e-3 * np.sin(3 * spot.q[1])]
+            landed = tool_point([(0, A1, 0), (0, A2, 0)], q, {})
+            np.testing.assert_allclose(bias, landed - spot.position, atol=3e-6)

@@ -62,7 +62,7 @@ class MeasuredErrors:
         inside: (M,) whether a row lies in the 95 % region that is predicted for its own posture.
         comparable: whether the rows tell all of the error: not where they touch points, or where frames are fitted
             to them.
-        reach: rows count as near the map within this distance of its plane [m].
+        reach: rows count as near the map within this distance of its plane [m]; 0 where all lie in it.
         notes: sentences for the report.
     """
 
@@ -303,7 +303,7 @@ def _measured(
     limits[used] = central_radii(0.95, projected[used] + instrument**2 * np.eye(projected.shape[1]))
     inside = _inside(problem.robot, tool_point, data, errors[1], instrument)
     lengths = [np.linalg.norm(e, axis=1) for e in errors]
-    reach = targets.grid.sides[2] / 2
+    reach = 0.0 if len(projected[0]) < 3 else targets.grid.sides[2] / 2
     elsewhere = not free and not data.touches and float(np.median(lengths[1])) > _ELSEWHERE * np.nanmedian(limits)
     notes += [ELSEWHERE] if elsewhere else []
     comparable = not data.touches and not free and not elsewhere

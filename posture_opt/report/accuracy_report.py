@@ -140,15 +140,15 @@ def shares_sentences(measured: MeasuredErrors) -> tuple[str, ...]:
     """How many rows keep what is predicted."""
     if not measured.comparable:
         return ()
-    near, within = int(measured.near.sum()), length(measured.reach)
-    where = f"within {within} of the plane of the map"
+    near = int(measured.near.sum())
+    where = f" (within {length(measured.reach)} of its plane)" if measured.reach else ""
     if near:
-        text = f"Of the {count(near, 'row')} in cells of the map ({where}) {percent(measured.share_near)} keep the"
+        text = f"Of the {count(near, 'row')} in cells of the map{where} {percent(measured.share_near)} keep the"
         first = f"{text} distance that is predicted for 95 % there, the instrument's part included."
         if near < _FEW:
             first += " So few rows say little."
     else:
-        first = f"No row lies in a cell of the map ({where}): --min and --max take it to where was measured."
+        first = f"No row lies in a cell of the map{where}: --min and --max take it to where was measured."
     own = f"In the region that is predicted for 95 % in their own postures lie {percent(measured.share)} of all rows"
     return first, f"{own}{_verdict(measured)}."
 
