@@ -115,15 +115,15 @@ def _blocks_text(found: Assessment, blocks: tuple[BlockMean, ...]) -> str:
 
 
 def _box(found: Assessment, blocks: tuple[BlockMean, ...], block: BlockMean) -> str:
-    """The sides of a block that are shorter than those of the whole."""
-    lowest = np.min([b.lower for b in blocks], axis=0)
-    highest = np.max([b.upper for b in blocks], axis=0)
-    cut = (block.upper - block.lower) < _WHOLE * (highest - lowest)
-    sides = zip(found.block_axes, block.lower, block.upper, cut, strict=True)
-    return ", ".join(_side(name, unit, low, high) for (name, unit), low, high, shorter in sides if shorter)
+    """The sides of a block that are shorter than those of the whole, the shortest three."""
+    whole = np.ptp([[b.lower, b.upper] for b in blocks], axis=(0, 1))
+    part = (block.upper - block.lower) / np.maximum(whole, 1e-12)
+    shown = sorted(k for k in np.argsort(part)[:3] if part[k] < _WHOLE and whole[k] > 0)
+    return ", ".join(_side(found.block_axes[k], block.lower[k], block.upper[k]) for k in shown)
 
 
-def _side(name: str, unit: str, low: float, high: float) -> str:
+def _side(axis: tuple[str, str], low: float, high: float) -> str:
+    name, unit = axis
     if unit == "rad":
         return f"{name} is {fixed(np.degrees(low), 0)} to {fixed(np.degrees(high), 0)} deg"
     return f"{name} is {fixed(low)} to {fixed(high)} m"
@@ -137,6 +137,8 @@ def p_value(p: float) -> str:
 def inputs_block(found: Assessment) -> Block:
     """Drift, heat, load and play: what moves the errors that are left."""
     texts = [_trend_text(trend) for trend in found.trends if trend.found]
+    if texts:
+        texts.append("Where the places changed with an input, they may be what the errors follow.")
     calm = [_INPUTS[trend.name][0] for trend in found.trends if not trend.found]
     if calm:
         texts.append(f"No trend beyond chance over {_listed(calm)}.")
