@@ -13,6 +13,7 @@
     problem, data ─ calibrate ────────> calibration  the parameters of the arm, with what the data determine
                                         problem ─ plan_measurements ─> plan    the postures to measure next
     problem, data ─ calibrate_batch ──> batch        several robots of a type, and how they differ
+    problem, data, calibration ─ assess ─> assessment  what the model gets wrong, and whether the rest is scatter
     problem, data, calibration ─ check_spread ─> check  is the predicted spread true?
     problem, data ─ map_accuracy ─────> map          bias and spread over a grid of targets, beside what was measured
     problem, calibration ─ calibrated_problem ─> problem  the calibrated arm, to be planned with
