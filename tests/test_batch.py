@@ -123,6 +123,20 @@ def test_a_mean_robot_off_the_file_is_told(problem: Any) -> None:
     assert "joint1.a:" in text.split("corrections")[1].splitlines()[0]
 
 
+def test_a_repeatability_becomes_scatter_beside_zeros_that_vary(problem: Any) -> None:
+    document = problem.to_dict()
+    document["uncertainty"] = {"repeatability": "0.2 mm", "measurement": {"position": "0.02 mm"}}
+    sheet, rng = po.problem_from_dict(document), np.random.default_rng(10)
+    columns = table(rng, lengths(rng, 6))
+    zeros = np.repeat(2e-3 * rng.normal(size=6), POSES)  # of the second joint's encoder, robot by robot
+    columns["joint2 [rad]"] = columns["joint2 [rad]"] - zeros
+    section = batch_uncertainty(sheet, calibrate_batch(sheet, read_measurements(columns, sheet)))
+    assert "joint2.theta" in section["sigma"]
+    assert "repeatability" not in section
+    again = po.problem_from_dict({**document, "uncertainty": section}).sources
+    assert np.trace(again.visit) == pytest.approx(np.trace(sheet.sources.visit), rel=1e-3)
+
+
 def test_intervals_hold_correlation_and_sigma_in_95_percent_of_300_batches() -> None:
     rng = np.random.default_rng(3)
     held = np.zeros(3)

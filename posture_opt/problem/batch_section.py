@@ -25,11 +25,10 @@ def batch_uncertainty(problem: Problem, batch: Batch) -> dict[str, Any]:
     towards zero by the same share until the matrix is positive definite.
     """
     parameters, former = problem.robot.parameters, problem.to_dict().get("uncertainty") or {}
-    refused = set(_values_of_joints(problem)) if former.get("repeatability") is not None else set()
     sigma = {
         name: float(s)
         for name, s, (low, _) in zip(batch.names, batch.spread.sigma, batch.spread.interval, strict=True)
-        if low > 0 and name not in refused
+        if low > 0
     }
     rho = {(p.a, p.b): p.correlation for p in batch.pairs if p.real and p.a in sigma and p.b in sigma}
     others = {name: s for name, s in _stated(problem).items() if name not in sigma}
@@ -38,6 +37,9 @@ def batch_uncertainty(problem: Problem, batch: Batch) -> dict[str, Any]:
     texts = {name: _text(s, parameters[name]) for name, s in sigma.items()}
     pairs = [[a, b, r] for (a, b), r in _definite(list(sigma), rho).items()]
     kept = {key: former[key] for key in _KEPT if former.get(key) is not None}
+    if "repeatability" in kept and set(sigma) & set(_values_of_joints(problem)):
+        # Beside a σ of a joint's value the file takes scatter in place of a repeatability: the same, joint by joint.
+        kept = {"scatter": _visits(problem)} | {key: kept[key] for key in kept if key == "measurement"}
     return {"sigma": texts, **({"correlation": pairs} if pairs else {}), **kept}
 
 
@@ -86,6 +88,16 @@ def _doubts(problem: Problem, batch: Batch) -> list[str]:
 
 def _values_of_joints(problem: Problem) -> tuple[str, ...]:
     return tuple(problem.robot.factors[i].parameter for i in problem.robot.driven)
+
+
+def _visits(problem: Problem) -> dict[str, str]:
+    """All that the file says of scatter from visit to visit, parameter by parameter."""
+    variances, parameters = np.diag(problem.sources.visit), problem.robot.parameters
+    return {
+        name: _text(math.sqrt(v), parameters[name])
+        for name, v in zip(problem.sources.names, variances, strict=True)
+        if v > 0
+    }
 
 
 def _stated(problem: Problem) -> dict[str, float]:
