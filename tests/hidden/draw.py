@@ -14,6 +14,7 @@ from tests.hidden.effects import Effect, Site, measured
 from tests.hidden.families import FAMILIES, Setting
 from tests.hidden.mechanics import Arm, Array
 from tests.hidden.noise import SIGMA, Noise, draw_noise
+from tests.hidden.outside import OUTSIDE
 from tests.hidden.rivals import rivals_of
 from tests.hidden.sizes import draw_effect
 from tests.hidden.special import draw_batch, draw_single, loosened
@@ -118,6 +119,8 @@ def _attempt(rng: np.random.Generator, setting: Setting, wanted: Wanted, test: b
     added, gross = noise.draw(rng, site)
     points = measured(site, effects + beside) + added
     truth = _truth(site, nominal, effects, entries, free, added)
+    if any(e["kind"] in OUTSIDE and any(r["lost"] < DETECTABLE for r in e["rivals"]) for e in truth["effects"]):
+        raise OutOfReach  # a name of the catalogue explains it well enough
     truth |= {
         "gross_rows": gross.tolist(),
         "noise": noise.__dict__,

@@ -22,6 +22,7 @@ def candidates(site: Site) -> Iterator[Effect]:
             yield Effect(kind, name, {"c": tiny})
         for kind in ("gear_eccentricity", "gear_second_harmonic"):
             yield Effect(kind, name, {"a": tiny, "b": tiny})
+        yield from (Effect("cyclic_error", name, {"a": tiny, "b": tiny}, {"k": k}) for k in (3.0, 4.0, 5.0, 6.0, 8.0))
         if ratio := arm.gear[site.joint(name)]:
             for n in (1.0, 2.0):
                 yield Effect("gear_ripple", name, {"a": tiny, "b": tiny}, {"N": float(ratio), "n": n})
