@@ -22,6 +22,7 @@ from posture_opt.nearest import nearest
 COMMANDS = {
     # name -> one line for --help; each is the function `command` of the file of its name (- is _)
     "calibrate": "What measurements say about the parameters of the arm.",
+    "diagnose": "What the simulation gets wrong, its cause by name, and what naming it brings.",
     "export": "Write the covariance of the tool point as C code.",
     "list": "List tasks, effects, presets, solvers, terms and built-in problems.",
     "map": "The best posture and its spread over a grid of targets.",

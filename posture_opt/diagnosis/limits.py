@@ -54,17 +54,20 @@ def unknowable(residuals: Residuals) -> tuple[Limit, ...]:
 
 
 _LACKS = {
-    "approach": ("both sides of approach", "arrive at each joint value from both sides, in columns 'JOINT.approach'"),
-    "payload": ("a payload that changes", "measure with two payloads or more, in a column 'payload [kg]'"),
-    "temperature": ("a temperature that changes", "log it in a column 'temperature [degC]'"),
-    "time": ("times", "log them in a column 'time [s]'"),
-    "masses": ("masses of the links", "state 'mass' and 'com' of every joint in the problem file"),
-    "gear_ratio": ("gear ratios", "state 'gear_ratio' of every joint in the problem file"),
+    "approach": ("both sides", "arrive at each joint value from both sides; columns 'JOINT.approach' state them"),
+    "payload": ("payload", "measure with two payloads or more, in a column 'payload [kg]'"),
+    "temperature": ("temperature", "log it as it changes, in a column 'temperature [degC]'"),
+    "time": ("time", "log them in a column 'time [s]'"),
+    "masses": ("masses", "state 'mass' and 'com' of every joint in the problem file"),
+    "gear_ratio": ("gear ratio", "state 'gear_ratio' of every joint in the problem file"),
 }
 
 
 def not_looked_for(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str, ...]]]:
-    """Input that is lacking -> what that is, how to mend it, and the kinds of effects that need it."""
+    """Input that is lacking -> what that is, how to mend it, and the kinds of effects that need it.
+
+    A joint that gives way is looked for without the masses of the links too: they are unknowns then.
+    """
     case = case_of(residuals.data, residuals.robot)
     have = set(case.inputs)
     if any(np.isfinite(j.gear_ratio) for j in residuals.robot.joints):
@@ -72,7 +75,6 @@ def not_looked_for(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str,
     missing: dict[str, list[str]] = {}
     for kind in EFFECTS:
         name = str(kind.model_fields["kind"].default)
-        needs = kind.needs | ({"masses"} if name == "joint_compliance" else frozenset())
-        for lacking in sorted(needs - have):
+        for lacking in sorted((kind.needs | ({"gear_ratio"} if name == "gear_ripple" else frozenset())) - have):
             missing.setdefault(lacking, []).append(name)
     return {key: (*_LACKS[key], tuple(missing[key])) for key in _LACKS if key in missing}

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from posture_opt.problem.accuracy_map import AccuracyMap
     from posture_opt.problem.problem import Problem
     from posture_opt.report.calibration_report import Learned
+    from posture_opt.report.diagnosed import Diagnosed
     from posture_opt.selection.solution import Solution
     from posture_opt.selection.target_map import TargetMap
     from posture_opt.uncertainty.cloud import Cloud
@@ -53,6 +54,13 @@ def calibration_text(problem: Problem, learned: Learned) -> str:
     from posture_opt.report.calibration_report import calibration_report
 
     return render(calibration_report(problem, learned))
+
+
+def diagnosis_text(problem: Problem, diagnosed: Diagnosed) -> str:
+    """The report on a diagnosis: verdict, causes, what they bring, what stays open."""
+    from posture_opt.report.diagnosis_report import diagnosis_report
+
+    return render(diagnosis_report(problem, diagnosed))
 
 
 def plan_text(problem: Problem, plan: MeasurementPlan) -> str:

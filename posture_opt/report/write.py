@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from posture_opt.problem.problem import Problem
     from posture_opt.report.calibration_report import Learned
+    from posture_opt.report.diagnosed import Diagnosed
     from posture_opt.selection.solution import Solution
     from posture_opt.uncertainty.cloud import Cloud
     from posture_opt.uncertainty.spread import Spread
@@ -26,6 +27,7 @@ Files = dict[str, bytes]
 RESIDUALS = ("vectors", "joints", "inputs", "region", "shape", "repeats")
 TRUTH = ("truth_coverage", "truth_joints", "batch")
 PLAN = ("plan_points", "plan_errors")
+DIAGNOSIS = tuple(f"diagnosis_{name}" for name in ("curves", "errors", "periodogram", "left", "scores"))
 MAPS = ("map", "map_bias", "map_spread")
 FIGURES = (
     "arm",
@@ -37,9 +39,21 @@ FIGURES = (
     *TRUTH,
     *PLAN,
     *MAPS,
+    *DIAGNOSIS,
 )
-DOCUMENTS = ("solution.json", "spread.json", "calibration.json", "plan.json", "map.json", "report.txt", "report.html")
-CALIBRATED = ("calibrated.yaml", "calibrated_covariance.csv", "calibrated.urdf")
+DOCUMENTS = (
+    "solution.json",
+    "spread.json",
+    "calibration.json",
+    "diagnosis.json",
+    "plan.json",
+    "map.json",
+    "report.txt",
+    "report.html",
+)
+CALIBRATED = tuple(
+    f"{name}{end}" for name in ("calibrated", "extended") for end in (".yaml", "_covariance.csv", ".urdf")
+)
 OWN_FILES = frozenset(
     (
         *DOCUMENTS,
@@ -93,6 +107,30 @@ def calibration_document(learned: Learned) -> dict[str, Any]:
         document["spread_check"] = learned.spread_check.to_json()
     if learned.replanned is not None:
         document["posture"] = learned.replanned.to_json()
+    return document
+
+
+def write_diagnosis(folder: Path, problem: Problem, diagnosed: Diagnosed, plots: bool = True) -> None:
+    """Writes the files of a diagnosis into ``folder``, which exists: the report and the extended arm."""
+    from posture_opt.report.diagnosis_report import diagnosis_report
+
+    figures: Mapping[str, Figure] = {}
+    if plots:
+        from posture_opt.report.figures.diagnosis import diagnosis_figures
+
+        figures = diagnosis_figures(diagnosed)
+    report = diagnosis_report(problem, diagnosed)
+    files = report_files("diagnosis", diagnosis_document(diagnosed), report, figures, problem)
+    if diagnosed.extended is not None:
+        files |= diagnosed.extended.files("extended")
+    write_files(folder, files)
+
+
+def diagnosis_document(diagnosed: Diagnosed) -> dict[str, Any]:
+    """The document ``diagnosis.json``."""
+    document = diagnosed.diagnosis.to_json()
+    if diagnosed.replanned is not None:
+        document["posture"] = diagnosed.replanned.to_json("extended")
     return document
 
 

@@ -1,0 +1,128 @@
+"""What the report says of named causes: size, weight, and what else could stand for them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.report.blocks import Block, Facts, Table
+from posture_opt.report.diagnosed import Diagnosed
+from posture_opt.report.effect_rivals import splitting_measurement
+from posture_opt.report.effect_words import cause_words, chance_words, short_words, size_words
+from posture_opt.report.parts import sentence
+from posture_opt.report.units_text import length, number, percent
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.diagnosis import Finding
+
+_PAIRS = 12  # of causes that could be confused
+_LISTED = 5  # geometric parameters that are farthest off, for their errors
+
+
+def causes_block(diagnosed: Diagnosed) -> Block:
+    """Every named cause with its size, its evidence, and what it explains."""
+    found = diagnosed.diagnosis
+    if not found.findings:
+        return Block("Causes", ("None is found.",))
+    items: list[str | Facts | Table] = []
+    for i, finding in enumerate(found.findings, 1):
+        what = f"{i}. {sentence(cause_words(finding.kind, finding.target, finding.estimate))}"
+        items += [what, Facts(tuple(_facts(diagnosed, finding)))]
+    figure = "diagnosis_curves" if diagnosed.effects else ""
+    return Block("Causes, the weightiest first", tuple(items), figure)
+
+
+def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
+    place = diagnosed.place(finding)
+    name = finding.kind if finding.target == "all" else f"{finding.kind} of {finding.target}"
+    rows = [("Name", name)]
+    sizes = size_words(finding, None if place is None else diagnosed.amplitude(place))
+    rows += [(label.capitalize(), text) for label, text in sizes]
+    if finding.kind == "geometry":
+        rows += _geometry(diagnosed)
+    if place is not None:
+        rows.append(_at_tool(diagnosed, place))
+    rows.append(("Evidence", _evidence(finding.p_value)))
+    brings = _brings(diagnosed, finding)
+    rows += [("Brings", brings)] if brings else []
+    if finding.effect is not None and not finding.effect.for_planning:
+        rows.append(("Planning", "left out: it belongs to this session and says nothing of the next one"))
+    if finding.confounded_with:
+        others = ", ".join(dict.fromkeys(short_words(*rival) for rival in finding.confounded_with))
+        rows.append(("Could be", f"{others} instead: see below"))
+    return rows
+
+
+def _evidence(p: float) -> str:
+    return f"{chance_words(p)}, with the whole search for causes counted in"
+
+
+def _at_tool(diagnosed: Diagnosed, place: int) -> tuple[str, str]:
+    moved = diagnosed.at_tool(place)
+    most, rms = float(moved.max()), float(np.sqrt(np.mean(moved**2)))
+    return "At the tool", f"up to {length(most)} in these data, {length(rms, among=[most])} RMS"
+
+
+def _brings(diagnosed: Diagnosed, finding: Finding) -> str:
+    found = diagnosed.diagnosis
+    if finding.kind in ("joint_noise", "range_noise", "stated_sigma", "outliers"):
+        return ""
+    if finding.effect is None:
+        return (
+            f"the geometry takes {percent(finding.gain)} off the RMS of the arm as it stands: "
+            f"{_mm(found.nominal.rms)} to {_mm(found.calibrated.rms)} mm"
+        )
+    without = found.extended.rms / max(1 - finding.gain, 1e-9)
+    text = f"{percent(finding.gain)} off the RMS: without it {_mm(without)} mm instead of {_mm(found.extended.rms)} mm"
+    if finding.interval is not None and finding.interval[0] <= 0:
+        text += "; that little is no sure gain"
+    return text
+
+
+def _geometry(diagnosed: Diagnosed) -> list[tuple[str, str]]:
+    calibration = diagnosed.diagnosis.calibration
+    far = [
+        (abs(float(z)), p.name, float(x), p.unit)
+        for p, x, z in zip(calibration.parameters, calibration.x, calibration.z, strict=True)
+        if p.group == "geometry" and np.isfinite(z)
+    ]
+    far.sort(reverse=True)
+    units = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm")}
+    texts = [f"{name} {number(x * units[unit][0], 2)} {units[unit][1]}" for _, name, x, unit in far[:_LISTED]]
+    return [("Surest", f"{', '.join(texts)}; 'optimize-posture calibrate' lists them all")] if texts else []
+
+
+def cyclic_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
+    """The periodogram of the joints with cyclic errors; nothing where there are none."""
+    names = [diagnosed.residuals.data.joint_names[j] for j in diagnosed.cyclic_joints]
+    if not names:
+        return ()
+    text = (
+        f"Errors that come back with the turn of a wheel were sought at every number of cycles a turn of each joint; "
+        f"they are found in {', '.join(names)}. The search over all of them is counted in the evidence."
+    )
+    return (Block("Cycles of gears", (text,), "diagnosis_periodogram"),)
+
+
+def confusion_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
+    """What each cause may be confused with, and the measurement that would tell them apart; nothing if nothing."""
+    rows = []
+    for finding in diagnosed.diagnosis.findings:
+        mine = short_words(finding.kind, finding.target, finding.estimate)
+        for kind, target in dict.fromkeys(finding.confounded_with):
+            split = splitting_measurement((finding.kind, finding.target), (kind, target))
+            rows.append((mine, short_words(kind, target), split))
+            mine = ""
+    if not rows:
+        return ()
+    more = [f"And {len(rows) - _PAIRS} more."] if len(rows) > _PAIRS else []
+    text = "These data fit either cause about as well. What is named explains them best; the measurement would tell."
+    table = Table(
+        ("named", "could be instead", "what to measure to tell them apart"), tuple(rows[:_PAIRS]), text_columns=3
+    )
+    return (Block("What could be confused", (text, table, *more)),)
+
+
+def _mm(metres: float) -> str:
+    return number(metres * 1e3)

@@ -1,0 +1,100 @@
+"""``Diagnosed``: a diagnosis with what it was made from, and the figures that its report and pictures share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.report.effect_words import amplitude
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.diagnosis import Diagnosis, Finding
+    from posture_opt.diagnosis.measurements import Measurements
+    from posture_opt.diagnosis.residuals import Residuals
+    from posture_opt.diagnosis.search import Scene
+    from posture_opt.problem.problem import Problem
+    from posture_opt.problem.replanned import Replanned
+
+Floats = NDArray[np.float64]
+MODELS = {"nominal": "as it stands", "calibrated": "calibrated", "extended": "with its effects"}
+CYCLIC = ("cyclic_error", "gear_ripple")
+_REPEATS = 12  # degrees of freedom of repeats, from which on they tell the noise
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosed:
+    """A diagnosis as the command line, the report and the figures see it.
+
+    Args:
+        data: the measurements; ``test`` another file, predicted with base and tool refitted if ``refit_frames``.
+        extended: the problem with the calibrated arm and its effects; ``replanned`` its task planned again.
+    """
+
+    data: Measurements
+    diagnosis: Diagnosis
+    folds: int = 5
+    test: Measurements | None = None
+    refit_frames: bool = False
+    extended: Problem | None = None
+    replanned: Replanned | None = None
+
+    @property
+    def residuals(self) -> Residuals:
+        """Of the rows that are no outliers."""
+        return self.diagnosis.model.residuals
+
+    @cached_property
+    def scene(self) -> Scene:
+        """What the search saw, without its null."""
+        from posture_opt.diagnosis.diagnosis import scene_of
+
+        return scene_of(self.diagnosis.calibration, flips=0)
+
+    @cached_property
+    def effects(self) -> tuple[tuple[int, Finding], ...]:
+        """(place among the effects of the model, finding) of every named effect."""
+        named = [f for f in self.diagnosis.findings if f.effect is not None]
+        return tuple(enumerate(named))
+
+    def place(self, finding: Finding) -> int | None:
+        """Where in the model an effect stands."""
+        return next((place for place, f in self.effects if f is finding), None)
+
+    def at_tool(self, place: int) -> Floats:
+        """(N,) how far an effect moves the tool point in each row [m]."""
+        model, residuals = self.diagnosis.model, self.residuals
+        rows = (model.suspects[place].Z @ model.theta[model.slices[place]]).reshape(-1, residuals.block)
+        return np.asarray(np.linalg.norm(rows[:, : len(residuals.axes)], axis=1) * residuals.sigma)
+
+    def amplitude(self, place: int) -> tuple[float, float] | None:
+        """Of a sine and a cosine [rad], with its standard error."""
+        model, part = self.diagnosis.model, self.diagnosis.model.slices[place]
+        effect = model.suspects[place].what
+        if [name for name, _ in getattr(effect, "dimensions", ())] != ["sin", "cos"]:
+            return None
+        g = model.directions.shape[1]
+        inner = slice(g + part.start, g + part.stop)
+        return amplitude(model.theta[part], model.covariance[inner, inner])
+
+    @property
+    def cyclic_joints(self) -> list[int]:
+        """Joints of which a cyclic error is named, the weightiest first."""
+        names = list(self.residuals.data.joint_names)
+        return list(dict.fromkeys(names.index(f.target) for f in self.diagnosis.findings if f.kind in CYCLIC))
+
+    @cached_property
+    def floor(self) -> tuple[float, str]:
+        """RMS [m] of the length of an error that is noise alone, and where it is known from; 0 where it is not."""
+        residuals = self.residuals
+        e = self.diagnosis.model.whitened().reshape(-1, residuals.block)[:, : len(residuals.axes)] * residuals.sigma
+        code, count = np.unique(residuals.data.pose, return_inverse=True, return_counts=True)[1:]
+        freedom = len(code) - len(count)
+        if freedom * e.shape[1] >= _REPEATS:
+            means = np.stack([np.bincount(code, column) / count for column in e.T], axis=1)
+            return float(np.sqrt(np.sum((e - means[code]) ** 2) / freedom)), "the scatter of repeated postures"
+        measurement = residuals.sigma if not any("no σ of the instrument" in n for n in self.diagnosis.notes) else 0.0
+        return float(measurement * np.sqrt(e.shape[1])), "the instrument as stated"

@@ -1,0 +1,193 @@
+"""Causes in the language of the shop floor: what they are, and how large, in units that an engineer uses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from posture_opt.report.units_text import fixed, number
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.diagnosis import Finding
+
+Estimate = Mapping[str, tuple[float, float, str]]
+
+_WORDS = {
+    "joint_scale": "{0} turns by a constant share more or less than commanded",
+    "gear_eccentricity": "a wheel or the encoder of {0} runs out of centre: an error that comes back once a turn",
+    "gear_second_harmonic": "an error of {0} that comes back twice a turn, as of an oval wheel",
+    "gear_ripple": "the gear of {0} ripples in step with its input shaft",
+    "cyclic_error": "an error of {0} that comes back {cycles} times a turn",
+    "joint_compliance": "{0} gives way under the torque of gravity",
+    "link_bending": "the link behind {0} bends under what it carries",
+    "base_compliance": "the base tilts under the weight of the arm",
+    "backlash": "{0} has play: it stands elsewhere by the side that it came from",
+    "hysteresis": "{0} stays behind by the side that it came from, the more the longer it moved",
+    "load_backlash": "{0} has play that grows with the torque on it",
+    "joint_coupling": "{1} is taken along when {0} turns",
+    "payload_error": "the arm sags in proportion to the payload otherwise than modelled",
+    "thermal_growth": "lengths grow with the temperature ({0})",
+    "thermal_offset": "the zero of {0} wanders with the temperature",
+    "drift": "the measured point creeps with time ({0})",
+    "slip": "from one moment on {0} stands elsewhere: something slipped",
+    "instrument_field": "the instrument bends space: errors that are a smooth function of the place",
+    "quantisation": "{0} moves in steps",
+    "outliers": "single rows are grossly wrong",
+    "joint_noise": "{0} scatters more than stated",
+    "range_noise": "the instrument scatters more the farther away it measures",
+    "stated_sigma": "the noise is not what the problem file states",
+    "joint_offset": "the zero of {0} is off",
+    "link_length": "the link behind {0} is not as long as the file says",
+    "link_offset": "the offset along the axis of {0} is not what the file says",
+    "link_twist": "the axis behind {0} is twisted otherwise than the file says",
+    "axis_tilt": "the axis behind {0} is tilted against the one before it",
+    "base_frame": "the base stands elsewhere than the file says",
+    "tool_frame": "the tool point sits elsewhere than the file says",
+    "geometry": "many lengths and angles of the arm are off, each by a little",
+}
+_UMBRELLAS = {
+    "curve": "a curve over {0}",
+    "dent": "a dent in the error of {0}",
+    "square wave": "a square wave over {0}",
+    "product": "something that two joints do together ({0})",
+    "side and posture": "the side from which {0} arrives, by posture",
+    "side and load": "the side of approach by the load of another joint ({0})",
+    "foreign side": "the side from which another joint arrives ({0})",
+    "field": "a wave over the workspace",
+    "course": "the course of time",
+}
+TIME = ("drift", "slip")
+"""Kinds that belong to their session."""
+
+
+def cause_words(kind: str, target: str, estimate: Estimate | None = None) -> str:
+    """A cause in words, with the name that it has in the files."""
+    cycles = (estimate or {}).get("cycles")
+    parts = target.split("->") if "->" in target else [target, target]
+    said = "all of them" if target == "all" else parts[0]
+    words = _WORDS.get(kind, _UMBRELLAS.get(kind, f"{kind} of {{0}}"))
+    return words.format(said, parts[-1], cycles="many" if cycles is None else number(cycles[0], 4))
+
+
+def short_words(kind: str, target: str, estimate: Estimate | None = None) -> str:
+    """Kind and target as they stand in the files, with the number of cycles: several may be of one joint."""
+    cycles = (estimate or {}).get("cycles")
+    more = "" if cycles is None else f", {number(cycles[0], 4)} a turn"
+    return f"{kind.replace('_', ' ')} ({target}{more})" if target not in ("all", "data") else kind.replace("_", " ")
+
+
+def chance_words(p: float) -> str:
+    """A family-wise p-value in words."""
+    if p < 1e-6:
+        return "less than one in a million by chance"
+    if p < 0.01:
+        return f"one in {1 / p:,.0f} by chance".replace(",", " ")
+    return f"{number(100 * p, 2)} in 100 by chance"
+
+
+def plus_minus(value: float, std: float, factor: float, unit: str) -> str:
+    """A number with its standard error to two digits: 0.261 ± 0.012 mrad."""
+    value, std = value * factor, std * factor
+    gap = " " if unit else ""
+    if not math.isfinite(std) or std <= 0:
+        return f"{number(value)}{gap}{unit}"
+    decimals = max(0, 1 - math.floor(math.log10(std)))
+    return f"{fixed(value, decimals)} ± {fixed(std, decimals)}{gap}{unit}"
+
+
+def angle_words(value: float, std: float) -> str:
+    """0.261 ± 0.012 mrad (54 arcsec)."""
+    return f"{plus_minus(value, std, 1e3, 'mrad')} ({number(math.degrees(value) * 3600, 2)} arcsec)"
+
+
+def size_words(finding: Finding, amplitude: tuple[float, float] | None = None) -> list[tuple[str, str]]:
+    """Labels and sizes with their standard errors; ``amplitude`` of a sine and cosine with its error."""
+    estimate = dict(finding.estimate)
+    rows: list[tuple[str, str]] = []
+    if amplitude is not None and {"sin", "cos"} <= set(estimate):
+        phase = math.degrees(math.atan2(estimate.pop("cos")[0], estimate.pop("sin")[0]))
+        rows.append(("amplitude", f"{angle_words(*amplitude)}, at phase {fixed(phase, 0)} deg"))
+    if finding.kind == "instrument_field":
+        return [("size", f"{len(estimate)} coefficients, see the JSON document")]
+    return rows + [_SIZES.get(name, _by_unit)(name, *entry) for name, entry in estimate.items()]
+
+
+def _by_unit(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
+    label = name.replace("_", " ")
+    if unit == "rad":
+        return label, angle_words(value, std)
+    if unit == "m":
+        return label, plus_minus(value, std, 1e6, "µm") if abs(value) < 1e-3 else plus_minus(value, std, 1e3, "mm")
+    if unit in _UNITS:
+        return label, plus_minus(value, std, *_UNITS[unit])
+    return label, plus_minus(value, std, 1.0, "" if unit in ("", "1") else unit)
+
+
+_UNITS = {
+    "rad/(N*m)": (1e6, "µrad/(N m)"),
+    "rad*kg/(N*m)": (1e6, "µrad kg/(N m)"),
+    "rad/K": (1e6, "µrad/K"),
+    "m/K": (1e6, "µm/K"),
+    "1/K": (1e6, "·10⁻⁶/K"),
+    "1/m": (1e6, "·10⁻⁶/m"),
+    "s": (1 / 60, "min"),
+}
+
+
+def _compliance(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
+    c, k = plus_minus(value, std, 1e6, "µrad/(N m)"), 1e-3 / value if value else math.inf
+    if value <= 0:
+        return name, f"{c}: less than none, so it stands for something else"
+    return name, f"{c}: a stiffness of {plus_minus(k, k * std / value, 1.0, 'N m/mrad')}"
+
+
+def _ratio(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
+    return name, f"{plus_minus(value, std, 1e3, 'mrad')} per rad"
+
+
+def _cycles(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
+    return "cycles a turn", plus_minus(value, std, 1.0, "") if math.isfinite(std) else number(value, 4)
+
+
+def _travel(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
+    return "two thirds of it after", f"a move of {number(math.degrees(value))} deg"
+
+
+def _step(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
+    return "step", f"{number(math.degrees(value) * 3600)} arcsec"
+
+
+def _moment(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
+    return "at", f"{number(value / 60)} min after the first row"
+
+
+def _factor(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
+    return "noise", f"{plus_minus(value, std, 1.0, '')} times what is stated"
+
+
+def _growth(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
+    return "noise", f"{number(math.exp(value), 2)} times larger at the farthest point than at the nearest"
+
+
+_SIZES: dict[str, Callable[[str, float, float, str], tuple[str, str]]] = {
+    "compliance": _compliance,
+    "scale": _ratio,
+    "ratio": _ratio,
+    "cycles": _cycles,
+    "travel": _travel,
+    "lsb": _step,
+    "moment": _moment,
+    "factor": _factor,
+    "growth": _growth,
+    "count": lambda name, value, std, unit: ("rows", number(value, 1)),
+}
+
+
+def amplitude(theta: Any, covariance: Any) -> tuple[float, float]:
+    """Length of the vector (sin, cos) and its standard error from the covariance (2, 2)."""
+    a = float(math.hypot(*theta))
+    if a == 0:
+        return 0.0, math.nan
+    g = theta / a
+    return a, math.sqrt(max(float(g @ covariance @ g), 0.0))

@@ -1,0 +1,173 @@
+"""The figures of a diagnosis: errors of three models on one scale, and the score of every candidate."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from posture_opt.report.diagnosed import MODELS, Diagnosed
+from posture_opt.report.effect_words import short_words
+from posture_opt.report.figures.residuals import _settled, chosen_rows
+from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, legend_below, new_figure, styled
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.suspects import Judged
+
+Floats = NDArray[np.float64]
+
+COLOURS = {"nominal": ORANGE, "calibrated": BLUE, "extended": GREEN}
+_MOST = 25  # candidates
+_SAME = 0.3  # cycles a turn
+_DOTS = 1500
+_BINS = 30  # along the rows, for the course of the RMS
+_FEW = 5  # rows of such a bin
+_TICKS = (0, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
+
+
+def diagnosis_figures(diagnosed: Diagnosed) -> dict[str, Figure]:
+    """Name -> figure."""
+    from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
+    from posture_opt.report.figures.diagnosis_periodogram import plot_periodogram
+
+    figures = {"diagnosis_errors": plot_errors(diagnosed), "diagnosis_scores": plot_scores(diagnosed)}
+    if diagnosed.effects:
+        figures["diagnosis_curves"] = plot_curves(diagnosed)
+    if diagnosed.cyclic_joints:
+        figures["diagnosis_periodogram"] = plot_periodogram(diagnosed)
+    if diagnosed.diagnosis.outcome == "unexplained":
+        figures["diagnosis_left"] = plot_left(diagnosed)
+    return {name: _settled(figure) for name, figure in figures.items()}
+
+
+@styled
+def plot_errors(diagnosed: Diagnosed) -> Figure:
+    """Lengths of the errors row by row in the order of measuring, and how many stay below which length."""
+    found = diagnosed.diagnosis
+    figure = new_figure(9.6, 4.4)
+    over, below = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2)})
+    names = [name for name in MODELS if name != "extended" or diagnosed.effects]
+    smallest = math.inf
+    for name in names:
+        lengths = 1e3 * np.linalg.norm(found.held[name].errors, axis=1)
+        rows = chosen_rows(len(lengths), _DOTS)
+        rms = 1e3 * getattr(found, name).rms
+        smallest = min(smallest, float(np.quantile(lengths, 0.02)))
+        over.plot(
+            rows + 1, lengths[rows], ".", color=COLOURS[name], ms=4 if len(rows) < 400 else 2.5, alpha=0.35, mew=0
+        )
+        over.plot(*_course(lengths), color=COLOURS[name], lw=2)
+        below.step(
+            100 * np.arange(1, len(lengths) + 1) / len(lengths), np.sort(lengths), color=COLOURS[name],
+            label=f"{MODELS[name]}: RMS {rms:.3g} mm",
+        )  # fmt: skip
+    floor = diagnosed.floor[0]
+    if floor:
+        for axes in (over, below):
+            axes.axhline(1e3 * floor, color=GREY, lw=1.2, ls="--", zorder=1)
+        below.plot([], [], color=GREY, lw=1.2, ls="--", label=f"noise alone: RMS {1e3 * floor:.3g} mm")
+    over.set_yscale("log")
+    over.set_ylim(bottom=smallest if smallest > 0 else None)
+    over.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    over.set(
+        xlabel="row, in the order of measuring (lines: RMS of neighbours)",
+        ylabel="position error where it was not seen [mm]",
+    )
+    below.set(xlabel="share of the rows below [%]", xlim=(0, 100))
+    legend_below(below, 2)
+    return figure
+
+
+def _course(lengths: Floats) -> tuple[Floats, Floats]:
+    """RMS of neighbouring rows along the rows."""
+    parts = np.array_split(np.arange(len(lengths)), max(min(_BINS, len(lengths) // _FEW), 1))
+    return np.array([p.mean() + 1 for p in parts]), np.array([np.sqrt(np.mean(lengths[p] ** 2)) for p in parts])
+
+
+def evidence(diagnosed: Diagnosed) -> list[tuple[Judged, float]]:
+    """Every candidate with the logarithm of its p-value over that which the best one has by chance, the most first."""
+    judged = diagnosed.diagnosis.search.judged
+    lines = {family: critical_log_p(diagnosed, family) for family in {j.suspect.family for j in judged}}
+    pairs = [(j, max(j.log_p / lines[j.suspect.family], 0.0)) for j in judged]
+    return sorted(pairs, key=lambda pair: -pair[1])
+
+
+def critical_log_p(diagnosed: Diagnosed, family: str) -> float:
+    """The log p-value that a candidate of a family needs to be more than chance, the whole search counted in."""
+    from posture_opt.diagnosis.search import FIRST
+
+    chance = diagnosed.diagnosis.search.chance
+    low, high = -60.0, -1e-6
+    for _ in range(50):
+        middle = (low + high) / 2
+        low, high = (middle, high) if chance.family_wise(middle, family) < FIRST else (low, middle)
+    return low
+
+
+@styled
+def plot_scores(diagnosed: Diagnosed) -> Figure:
+    """Evidence of each candidate on the calibrated arm alone, with the line that chance reaches one time in twenty."""
+    from posture_opt.diagnosis.search import FIRST
+
+    pairs = evidence(diagnosed)
+    judged = [j for j, _ in pairs[:_MOST]]
+    # Evidence spans from a little to hundreds of times what chance does: its root shows both ends.
+    size = [math.sqrt(value) for _, value in pairs[:_MOST]]
+    ends = [_chosen(j, diagnosed) for j in judged]
+    figure = new_figure(8.4, 1.4 + 0.24 * max(len(judged), 4))
+    axes = figure.add_subplot()
+    for k, (j, width, end) in enumerate(zip(judged, size, ends, strict=True)):
+        colour = (GREEN if end else BLUE) if j.suspect.named else PURPLE
+        axes.barh(
+            k, width, height=0.72, color=colour, zorder=2, edgecolor="white", lw=0.5,
+            hatch="///" if end and not j.suspect.named else None,
+        )  # fmt: skip
+    axes.axvline(1, color="black", lw=1.2, ls="--", zorder=3)
+    nameless = any(end and not j.suspect.named for j, end in zip(judged, ends, strict=True))
+    handles = _handles(any(end and j.suspect.named for j, end in zip(judged, ends, strict=True)), nameless, FIRST)
+    axes.set_yticks(range(len(judged)), [_label(j) for j in judged], fontsize=9)
+    axes.set_ylim(max(len(judged), 4) - 0.5, -0.5)
+    right = 1.04 * max([*size, 1.5])
+    ticks = [t for t in _TICKS if math.sqrt(t) <= right and (t in (0, 1) or math.sqrt(t) > 0.12 * right)]
+    axes.set_xticks([math.sqrt(t) for t in ticks], [f"{t:g}" for t in ticks], fontsize=9)
+    axes.set_xlim(0, right)
+    axes.set_xlabel("evidence of each by itself: log p-value over that of the line")
+    axes.grid(axis="y", visible=False)
+    axes.tick_params(axis="y", length=0)
+    if len(pairs) > len(judged):
+        axes.set_title(f"the first {len(judged)} of {len(pairs)} candidates", fontsize=10)
+    figure.legend(*handles, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _chosen(judged: Judged, diagnosed: Diagnosed) -> bool:
+    """Whether the candidate is part of the final model; a line of a periodogram as that very line."""
+    cycles = getattr(judged.suspect.what, "cycles", None)
+    return any(
+        s.key == judged.suspect.key and (cycles is None or abs(getattr(s.what, "cycles", 0.0) - cycles) < _SAME)
+        for s in diagnosed.diagnosis.model.suspects + tuple(diagnosed.diagnosis.search.chosen)
+    )
+
+
+def _handles(named: bool, nameless: bool, level: float) -> tuple[list[Any], list[str]]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    line = Line2D([], [], color="black", ls="--", lw=1.2)
+    entries = [
+        *([(Patch(color=GREEN), "named in the end")] if named else []),
+        (Patch(color=BLUE), "a cause of the catalogue"),
+        (Patch(color=PURPLE), "a curve without a name"),
+        *([(Patch(fc=PURPLE, hatch="///", ec="white"), "needed in the end, without a name")] if nameless else []),
+        (line, f"chance reaches this line in {100 * level:.1f} of 100 data sets"),
+    ]
+    return [e[0] for e in entries], [e[1] for e in entries]
+
+
+def _label(judged: Judged) -> str:
+    cycles = getattr(judged.suspect.what, "cycles", None)
+    estimate = None if cycles is None else {"cycles": (float(cycles), math.nan, "")}
+    return short_words(judged.suspect.kind, judged.suspect.target, estimate)

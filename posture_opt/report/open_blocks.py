@@ -1,0 +1,117 @@
+"""What the report says of what stays open: what has no name, what geometry hides, what no such data can tell."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from posture_opt.report.blocks import Block, Facts, Table
+from posture_opt.report.diagnosed import Diagnosed
+from posture_opt.report.effect_words import cause_words, chance_words, short_words
+from posture_opt.report.parts import sentence
+from posture_opt.report.units_text import number, percent
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.suspects import Judged
+
+_FAINT = 0.1  # share of its trace that geometry leaves of a cause: it had to be ten times larger to be seen as well
+_SHOWN = 8  # candidates of the table
+_UNLIKELY = 0.05
+
+
+def left_block(diagnosed: Diagnosed) -> Block:
+    """Whether anything is left that no cause explains, how surely, and where."""
+    found = diagnosed.diagnosis
+    left = found.adequacy
+    title = "What has no name"
+    if found.outcome != "unexplained":
+        p = number(100 * left.p_value, 2)
+        return Block(title, (f"Nothing of note: noise alone leaves as much structure {p} times in 100.",))
+    items: list[str | Facts | Table] = [
+        "Something is left that is no noise, and no cause of the catalogue explains it."
+    ]
+    rows = [("Hangs on", "; ".join(cause_words(u.kind, u.target) for u in found.unexplained))]
+    if not found.unexplained:
+        rows = [("Seen along", left.place)]
+    if left.structure < _UNLIKELY:
+        rows.append(("Neighbours", f"rows with a similar {left.place} err alike: {chance_words(left.structure)}"))
+    if left.lack_of_fit < _UNLIKELY:
+        rows.append(("Repeats", f"the model misses poses by more than they repeat: {chance_words(left.lack_of_fit)}"))
+    items += [Facts(tuple(rows)), "The figure shows the errors that are left over each joint."]
+    return Block(title, tuple(items), "diagnosis_left")
+
+
+def scores_block(diagnosed: Diagnosed) -> Block:
+    """The best candidates on the calibrated arm alone."""
+    judged = diagnosed.diagnosis.search.judged
+    text = (
+        f"{len(judged)} causes and curves without a name were set against what the calibrated arm leaves, each by "
+        "itself. 'Explains' is of the sum of squares; 'geometry leaves' is the share of the trace of a cause that no "
+        "length or angle can imitate; 'by chance' counts in that so many were tried."
+    )
+    rows = tuple(
+        (
+            short_words(j.suspect.kind, j.suspect.target, _cycles(j)),
+            "yes" if j.suspect.named else "no",
+            percent(j.share),
+            percent(j.rho),
+            _odds(j.p_value),
+        )
+        for j in judged[:_SHOWN]
+    )
+    headers = ("candidate", "named", "explains", "geometry leaves", "by chance")
+    return Block("What competed", (text, Table(headers, rows, text_columns=2)), "diagnosis_scores")
+
+
+def _odds(p: float) -> str:
+    if p >= _UNLIKELY:
+        return "likely"
+    return "below 1 in a million" if p < 1e-6 else f"1 in {1 / p:,.0f}".replace(",", " ")
+
+
+def _cycles(judged: Judged) -> dict[str, tuple[float, float, str]] | None:
+    cycles = getattr(judged.suspect.what, "cycles", None)
+    return None if cycles is None else {"cycles": (float(cycles), float("nan"), "")}
+
+
+def absorbed_block(diagnosed: Diagnosed) -> Block:
+    """Causes that geometry hides in these data, and causes that were not looked for at all."""
+    from posture_opt.diagnosis.limits import not_looked_for
+
+    search = diagnosed.diagnosis.search
+    hidden = [short_words(s.kind, s.target) for s, _ in search.absorbed]
+    faint = [short_words(j.suspect.kind, j.suspect.target) for j in search.judged if j.suspect.named and j.rho < _FAINT]
+    items: list[str | Facts | Table] = []
+    if hidden:
+        items.append(
+            f"Cannot be seen in these data, because lengths and angles of the arm do the same here: {_list(hidden)}. "
+            "They are absorbed, not absent; wider joint ranges bring them out."
+        )
+    if faint:
+        items.append(f"Hardly seen, because geometry explains more than nine tenths of their trace: {_list(faint)}.")
+    lacking = not_looked_for(diagnosed.residuals)
+    rows = tuple((what.capitalize(), f"{_kinds(kinds)}; {mend}") for what, mend, kinds in lacking.values())
+    if rows:
+        items += ["Not looked for, because the files do not hold what they hang on:", Facts(rows)]
+    if not items:
+        items.append("Every cause of the catalogue would show in these data, if it is large enough.")
+    return Block("What cannot be seen in these data", tuple(items))
+
+
+def _kinds(kinds: tuple[str, ...]) -> str:
+    return ", ".join(kind.replace("_", " ") for kind in kinds)
+
+
+def _list(names: list[str]) -> str:
+    names = list(dict.fromkeys(names))
+    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
+
+
+def unknowable_block(diagnosed: Diagnosed) -> Block:
+    """What no data of this kind can tell, why, and what would."""
+    from posture_opt.diagnosis.limits import unknowable
+
+    limits = unknowable(diagnosed.residuals)
+    rows = tuple((x.kind.replace("_", " ").capitalize(), f"{sentence(x.reason)} To know: {x.mend}.") for x in limits)
+    if not rows:
+        return Block("What no data of this kind can tell", ("Nothing is hidden on principle.",))
+    return Block("What no data of this kind can tell", (Facts(rows),))

@@ -1,0 +1,251 @@
+"""``optimize-posture diagnose`` from end to end, on measurements of an arm with a hidden effect."""
+
+from __future__ import annotations
+
+import json
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import posture_opt as po
+from posture_opt.cli.main import main
+from posture_opt.diagnosis.limits import not_looked_for
+from posture_opt.diagnosis.second_session import Gain
+from posture_opt.diagnosis.stages import Stages
+from posture_opt.model.effects import EFFECTS
+from posture_opt.report.effect_rivals import splitting_measurement
+from posture_opt.report.effect_words import amplitude, cause_words, chance_words, size_words
+from tests.helpers.planar_2r import position
+
+NOISE = 2e-5  # m, of each measured coordinate
+CYCLES, SINE, COSINE = 12.0, 1.2e-4, 0.9e-4  # of joint1: rad
+DRIFT = 3e-4  # m, in x, from the first row to the last
+HEAD = "joint1 [deg], joint2 [deg], x [mm], y [mm]"
+PROBLEM = """
+name: Planar arm
+robot:
+  kind: dh
+  joints:
+    - {name: joint1, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
+    - {name: joint2, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
+uncertainty: {measurement: {position: 0.02 mm}}
+"""
+FIGURES = {"diagnosis_errors", "diagnosis_scores", "diagnosis_curves", "diagnosis_periodogram"}
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(main, ["diagnose", *map(str, words)])
+
+
+def wavy(q: np.ndarray) -> np.ndarray:
+    """The joints that an arm reaches whose first gear has a cyclic error."""
+    wave = SINE * np.sin(CYCLES * q[:, 0]) + COSINE * np.cos(CYCLES * q[:, 0])
+    return q + np.stack([wave, np.zeros(len(q))], axis=1)
+
+
+def write(file: Path, q: np.ndarray, points: np.ndarray, time: np.ndarray | None = None) -> None:
+    columns, head = [np.degrees(q), 1e3 * points], HEAD
+    if time is not None:
+        columns, head = [*columns, time[:, None]], f"{HEAD}, time [s]"
+    np.savetxt(file, np.column_stack(columns), fmt="%.9f", delimiter=",", header=head, comments="")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("diagnose")
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-2.5, 2.5, (140, 2))
+    noise = rng.normal(0, NOISE, (140, 2))
+    points = position(wavy(q)) + noise
+    write(place / "data.csv", q[:90], points[:90])
+    write(place / "other.csv", q[90:], points[90:])
+    write(place / "mended.csv", q[90:], position(q[90:]) + noise[90:])  # the gear has been changed
+    write(place / "few.csv", q[:2], points[:2])
+    time = np.linspace(0.0, 3600.0, 90)
+    creep = np.stack([DRIFT * time / 3600, np.zeros(90)], axis=1)
+    write(place / "creeping.csv", q[:90], position(q[:90]) + noise[:90] + creep, time)
+    write(place / "later.csv", q[90:], position(q[90:]) + noise[90:], time[:50])
+    (place / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
+    return place
+
+
+@pytest.fixture(scope="module")
+def written(folder: Path) -> tuple[Path, Result]:
+    out = folder / "out"
+    words = ["--problem", folder / "problem.yaml", "--test", folder / "other.csv", "--out", out]
+    return out, run(folder / "data.csv", *words)
+
+
+@pytest.fixture(scope="module")
+def document(written: tuple[Path, Result]) -> dict[str, Any]:
+    assert written[1].exit_code == 0, written[1].stderr
+    loaded: dict[str, Any] = json.loads((written[0] / "diagnosis.json").read_text(encoding="utf-8"))
+    return loaded
+
+
+def test_the_cyclic_error_is_named_with_its_size(document: dict[str, Any]) -> None:
+    assert document["verdict"] == "effects_found"
+    first = document["effects"][0]
+    assert (first["kind"], first["target"]) == ("cyclic_error", "joint1")
+    assert first["p_value"] < 1e-6
+    size = {name: (entry["value"], entry["std"]) for name, entry in first["estimate"].items()}
+    assert size["cycles"][0] == pytest.approx(CYCLES, abs=0.02)
+    for name, true in (("sin", SINE), ("cos", COSINE)):
+        value, std = size[name]
+        assert abs(value - true) < 4 * std  # one in 10⁴
+        assert std < 2e-5  # 90 rows of 20 µm at 1 m, and a phase that leans on the cycles
+
+
+def test_errors_are_those_of_the_noise_here_and_on_the_test_file(document: dict[str, Any]) -> None:
+    floor = np.sqrt(2) * NOISE
+    wave = np.hypot(SINE, COSINE) / np.sqrt(2)  # rad, at a mean square lever of 2 m² that varies
+    assert document["residual_rms"]["calibrated"] == pytest.approx(np.sqrt(2) * wave, rel=0.3)
+    assert document["residual_rms"]["extended"] == pytest.approx(floor, rel=0.2)  # χ² of 174 freedoms, and the fit
+    test = document["test"]
+    for name in ("nominal", "calibrated", "extended"):
+        assert {"rms", "mean", "max"} <= set(test[name])
+    assert test["nominal"]["rms"] == pytest.approx(np.sqrt(2) * wave, rel=0.3)
+    assert test["extended"]["rms"] == pytest.approx(floor, rel=0.3)  # 100 numbers
+    assert not test["frames_refitted"]
+    gain = document["effects"][0]["test_gain"]
+    assert gain["interval95"][0] > 0.5
+    assert gain["value"] == pytest.approx(1 - test["extended"]["rms"] / test["calibrated"]["rms"], abs=0.02)
+
+
+def test_the_document_has_every_key(document: dict[str, Any]) -> None:
+    keys = {
+        "posture_opt", "verdict", "effects", "unexplained", "residual_rms", "coverage95", "candidates", "test",
+        "unknowable", "absorbed",
+    }  # fmt: skip
+    assert keys <= set(document)
+    assert {"kind", "target", "estimate", "p_value", "gain", "confounded_with"} <= set(document["effects"][0])
+    assert {"kind", "target", "p_value", "gain"} <= set(document["candidates"][0])
+    assert "instrument_scale" in {entry["kind"] for entry in document["unknowable"]}
+
+
+def test_files_and_report_tell_the_story(written: tuple[Path, Result]) -> None:
+    out, result = written
+    assert {file.stem for file in out.glob("*.png")} == FIGURES
+    assert {file.stem for file in out.glob("*.svg")} == FIGURES
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64") == len(FIGURES)
+    text = result.stdout
+    assert (out / "report.txt").read_text(encoding="utf-8").rstrip("\n") == text.rstrip("\n")
+    assert max(map(len, text.splitlines())) <= 100
+    flat = " ".join(text.split())
+    for words in (
+        "What the model gets wrong has a name: an error of joint1 that comes back 12.0",
+        "less than one in a million by chance",
+        "The gain holds on the test file",
+        "measure a scale bar of known length",
+    ):
+        assert words in flat
+
+
+def test_a_gain_that_does_not_hold_elsewhere_is_none(folder: Path) -> None:
+    words = ["--problem", folder / "problem.yaml", "--test", folder / "mended.csv"]
+    result = run(folder / "data.csv", *words, "--json")
+    assert result.exit_code == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert found["effects"][0]["test_gain"]["value"] < 0
+    assert any("no gain on the test file" in note for note in found["notes"])
+
+
+def test_what_changes_with_time_is_left_out_of_another_session(folder: Path) -> None:
+    problem = po.load_problem(folder / "problem.yaml")
+    data, later = (po.read_measurements(folder / name, problem) for name in ("creeping.csv", "later.csv"))
+    told: list[tuple[int, int]] = []
+    found = po.diagnose(problem, data, test=later, progress=lambda done, total: told.append((done, total)))
+    first = found.effects[0]
+    assert first.kind == "drift"
+    assert first.gain > 0.5
+    assert found.test is not None
+    assert found.test_gain(0) is None
+    # Nothing of the drift is left in the prediction: with it, the last rows would be off by 0.3 mm.
+    assert found.test.models["extended"].max < 1.5e-4
+    assert any("effects of time are left out" in note for note in found.notes)
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+    assert told[-1] == (100, 100)
+    assert set(not_looked_for(found.model.residuals)) >= {"temperature", "payload", "masses"}
+
+
+def test_too_few_rows_are_a_verdict_too(folder: Path, tmp_path: Path) -> None:
+    words = ["--problem", folder / "problem.yaml", "--out", tmp_path / "out", "--json"]
+    result = run(folder / "few.csv", *words)
+    assert result.exit_code == 4
+    assert "measure at least" in result.stderr
+    found = json.loads(result.stdout)
+    assert found["verdict"] == "insufficient_data"
+    assert "measure at least" in found["message"]
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["data.csv", "--refit-frames"], "--refit-frames goes with --test"),
+        (["missing.csv"], "missing.csv"),
+        (["data.csv", "--by", "place"], "leave out by pose or block"),
+        (["data.csv", "--folds", "1"], "folds"),
+    ],
+)
+def test_wrong_use_is_told(folder: Path, words: list[str], message: str, tmp_path: Path) -> None:
+    data, *others = words
+    result = run(folder / data, *others, "--problem", folder / "problem.yaml", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_gain_has_an_interval() -> None:
+    rng = np.random.default_rng(2)
+    before = rng.normal(0, 2.0, (400, 3))
+    gain = Gain.of(before / 2, before, np.arange(400))
+    assert gain.value == pytest.approx(0.5)
+    assert gain.low == pytest.approx(0.5)  # the same drop in every row
+    chance = Gain.of(rng.normal(0, 2.0, (400, 3)), before, np.arange(400))
+    assert chance.low < 0 < chance.high
+
+
+def test_stages_go_up_to_a_hundred() -> None:
+    told: list[int] = []
+    stages = Stages(lambda done, total: told.append(done), 30, 70)
+    first = stages.next()
+    first(1, 2)
+    told_rounds = stages.rounds(stages.next())
+    for _ in range(20):
+        told_rounds()
+    stages.end()
+    assert told[:2] == [0, 15]
+    assert told == sorted(told)
+    assert told[-1] == 100
+
+
+KINDS = [(str(kind.model_fields["kind"].default), "joint2") for kind in EFFECTS]
+
+
+def test_every_cause_has_words_and_every_pair_a_measurement() -> None:
+    for kind, target in KINDS:
+        assert not cause_words(kind, target).startswith(kind)
+    for one, other in product(KINDS, KINDS):
+        text = splitting_measurement(one, (other[0], "joint3"))
+        assert len(text) > 20
+        assert "{" not in text
+
+
+def test_sizes_are_in_units_of_the_shop_floor() -> None:
+    from posture_opt.diagnosis.diagnosis import Finding
+
+    soft = Finding("joint_compliance", "joint2", {"compliance": (8e-6, 2e-7, "rad/(N*m)")}, 1e-9, 0.3)
+    assert size_words(soft) == [("compliance", "8.00 ± 0.20 µrad/(N m): a stiffness of 125.0 ± 3.1 N m/mrad")]
+    play = Finding("backlash", "joint2", {"width": (2e-4, 1e-5, "rad")}, 1e-9, 0.3)
+    assert size_words(play) == [("width", "0.200 ± 0.010 mrad (41 arcsec)")]
+    assert chance_words(1e-9) == "less than one in a million by chance"
+    assert chance_words(1e-4) == "one in 10 000 by chance"
+    size, std = amplitude(np.array([3.0, 4.0]), np.diag([0.01, 0.04]))
+    assert size == pytest.approx(5.0)
+    assert std == pytest.approx(np.sqrt(0.36 * 0.01 + 0.64 * 0.04))  # first-order propagation
