@@ -370,6 +370,26 @@ def test_the_figure_shows_both_postures_about_the_target(commanded: tuple[Path, 
     np.testing.assert_allclose((old.min(axis=0) + old.max(axis=0)) / 2, 1e3 * again.landed.miss[:2], atol=1e-3)  # mm
 
 
+@pytest.mark.parametrize("task", [
+    {"kind": "insert", "direction": [0, -1, 0]},  # anywhere
+    {"kind": "place", "region": {"min": ["0.8 m", "0.3 m", "0 m"], "max": ["1 m", "0.5 m", "0 m"]}},
+    {"kind": "probe", "direction": [0, -1, 0], "position": ["0.9 m", "0.4 m", "0 m"]},
+])  # fmt: skip
+def test_the_miss_is_that_of_the_arm_as_drawn(commanded: tuple[Path, Known, Result], task: dict[str, Any]) -> None:
+    found = commanded[1]
+    problem = po.problem_from_dict(found.problem.to_dict() | {"task": task})
+    again = replanned(problem, found.calibration, po.calibrated_problem(problem, found.calibration))
+    assert again is not None
+    assert again.before is not None
+    assert again.landed is not None
+    assert again.landing is not None
+    drawn = SimulatedArm(found.case.table).points(again.before.q)[0]  # where the workpiece stands, or is put
+    true = found.arm.points(again.before.q)[0] - drawn
+    np.testing.assert_allclose(again.landed.miss[:2], true[:2], atol=4 * 2e-5)  # 80 poses tell the arm to about 20 µm
+    assert again.landing.distance < 1e-7
+    assert again.landing.critical_error < again.landed.critical_error
+
+
 def test_a_calibrated_problem_is_changed_without_its_files(known: Known) -> None:
     other = known.calibrated.with_task("probe")
     assert other.task is not None
