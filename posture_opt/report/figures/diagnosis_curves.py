@@ -198,7 +198,7 @@ def plot_left(diagnosed: Diagnosed) -> Figure:
         _cloud(axes, x[far], along, label)
     axes = grid[len(moving)]
     lengths = 1e3 * residuals.sigma * np.linalg.norm(e[:, : len(residuals.axes)], axis=1)
-    _cloud(axes, 1.0 + np.arange(len(e)), lengths, "row, in the order of measuring (length of the error)")
+    _cloud(axes, np.arange(1, len(e) + 1, dtype=np.float64), lengths, "row, in the order of measuring (length of the error)")
     high = float(np.quantile(lengths, 0.99))
     for panel in grid[: len(moving)]:
         panel.set_ylim(-high, high)
