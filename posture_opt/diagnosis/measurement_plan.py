@@ -48,8 +48,8 @@ class MeasurementPlan:
         target: the task's posture, or ``None``.
         tour: travel, blocked legs and approach sides.
         room: where the arm may go; ``share`` of the random postures that are allowed.
-        given: the measurements made already, or ``None``; ``spread`` is what a fit to them leaves, in units of the
-            instrument's σ.
+        given: the measurements made already, or ``None``; ``spread`` is the standard deviation of a
+            measured coordinate, of arm and instrument together, in units of the instrument's.
         sigma: the instrument's, of a coordinate [m]; ``sigma_rotation`` [rad], 0 where orientations are not measured.
         targets: the points on the tool that are measured at each posture; empty for one.
         notes: sentences for the report.

@@ -18,6 +18,8 @@ from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.model.derivatives import position_column
 from posture_opt.robot.robot import Robot
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.tool_point import ToolPoint
 
 Array = NDArray[np.float64]
 
@@ -31,7 +33,8 @@ class Given:
     Args:
         R: (m, k) square root of their information, ``RᵀR``, in units of the instrument's σ; no rows for none.
         x: (k,) deviations from nominal [rad, m] at which everything is linearised.
-        variance: residual variance in units of the instrument's.
+        variance: of a measured coordinate in units of the instrument's: what a fit to the data leaves, or where
+            they do not tell, the arm's own scatter from visit to visit added to the instrument's.
         rows, coordinates: how many measurements, and numbers measured in them.
         notes: sentences for the report.
     """
@@ -133,23 +136,41 @@ def instrument(
     return Instrument(Residuals(robot, data, parameters, sigma or SIGMA, rotation), repeats), tuple(notes)
 
 
-def nothing_given(unknowns: int) -> Given:
-    """Where nothing was measured yet: the nominal arm, and the instrument as it is stated."""
-    return Given(np.zeros((0, unknowns)), np.zeros(unknowns), 1.0, 0)
+def visit_variance(problem: CalibrationProblem, sigma: float, q: Array) -> float:
+    """Mean variance of a measured coordinate at the postures (N, n) in units of the instrument's, ``sigma`` [m].
+
+    To the instrument's comes what the arm scatters by from visit to visit: ``1 + tr(J V Jᵀ) / (r σ²)`` on average over
+    the postures, J (3, k) the Jacobian of the tool point by the sources, V their visit part, r the axes that it moves.
+    """
+    sources = problem.sources
+    point = ToolPoint.of(problem.robot, Sources(sources.names, sources.visit))
+    if not point.names:
+        return 1.0
+    reached, _ = point.walk([np.ascontiguousarray(column) for column in q.T])
+    J = np.broadcast_to(point.jacobian(reached), (len(q), 3, len(point.names)))
+    spread = np.einsum("nij,jk,nik->n", J, point.covariance, J)
+    return 1.0 + float(np.mean(spread)) / (max(int(np.sum(~still_axes(problem.robot))), 1) * sigma**2)
 
 
-def given_knowledge(problem: CalibrationProblem, data: Measurements, parameters: tuple[Parameter, ...]) -> Given:
+def nothing_given(unknowns: int, variance: float = 1.0) -> Given:
+    """Where nothing was measured yet: the nominal arm, and a measured coordinate of this variance."""
+    return Given(np.zeros((0, unknowns)), np.zeros(unknowns), variance, 0)
+
+
+def given_knowledge(
+    problem: CalibrationProblem, data: Measurements, parameters: tuple[Parameter, ...], expected: float = 1.0
+) -> Given:
     """What ``data`` tell of ``parameters``; touched points, which are unknowns of the data alone, are worked out.
 
     Where the data suffice, the arm is fitted to them: the plan then starts from that arm, without its outliers, and
-    counts with what the fit leaves in place of the instrument's σ.
+    counts with what the fit leaves in place of the ``expected`` variance.
     """
     residuals, notes = compare(problem, data)
     x = fit_frames(problem.robot, residuals)
     _, J = residuals.both(x)
     names = [p.name for p in residuals.parameters]
     known = determine(problem, residuals, x, held_length(residuals), priors=True)
-    variance, kept = 1.0, np.arange(len(data))
+    variance, kept = expected, np.arange(len(data))
     if len(J) >= known.directions.shape[1] + _TRUSTED:
         found = estimate(residuals, x, known.directions, known.prior, weight=known.noise)
         x, variance, kept = found.x, found.variance, np.flatnonzero(found.kept)
@@ -162,7 +183,7 @@ def given_knowledge(problem: CalibrationProblem, data: Measurements, parameters:
     wide, start = np.zeros((len(R), len(parameters))), np.zeros(len(parameters))
     wide[:, at], start[at] = R, x[own]
     if data.touches:  # how well a ball sits in its socket says nothing of the instrument to come
-        wide, variance = wide / np.sqrt(variance), 1.0
+        wide, variance = wide * np.sqrt(expected / variance), expected
     gone = len(data) - len(kept)
     stand = "stands" if gone == 1 else "stand"
     notes += (f"{gone} of the given rows {stand} out and {'is' if gone == 1 else 'are'} not counted",) * (gone > 0)

@@ -13,7 +13,14 @@ from posture_opt.diagnosis.measurement_plan import MeasurementPlan, Purpose, Tar
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.nominal import nominal_poses
 from posture_opt.diagnosis.parameters import CalibrationProblem
-from posture_opt.diagnosis.plan_information import Given, Instrument, given_knowledge, instrument, nothing_given
+from posture_opt.diagnosis.plan_information import (
+    Given,
+    Instrument,
+    given_knowledge,
+    instrument,
+    nothing_given,
+    visit_variance,
+)
 from posture_opt.diagnosis.plan_search import Search
 from posture_opt.diagnosis.plan_stages import Beforehand, Stage, Unknowns
 from posture_opt.diagnosis.travel import tour
@@ -39,8 +46,8 @@ def plan(
     """
     rng = np.random.default_rng(seed)
     measuring, assumed = instrument(problem, given, repeats)
-    known = _given(problem, given, measuring)
     pool, share = room.postures(max(candidates, 2 * count), rng)
+    known = _given(problem, given, measuring, visit_variance(problem, measuring.residuals.sigma, pool))
     rows = np.zeros((0, len(known.x))) if target is None else measuring.tool_rows(target.q, known.x, target.basis)
     J = measuring.blocks(pool, known.x)
     unknowns = Unknowns.of(Beforehand.of(problem, measuring.parameters), J, known, rows, count)
@@ -70,10 +77,10 @@ def _before(stage: Stage, given: Measurements | None) -> Stage:
     return stage if given is not None else replace(stage, task=float("nan"))
 
 
-def _given(problem: CalibrationProblem, data: Measurements | None, measuring: Instrument) -> Given:
+def _given(problem: CalibrationProblem, data: Measurements | None, measuring: Instrument, variance: float) -> Given:
     if data is None:
-        return nothing_given(len(measuring.parameters))
-    return given_knowledge(problem, data, measuring.parameters)
+        return nothing_given(len(measuring.parameters), variance)
+    return given_knowledge(problem, data, measuring.parameters, variance)
 
 
 def _check(unknowns: Unknowns, measuring: Instrument, count: int) -> None:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _MOST_ROWS = 60
 _WIDE = 100
+_NOTED = 1.1  # times the instrument's σ: from there on it is told
 _TINY = 1e-6  # an index below it says that something is open
 _OPEN = "open"
 _SAID = {
@@ -100,13 +101,18 @@ def _measured(plan: MeasurementPlan) -> str:
     turned = f", orientation to {stated_angle(plan.sigma_rotation)}" if plan.sigma_rotation else ""
     often = "once" if plan.repeats == 1 else f"in {plan.repeats} rounds"
     targets = f", of each of the targets {', '.join(plan.targets)}" if plan.targets else ""
-    return f"{position}{turned} (one standard deviation){targets}, {often} at each of {count(len(plan.q), 'posture')}"
+    scatter = ""
+    if plan.given is None and plan.spread > _NOTED:
+        own = plan.sigma * math.sqrt(plan.spread**2 - 1)
+        scatter = f"; the arm's own scatter from visit to visit, {length(own, 2)} a coordinate, is counted with"
+    postures = count(len(plan.q), "posture")
+    return f"{position}{turned} (one standard deviation){targets}, {often} at each of {postures}{scatter}"
 
 
 def _given(plan: MeasurementPlan) -> str:
     assert plan.given is not None
     noisy = ""
-    if plan.spread > 1.2:
+    if plan.spread > _NOTED:
         noisy = (
             f"; the best fit to them leaves {number(plan.spread, 2)} times the instrument's σ, which is counted with"
         )
