@@ -51,7 +51,7 @@ def noise_causes(
         rivals = tuple((s.kind, s.target) for s in suspects[1:] if s.ratio > first.ratio - _RIVALS)
         name, unit = ("sigma", "rad") if first.kind == "joint_noise" else ("growth", "1")
         found.append(NoiseCause(first.kind, first.target, {name: (first.size, first.std, unit)}, first.p_value, rivals))
-    found += _outliers(calibration, model, bool(found))
+    found += [] if unclear else _outliers(calibration, model, bool(found))
     stated = problem.measurement is not None and problem.measurement.position
     if stated and not found and not unclear:
         squares = e**2
@@ -78,4 +78,6 @@ def _outliers(calibration: Calibration, model: Extended, other: bool) -> list[No
         return []
     count = int(law.rows.sum())
     p = float(np.exp(-max(law.evidence, 0.0) / 2))
+    if p > LEVEL:
+        return []
     return [NoiseCause("outliers", "data", {"count": (float(count), float("nan"), "1")}, p)]

@@ -135,15 +135,11 @@ class Chance:
     def family_wise(self, log_p_value: float, family: str) -> float:
         """Probability that chance gives any candidate of any family so much evidence.
 
-        Within the family from the flipped sets where they reach that far, beyond them by Šidák's formula with
-        their number of tests; between families the level is shared out (weighted Bonferroni).
+        Within the family from the flipped sets where they reach that far, beyond them along their exponential
+        tail, which for F tests falls by e for each e of p and more slowly where the noise has long tails; between
+        families the level is shared out (weighted Bonferroni).
         """
-        least = self.least[family]
-        share = (1 + float(np.sum(least <= log_p_value))) / (1 + len(least))
-        if share <= 5 / (1 + len(least)):
-            beyond = -np.expm1(self.tests(family) * np.log1p(-np.exp(min(log_p_value, -1e-12))))
-            share = min(share, float(beyond))
-        return float(min(1.0, share / WEIGHTS[family]))
+        return float(min(1.0, tail(-self.least[family], -log_p_value, 1.0) / WEIGHTS[family]))
 
 
 def scan_frequencies(
@@ -190,14 +186,14 @@ def _two_columns(gram: tuple[Array, Array, Array], bs: Array, bc: Array) -> Arra
     return np.asarray(np.where(good, value, 0.0))
 
 
-def tail(most: Array, value: float) -> float:
+def tail(most: Array, value: float, slowest: float = 1e-12) -> float:
     """p-value of ``value`` among the maxima of draws: counted, and beyond them along an exponential tail.
 
-    The tail has the mean excess of the largest tenth (Pickands 1975, with shape zero).
+    The tail has the mean excess of the largest tenth (Pickands 1975, with shape zero), at least ``slowest``.
     """
     share = (1 + float(np.sum(most >= value))) / (1 + len(most))
     if share > 10 / (1 + len(most)):
         return share
     start = float(np.quantile(most, 0.9))
-    excess = max(float(np.mean(most[most >= start] - start)), 1e-12)
+    excess = max(float(np.mean(most[most >= start] - start)), slowest)
     return float(min(share, max(0.1 * np.exp(-(value - start) / excess), 1e-300)))
