@@ -16,7 +16,8 @@ from posture_opt.report.figures.truth import truth_figures
 from posture_opt.report.style import image
 from posture_opt.report.text import render
 from posture_opt.report.truth_blocks import truth_blocks, truth_lead
-from tests.test_spread_check import STATED, arm, checked, measured
+from tests.helpers.planar_2r import position
+from tests.test_spread_check import NOISE, SCATTER, STATED, arm, checked, measured
 
 PROBLEM = """
 robot:
@@ -74,6 +75,16 @@ def test_repeats_that_scatter_less_than_what_is_left_are_no_scatter() -> None:
     q, points = measured(rng, 30, 3, times=0.02)
     found = checked(arm({}), q, points + rng.normal(0, 1e-3, (30, 2)).repeat(3, axis=0))
     assert "comes back the same at every visit: it is no scatter" in " ".join(text_of(found).split())
+
+
+def test_long_tails_are_told_from_a_wrong_size() -> None:
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-2.5, 2.5, (400, 2))
+    wide = np.where(rng.random(400) < 0.1, 3.0, 0.4)[:, None]  # one row in ten scatters seven times as much
+    points = position(q + wide * SCATTER * rng.normal(size=q.shape), (1.0, 0.8)) + NOISE * rng.normal(size=q.shape)
+    found = checked(arm({"scatter": {"j1.theta": "1 mrad", "j2.theta": "2 mrad"}}), q, points)
+    assert found.coverage["nominal"].held(0.5) > 0.7
+    assert "longer tails than normal ones" in " ".join(text_of(found).split())
 
 
 def test_the_figures_are_drawn(understated: SpreadCheck) -> None:

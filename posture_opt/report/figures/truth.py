@@ -32,10 +32,10 @@ def plot_reliability(found: SpreadCheck) -> Figure:
     figure = new_figure(5.8, 6.0)
     axes = figure.add_subplot()
     nominal = found.coverage["nominal"]
-    whose = "the file's spread" if found.stated else "that of the instrument alone"
+    true = "the file's spread true" if found.stated else "the instrument all there is"
     levels = 100 * np.array([0.0, *LEVELS, 1.0])
     band = 100 * np.vstack([[0, 0], nominal.band, [1, 1]])
-    axes.fill_between(levels, band[:, 0], band[:, 1], color=LIGHT, lw=0, label=f"95 % of data sets, were {whose} true")
+    axes.fill_between(levels, band[:, 0], band[:, 1], color=LIGHT, lw=0, label=f"95 % of data sets, were {true}")
     axes.plot([0, 100], [0, 100], color=GREY, lw=1)
     for name, c in found.coverage.items():
         n = len(c.probability)
