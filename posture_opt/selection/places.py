@@ -22,6 +22,8 @@ _STARTS = (48, 144)  # of a target, the second number where the first met no req
 _POLISHED = 4  # of a target where no start meets the further requirements
 _CHUNK = 32  # targets that are sought together
 _ROUNDS = 4  # of learning from neighbours
+_AROUND = 24  # starts about each neighbour's posture, for a target without one
+_STRAY = 0.2  # rad, or of a slide's stroke: how far from it
 _BETTER = 1e-4  # of the objective: what a neighbour's posture must promise, and what is no difference
 _NEAR = 0.05  # of the objective: how far a neighbour's posture may lie above the optimum that it leads to
 
@@ -57,8 +59,11 @@ def best_places(
         if progress is not None:
             progress(len(found), len(goals))
     places = [found[k] for k in range(len(goals))]
+    rng = np.random.default_rng(seed)
     for _ in range(_ROUNDS):
-        if not _learn(places, engines, goals, neighbours):
+        learnt = _learn(places, engines, goals, neighbours)
+        # Both, whatever the first one says.
+        if not _try_around(places, engines, goals, neighbours, rng) and not learnt:
             break
     _agree(places, engines, goals, neighbours)
     return places
@@ -93,7 +98,7 @@ def explore(engine: Engine, goals: Sequence[Goal], indices: Sequence[int], seed:
     places = [Place("not reached", None, math.nan)] * len(goals)
     for round_, starts in enumerate(_STARTS):
         open_ = [k for k, place in enumerate(places) if place.best is None]
-        open_ = [k for k in open_ if not engine.programme.reach.misses(goals[k].lower, goals[k].upper)]
+        open_ = [k for k in open_ if not _out_of_plane(engine, goals[k])]
         if not open_:
             break
         rngs = [np.random.default_rng([seed, round_, indices[k]]) for k in open_]
@@ -110,8 +115,12 @@ def explore(engine: Engine, goals: Sequence[Goal], indices: Sequence[int], seed:
 
 def _together(wishes: Sequence[Wish], count: int) -> Wish:
     """The wishes of ``count`` rows each as one batch."""
-    rows = np.vstack([np.broadcast_to(wish.rows, (count, 16)) for wish in wishes])
-    return Wish(rows[:, :3], rows[:, 3:6], rows[:, 6:9], wishes[0].weights, wishes[0].slack, rows[:, 15:])
+    return _of_rows(np.vstack([np.broadcast_to(wish.rows, (count, 16)) for wish in wishes]), wishes[0])
+
+
+def _of_rows(rows: Floats, like: Wish) -> Wish:
+    """A batch of wishes with the weights of another one."""
+    return Wish(rows[:, :3], rows[:, 3:6], rows[:, 6:9], like.weights, like.slack, rows[:, 15:])
 
 
 def _polished(engine: Engine, goal: Goal, Q: Floats) -> Place:
@@ -155,6 +164,47 @@ def _learn(places: list[Place], engines: Sequence[Engine], goals: Sequence[Goal]
                     better[k] = candidate
     improved = [_improved(places, engines[k], goals[k], k, candidate) for k, candidate in better.items()]
     return any(improved)
+
+
+def _try_around(
+    places: list[Place], engines: Sequence[Engine], goals: Sequence[Goal], neighbours: Pairs, rng: np.random.Generator
+) -> bool:
+    """Look for postures of targets without one about those of their neighbours; whether there are any."""
+    starts: dict[int, list[Floats]] = {}
+    for here, there in neighbours:
+        for k, j in zip(here.tolist(), there.tolist(), strict=True):
+            best = places[j].best
+            if places[k].best is None and best is not None and engines[j] is engines[k]:
+                starts.setdefault(k, []).append(_about(engines[k], best.q, rng))
+    found = False
+    for engine in {id(engines[k]): engines[k] for k in starts}.values():
+        mine = [k for k in starts if engines[k] is engine and not _out_of_plane(engine, goals[k])]
+        if not mine:
+            continue
+        Q = [np.vstack(starts[k]) for k in mine]
+        wishes = [engine.wish(goals[k], len(q), rng).rows for k, q in zip(mine, Q, strict=True)]
+        rows = [np.broadcast_to(wish, (len(q), 16)) for wish, q in zip(wishes, Q, strict=True)]
+        reached, errors = engine.ik.solve(np.vstack(Q), _of_rows(np.vstack(rows), engine.wish(goals[mine[0]], 1, rng)))
+        at = np.repeat(mine, [len(q) for q in Q])
+        for k in mine:
+            arrived = reached[(at == k) & (errors < TOLERANCE)]
+            if len(arrived):
+                places[k] = _polished(engine, goals[k], arrived)
+                found |= places[k].best is not None
+    return found
+
+
+def _about(engine: Engine, q: Floats, rng: np.random.Generator) -> Floats:
+    """(M, n) postures within the limits about one (n,)."""
+    robot = engine.programme.robot
+    lower, upper = np.array(robot.lower), np.array(robot.upper)
+    slides = np.array([joint.type == "prismatic" for joint in robot.joints])
+    stray = _STRAY * np.where(slides, upper - lower, 1.0)
+    return np.asarray(np.clip(q + stray * rng.normal(size=(_AROUND, len(q))), lower, upper))
+
+
+def _out_of_plane(engine: Engine, goal: Goal) -> bool:
+    return engine.programme.reach.misses(goal.lower, goal.upper)
 
 
 def _carried_over(
