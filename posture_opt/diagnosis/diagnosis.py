@@ -148,6 +148,15 @@ class Diagnosis:
             "notes": list(self.notes),
         }
 
+    def plot(self) -> Any:
+        """Each named effect with the errors behind it, or the score of every candidate, as a matplotlib figure."""
+        from posture_opt.report.diagnosed import Diagnosed
+        from posture_opt.report.figures.diagnosis import plot_scores
+        from posture_opt.report.figures.diagnosis_curves import plot_curves
+
+        seen = Diagnosed(self.calibration.residuals.data, self)
+        return plot_curves(seen) if seen.effects else plot_scores(seen)
+
     @property
     def gain(self) -> Gain:
         """Of all effects together over the calibrated arm, cross-validated."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.blocks import Block, Facts, Table
+from posture_opt.report.blocks import Block, Facts
 from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.effect_rivals import splitting_measurement
 from posture_opt.report.effect_words import cause_words, chance_words, short_words, size_words
@@ -16,7 +16,7 @@ from posture_opt.report.units_text import length, number, percent
 if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Finding
 
-_PAIRS = 12  # of causes that could be confused
+_PAIRS, _SPLITS = 4, 8  # of causes that could be confused, and of measurements that tell them apart
 _LISTED = 5  # geometric parameters that are farthest off, for their errors
 
 
@@ -25,7 +25,7 @@ def causes_block(diagnosed: Diagnosed) -> Block:
     found = diagnosed.diagnosis
     if not found.findings:
         return Block("Causes", ("None is found.",))
-    items: list[str | Facts | Table] = []
+    items: list[str | Facts] = []
     for i, finding in enumerate(found.findings, 1):
         what = f"{i}. {sentence(cause_words(finding.kind, finding.target, finding.estimate))}"
         items += [what, Facts(tuple(_facts(diagnosed, finding)))]
@@ -37,8 +37,13 @@ def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
     place = diagnosed.place(finding)
     name = finding.kind if finding.target == "all" else f"{finding.kind} of {finding.target}"
     rows = [("Name", name)]
-    sizes = size_words(finding, None if place is None else diagnosed.amplitude(place))
-    rows += [(label.capitalize(), text) for label, text in sizes]
+    loads = place is not None and getattr(finding.effect, "loads", "masses") == "points"
+    sizes = (
+        _loads(diagnosed, place)
+        if loads and place is not None
+        else size_words(finding, None if place is None else diagnosed.amplitude(place))
+    )
+    rows += [(label[:1].upper() + label[1:], text) for label, text in sizes]
     if finding.kind == "geometry":
         rows += _geometry(diagnosed)
     if place is not None:
@@ -52,6 +57,20 @@ def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
         others = ", ".join(dict.fromkeys(short_words(*rival) for rival in finding.confounded_with))
         rows.append(("Could be", f"{others} instead: see below"))
     return rows
+
+
+def _loads(diagnosed: Diagnosed, place: int) -> list[tuple[str, str]]:
+    """Of a joint that gives way under masses that nobody states: how far it turns, and what is not known for that."""
+    low, high = diagnosed.turns(place)
+    count = len(diagnosed.diagnosis.model.suspects[place].Z.T)
+    return [
+        ("Turns by", f"{number(1e3 * low)} to {number(1e3 * high)} mrad in these data"),
+        (
+            "Masses",
+            f"the file states none, so {count} loads times compliance are estimated in place of one compliance: that "
+            "costs certainty, and the stiffness stays open; state 'mass' and 'com' of every joint",
+        ),
+    ]
 
 
 def _evidence(p: float) -> str:
@@ -107,21 +126,22 @@ def cyclic_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
 
 def confusion_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
     """What each cause may be confused with, and the measurement that would tell them apart; nothing if nothing."""
-    rows = []
+    splits: dict[str, list[str]] = {}
     for finding in diagnosed.diagnosis.findings:
         mine = short_words(finding.kind, finding.target, finding.estimate)
         for kind, target in dict.fromkeys(finding.confounded_with):
             split = splitting_measurement((finding.kind, finding.target), (kind, target))
-            rows.append((mine, short_words(kind, target), split))
-            mine = ""
-    if not rows:
+            splits.setdefault(split, []).append(f"{mine} or {short_words(kind, target)}")
+    if not splits:
         return ()
-    more = [f"And {len(rows) - _PAIRS} more."] if len(rows) > _PAIRS else []
-    text = "These data fit either cause about as well. What is named explains them best; the measurement would tell."
-    table = Table(
-        ("named", "could be instead", "what to measure to tell them apart"), tuple(rows[:_PAIRS]), text_columns=3
-    )
-    return (Block("What could be confused", (text, table, *more)),)
+    text = "These data fit either cause about as well. What is named explains them best; a measurement would tell:"
+    texts = [f"{_listed(pairs)}: {split}." for split, pairs in splits.items()]
+    more = [f"And {len(texts) - _SPLITS} more measurements."] if len(texts) > _SPLITS else []
+    return (Block("What could be confused", (text, *texts[:_SPLITS], *more)),)
+
+
+def _listed(pairs: list[str]) -> str:
+    return "; ".join(pairs[:_PAIRS]) + (f"; and {len(pairs) - _PAIRS} more" if len(pairs) > _PAIRS else "")
 
 
 def _mm(metres: float) -> str:

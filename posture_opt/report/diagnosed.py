@@ -70,6 +70,16 @@ class Diagnosed:
         rows = (model.suspects[place].Z @ model.theta[model.slices[place]]).reshape(-1, residuals.block)
         return np.asarray(np.linalg.norm(rows[:, : len(residuals.axes)], axis=1) * residuals.sigma)
 
+    def turns(self, place: int) -> tuple[float, float]:
+        """Least and largest turn of its joint by an effect that acts on one joint [rad]."""
+        model, tangents = self.diagnosis.model, self.scene.tangents
+        moves = model.suspects[place].what.moves(tangents.site)  # type: ignore[union-attr]
+        turned = np.zeros(len(self.residuals.data))
+        for move, value in zip(moves, model.theta[model.slices[place]], strict=True):
+            for size in move.joints.values():
+                turned = turned + value * np.asarray(size, dtype=float)
+        return float(turned.min()), float(turned.max())
+
     def amplitude(self, place: int) -> tuple[float, float] | None:
         """Of a sine and a cosine [rad], with its standard error."""
         model, part = self.diagnosis.model, self.diagnosis.model.slices[place]

@@ -79,7 +79,7 @@ def _improvement(diagnosed: Diagnosed) -> str:
     if diagnosed.effects:
         text += f", and {_mm(sizes['extended'])} mm with {_these(len(diagnosed.effects))}"
     floor, _ = diagnosed.floor
-    return text + (f"; noise alone makes {_mm(floor)} mm." if floor else ".")
+    return text + (f"; noise alone makes {_mm(floor)} mm." if 0 < floor < sizes["extended"] else ".")
 
 
 def _these(n: int) -> str:
@@ -115,9 +115,14 @@ def errors_block(diagnosed: Diagnosed) -> Block:
     if diagnosed.effects:
         texts.append(_gain_text(diagnosed))
     if floor:
-        beside = " the scatter of the arm itself comes on top." if "instrument" in source else " no model does better."
-        texts.append(f"Noise alone is {source};{beside}")
+        texts.append(f"Noise alone is {source}{_beside(source, floor, found.extended.rms)}")
     return Block("What naming the cause brings", (*texts, Table(headers, tuple(rows))), "diagnosis_errors")
+
+
+def _beside(source: str, floor: float, left: float) -> str:
+    if floor >= left:
+        return ": more than is left, so it is better than that."
+    return "; the scatter of the arm itself comes on top." if "instrument" in source else "; no model does better."
 
 
 def _gain_text(diagnosed: Diagnosed) -> str:

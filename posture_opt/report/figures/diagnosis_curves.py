@@ -67,13 +67,13 @@ def plot_curves(diagnosed: Diagnosed) -> Figure:
     handles: dict[str, Any] = {}
     for axes in grid[: len(shown)]:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3)
+    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3, markerscale=1.5)
     return figure
 
 
 def _panel(axes: Any, curve: Curve) -> None:
     dots = chosen_rows(len(curve.x), _DOTS)
-    sides = np.unique(curve.side)
+    sides = np.unique(curve.side[curve.side != 0])  # where nobody knows the side, neither curve is meant
     look: dict[str, Any] = {"mew": 0, "rasterized": True}
     look |= {"ms": 3, "alpha": 0.3} if len(curve.x) > _MANY else {"ms": 6, "alpha": 0.5}
     for side in sides:
@@ -198,7 +198,8 @@ def plot_left(diagnosed: Diagnosed) -> Figure:
         _cloud(axes, x[far], along, label)
     axes = grid[len(moving)]
     lengths = 1e3 * residuals.sigma * np.linalg.norm(e[:, : len(residuals.axes)], axis=1)
-    _cloud(axes, np.arange(1, len(e) + 1, dtype=np.float64), lengths, "row, in the order of measuring (length of the error)")
+    rows_by_time = np.arange(1, len(e) + 1, dtype=np.float64)
+    _cloud(axes, rows_by_time, lengths, "row, in the order of measuring (length of the error)")
     high = float(np.quantile(lengths, 0.99))
     for panel in grid[: len(moving)]:
         panel.set_ylim(-high, high)
