@@ -213,6 +213,17 @@ def test_what_is_given_counts() -> None:
     assert len(plan_few(problem, 3, given=data).q) == 3
 
 
+def test_before_anything_is_measured_the_stated_sigmas_speak_of_the_task() -> None:
+    sigma = {"j1.theta": "1 mrad", "j2.theta": "2 mrad", "j1.a": "0.3 mm", "j2.a": "0.2 mm"}
+    task = {"kind": "insert", "direction": [0, -1, 0], "position": ["0.9 m", "0.4 m", "0 m"]}
+    problem = problem_of(PLANAR, robot={}, uncertainty={"sigma": sigma}, task=task)
+    plan = plan_few(problem, 10)
+    spread = po.propagate(problem, plan.target.q)
+    assert plan.before.task == pytest.approx(np.sqrt(spread.first_order[0, 0]), rel=1e-9)  # across is along x
+    some = problem_of(PLANAR, robot={}, uncertainty={"sigma": {"j1.theta": "1 mrad"}}, task=task)
+    assert np.isnan(plan_few(some, 10).before.task)  # nobody says how long the links are
+
+
 def test_the_arms_own_scatter_is_counted_with() -> None:
     problem = problem_of(uncertainty={"scatter": {f"j{i}.theta": "0.1 mrad" for i in range(1, 7)}})
     plan, bare = plan_few(problem, 30), plan_of()

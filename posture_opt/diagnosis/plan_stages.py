@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -128,7 +128,7 @@ class Unknowns:
     @cached_property
     def already(self) -> NDArray[np.bool_]:
         """(k,) which parameters the given data and the stated σ's determine: more data take nothing back."""
-        return np.asarray(self._told(self.given.R) | self.beforehand.stated)
+        return np.asarray(self._told(self.given.R).determined | self.beforehand.stated)
 
     def criterion(self, purpose: str) -> Criterion:
         """What a plan for ``parameters`` or for the ``task`` makes small, in the unknowns z."""
@@ -138,22 +138,38 @@ class Unknowns:
         """(N, b, r) what candidates measure of z, in standard deviations of the measurement."""
         return np.asarray(J @ self.D / np.sqrt(self.given.variance))
 
+    def before(self, J: Array) -> Stage:
+        """What is known without the measurements J (n, b, k).
+
+        Where nothing was measured, the stated σ's alone speak of the task: parts as they are drawn are no knowledge.
+        """
+        stage, W = self.stage(J[:0]), self.beforehand.W @ self.D
+        if self.given.rows:
+            return stage
+        return replace(stage, task=_root_sum(variances(W.T @ W, self.L, self.T)))
+
     def stage(self, J: Array) -> Stage:
         """What is known after the measurements J (n, b, k) on top of what is known already."""
         flat = self.blocks(J).reshape(-1, self.count)
         M = self.start + flat.T @ flat
-        along = variances(M, self.L, self.T)
-        task = float(np.sqrt(np.sum(along))) if len(along) else float("nan")
-        told = self.already | self._told(np.concatenate([J.reshape(-1, J.shape[-1]), self.given.R]))
-        std = np.where(told, np.sqrt(variances(M, self.D, self.T)), np.nan)
+        task = _root_sum(variances(M, self.L, self.T))
+        found = self._told(np.concatenate([J.reshape(-1, J.shape[-1]), self.given.R]))
+        # Combinations that nothing tells leave each parameter its part of a tolerance.
+        std = np.sqrt(variances(M, self.D, self.T) + found.unseen**2)
+        std = np.where(self.already | found.determined, std, np.nan)
         return Stage(std, task, self._indices(J))
 
-    def _told(self, rows: Array) -> NDArray[np.bool_]:
+    def _told(self, rows: Array) -> Identifiability:
         stack = np.concatenate([rows / np.sqrt(self.given.variance), self.beforehand.W])
-        return identify(self.beforehand.names, stack, len(stack) + 1, scale=self.beforehand.scale).determined
+        return identify(self.beforehand.names, stack, len(stack) + 1, scale=self.beforehand.scale)
 
     def _indices(self, J: Array) -> dict[str, float]:
         s = np.linalg.svd(np.concatenate([self.given.R, J.reshape(-1, J.shape[-1])]) @ self.seen, compute_uv=False)
         if len(s) < self.seen.shape[1] or s[-1] <= _ROUNDING * s[0]:
             return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
         return observability(np.asarray(s, dtype=float), self.given.rows + len(J))
+
+
+def _root_sum(along: Array) -> float:
+    """Root of the summed variances along all directions; NaN where one is not determined, or there are none."""
+    return float(np.sqrt(np.sum(along))) if len(along) else float("nan")

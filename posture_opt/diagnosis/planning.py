@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,7 +60,7 @@ def plan(
     return MeasurementPlan(
         robot=problem.robot, q=q, points=nominal_poses(problem.robot, q)[0], repeats=repeats, purpose=purpose,
         parameters=measuring.parameters, settled=unknowns.settled, words=unknowns.known.words,
-        before=_before(unknowns.stage(J[:0]), given), after=unknowns.stage(chosen),
+        before=unknowns.before(J), after=unknowns.stage(chosen),
         random=Stage.median([unknowns.stage(drawn[:count]) for drawn in random]), gain=gain, equivalent=equivalent,
         tried=len(pool), draws=_DRAWS, target=target, tour=way, room=room, share=share,
         reach=nominal_poses(problem.robot, pool[:_SHOWN])[0], given=given, spread=float(np.sqrt(known.variance)),
@@ -70,11 +68,6 @@ def plan(
         axes=tuple("xyz"[i] for i in residuals.axes), targets=measuring.targets,
         notes=tuple(dict.fromkeys((*assumed, *known.notes, *notes))),
     )  # fmt: skip
-
-
-def _before(stage: Stage, given: Measurements | None) -> Stage:
-    """Where nothing was measured the task's error is that of parts as they are drawn, which is no knowledge."""
-    return stage if given is not None else replace(stage, task=float("nan"))
 
 
 def _given(problem: CalibrationProblem, data: Measurements | None, measuring: Instrument, variance: float) -> Given:
