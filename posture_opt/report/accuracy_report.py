@@ -15,7 +15,8 @@ from posture_opt.report.units_text import count, length, length_unit, number, pe
 from posture_opt.report.words import direction_words
 
 if TYPE_CHECKING:
-    from posture_opt.problem.accuracy_map import AccuracyMap, MeasuredErrors
+    from posture_opt.problem.accuracy_map import AccuracyMap
+    from posture_opt.problem.measured_errors import MeasuredErrors
     from posture_opt.problem.problem import Problem
 
 Floats = NDArray[np.float64]
