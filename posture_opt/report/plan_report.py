@@ -137,9 +137,9 @@ def gain_block(plan: MeasurementPlan) -> Block:
     if plan.target is not None:
         rows.append(("tool point at the task off by [mm]", *(_value(s.task * 1e3) for s in _stages(plan))))
     n = len(plan.q)
-    told = "what the given rows tell" if plan.given is not None else "nothing is measured"
+    told = "the given rows and " if plan.given is not None else ""
     text = (
-        f"Before: {told}, and the stated σ's. "
+        f"Before: what {told}the stated σ's tell. "
         f"Random: the median of {count(plan.draws, 'plan')} of {count(n, 'random posture')} that keep clear as well. "
     )
     what = "standard errors (geometric mean)" if plan.purpose == "parameters" else "error at the task"
