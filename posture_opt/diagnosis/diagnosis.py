@@ -18,7 +18,7 @@ from posture_opt.diagnosis.limits import unknowable
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.noise_causes import NoiseCause, noise_causes
 from posture_opt.diagnosis.parameters import CalibrationProblem
-from posture_opt.diagnosis.search import Scene, Verdict, search
+from posture_opt.diagnosis.search import Scene, Verdict, search, with_names
 from posture_opt.diagnosis.second_session import Gain, SecondSession, second_session
 from posture_opt.diagnosis.stages import Stages
 from posture_opt.diagnosis.suspects import Suspect
@@ -206,8 +206,9 @@ def diagnose(
     found = search(scene, stages.rounds(stages.next()))
     stages.next()
     residuals = scene.tangents.residuals
-    named = [s for s in found.chosen if isinstance(s.what, Effect)]
     nameless = tuple(s.what for s in found.chosen if isinstance(s.what, Umbrella))
+    names = with_names(scene, found) if nameless else found
+    named = [s for s in names.chosen if isinstance(s.what, Effect)]
     directions = calibration.identifiability.directions
     model = fit_extended(residuals, calibration.x, directions, named)
     everything = scene.ground(found.chosen)
@@ -227,7 +228,7 @@ def diagnose(
         "extended": held_out(model, parts),
     }
     findings = (
-        *_effect_findings(found, model, held["extended"], parts, groups, tell),
+        *_effect_findings(names, model, held["extended"], parts, groups, tell),
         *(_noise_finding(n) for n in noise),
         *(_geometry_finding(g, held) for g in geometry),
     )
