@@ -16,7 +16,8 @@ from posture_opt.problem.measured_errors import MeasuredErrors, measured_errors
 from posture_opt.problem.problem import Problem
 from posture_opt.selection.grid import Grid, Plane
 from posture_opt.selection.multistart import Progress
-from posture_opt.selection.target_map import Spot, TargetMap, map_targets
+from posture_opt.selection.spots import Spot
+from posture_opt.selection.target_map import TargetMap, map_targets
 from posture_opt.uncertainty.ball import central_radii
 from posture_opt.uncertainty.regions import coverage_factor
 from posture_opt.uncertainty.spread import ellipse_basis

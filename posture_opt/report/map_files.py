@@ -15,7 +15,8 @@ from posture_opt.report.write import Files, report_files, write_files
 if TYPE_CHECKING:
     from posture_opt.problem.accuracy_map import AccuracyMap
     from posture_opt.problem.problem import Problem
-    from posture_opt.selection.target_map import Spot, TargetMap
+    from posture_opt.selection.spots import Spot
+    from posture_opt.selection.target_map import TargetMap
 
 _PLACE = ("x [mm]", "y [mm]", "z [mm]", "feasible")
 

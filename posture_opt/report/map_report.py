@@ -12,7 +12,8 @@ from posture_opt.report.words import CRITERIA, PARTS, direction_words, line_word
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
     from posture_opt.selection.grid import Grid
-    from posture_opt.selection.target_map import Spot, TargetMap
+    from posture_opt.selection.spots import Spot
+    from posture_opt.selection.target_map import TargetMap
 
 _SAME = 5e-4  # of the spread: what a map cannot promise to win
 _MOST_COLUMNS = 9
