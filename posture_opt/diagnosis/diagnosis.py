@@ -295,7 +295,8 @@ def _effect_findings(
             for (name, dimension), v, s in zip(effect.dimensions, model.theta[part], std[part], strict=True)
         }
         for name in effect.shape:
-            estimate[name] = (float(getattr(effect, name)), float("nan"), "")
+            error = model.shape_std.get(place, float("nan")) if name == "cycles" else float("nan")
+            estimate[name] = (float(getattr(effect, name)), error, "")
         gain = Gain.of(whole.errors, held_out(model, parts, without=place).errors, groups)
         rivals = tuple((r.kind, r.target) for r in found.rivals[i])
         fitted = effect.with_estimate(model.theta[part].tolist())

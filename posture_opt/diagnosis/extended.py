@@ -60,6 +60,13 @@ class Extended:
         part = np.diag(self.covariance)[g : g + len(self.theta)]
         return np.asarray(np.sqrt(np.maximum(part, 0.0)))
 
+    @property
+    def shape_std(self) -> dict[int, float]:
+        """Standard error of the shape of each effect that has a smooth one, of its logarithm except for cycles."""
+        smooth = [i for i, s in enumerate(self.suspects) if _smooth(s.what)]
+        variance = np.diag(self.covariance)[self.directions.shape[1] + len(self.theta) :]
+        return {i: float(np.sqrt(max(v, 0.0))) for i, v in zip(smooth, variance, strict=False)}
+
     def effects(self) -> tuple[Effect, ...]:
         """The named effects with their estimates."""
         return tuple(

@@ -6,10 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.blocks import Block, Facts
+from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.effect_rivals import splitting_measurement
-from posture_opt.report.effect_words import cause_words, chance_words, short_words, size_words
+from posture_opt.report.effect_words import (
+    cause_words,
+    chance_words,
+    main_size,
+    odds,
+    short_words,
+    size_words,
+)
 from posture_opt.report.parts import sentence
 from posture_opt.report.units_text import length, number, percent
 
@@ -17,6 +24,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Finding
 
 _PAIRS, _SPLITS = 4, 8  # of causes that could be confused, and of measurements that tell them apart
+_FULL = 4  # effects that are told in full; lighter ones stand in a table
 _LISTED = 5  # geometric parameters that are farthest off, for their errors
 
 
@@ -25,12 +33,28 @@ def causes_block(diagnosed: Diagnosed) -> Block:
     found = diagnosed.diagnosis
     if not found.findings:
         return Block("Causes", ("None is found.",))
-    items: list[str | Facts] = []
-    for i, finding in enumerate(found.findings, 1):
+    items: list[str | Facts | Table] = []
+    short = [f for _, f in diagnosed.effects][_FULL:] if len(diagnosed.effects) > _FULL + 1 else []
+    for i, finding in enumerate((f for f in found.findings if f not in short), 1):
         what = f"{i}. {sentence(cause_words(finding.kind, finding.target, finding.estimate))}"
         items += [what, Facts(tuple(_facts(diagnosed, finding)))]
+    if short:
+        items += ["Lighter ones:", _lighter(diagnosed, short)]
     figure = "diagnosis_curves" if diagnosed.effects else ""
     return Block("Causes, the weightiest first", tuple(items), figure)
+
+
+def _lighter(diagnosed: Diagnosed, findings: list[Finding]) -> Table:
+    """Effects of less weight, one a line."""
+    rows = []
+    for finding in findings:
+        place = diagnosed.place(finding)
+        assert place is not None
+        most = length(float(diagnosed.at_tool(place).max()))
+        name = short_words(finding.kind, finding.target, finding.estimate)
+        size = main_size(finding, diagnosed.amplitude(place))
+        rows.append((name, size, most, percent(finding.gain), odds(finding.p_value)))
+    return Table(("cause", "size", "at the tool up to", "off the RMS", "by chance"), tuple(rows))
 
 
 def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:

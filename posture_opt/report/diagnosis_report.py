@@ -10,13 +10,14 @@ import numpy as np
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.cause_blocks import causes_block, confusion_block, cyclic_block
 from posture_opt.report.diagnosed import MODELS, Diagnosed
-from posture_opt.report.effect_words import cause_words, short_words
+from posture_opt.report.effect_words import cause_words, main_size, short_words
 from posture_opt.report.open_blocks import absorbed_block, left_block, scores_block, unknowable_block
 from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.replanned_blocks import replanned_blocks
 from posture_opt.report.units_text import count, decimals_of, fixed, number, percent, stated_length
 
 if TYPE_CHECKING:
+    from posture_opt.diagnosis.diagnosis import Finding
     from posture_opt.diagnosis.validation import Statistics
     from posture_opt.problem.problem import Problem
 
@@ -53,7 +54,7 @@ def answer(diagnosed: Diagnosed) -> tuple[str, ...]:
     effects = [f for f in found.findings if f.effect is not None]
     geometry = [f for f in found.findings if f.effect is None and f.kind not in _NOISES]
     noise = [f for f in found.findings if f.kind in _NOISES]
-    said = [cause_words(f.kind, f.target, f.estimate) for f in (effects or geometry or noise)[:_MOST_NAMES]]
+    said = [_named(diagnosed, f) for f in (effects or geometry or noise)[:_MOST_NAMES]]
     more = len(effects or geometry or noise) - len(said)
     names = "; ".join(said) + (f"; and {count(more, 'more cause')}" if more else "")
     beside = " Beside that, the geometry of the arm is off." if effects and geometry else ""
@@ -62,10 +63,19 @@ def answer(diagnosed: Diagnosed) -> tuple[str, ...]:
     elif found.outcome == "effects_found":
         first = f"What the model gets wrong has a name: {names}.{beside}"
     elif said:
-        first = f"Part of what the model gets wrong has a name: {names}.{beside} The rest has none."
+        first = f"Part of what the model gets wrong has a name: {names}. The rest has none.{beside}"
     else:
         first = "Something is left that the model gets wrong, and no cause of the catalogue explains it."
     return (first, _improvement(diagnosed), *_elsewhere(diagnosed))
+
+
+def _named(diagnosed: Diagnosed, finding: Finding) -> str:
+    place = diagnosed.place(finding)
+    if place is not None and getattr(finding.effect, "loads", "masses") == "points":
+        return cause_words(finding.kind, finding.target)
+    size = main_size(finding, None if place is None else diagnosed.amplitude(place))
+    words = cause_words(finding.kind, finding.target, finding.estimate)
+    return f"{words} ({size})" if any(map(str.isdigit, size)) and finding.kind != "instrument_field" else words
 
 
 _NOISES = ("joint_noise", "range_noise", "stated_sigma", "outliers")
@@ -105,7 +115,8 @@ def errors_block(diagnosed: Diagnosed) -> Block:
     how = f"Every row is predicted by an arm that was fitted without {_LEFT_OUT[found.by]}"
     how += "." if found.by == "place" else f", in {rounds} rounds."
     rows = [
-        _cells(words, getattr(found, name), float(found.held[name].inside.mean())) for name, words in MODELS.items()
+        _cells(words, getattr(found, name), float(found.held[name].inside.mean()))
+        for name, words in _models(diagnosed).items()
     ]
     floor, source = diagnosed.floor
     if floor:
@@ -115,13 +126,20 @@ def errors_block(diagnosed: Diagnosed) -> Block:
     if diagnosed.effects:
         texts.append(_gain_text(diagnosed))
     if floor:
-        texts.append(f"Noise alone is {source}{_beside(source, floor, found.extended.rms)}")
+        texts.append(f"Noise alone is {source}{_beside(source, floor, found.extended)}")
     return Block("What naming the cause brings", (*texts, Table(headers, tuple(rows))), "diagnosis_errors")
 
 
-def _beside(source: str, floor: float, left: float) -> str:
-    if floor >= left:
+def _models(diagnosed: Diagnosed) -> dict[str, str]:
+    """The models that differ."""
+    return {name: words for name, words in MODELS.items() if name != "extended" or diagnosed.effects}
+
+
+def _beside(source: str, floor: float, left: Statistics) -> str:
+    if floor > left.interval[1]:
         return ": more than is left, so it is better than that."
+    if floor > left.interval[0]:
+        return ": about what is left, so there is nothing more to gain."
     return "; the scatter of the arm itself comes on top." if "instrument" in source else "; no model does better."
 
 
@@ -154,7 +172,7 @@ def test_block(diagnosed: Diagnosed) -> Block:
     how = "base and tool fitted again to it" if test.refitted else "nothing fitted to it"
     text = f"{Path(test.data.file).name or 'table'}, {count(len(test.data), 'row')}: {how}."
     headers = ("position error [mm]", "RMS", "interval of RMS", "mean", "95 % below", "max")
-    table = Table(headers, tuple((words, *_figures(test.models[name])) for name, words in MODELS.items()))
+    table = Table(headers, tuple((words, *_figures(test.models[name])) for name, words in _models(diagnosed).items()))
     items: list[str | Facts | Table] = [text, table]
     own = diagnosed.diagnosis.calibrated.rms
     if not test.refitted and test.models["calibrated"].rms > _ELSEWHERE * own:

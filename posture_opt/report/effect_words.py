@@ -46,6 +46,7 @@ _WORDS = {
     "tool_frame": "the tool point sits elsewhere than the file says",
     "geometry": "many lengths and angles of the arm are off, each by a little",
 }
+_GEOMETRY = ("joint_offset", "link_length", "link_offset", "link_twist", "axis_tilt", "base_frame", "tool_frame")
 _UMBRELLAS = {
     "curve": "a curve over {0}",
     "dent": "a dent in the error of {0}",
@@ -57,8 +58,8 @@ _UMBRELLAS = {
     "field": "a wave over the workspace",
     "course": "the course of time",
 }
-TIME = ("drift", "slip")
-"""Kinds that belong to their session."""
+UNLIKELY = 0.05
+"""Family-wise p-value below which chance is no explanation."""
 
 
 def cause_words(kind: str, target: str, estimate: Estimate | None = None) -> str:
@@ -86,6 +87,13 @@ def chance_words(p: float) -> str:
     return f"{number(100 * p, 2)} in 100 by chance"
 
 
+def odds(p: float) -> str:
+    """The same for a table."""
+    if p >= UNLIKELY:
+        return "likely"
+    return "below 1 in a million" if p < 1e-6 else f"1 in {1 / p:,.0f}".replace(",", " ")
+
+
 def plus_minus(value: float, std: float, factor: float, unit: str) -> str:
     """A number with its standard error to two digits: 0.261 ± 0.012 mrad."""
     value, std = value * factor, std * factor
@@ -108,9 +116,22 @@ def size_words(finding: Finding, amplitude: tuple[float, float] | None = None) -
     if amplitude is not None and {"sin", "cos"} <= set(estimate):
         phase = math.degrees(math.atan2(estimate.pop("cos")[0], estimate.pop("sin")[0]))
         rows.append(("amplitude", f"{angle_words(*amplitude)}, at phase {fixed(phase, 0)} deg"))
+    if finding.kind in _GEOMETRY:
+        return [("off by", _deviation(*entry)) for entry in estimate.values()]
     if finding.kind == "instrument_field":
         return [("size", f"{len(estimate)} coefficients, see the JSON document")]
     return rows + [_SIZES.get(name, _by_unit)(name, *entry) for name, entry in estimate.items()]
+
+
+def main_size(finding: Finding, amplitude: tuple[float, float] | None = None) -> str:
+    """The first of the sizes without what explains it, or an empty text."""
+    rows = size_words(finding, amplitude)
+    return rows[0][1].partition(" (")[0].partition(": ")[0].partition(", ")[0] if rows and finding.estimate else ""
+
+
+def _deviation(value: float, std: float, unit: str) -> str:
+    """Of a length or an angle from the file."""
+    return plus_minus(value, std, *((math.degrees(1.0), "deg") if unit == "rad" else (1e3, "mm")))
 
 
 def _by_unit(name: str, value: float, std: float, unit: str) -> tuple[str, str]:

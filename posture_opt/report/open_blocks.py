@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosed import Diagnosed
-from posture_opt.report.effect_words import cause_words, chance_words, short_words
+from posture_opt.report.effect_words import UNLIKELY, cause_words, chance_words, odds, short_words
 from posture_opt.report.parts import sentence
 from posture_opt.report.units_text import number, percent
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 _FAINT = 0.1  # share of its trace that geometry leaves of a cause: it had to be ten times larger to be seen as well
 _SHOWN = 8  # candidates of the table
-_UNLIKELY = 0.05
 
 
 def left_block(diagnosed: Diagnosed) -> Block:
@@ -32,9 +31,9 @@ def left_block(diagnosed: Diagnosed) -> Block:
     rows = [("Hangs on", "; ".join(cause_words(u.kind, u.target) for u in found.unexplained))]
     if not found.unexplained:
         rows = [("Seen along", left.place)]
-    if left.structure < _UNLIKELY:
+    if left.structure < UNLIKELY:
         rows.append(("Neighbours", f"rows with a similar {left.place} err alike: {chance_words(left.structure)}"))
-    if left.lack_of_fit < _UNLIKELY:
+    if left.lack_of_fit < UNLIKELY:
         rows.append(("Repeats", f"the model misses poses by more than they repeat: {chance_words(left.lack_of_fit)}"))
     items += [Facts(tuple(rows)), "The figure shows the errors that are left over each joint."]
     return Block(title, tuple(items), "diagnosis_left")
@@ -54,18 +53,12 @@ def scores_block(diagnosed: Diagnosed) -> Block:
             "yes" if j.suspect.named else "no",
             percent(j.share),
             percent(j.rho),
-            _odds(j.p_value),
+            odds(j.p_value),
         )
         for j in judged[:_SHOWN]
     )
-    headers = ("candidate", "named", "explains", "geometry leaves", "by chance")
+    headers = ("candidate", "in the catalogue", "explains", "geometry leaves", "by chance")
     return Block("What competed", (text, Table(headers, rows, text_columns=2)), "diagnosis_scores")
-
-
-def _odds(p: float) -> str:
-    if p >= _UNLIKELY:
-        return "likely"
-    return "below 1 in a million" if p < 1e-6 else f"1 in {1 / p:,.0f}".replace(",", " ")
 
 
 def _cycles(judged: Judged) -> dict[str, tuple[float, float, str]] | None:
