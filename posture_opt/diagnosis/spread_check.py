@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.between_visits import COPY, Between, slides
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.coverage import Coverage
 from posture_opt.diagnosis.joint_noise import JointNoise, fit_scatter
@@ -18,23 +19,20 @@ from posture_opt.diagnosis.prediction import (
     Errors,
     Prediction,
     calibrated_prediction,
-    columns,
     joint_columns,
     joint_errors,
     nominal_prediction,
 )
 from posture_opt.diagnosis.remaining import RemainingScatter, covariance_under, remaining_scatter
 from posture_opt.diagnosis.residuals import Residuals
-from posture_opt.diagnosis.scatter_test import ScatterTest, scatter_test
+from posture_opt.diagnosis.scatter_test import ScatterTest
 from posture_opt.diagnosis.validation import folds_of, groups_of
 from posture_opt.diagnosis.variance_components import Scatter, covariances
-from posture_opt.diagnosis.visits import revisits, rows_of
 from posture_opt.errors import InsufficientDataError
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.intp]
 
-_COPY = 1e-9  # m: visits that agree to less are one row written twice
 _LEVER = 0.01  # of the longest lever
 _FEW = 4  # coordinates of scatter for each σ: with fewer, one for all joints is asked for
 
@@ -123,7 +121,7 @@ def check_spread(
         name: Coverage.of(*parts) for name, parts in predictions(problem, calibration, folds, remaining).items()
     }
     left = calibration.errors[np.ix_(rows, axes)]
-    between = _Between.of(problem, used, calibration, errors)
+    between = Between.of(used, calibration, errors)
     noise, elsewhere = _joints(between, used, calibration, left, groups[rows])
     return SpreadCheck(
         coverage=coverage,
@@ -187,7 +185,7 @@ def _kept(calibration: Calibration) -> Codes:
 
 def _shown(residuals: Residuals, x: Array, noise: JointNoise | None) -> NDArray[np.bool_]:
     lever = np.sqrt(np.mean(np.sum(joint_columns(residuals, x) ** 2, axis=1), axis=0))
-    moving = lever > _LEVER * np.where(_slides(residuals), 0.0, lever.max())
+    moving = lever > _LEVER * np.where(slides(residuals), 0.0, lever.max())
     return np.asarray(moving & (noise.determined if noise is not None else True))
 
 
@@ -199,80 +197,8 @@ def _instrument(remaining: RemainingScatter, residuals: Residuals) -> float:
     return remaining.instrument if remaining.measured else residuals.sigma
 
 
-@dataclass(frozen=True, eq=False)
-class _Between:
-    """Scatter between repeats, and what the problem predicts of it."""
-
-    scatter: Scatter
-    covariances: Array | None
-    test: ScatterTest | None
-    by: str
-    stated_sigma: Array
-    odd: tuple[int, ...]
-
-    @property
-    def sigma(self) -> float:
-        nu = self.scatter.freedom
-        total = float(np.trace(self.scatter.squares, axis1=-2, axis2=-1).sum())
-        return float(np.sqrt(total / (nu.sum() * self.scatter.squares.shape[1]))) if len(nu) else 0.0
-
-    @classmethod
-    def of(cls, problem: CalibrationProblem, used: Residuals, calibration: Calibration, errors: Errors) -> _Between:
-        data = used.data
-        visit, by = visit_errors(errors, used)
-        driven = list(used.robot.driven)
-        stated = np.zeros(len(driven))
-        for k, factor in enumerate(driven):
-            if factor in errors.factors:
-                stated[k] = np.sqrt(visit[errors.factors.index(factor), errors.factors.index(factor)])
-        codes = np.arange(len(data)) if data.touches else revisits(data, _slides(used))
-        scatter = Scatter.of(used.error(calibration.x)[:, used.axes], joint_columns(used, calibration.x), codes)
-        firsts = np.array([rows[0] for rows in rows_of(codes) if len(rows) > 1], dtype=np.intp)
-        copied = np.trace(scatter.squares, axis1=-2, axis2=-1) <= scatter.freedom * _COPY**2
-        scatter, firsts = scatter.take(~copied), firsts[~copied]
-        gross = _gross(scatter)
-        odd = tuple(int(line) for line in data.line[firsts[gross]])
-        scatter, firsts = scatter.take(~gross), firsts[~gross]
-        if not len(firsts):
-            return cls(scatter, None, None, by, stated, odd)
-        first = used.take(firsts)
-        B = columns(first, calibration.x, errors.factors)[:, : len(used.axes)] * used.sigma
-        C = B @ visit @ np.swapaxes(B, -1, -2) + used.sigma**2 * np.eye(len(used.axes))
-        if not visit.any():
-            return cls(scatter, None, None, by, stated, odd)
-        return cls(scatter, C, scatter_test(scatter, C, data.line[firsts]), by, stated, odd)
-
-
-def _gross(scatter: Scatter) -> NDArray[np.bool_]:
-    """(G,) postures whose visits differ far more than the others explain: a slip or a wrong reading, no scatter.
-
-    The scale is the median's, which these cannot move far. Gross is twice what Gaussian visits reach once in a thousand
-    sets of data; twice, because scatter is neither round nor the same at every posture.
-    """
-    from scipy.special import chdtri
-
-    if not len(scatter.freedom):
-        return np.zeros(0, dtype=bool)
-    freedom = scatter.freedom * scatter.squares.shape[1]
-    size = np.trace(scatter.squares, axis1=-2, axis2=-1)
-    scale = np.median(size / chdtri(freedom, 0.5))
-    return np.asarray(size > 4 * scale * chdtri(freedom, 1e-3 / len(freedom)))
-
-
-def visit_errors(errors: Errors, residuals: Residuals) -> tuple[Array, str]:
-    """The covariance of what changes between visits; where the problem says nothing of it, σ's of joint values."""
-    if errors.visit.any():
-        return errors.visit, "visit"
-    driven = np.array([factor in residuals.robot.driven for factor in errors.factors], dtype=bool)
-    return np.where(np.outer(driven, driven), errors.constant, 0.0), "joints"
-
-
-def _slides(residuals: Residuals) -> NDArray[np.bool_]:
-    return np.array([joint.type == "prismatic" for joint in residuals.robot.joints])
-
-
 def _joints(
-    between: _Between, used: Residuals, calibration: Calibration, left: Array, groups: Codes
+    between: Between, used: Residuals, calibration: Calibration, left: Array, groups: Codes
 ) -> tuple[JointNoise | None, tuple[HeldOut, ...]]:
     """σ of joints and instrument from repeats where there are any, else from what the calibration leaves."""
     names = joint_errors(used)
@@ -283,7 +209,7 @@ def _joints(
         stated = None
         if between.stated_sigma.any():
             stated = covariances(scatter.columns, between.stated_sigma, used.sigma)
-    if not scatter.squares.max(initial=0.0) > _COPY**2:
+    if not scatter.squares.max(initial=0.0) > COPY**2:
         return None, ()
     coordinates = float(scatter.freedom.sum()) * scatter.squares.shape[1]
     equal = coordinates < _FEW * (len(names) + 1)

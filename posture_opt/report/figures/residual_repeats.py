@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.between_visits import visit_errors
 from posture_opt.diagnosis.prediction import Errors, columns
-from posture_opt.diagnosis.spread_check import visit_errors
 from posture_opt.report.figures.residual_shape import boundary
 from posture_opt.report.style import BLUE, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.words import line_words
