@@ -5,8 +5,8 @@ a positive compliance gives way to it; a positive backlash b leaves a joint that
 grow by α (T − T0), T0 = 20 °C, all of them (links, not tool) or one; ``link_bending`` of joint j turns the end of link
 j by φ = κ M, M the moment of what lies beyond that end about it, and shifts it by φ × r / 2, r the vector along the
 link (a beam under an end moment); ``base_compliance`` turns all by κ M about the base's origin; a slip of the base
-shifts it in the plane of the floor and turns it about the vertical; drift dp = v (1 − exp(−t/τ)) or v t, in the
-instrument's frame; the instrument's field is a quadratic in the tool point about a centre.
+shifts it, or shifts and turns it; drift dp = v (1 − exp(−t/τ)) or v t, in the instrument's frame; the instrument's
+field is a quadratic in the tool point about the base.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ def _slip(site: Site, e: Effect, out: Perturbation) -> None:
         return
     v = e.size
     out.shift = out.shift + after[:, None] * np.array([v["x"], v["y"], v["z"]])
-    out.turn = out.turn + after[:, None] * np.array([0.0, 0.0, v["yaw"]])
+    out.turn = out.turn + after[:, None] * np.array([v.get(name, 0.0) for name in ("roll", "pitch", "yaw")])
 
 
 @form("instrument_scale")

@@ -133,9 +133,10 @@ def _slip(rng: np.random.Generator, site: Site, kind: str):
     if rng.random() < 0.6:
         return str(rng.choice(turning(site))), {"step": _sign(rng)}, when
     v = _unit(rng, site) * 0.5  # 0.05 mrad of a joint and 25 µm of the base are alike
-    turns = rng.random() < 0.5
-    size = {"x": v[0], "y": v[1], "z": 0.0 if turns else v[2], "yaw": _sign(rng) * 0.7 if turns else 0.0}
-    return "base", {k: float(x) for k, x in size.items()}, when
+    size = dict(zip("xyz", map(float, v), strict=True))
+    if rng.random() < 0.5 and len(site.arm.measured) == 3:  # about the vertical alone it would be joint 1 that slipped
+        size |= dict(zip(("roll", "pitch", "yaw"), map(float, 0.7 * _unit(rng, site)), strict=True))
+    return "base", size, when
 
 
 def _field(rng: np.random.Generator, site: Site, kind: str):
