@@ -66,8 +66,11 @@ class Site:
 
     @property
     def weighed(self) -> bool:
-        """Whether mass and centre of mass of every link behind a first are known."""
-        return all(math.isfinite(j.mass) and all(map(math.isfinite, j.com)) for j in self.robot.joints[1:])
+        """Whether mass and centre of mass of every link are known; one that turns about the vertical loads nothing."""
+        joints = self.robot.joints
+        axis, g = self.axis(0)[0], self.robot.gravity
+        upright = joints[0].type == "revolute" and all(abs(v) < 1e-2 * math.hypot(*g) for v in cross(axis, g))
+        return all(math.isfinite(j.mass) and all(map(math.isfinite, j.com)) for j in joints[upright:])
 
     @cached_property
     def loads(self) -> tuple[tuple[int, Scalar, Vector], ...]:

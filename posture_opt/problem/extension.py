@@ -93,7 +93,7 @@ def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
 
 
 def _unweighed(robot: Robot, effect: Effect) -> str:
-    if "masses" in effect.needs and not Site(robot, [0.0] * robot.n).weighed:
+    if "masses" in effect.asks and not Site(robot, [0.0] * robot.n).weighed:
         return "masses or centres of mass of some links are not stated; add mass and com to the joints"
     return ""
 

@@ -108,6 +108,11 @@ class Effect(Spec):
         return self.parameters
 
     @property
+    def asks(self) -> frozenset[Input]:
+        """``needs`` of this very instance."""
+        return self.needs
+
+    @property
     def values(self) -> tuple[float, ...]:
         """The estimate in SI units, zero for what is not stated."""
         given = self.estimate

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import Case, Effect, JointEffect
+from posture_opt.model.effects.effect import Case, Effect, Input, JointEffect
 from posture_opt.model.site import Site
 
 
@@ -30,6 +30,10 @@ class JointCompliance(JointEffect):
         if self.loads == "masses":
             return (("compliance", "angle per torque"),)
         return tuple((f"mass at {name}", "angle mass per torque") for name in self.points)
+
+    @property
+    def asks(self) -> frozenset[Input]:
+        return frozenset({"masses"}) if self.loads == "masses" else frozenset()
 
     def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
         if self.loads == "masses":

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import ClassVar, Literal
 
-from posture_opt.model.chain import Scalar, add, cross, dot, scale, subtract
-from posture_opt.model.effects.effect import JointEffect, Move
+from posture_opt.model.chain import Scalar, Vector, add, cross, dot, scale, subtract
+from posture_opt.model.effects.effect import Case, Effect, JointEffect, Move
 from posture_opt.model.site import Site
+from posture_opt.robot.robot import Robot
 
 _SHORT = 0.02  # m; a link shorter than this has nothing to bend
 
@@ -31,7 +33,7 @@ class LinkBending(JointEffect):
 
     def moves(self, site: Site) -> tuple[Move, ...]:
         joint = site.robot.joint_names.index(self.joint)
-        start, end = site.axis(joint)[1], site.frames[joint].origin
+        start, end = _ends(site, joint)
         link = subtract(end, start)
         square = dot(link, link) + _SHORT**2 * 1e-6
         moment = site.moment(joint, end)
@@ -40,13 +42,24 @@ class LinkBending(JointEffect):
         return (Move(twist=(shift, turn)),)
 
     @classmethod
-    def candidates(cls, case):  # type: ignore[no-untyped-def]
+    def candidates(cls, case: Case) -> Sequence[Effect]:
         if not cls.needs <= case.inputs:
             return []
-        return [
-            cls(joint=name) for i, name in enumerate(case.robot.joint_names[:-1]) if _length(case.robot, i) > _SHORT
-        ]
+        site = Site(case.robot, [0.0] * case.robot.n)
+        names = case.robot.joint_names[:-1]
+        return [cls(joint=name) for i, name in enumerate(names) if _length(site, i) > _SHORT]
+
+    def robot_fault(self, robot: Robot) -> str:
+        if robot.joint_names and self.joint == robot.joint_names[-1]:
+            return f"no joint follows {self.joint}, so the file does not tell where its link ends"
+        return super().robot_fault(robot)
 
 
-def _length(robot, joint: int) -> float:  # type: ignore[no-untyped-def]
-    return math.hypot(*(f.nominal for f in robot.links[joint] if f.kind == "translate"))
+def _ends(site: Site, joint: int) -> tuple[Vector, Vector]:
+    """Where the link behind a joint begins and ends: at its axis and at the next one."""
+    return site.axis(joint)[1], site.axis(joint + 1)[1]
+
+
+def _length(site: Site, joint: int) -> float:
+    start, end = _ends(site, joint)
+    return math.hypot(*subtract(end, start))
