@@ -77,7 +77,7 @@ class Diagnosis:
         nominal, calibrated, extended: cross-validated position errors [m] of the arm as it stands, calibrated, and
             with the effects.
         held: those errors row by row, by model.
-        model: the fitted arm with its effects.
+        model: the fitted arm with its effects; ``lasting`` the one without those of time, to plan and predict with.
         unexplained: umbrellas, curves without a name, that the residuals need.
         adequacy: what is left after everything.
         groups: (N,) what the cross-validation left out together, of the rows that are no outliers.
@@ -92,6 +92,7 @@ class Diagnosis:
     extended: Statistics
     held: Mapping[str, HeldOut]
     model: Extended
+    lasting: Extended
     search: Verdict
     unexplained: tuple[Umbrella, ...]
     adequacy: Adequacy
@@ -211,6 +212,10 @@ def diagnose(
     named = [s for s in names.chosen if isinstance(s.what, Effect)]
     directions = calibration.identifiability.directions
     model = fit_extended(residuals, calibration.x, directions, named)
+    stays = [s for s in model.suspects if isinstance(s.what, Effect) and s.what.for_planning]
+    lasting = model
+    if len(stays) < len(named):  # with what belongs to its session left out, frames and lengths are other ones
+        lasting = fit_extended(residuals, calibration.x, directions, stays)
     everything = scene.ground(found.chosen)
     left = adequacy(everything, residuals.data, _points(scene), residuals.block)
     unclear = bool(nameless) or left.p_value < LEVEL
@@ -236,11 +241,11 @@ def diagnose(
     statistics = {name: Statistics.of(h.errors, groups) for name, h in held.items()}
     other = None
     if test is not None:
-        other = second_session(problem, test, calibration.x_nominal, base, model, refit_frames=refit_frames)
+        other = second_session(problem, test, calibration.x_nominal, base, lasting, refit_frames=refit_frames)
     stages.end()
     return Diagnosis(
         outcome, findings, calibration, statistics["nominal"], statistics["calibrated"], statistics["extended"],
-        held, model, found, nameless, left, groups_by, groups, other,
+        held, model, lasting, found, nameless, left, groups_by, groups, other,
         (*calibration.notes, *(() if other is None else other.notes)),
     )  # fmt: skip
 

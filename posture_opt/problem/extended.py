@@ -33,14 +33,14 @@ from posture_opt.units import DIMENSIONS
 COVARIANCE = "extended_covariance.csv"
 
 
-def extended_problem(problem: Problem, diagnosis: Diagnosis, *, time_effects: bool = False) -> Problem:
+def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
     """The problem with the arm that the diagnosis fitted: geometry, effects, and what is uncertain of both together.
 
-    Effects that change with time are left out unless asked for: they belong to the session that was measured.
+    Effects that change with time are left out: they belong to the session that was measured.
     """
     calibration = extended_calibration(diagnosis)
     x, covariance = of_first_target(calibration, calibration.covariance)
-    effects, parameters = _exported(diagnosis, time_effects)
+    effects, parameters = _exported(diagnosis)
     scatter = remaining_scatter(problem, calibration)
     geometry = known_sources(problem, calibration, x, covariance)
     known = _with_effects(problem, diagnosis, geometry, parameters)
@@ -53,13 +53,13 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis, *, time_effects: bo
     }
     units = [*parameter_units(problem, geometry.names), *(unit for _, _, unit in parameters)]
     attached = {COVARIANCE: covariance_text(known.names, known.covariance, units)} if known.names else {}
-    header = _header(diagnosis, scatter, time_effects)
+    header = _header(diagnosis, scatter)
     return build_problem(Document(document), problem.folder, problem.name, attached=attached, header=header)
 
 
 def extended_calibration(diagnosis: Diagnosis) -> Calibration:
     """The calibration with the geometry of the extended arm, and the errors that it leaves."""
-    model, calibration = diagnosis.model, diagnosis.calibration
+    model, calibration = diagnosis.lasting, diagnosis.calibration
     g = model.directions.shape[1]
     covariance = model.directions @ model.covariance[:g, :g] @ model.directions.T
     errors = calibration.errors.copy()
@@ -90,12 +90,10 @@ def posture_document(plans: dict[str, Replanned]) -> dict[str, Any]:
     return document
 
 
-def _exported(diagnosis: Diagnosis, time_effects: bool) -> tuple[list[Effect], list[tuple[str, int, str]]]:
+def _exported(diagnosis: Diagnosis) -> tuple[list[Effect], list[tuple[str, int, str]]]:
     """The effects to plan with, and (name, place in theta, unit) of their parameters."""
     effects, parameters = [], []
-    for effect, part in zip(diagnosis.model.effects(), diagnosis.model.slices, strict=True):
-        if not (effect.for_planning or time_effects):
-            continue
+    for effect, part in zip(diagnosis.lasting.effects(), diagnosis.lasting.slices, strict=True):
         effects.append(effect)
         for k, (name, (_, dimension)) in enumerate(zip(effect.parameter_names, effect.dimensions, strict=True)):
             parameters.append((name, part.start + k, "1" if dimension == "ratio" else DIMENSIONS[dimension][0]))
@@ -106,7 +104,7 @@ def _with_effects(
     problem: Problem, diagnosis: Diagnosis, geometry: Sources, parameters: Sequence[tuple[str, int, str]]
 ) -> Sources:
     """The sources of the geometry with those of the effects, correlated as they were estimated."""
-    model = diagnosis.model
+    model = diagnosis.lasting
     g, k, e = model.directions.shape[1], len(geometry.names), len(parameters)
     names = [p.name for p in diagnosis.calibration.parameters]
     at = [names.index(name) if name in names else -1 for name in geometry.names]
@@ -128,7 +126,7 @@ def _entry(effect: Effect) -> dict[str, Any]:
     return {**effect.to_dict(), "covariance": COVARIANCE}
 
 
-def _header(diagnosis: Diagnosis, scatter: RemainingScatter, time_effects: bool) -> tuple[str, ...]:
+def _header(diagnosis: Diagnosis, scatter: RemainingScatter) -> tuple[str, ...]:
     """What the file says of itself in its first lines."""
     data = diagnosis.calibration.residuals.data
     errors = ", ".join(f"{getattr(diagnosis, n).rms * 1e3:.3g} mm {n}" for n in ("nominal", "calibrated", "extended"))
@@ -140,6 +138,6 @@ def _header(diagnosis: Diagnosis, scatter: RemainingScatter, time_effects: bool)
         f"What is still uncertain of its parameters stands in {COVARIANCE}, in mm, mrad and SI units.",
         f"{scatter.note[:1].upper()}{scatter.note[1:]}.",
     ]
-    if left and not time_effects:
+    if left:
         lines.append(f"Left out, as it belongs to its session: {', '.join(left)}.")
     return tuple(lines)
