@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -242,6 +242,9 @@ def diagnose(
     other = None
     if test is not None:
         other = second_session(problem, test, calibration.x_nominal, base, lasting, refit_frames=refit_frames)
+        gains = iter(other.gains)
+        each = tuple(next(gains) if isinstance(s.what, Effect) and s.what.for_planning else None for s in named)
+        other = replace(other, gains=each)
     stages.end()
     return Diagnosis(
         outcome, findings, calibration, statistics["nominal"], statistics["calibrated"], statistics["extended"],
