@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from posture_opt.model.chain import Scalar, Vector, Walk, add, cross, factor_values, scale, walk
 from posture_opt.model.derivatives import position_column, rotation_column
-from posture_opt.model.effects.effect import Effect, Move
 from posture_opt.model.inputs import Inputs
 from posture_opt.model.site import ZERO, Site
 from posture_opt.robot.robot import Robot
+
+if TYPE_CHECKING:  # a plain chain needs none of them
+    from posture_opt.model.effects.effect import Effect, Move
 
 Twist = tuple[Vector, Vector]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.model.effects import Effect
 from posture_opt.model.extension import Extension
 from posture_opt.model.inputs import Inputs
 from posture_opt.model.site import Site
@@ -16,6 +16,9 @@ from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.covariance_file import read_covariance
 from posture_opt.uncertainty.sources import Sources, covariance_issues
+
+if TYPE_CHECKING:
+    from posture_opt.model.effects import Effect
 
 REFERENCE_TEMPERATURE = 20.0
 """degC at which lengths hold (ISO 1); a task without a temperature is done there."""
