@@ -435,7 +435,7 @@ def test_several_effects_act_together(sites: Any) -> None:
 def test_a_problem_without_effects_loads_none_of_them() -> None:
     """They take some 40 ms to be imported, which no one should wait for who has none."""
     code = (
-        "import sys; from posture_opt.problem.load import builtin_problem; builtin_problem('insert_planar_2r');"
+        "import sys; from posture_opt.problem.load import load_builtin; load_builtin('insert_planar_2r');"
         "import posture_opt.selection.selector; print([m for m in sys.modules if 'model.effects' in m])"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)

@@ -48,23 +48,25 @@ class Extension:
 
     @cached_property
     def sides(self) -> tuple[str, ...]:
-        """Names of the unknown sides from which joints of effects arrive: each −1 or +1 with equal odds."""
-        return tuple(f"{effect.name}.side" for effect in self.effects if self._unknown_side(effect))
+        """``JOINT.side`` of every joint of an effect that arrives no one knows from where: −1 or +1 with equal odds."""
+        joints = [effect.target for effect in self.effects if self._unknown_side(effect)]
+        return tuple(f"{joint}.side" for joint in dict.fromkeys(joints))
 
     def moves(self, robot: Robot, q: Sequence[Scalar]) -> list[Move]:
         """What one unit of each parameter does at ``q``."""
         site = Site(robot, q, self.inputs)
         return [move for effect in self.effects for move in effect.moves(site)]
 
-    def side_moves(self, robot: Robot, q: Sequence[Scalar]) -> list[list[tuple[float, Move]]]:
-        """For each of `sides` what arriving from above does: (estimate, move) of each parameter."""
-        ones = replace(self.inputs, approach=[1.0] * robot.n)
-        site = Site(robot, q, ones)
-        return [
-            list(zip(effect.values, effect.moves(site), strict=True))
-            for effect in self.effects
-            if self._unknown_side(effect)
-        ]
+    def side_moves(self, robot: Robot, q: Sequence[Scalar]) -> list[list[tuple[int, Move]]]:
+        """For each of `sides` what arriving from above does: place in `names` and move of each parameter."""
+        site = Site(robot, q, replace(self.inputs, approach=[1.0] * robot.n))
+        found: list[list[tuple[int, Move]]] = [[] for _ in self.sides]
+        place = 0
+        for effect in self.effects:
+            if self._unknown_side(effect):
+                found[self.sides.index(f"{effect.target}.side")] += enumerate(effect.moves(site), place)
+            place += len(effect.dimensions)
+        return found
 
     def _unknown_side(self, effect: Effect) -> bool:
         """Whether an effect asks from which side its joint arrives, and no task says it."""
@@ -84,16 +86,15 @@ def forward(
     second order in the turn.
 
     Args:
-        q: (n,) commanded joints; p: deviations of named parameters, those of effects among them.
+        q: (n,) commanded joints; p: deviations of named parameters, those of effects and unknown sides among them.
     """
     values = factor_values(robot.factors, q, p)
     extension: Extension | None = robot.extension
     if extension is None or not extension.effects:
         return walk(robot.factors, values), values, ZERO
-    sizes = [v + (p or {}).get(name, 0.0) for name, v in zip(extension.names, extension.values, strict=True)]
     shift, turn = ZERO, ZERO
     at = {f.parameter: i for i, f in enumerate(robot.factors) if f.parameter}
-    for size, move in zip(sizes, extension.moves(robot, q), strict=True):
+    for size, move in _sized(robot, extension, q, p or {}):
         for joint, increment in move.joints.items():
             values[robot.driven[joint]] = values[robot.driven[joint]] + size * increment
         for name, increment in move.lengths.items():
@@ -107,6 +108,18 @@ def forward(
         return reached, values, ZERO
     columns = reached.columns if turn is ZERO else tuple(_turned(turn, column) for column in reached.columns)
     return Walk(columns, add(reached.position, shift), reached.screws), values, shift  # type: ignore[arg-type]
+
+
+def _sized(
+    robot: Robot, extension: Extension, q: Sequence[Scalar], p: Mapping[str, Scalar]
+) -> list[tuple[Scalar, Move]]:
+    """The moves of all effects, each with the size of its parameter."""
+    sizes = [v + p.get(name, 0.0) for name, v in zip(extension.names, extension.values, strict=True)]
+    parts = list(zip(sizes, extension.moves(robot, q), strict=True))
+    if any(side in p for side in extension.sides):
+        for side, moves in zip(extension.sides, extension.side_moves(robot, q), strict=True):
+            parts += [(p.get(side, 0.0) * sizes[place], move) for place, move in moves]
+    return parts
 
 
 def _turned(turn: Vector, column: Vector) -> Vector:
@@ -135,8 +148,9 @@ def extension_twists(robot: Robot, q: Sequence[Scalar], reached: Walk) -> tuple[
     sides = []
     for parts in extension.side_moves(robot, q):
         shift, turn = ZERO, ZERO
-        for value, move in parts:
+        for place, move in parts:
             v, w = twist_of(robot, reached, move)
+            value = extension.values[place]
             shift, turn = add(shift, scale(value, v)), add(turn, scale(value, w))
         sides.append((shift, turn))
     return own, sides

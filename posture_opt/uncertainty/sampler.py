@@ -50,6 +50,9 @@ class Sampler:
         """n draws: shifts (n, 3) [m] and rotation vectors (n, 3) [rad], world axes."""
         p = rng.standard_normal((n, len(self.names))) @ self.root.T
         named = dict(zip(self.names, p.T, strict=True))
+        extension = self.robot.extension
+        for side in extension.sides if extension is not None else ():
+            named[side] = np.where(named[side] < 0, -1.0, 1.0)  # from below or from above, each as likely
         reached = forward(self.robot, self.q, named)[0]
         position = np.stack([np.broadcast_to(entry, n) for entry in reached.position], axis=-1)
         return position - np.array(self.nominal.position, dtype=float), rotation_vector(reached, self.nominal, n)
