@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,11 @@ from posture_opt.diagnosis.limits import not_looked_for
 from posture_opt.diagnosis.second_session import Gain
 from posture_opt.diagnosis.stages import Stages
 from posture_opt.model.effects import EFFECTS
+from posture_opt.report.diagnosed import Diagnosed
+from posture_opt.report.diagnosis_report import diagnosis_report
 from posture_opt.report.effect_rivals import splitting_measurement
 from posture_opt.report.effect_words import amplitude, cause_words, chance_words, size_words
+from posture_opt.report.text import render
 from tests.helpers.planar_2r import position
 
 NOISE = 2e-5  # m, of each measured coordinate
@@ -174,6 +178,34 @@ def test_what_changes_with_time_is_left_out_of_another_session(folder: Path) -> 
     assert [done for done, _ in told] == sorted(done for done, _ in told)
     assert told[-1] == (100, 100)
     assert set(not_looked_for(found.model.residuals)) >= {"temperature", "payload", "masses"}
+
+
+def test_a_session_with_other_frames_is_fitted_to_them(folder: Path, tmp_path: Path) -> None:
+    rng = np.random.default_rng(9)
+    q = rng.uniform(-2.5, 2.5, (50, 2))
+    moved = position(wavy(q)) + np.array([0.004, -0.002]) + rng.normal(0, NOISE, (50, 2))
+    write(tmp_path / "moved.csv", q, moved)
+    problem = po.load_problem(folder / "problem.yaml")
+    data, other = (po.read_measurements(f, problem) for f in (folder / "data.csv", tmp_path / "moved.csv"))
+    found = {again: po.diagnose(problem, data, test=other, refit_frames=again).test for again in (False, True)}
+    off, fitted = found[False], found[True]
+    assert off is not None
+    assert fitted is not None
+    assert off.models["extended"].rms == pytest.approx(np.hypot(0.004, 0.002), rel=0.02)
+    assert fitted.models["extended"].rms < 1.3 * np.sqrt(2) * NOISE  # 100 numbers less some frames
+    assert fitted.models["calibrated"].rms > 3 * fitted.models["extended"].rms
+    assert any("fitted again" in note for note in fitted.notes)
+
+
+def test_what_could_be_confused_comes_with_a_measurement(folder: Path) -> None:
+    problem = po.load_problem(folder / "problem.yaml")
+    data = po.read_measurements(folder / "data.csv", problem)
+    found = po.diagnose(problem, data)
+    twin = replace(found.findings[0], confounded_with=(("quantisation", "joint1"),))
+    text = render(diagnosis_report(problem, Diagnosed(data, replace(found, findings=(twin, *found.findings[1:])))))
+    assert "What could be confused" in text
+    assert "log the joint values that the controller reached" in " ".join(text.split())
+    assert found.plot().axes
 
 
 def test_a_longer_link_is_named_with_its_length(folder: Path, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.effect_rivals import splitting_measurement
 from posture_opt.report.effect_words import (
+    NOISES,
     cause_words,
     chance_words,
     main_size,
@@ -76,7 +77,8 @@ def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
     brings = _brings(diagnosed, finding)
     rows += [("Brings", brings)] if brings else []
     if finding.effect is not None and not finding.effect.for_planning:
-        rows.append(("Planning", "left out: it belongs to this session and says nothing of the next one"))
+        whose = "the instrument's" if finding.kind == "instrument_field" else "this session's"
+        rows.append(("Planning", f"left out, as it is {whose} and not the arm's"))
     if finding.confounded_with:
         others = ", ".join(dict.fromkeys(short_words(*rival) for rival in finding.confounded_with))
         rows.append(("Could be", f"{others} instead: see below"))
@@ -109,7 +111,7 @@ def _at_tool(diagnosed: Diagnosed, place: int) -> tuple[str, str]:
 
 def _brings(diagnosed: Diagnosed, finding: Finding) -> str:
     found = diagnosed.diagnosis
-    if finding.kind in ("joint_noise", "range_noise", "stated_sigma", "outliers"):
+    if finding.kind in NOISES:
         return ""
     if finding.effect is None:
         return (

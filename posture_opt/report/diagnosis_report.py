@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.cause_blocks import causes_block, confusion_block, cyclic_block
 from posture_opt.report.diagnosed import MODELS, Diagnosed
-from posture_opt.report.effect_words import cause_words, main_size, short_words
+from posture_opt.report.effect_words import NOISES, cause_words, main_size, short_words
 from posture_opt.report.open_blocks import absorbed_block, left_block, scores_block, unknowable_block
 from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.replanned_blocks import replanned_blocks
@@ -51,13 +51,12 @@ def diagnosis_report(problem: Problem, diagnosed: Diagnosed) -> Report:
 def answer(diagnosed: Diagnosed) -> tuple[str, ...]:
     """The verdict in one sentence, and what it brings in another."""
     found = diagnosed.diagnosis
-    effects = [f for f in found.findings if f.effect is not None]
-    geometry = [f for f in found.findings if f.effect is None and f.kind not in _NOISES]
-    noise = [f for f in found.findings if f.kind in _NOISES]
-    said = [_named(diagnosed, f) for f in (effects or geometry or noise)[:_MOST_NAMES]]
-    more = len(effects or geometry or noise) - len(said)
+    geometry = [f for f in found.findings if f.effect is None and f.kind not in NOISES]
+    causes = [f for f in found.findings if f not in geometry] or geometry
+    said = [_named(diagnosed, f) for f in causes[:_MOST_NAMES]]
+    more = len(causes) - len(said)
     names = "; ".join(said) + (f"; and {count(more, 'more cause')}" if more else "")
-    beside = " Beside that, the geometry of the arm is off." if effects and geometry else ""
+    beside = " Beside that, the geometry of the arm is off." if geometry and causes is not geometry else ""
     if found.outcome == "none_found":
         first = "The model is right as far as these data can tell: nothing is found that it gets wrong."
     elif found.outcome == "effects_found":
@@ -76,9 +75,6 @@ def _named(diagnosed: Diagnosed, finding: Finding) -> str:
     size = main_size(finding, None if place is None else diagnosed.amplitude(place))
     words = cause_words(finding.kind, finding.target, finding.estimate)
     return f"{words} ({size})" if any(map(str.isdigit, size)) and finding.kind != "instrument_field" else words
-
-
-_NOISES = ("joint_noise", "range_noise", "stated_sigma", "outliers")
 
 
 def _improvement(diagnosed: Diagnosed) -> str:
@@ -195,7 +191,7 @@ def _held(here: float, gain: object) -> str:
     from posture_opt.diagnosis.second_session import Gain
 
     if not isinstance(gain, Gain):
-        return "belongs to its session: left out"
+        return "left out of it"
     if gain.low > 0:
         return "holds"
     return "too small to be sure" if gain.value > 0 else "no gain"

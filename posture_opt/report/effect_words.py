@@ -27,9 +27,9 @@ _WORDS = {
     "load_backlash": "{0} has play that grows with the torque on it",
     "joint_coupling": "{1} is taken along when {0} turns",
     "payload_error": "the arm sags in proportion to the payload otherwise than modelled",
-    "thermal_growth": "lengths grow with the temperature ({0})",
+    "thermal_growth": "{0} grows with the temperature",
     "thermal_offset": "the zero of {0} wanders with the temperature",
-    "drift": "the measured point creeps with time ({0})",
+    "drift": "the measured point creeps with time, {0}",
     "slip": "from one moment on {0} stands elsewhere: something slipped",
     "instrument_field": "the instrument bends space: errors that are a smooth function of the place",
     "quantisation": "{0} moves in steps",
@@ -46,6 +46,11 @@ _WORDS = {
     "tool_frame": "the tool point sits elsewhere than the file says",
     "geometry": "many lengths and angles of the arm are off, each by a little",
 }
+_TARGETS = {
+    ("thermal_growth", "all"): "the whole arm",
+    ("drift", "exponential"): "less and less",
+    ("drift", "linear"): "at an even pace",
+}
 _GEOMETRY = ("joint_offset", "link_length", "link_offset", "link_twist", "axis_tilt", "base_frame", "tool_frame")
 _UMBRELLAS = {
     "curve": "a curve over {0}",
@@ -58,6 +63,7 @@ _UMBRELLAS = {
     "field": "a wave over the workspace",
     "course": "the course of time",
 }
+NOISES = ("joint_noise", "range_noise", "stated_sigma", "outliers")
 UNLIKELY = 0.05
 """Family-wise p-value below which chance is no explanation."""
 
@@ -66,7 +72,7 @@ def cause_words(kind: str, target: str, estimate: Estimate | None = None) -> str
     """A cause in words, with the name that it has in the files."""
     cycles = (estimate or {}).get("cycles")
     parts = target.split("->") if "->" in target else [target, target]
-    said = "all of them" if target == "all" else parts[0]
+    said = _TARGETS.get((kind, target), parts[0])
     words = _WORDS.get(kind, _UMBRELLAS.get(kind, f"{kind} of {{0}}"))
     return words.format(said, parts[-1], cycles="many" if cycles is None else number(cycles[0], 4))
 
@@ -118,6 +124,16 @@ def size_words(finding: Finding, amplitude: tuple[float, float] | None = None) -
         rows.append(("amplitude", f"{angle_words(*amplitude)}, at phase {fixed(phase, 0)} deg"))
     if finding.kind in _GEOMETRY:
         return [("off by", _deviation(*entry)) for entry in estimate.values()]
+    if finding.kind == "drift":
+        value, std = _length([estimate.pop(axis)[:2] for axis in "xyz"])
+        rows.append(("shift", f"{plus_minus(value, std, 1e6, 'µm')} in the end"))
+        if finding.target == "linear":
+            estimate.pop("constant", None)
+    if finding.kind == "quantisation":
+        estimate = {"lsb": estimate["lsb"], "share of it that shows": estimate["share"]}
+    if finding.kind == "gear_ripple":
+        effect: Any = finding.effect
+        estimate |= {"cycles": (effect.harmonic * effect.ratio, math.nan, "")} if effect is not None else {}
     if finding.kind == "instrument_field":
         return [("size", f"{len(estimate)} coefficients, see the JSON document")]
     return rows + [_SIZES.get(name, _by_unit)(name, *entry) for name, entry in estimate.items()]
@@ -127,6 +143,16 @@ def main_size(finding: Finding, amplitude: tuple[float, float] | None = None) ->
     """The first of the sizes without what explains it, or an empty text."""
     rows = size_words(finding, amplitude)
     return rows[0][1].partition(" (")[0].partition(": ")[0].partition(", ")[0] if rows and finding.estimate else ""
+
+
+def _length(parts: list[tuple[float, float]]) -> tuple[float, float]:
+    """Of a vector with standard errors of its components, as if they were independent."""
+    size = math.hypot(*(value for value, _ in parts))
+    return size, math.hypot(*(value * std for value, std in parts)) / size if size else math.nan
+
+
+def _constant(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
+    return "two thirds of it after", f"{number(value / 60)} min"
 
 
 def _deviation(value: float, std: float, unit: str) -> str:
@@ -199,6 +225,7 @@ _SIZES: dict[str, Callable[[str, float, float, str], tuple[str, str]]] = {
     "travel": _travel,
     "lsb": _step,
     "moment": _moment,
+    "constant": _constant,
     "factor": _factor,
     "growth": _growth,
     "count": lambda name, value, std, unit: ("rows", number(value, 1)),

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.suspects import Judged
 
 _FAINT = 0.1  # share of its trace that geometry leaves of a cause: it had to be ten times larger to be seen as well
+_SLOW, _SLOW_CYCLES = ("joint_scale", "gear_eccentricity", "gear_second_harmonic"), 5.0
 _SHOWN = 8  # candidates of the table
 
 
@@ -35,8 +36,24 @@ def left_block(diagnosed: Diagnosed) -> Block:
         rows.append(("Neighbours", f"rows with a similar {left.place} err alike: {chance_words(left.structure)}"))
     if left.lack_of_fit < UNLIKELY:
         rows.append(("Repeats", f"the model misses poses by more than they repeat: {chance_words(left.lack_of_fit)}"))
-    items += [Facts(tuple(rows)), "The figure shows the errors that are left over each joint."]
+    items.append(Facts(tuple(rows)))
+    items += [
+        f"On {joint} the effects {', '.join(names)} add up to one curve: rather one shape without a name than as many "
+        "causes."
+        for joint, names in _sums(diagnosed).items()
+    ]
+    items.append("The figure shows the errors that are left over each joint.")
     return Block(title, tuple(items), "diagnosis_left")
+
+
+def _sums(diagnosed: Diagnosed) -> dict[str, list[str]]:
+    """Joints on which several slow curves are needed at once."""
+    slow: dict[str, list[str]] = {}
+    for _, finding in diagnosed.effects:
+        cycles = finding.estimate.get("cycles", (0.0,))[0]
+        if finding.kind in _SLOW or (finding.kind == "cyclic_error" and cycles < _SLOW_CYCLES):
+            slow.setdefault(finding.target, []).append(short_words(finding.kind, "all", finding.estimate))
+    return {joint: names for joint, names in slow.items() if len(names) > 1}
 
 
 def scores_block(diagnosed: Diagnosed) -> Block:
