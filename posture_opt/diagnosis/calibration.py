@@ -53,6 +53,7 @@ class Calibration:
         by: the groups that the cross-validation left out together.
         test: another file predicted by what this one taught.
         prior: (k,) the stated σ of each parameter that counts as knowledge [rad, m]; NaN where there is none.
+        unseen: (k,) part of the standard errors that combinations leave which nothing tells [rad, m].
         design: how many rows tell as much as one alone would, as neighbouring postures err alike.
         notes: sentences for the report.
     """
@@ -76,13 +77,15 @@ class Calibration:
     by: By
     test: dict[str, Statistics]
     prior: Array
+    unseen: Array
     design: float = 1.0
     notes: tuple[str, ...] = ()
 
     @property
     def std(self) -> Array:
         """(k,) standard errors [rad, m]; NaN where nothing determines the parameter."""
-        return np.where(self.fixed, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), np.nan)
+        variance = np.maximum(np.diag(self.covariance), 0.0) + self.unseen**2
+        return np.where(self.fixed, np.sqrt(variance), np.nan)
 
     @property
     def z(self) -> Array:
@@ -218,6 +221,7 @@ def calibrate(
         by=groups_by,
         test=tested(residuals, test, x_nominal, found.x, refit_frames),
         prior=known.stated,
+        unseen=known.unseen,
         design=known.design,
         notes=(
             *notes,

@@ -17,7 +17,7 @@ VAGUE = 0.05  # rad or m: left so uncertain, a parameter leaves the range of its
 LENGTH, ANGLE = 0.01, math.radians(1.0)  # m, rad: farther than that no part comes off its drawing
 _HARDLY = 1e-3  # of σ per tolerance: below, a direction moves nothing; a thousand tolerances are no knowledge either
 _IDLE = 1e-9  # of the largest column: a parameter that moves nothing
-_LEAK = 0.3  # of a standard error: what may stand beside it unseen
+_UNSEEN = 1e-3  # m or rad: more than that, left open by combinations that nobody sees, is not known
 _ROUNDING = 1e-13  # of the largest strength
 _FELT = 1e-9  # of the Jacobian: less is rounding
 _PART = 0.02  # of an undetermined combination: smaller parts need no words
@@ -38,6 +38,7 @@ class Identifiability:
         condition: largest over smallest singular value of what is determined, columns of unit norm.
         observability: O1 … O5 of that.
         words: one sentence for each undetermined combination.
+        unseen: (k,) what a tolerance of the combinations that the data do not feel makes of each parameter [rad or m].
     """
 
     names: tuple[str, ...]
@@ -50,6 +51,7 @@ class Identifiability:
     condition: float
     observability: dict[str, float]
     words: tuple[str, ...]
+    unseen: Array
 
     @property
     def basis(self) -> Array:
@@ -110,17 +112,16 @@ def identify(
     rank = int(np.sum(s > max(1.0, _ROUNDING * s.max(initial=0.0))))
     felt = s > _HARDLY
     alone = scale * np.linalg.norm(Vt[felt].T / s[felt], axis=1)
-    # Along what the data do not feel, a parameter may be off by its part of a tolerance and nobody sees it.
-    alone[scale * np.linalg.norm(Vt[~felt].T, axis=1) > _LEAK * alone] = np.inf
+    unseen = scale * np.linalg.norm(Vt[~felt].T, axis=1)
+    alone = np.where(unseen > _UNSEEN, np.inf, np.hypot(alone, unseen))
     unit = np.where(norms > 0, norms, 1.0)
     values = np.asarray(np.linalg.svd(R / unit, compute_uv=False), dtype=float)
     determined = R / unit @ _orthonormal((scale * unit)[:, None] * Vt[:rank].T)
     kept = np.asarray(np.linalg.svd(determined, compute_uv=False)[:rank], dtype=float)
     words = explain(names, (scale * unit)[:, None] * Vt[rank:].T, idle, R / noise / unit)
     condition = float(kept[0] / kept[-1]) if rank else float("inf")
-    return Identifiability(
-        tuple(names), scale, s, Vt.T, values, rank, alone, condition, observability(kept, rows), words
-    )
+    indices = observability(kept, rows)
+    return Identifiability(tuple(names), scale, s, Vt.T, values, rank, alone, condition, indices, words, unseen)
 
 
 def _orthonormal(columns: Array) -> Array:

@@ -36,6 +36,7 @@ class Knowledge:
         stated: (k,) the stated σ of each parameter that counts as knowledge; NaN where there is none.
         noise: standard deviation that weighs the prior, in units of the instrument's: the residuals', times √design.
         design: how many rows tell as much as one alone would, as neighbouring postures err alike.
+        unseen: (k,) part of the standard errors that combinations leave which nothing tells [rad, m].
         notes: sentences on what was assumed.
     """
 
@@ -46,6 +47,7 @@ class Knowledge:
     stated: Array
     noise: float
     design: float
+    unseen: Array
     notes: tuple[str, ...]
 
 
@@ -70,14 +72,16 @@ def determine(
     stated = np.full(len(names), np.nan)
     stated[indices] = np.sqrt(np.diag(covariance))
     if not priors:
-        return Knowledge(alone, alone.directions, alone.determined, None, stated, spread, design, _alike(design))
+        return Knowledge(
+            alone, alone.directions, alone.determined, None, stated, spread, design, alone.unseen, _alike(design)
+        )
     known = Prior.of(indices, covariance).matrix(len(names))
     both = identify(names, np.concatenate([J / spread, known]), rows, held, scale=scale) if indices else alone
     fixed = both.determined | (np.isfinite(stated) & (np.arange(len(names)) != (-1 if held is None else held)))
     prior = full_prior(parameters, scale, indices, covariance)
     notes = (*_alike(design), *([NEAR.format(_vague(both))] if both.hardly.shape[1] else []))
     directions = np.concatenate([both.directions, both.hardly], axis=1)
-    return Knowledge(alone, directions, fixed, prior, stated, spread, design, notes)
+    return Knowledge(alone, directions, fixed, prior, stated, spread, design, both.unseen, notes)
 
 
 def _spread(residuals: Residuals, x: Array, found: Estimate | None) -> tuple[float, float]:
