@@ -14,10 +14,14 @@ from click.testing import CliRunner, Result
 
 import posture_opt as po
 from posture_opt.cli.main import main
+from posture_opt.diagnosis.diagnosis import Finding, scene_of
+from posture_opt.diagnosis.extended import fit_extended
 from posture_opt.diagnosis.limits import not_looked_for
 from posture_opt.diagnosis.second_session import Gain
 from posture_opt.diagnosis.stages import Stages
+from posture_opt.diagnosis.suspects import Suspect
 from posture_opt.model.effects import EFFECTS
+from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.diagnosis_report import diagnosis_report
 from posture_opt.report.effect_rivals import splitting_measurement
@@ -208,6 +212,26 @@ def test_what_could_be_confused_comes_with_a_measurement(folder: Path) -> None:
     assert found.plot().axes
 
 
+def test_effects_that_lean_on_each_other_are_fitted_together(folder: Path) -> None:
+    # Two slow waves of nearly one period, large and opposite: a step of one period alone would tear them apart.
+    problem = po.load_problem(folder / "problem.yaml")
+    rng = np.random.default_rng(10)
+    q = rng.uniform(-2.5, 2.5, (90, 2))
+    dent = 4e-4 * np.exp(-0.5 * ((q[:, 0] - 0.7) / 0.3) ** 2)
+    file = folder / "dent.csv"
+    write(file, q, position(q + np.stack([dent, 0 * dent], axis=1)) + rng.normal(0, NOISE, (90, 2)))
+    data = po.read_measurements(file, problem)
+    scene = scene_of(po.calibrate(problem, data), flips=0)
+    waves = [CyclicError(joint="joint1", cycles=k) for k in (2.6, 3.4)]
+    suspects = [Suspect(wave, scene.tangents.columns(wave)) for wave in waves]
+    residuals, calibration = scene.tangents.residuals, po.calibrate(problem, data)
+    model = fit_extended(residuals, calibration.x, calibration.identifiability.directions, suspects)
+    r = model.whitened()
+    Z = model.columns
+    # At a minimum the rest is orthogonal to what is fitted; the least squares stop at 1e-4 of that by themselves.
+    assert np.all(np.abs(Z.T @ r) < 1e-5 * np.linalg.norm(Z, axis=0) * np.linalg.norm(r))
+
+
 def test_a_longer_link_is_named_with_its_length(folder: Path, tmp_path: Path) -> None:
     rng = np.random.default_rng(8)
     q = rng.uniform(-2.5, 2.5, (60, 2))
@@ -285,8 +309,6 @@ def test_every_cause_has_words_and_every_pair_a_measurement() -> None:
 
 
 def test_sizes_are_in_units_of_the_shop_floor() -> None:
-    from posture_opt.diagnosis.diagnosis import Finding
-
     soft = Finding("joint_compliance", "joint2", {"compliance": (8e-6, 2e-7, "rad/(N*m)")}, 1e-9, 0.3)
     assert size_words(soft) == [("compliance", "8.00 ± 0.20 µrad/(N m): a stiffness of 125.0 ± 3.1 N m/mrad")]
     play = Finding("backlash", "joint2", {"width": (2e-4, 1e-5, "rad")}, 1e-9, 0.3)

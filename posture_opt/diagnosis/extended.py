@@ -120,7 +120,24 @@ def fit_extended(residuals: Residuals, x0: Array, directions: Array, suspects: S
                 values[i] = values[i] + factor * (1.0 if name == "cycles" else values[i])
                 what = reshaped(_effect(current[i]), name, values[i])
                 current[i] = Suspect(what, tangents.columns(what), current[i].searched)
+    if smooth:  # the last step of the shapes came after the rest: what hangs together closely would not fit any more
+        x, theta = _settled(residuals, x, directions, current, theta)
     return Extended(residuals, x, directions, tuple(current), theta, found.covariance, found.variance)
+
+
+def _settled(
+    residuals: Residuals, x: Array, directions: Array, suspects: Sequence[Suspect], theta: Array
+) -> tuple[Array, Array]:
+    """Geometry and effects with the shapes as they are: one step to the minimum, next to which they stand."""
+    m, g = len(residuals.data) * residuals.block, directions.shape[1]
+    r, J = residuals.both(x)
+    Z = np.concatenate([s.Z for s in suspects], axis=1)
+    wide = np.concatenate([Z, np.zeros((len(r) - m, Z.shape[1]))])
+    A = np.concatenate([J @ directions, wide], axis=1)
+    scale = np.linalg.norm(A, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    step = np.linalg.lstsq(A / scale, -(r + wide @ theta), rcond=1e-10)[0] / scale
+    return x + directions @ step[:g], theta + step[g:]
 
 
 def _effect(suspect: Suspect) -> Effect:

@@ -74,8 +74,7 @@ def plot_curves(diagnosed: Diagnosed) -> Figure:
 def _panel(axes: Any, curve: Curve) -> None:
     dots = chosen_rows(len(curve.x), _DOTS)
     sides = np.unique(curve.side[curve.side != 0])  # where nobody knows the side, neither curve is meant
-    look: dict[str, Any] = {"mew": 0, "rasterized": True}
-    look |= {"ms": 3, "alpha": 0.3} if len(curve.x) > _MANY else {"ms": 6, "alpha": 0.5}
+    look = _look(len(curve.x))
     for side in sides:
         mine = curve.side == side
         colour, name = (BLUE, "rows") if len(sides) < 2 else (_SIDES.get(side, GREY), f"side {side:+.0f}")
@@ -96,6 +95,12 @@ def _panel(axes: Any, curve: Curve) -> None:
     pad = 0.04 * max(right - left, 1e-9)
     axes.set(xlim=(left - pad, right + pad), ylim=(low - margin, high + margin))
     axes.set(xlabel=curve.xlabel, ylabel=curve.ylabel)
+
+
+def _look(rows: int) -> dict[str, Any]:
+    """Of dots: the more there are, the smaller."""
+    size = {"ms": 3, "alpha": 0.35} if rows > _MANY else {"ms": 6, "alpha": 0.5}
+    return {"mew": 0, "rasterized": True, **size}
 
 
 def curve_of(diagnosed: Diagnosed, tangents: Tangents, place: int, finding: Finding) -> Curve:
@@ -213,7 +218,7 @@ def plot_left(diagnosed: Diagnosed) -> Figure:
 
 def _cloud(axes: Any, x: Floats, y: Floats, label: str) -> None:
     dots = chosen_rows(len(x), _DOTS)
-    axes.plot(x[dots], y[dots], ".", color=GREEN, ms=3, alpha=0.35, mew=0, label="rows", rasterized=True)
+    axes.plot(x[dots], y[dots], ".", color=GREEN, label="rows", **_look(len(x)))
     if len(x) > _FEWEST:
         Binned.of(x, y, _BINS).draw(axes, "black", "mean of neighbours with its 95 % band")
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
