@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,14 @@ import numpy as np
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.parameters import Parameter
 from posture_opt.diagnosis.remaining import RemainingScatter, covariance_under, remaining_scatter
+from posture_opt.problem.extension import effects_section
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.replanned import Replanned, replan
 from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.robot import Factor
 from posture_opt.uncertainty.covariance_file import covariance_text
 from posture_opt.uncertainty.sources import Array, Sources
+from posture_opt.units import DIMENSIONS
 
 ELSEWHERE = (
     "the base is free, so the world is the frame of the instrument, and the place of the task is read in it: write "
@@ -50,6 +52,7 @@ def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
         "name": f"{problem.name.removesuffix(_SUFFIX)}{_SUFFIX}",
         "robot": corrected_section(problem, x),
         "uncertainty": uncertainty_section(problem, scatter, COVARIANCE if known.names else ""),
+        **known_effects(problem, known.names, COVARIANCE),
     }
     text = covariance_text(known.names, known.covariance, parameter_units(problem, known.names))
     attached = {COVARIANCE: text} if known.names else {}
@@ -173,14 +176,31 @@ def uncertainty_section(problem: Problem, scatter: RemainingScatter, covariance:
     }
 
 
+def known_effects(problem: Problem, names: Sequence[str], covariance: str) -> dict[str, Any]:
+    """The section ``effects`` of a problem that has some, their covariance in the file of all sources."""
+    entries = problem.to_dict().get("effects")
+    return {"effects": effects_section(entries, problem.effects, names, covariance)} if entries else {}
+
+
 def _rounded(sigma: float, factor: Factor) -> str:
     value, unit = (math.degrees(sigma), "deg") if factor.kind == "rotate" else (sigma * 1e3, "mm")
     return f"{float(f'{value:.4g}'):.12f}".rstrip("0").rstrip(".") + f" {unit}"
 
 
 def parameter_units(problem: Problem, names: tuple[str, ...]) -> list[str]:
-    parameters = problem.robot.parameters
-    return ["mrad" if parameters[name].kind == "rotate" else "mm" for name in names]
+    """The unit of each source in a covariance file."""
+    extension = problem.robot.extension
+    of_effects = extension.dimensions if extension is not None else {}
+    kinds = {name: factor.kind for name, factor in problem.robot.parameters.items()}
+    return [
+        dimension_unit(of_effects[name]) if name in of_effects else "mrad" if kinds[name] == "rotate" else "mm"
+        for name in names
+    ]
+
+
+def dimension_unit(dimension: str) -> str:
+    """The SI unit of a parameter of an effect as covariance files have it."""
+    return "1" if dimension == "ratio" else DIMENSIONS[dimension][0]
 
 
 def _header(calibration: Calibration, scatter: RemainingScatter) -> tuple[str, ...]:

@@ -17,6 +17,8 @@ from posture_opt.problem.calibrated import (
     arm_of_frames,
     calibrated_problem,
     corrected_section,
+    dimension_unit,
+    known_effects,
     known_sources,
     of_first_target,
     parameter_units,
@@ -28,7 +30,6 @@ from posture_opt.problem.replanned import Replanned, replan_with
 from posture_opt.problem.yaml_source import Document
 from posture_opt.uncertainty.covariance_file import covariance_text
 from posture_opt.uncertainty.sources import Array, Sources
-from posture_opt.units import DIMENSIONS
 
 COVARIANCE = "extended_covariance.csv"
 
@@ -42,14 +43,14 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
     x, covariance = of_first_target(calibration, calibration.covariance)
     effects, parameters = _exported(diagnosis)
     scatter = remaining_scatter(problem, calibration)
-    geometry = known_sources(problem, calibration, x, covariance)
+    geometry = _without(known_sources(problem, calibration, x, covariance), [name for name, _, _ in parameters])
     known = _with_effects(problem, diagnosis, geometry, parameters)
     document = {
         **problem.to_dict(),
         "name": f"{problem.name}, extended",
         "robot": corrected_section(problem, x),
         "uncertainty": uncertainty_section(problem, scatter, COVARIANCE if known.names else ""),
-        "effects": [*problem.to_dict().get("effects", []), *(_entry(effect) for effect in effects)],
+        "effects": _section(problem, effects, known.names),
     }
     units = [*parameter_units(problem, geometry.names), *(unit for _, _, unit in parameters)]
     attached = {COVARIANCE: covariance_text(known.names, known.covariance, units)} if known.names else {}
@@ -96,7 +97,7 @@ def _exported(diagnosis: Diagnosis) -> tuple[list[Effect], list[tuple[str, int, 
     for effect, part in zip(diagnosis.lasting.effects(), diagnosis.lasting.slices, strict=True):
         effects.append(effect)
         for k, (name, (_, dimension)) in enumerate(zip(effect.parameter_names, effect.dimensions, strict=True)):
-            parameters.append((name, part.start + k, "1" if dimension == "ratio" else DIMENSIONS[dimension][0]))
+            parameters.append((name, part.start + k, dimension_unit(dimension)))
     return effects, parameters
 
 
@@ -119,6 +120,26 @@ def _with_effects(
     if not k + e:
         return Sources()
     return Sources((*geometry.names, *(name for name, _, _ in parameters)), semidefinite(covariance))
+
+
+def _without(sources: Sources, names: Sequence[str]) -> Sources:
+    kept = [k for k, name in enumerate(sources.names) if name not in names]
+    return Sources(tuple(sources.names[k] for k in kept), sources.covariance[np.ix_(kept, kept)])
+
+
+def _section(problem: Problem, found: Sequence[Effect], names: Sequence[str]) -> list[dict[str, Any]]:
+    """The effects of the file and those that were found; what was found of a known one adds to its estimate."""
+    section: list[dict[str, Any]] = known_effects(problem, names, COVARIANCE).get("effects", [])
+    at = {effect.name: k for k, effect in enumerate(problem.effects)}
+    for effect in found:
+        if effect.name in at:
+            k = at[effect.name]
+            former = problem.effects[k]
+            effect = former.with_estimate([a + b for a, b in zip(former.values, effect.values, strict=True)])
+            section[k] = _entry(effect)
+        else:
+            section.append(_entry(effect))
+    return section
 
 
 def _entry(effect: Effect) -> dict[str, Any]:

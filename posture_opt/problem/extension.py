@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.extension import Extension
@@ -63,6 +63,17 @@ def effect_sources(
             raise InputError([replace(issue, key=("effects",), value=file) for issue in issues])
         found = found.plus(Sources(names, (covariance + covariance.T) / 2))
     return found
+
+
+def effects_section(
+    entries: Sequence[Mapping[str, Any]], effects: Sequence[Effect], names: Sequence[str], file: str
+) -> list[dict[str, Any]]:
+    """The entries of a file with the covariance ``file`` of the sources ``names`` in place of their own."""
+    section = []
+    for entry, effect in zip(entries, effects, strict=True):
+        plain = {key: value for key, value in entry.items() if key != "covariance"}
+        section.append({**plain, "covariance": file} if set(effect.parameter_names) & set(names) else plain)
+    return section
 
 
 def extension_notes(robot: Robot) -> tuple[str, ...]:

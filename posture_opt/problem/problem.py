@@ -77,6 +77,8 @@ class Problem:
         overridden = self.overridden | {("task", key) for key in (*keys, *(["kind"] if kind else []))}
         plain = replace(self.robot, extension=None)
         robot = extended_robot(plain, self.effects, spec.task)
+        former_notes = extension_notes(self.robot)
+        notes = (*(note for note in notes if note not in former_notes), *extension_notes(robot))
         return replace(
             self,
             robot=robot,
@@ -107,6 +109,7 @@ class Problem:
     def files(self, stem: str) -> dict[str, bytes]:
         """File name -> content: the problem file ``stem.yaml`` and what it needs beside it, to be put in any folder."""
         document, beside = self.to_dict(), {}
+        names: dict[str, str] = {}
         for section, key, name in (
             ("uncertainty", "covariance", f"{stem}_covariance.csv"),
             ("robot", "file", f"{stem}.urdf"),
@@ -115,6 +118,13 @@ class Problem:
             if given:
                 beside[name] = self._content(given)
                 document[section] = {**document[section], key: name}
+                names[given] = name
+        for effect in document.get("effects") or ():
+            given = effect.get("covariance")
+            if given:
+                name = names.setdefault(given, f"{stem}_effects{len(names) or ''}_covariance.csv")
+                beside[name] = self._content(given)
+                effect["covariance"] = name
         return {f"{stem}.yaml": _commented(self.header, dump_yaml(document)).encode(), **beside}
 
     def _content(self, name: str) -> bytes:
