@@ -212,6 +212,29 @@ def test_what_could_be_confused_comes_with_a_measurement(folder: Path) -> None:
     assert found.plot().axes
 
 
+def test_the_task_is_planned_again_with_the_extended_arm(folder: Path, tmp_path: Path) -> None:
+    rng = np.random.default_rng(12)
+    q = rng.uniform(-2.5, 2.5, (90, 2))
+    write(tmp_path / "data.csv", q, position(wavy(q), (1.0, 1.003)) + rng.normal(0, NOISE, (90, 2)))
+    task = "task: {kind: insert, direction: [0, -1, 0], position: [0.9 m, 0.4 m, 0 m], clearance: 0.5 mm}\n"
+    (tmp_path / "problem.yaml").write_text(PROBLEM + task, encoding="utf-8")
+    out = tmp_path / "out"
+    result = run(tmp_path / "data.csv", "--problem", tmp_path / "problem.yaml", "--out", out, "--no-plots")
+    assert result.exit_code == 0, result.stderr
+    postures = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))["posture"]
+    for name, model in (("nominal", lambda q: q), ("extended", wavy)):
+        q = np.array([list(postures[name]["posture"].values())])
+        # Where this posture truly lands, by the arm that made the data: across the direction, that is in x.
+        truth = abs(float(position(wavy(q), (1.0, 1.003))[0, 0]) - 0.9)
+        believed = position(model(q), (1.0, 1.0 if name == "nominal" else 1.003))[0]
+        assert believed == pytest.approx([0.9, 0.4], abs=3e-5)  # what 90 rows of 20 µm tell of the arm
+        assert abs(truth - postures[name]["critical_error"]) < 5e-5
+    assert postures["extended"]["critical_error"] < 5e-5 < 1e-4 < postures["nominal"]["critical_error"]
+    extended = po.load_problem(out / "extended.yaml")
+    assert [effect.kind for effect in extended.effects] == ["cyclic_error"]
+    assert "Choose again" in result.stdout
+
+
 def test_effects_that_lean_on_each_other_are_fitted_together(folder: Path) -> None:
     # Two slow waves of nearly one period, large and opposite: a step of one period alone would tear them apart.
     problem = po.load_problem(folder / "problem.yaml")

@@ -25,9 +25,10 @@ from posture_opt.errors import InsufficientDataError
     help="What the cross-validation leaves out together: a pose, a block of the workspace, a touched place.",
 )
 @click.option("--folds", type=click.IntRange(min=2), default=5, show_default=True, help="Of the cross-validation.")
+@click.option("--no-plan", is_flag=True, help="Do not plan the task anew with the extended arm.")
 @common_options
 def command(
-    common: Common, data: Path, test: Path | None, refit_frames: bool, by: Any, folds: int, **given: Any
+    common: Common, data: Path, test: Path | None, refit_frames: bool, by: Any, folds: int, no_plan: bool, **given: Any
 ) -> None:
     """What the simulation gets wrong, why, and how much better it is once the cause is part of the model."""
     if refit_frames and test is None:
@@ -45,9 +46,12 @@ def command(
         except InsufficientDataError as error:
             _tell_insufficient(common, error)
             raise
+        from posture_opt.problem.extended import extended_problem, plan_again
         from posture_opt.report.diagnosed import Diagnosed
 
-        diagnosed = Diagnosed(measured, found, folds, other, refit_frames)
+        extended = extended_problem(problem, found)
+        plans = {} if no_plan else plan_again(problem, found, extended, common.seed)
+        diagnosed = Diagnosed(measured, found, folds, other, refit_frames, extended, plans)
         if folder is not None:
             from posture_opt.report.write import write_diagnosis
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -31,7 +32,7 @@ class Diagnosed:
 
     Args:
         data: the measurements; ``test`` another file, predicted with base and tool refitted if ``refit_frames``.
-        extended: the problem with the calibrated arm and its effects; ``replanned`` its task planned again.
+        extended: the problem with the calibrated arm and its effects; ``plans`` by model its task planned again.
     """
 
     data: Measurements
@@ -40,7 +41,7 @@ class Diagnosed:
     test: Measurements | None = None
     refit_frames: bool = False
     extended: Problem | None = None
-    replanned: Replanned | None = None
+    plans: Mapping[str, Replanned] = field(default_factory=dict)
 
     @property
     def residuals(self) -> Residuals:

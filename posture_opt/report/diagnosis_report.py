@@ -11,9 +11,9 @@ from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.cause_blocks import causes_block, confusion_block, cyclic_block
 from posture_opt.report.diagnosed import MODELS, Diagnosed
 from posture_opt.report.effect_words import NOISES, cause_words, main_size, short_words
+from posture_opt.report.extended_blocks import choice_block, choice_lead
 from posture_opt.report.open_blocks import absorbed_block, left_block, scores_block, unknowable_block
 from posture_opt.report.parts import note_facts, robot_facts
-from posture_opt.report.replanned_blocks import replanned_blocks
 from posture_opt.report.units_text import count, decimals_of, fixed, number, percent, stated_length
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def diagnosis_report(problem: Problem, diagnosed: Diagnosed) -> Report:
         *cyclic_block(diagnosed),
         errors_block(diagnosed),
         *([test_block(diagnosed)] if diagnosed.diagnosis.test is not None else []),
-        *(replanned_blocks(diagnosed.replanned, "extended") if diagnosed.replanned is not None else ()),
+        *choice_block(diagnosed.plans),
         *confusion_block(diagnosed),
         left_block(diagnosed),
         scores_block(diagnosed),
@@ -65,7 +65,7 @@ def answer(diagnosed: Diagnosed) -> tuple[str, ...]:
         first = f"Part of what the model gets wrong has a name: {names}. The rest has none.{beside}"
     else:
         first = "Something is left that the model gets wrong, and no cause of the catalogue explains it."
-    return (first, _improvement(diagnosed), *_elsewhere(diagnosed))
+    return (first, _improvement(diagnosed), *_elsewhere(diagnosed), *choice_lead(diagnosed.plans))
 
 
 def _named(diagnosed: Diagnosed, finding: Finding) -> str:

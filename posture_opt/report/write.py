@@ -119,6 +119,11 @@ def write_diagnosis(folder: Path, problem: Problem, diagnosed: Diagnosed, plots:
         from posture_opt.report.figures.diagnosis import diagnosis_figures
 
         figures = diagnosis_figures(diagnosed)
+        nominal = diagnosed.plans.get("nominal")
+        if nominal is not None and nominal.landed is not None and nominal.landing is not None:
+            from posture_opt.report.figures.landing import plot_landing
+
+            figures = {**figures, "landing": plot_landing(nominal, "extended")}
     report = diagnosis_report(problem, diagnosed)
     files = report_files("diagnosis", diagnosis_document(diagnosed), report, figures, problem)
     if diagnosed.extended is not None:
@@ -129,8 +134,10 @@ def write_diagnosis(folder: Path, problem: Problem, diagnosed: Diagnosed, plots:
 def diagnosis_document(diagnosed: Diagnosed) -> dict[str, Any]:
     """The document ``diagnosis.json``."""
     document = diagnosed.diagnosis.to_json()
-    if diagnosed.replanned is not None:
-        document["posture"] = diagnosed.replanned.to_json("extended")
+    if diagnosed.plans:
+        from posture_opt.problem.extended import posture_document
+
+        document["posture"] = posture_document(dict(diagnosed.plans))
     return document
 
 
