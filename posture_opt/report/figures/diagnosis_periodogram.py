@@ -28,7 +28,7 @@ def plot_periodogram(diagnosed: Diagnosed) -> Figure:
 
     joints = diagnosed.cyclic_joints[:_MOST]
     scene, model = diagnosed.scene, diagnosed.diagnosis.model
-    chosen = [*model.suspects, *(s for s in diagnosed.diagnosis.search.chosen if not s.named)]
+    chosen = list(model.suspects)
     line = critical_log_p(diagnosed, "cyclic")
     figure = new_figure(9.0, 0.9 + 2.2 * len(joints))
     grid = figure.subplots(len(joints), 1, squeeze=False, sharex=True).ravel()
@@ -40,7 +40,7 @@ def plot_periodogram(diagnosed: Diagnosed) -> Figure:
         cycles, share = _spectrum(diagnosed, before, joint)
         axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label="before its cyclic errors are named", zorder=3)
         cycles, share = _spectrum(diagnosed, after, joint)
-        axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all that was found", zorder=4)
+        axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all named effects", zorder=4)
         chance = f"chance reaches this line in {100 * FIRST:.1f} of 100 data sets"
         axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=chance, zorder=5)
         for k, cycles_a_turn in enumerate(sorted(_cycles(suspect.what) for suspect in mine)):
