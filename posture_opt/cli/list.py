@@ -55,7 +55,9 @@ def _solvers() -> list[Row]:
 
 
 def _effects() -> list[Row]:
-    return []
+    from posture_opt.model.effects import EFFECTS
+
+    return _kinds(EFFECTS)
 
 
 def _presets() -> list[Row]:

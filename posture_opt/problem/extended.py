@@ -32,6 +32,7 @@ from posture_opt.uncertainty.covariance_file import covariance_text
 from posture_opt.uncertainty.sources import Array, Sources
 
 COVARIANCE = "extended_covariance.csv"
+_SUFFIX = ", extended"
 
 
 def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
@@ -47,7 +48,7 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
     known = _with_effects(problem, diagnosis, geometry, parameters)
     document = {
         **problem.to_dict(),
-        "name": f"{problem.name}, extended",
+        "name": f"{problem.name.removesuffix(_SUFFIX)}{_SUFFIX}",
         "robot": corrected_section(problem, x),
         "uncertainty": uncertainty_section(problem, scatter, COVARIANCE if known.names else ""),
         "effects": _section(problem, effects, known.names),
