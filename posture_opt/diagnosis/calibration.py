@@ -17,7 +17,7 @@ from posture_opt.diagnosis.comparison import compare, fit_frames, held_length
 from posture_opt.diagnosis.cross_validation import position_errors, predict, tested
 from posture_opt.diagnosis.estimation import Estimate, estimate
 from posture_opt.diagnosis.identifiability import Identifiability
-from posture_opt.diagnosis.knowledge import Knowledge, determine
+from posture_opt.diagnosis.knowledge import Knowledge, determine, unseen
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter
 from posture_opt.diagnosis.residuals import Residuals
@@ -206,7 +206,7 @@ def calibrate(
         x_nominal=chart.told(x_nominal),
         x=chart.told(found.x),
         covariance=chart.told_covariance(found.x, covariance),
-        fixed=known.fixed,
+        fixed=chart.told_fixed(found.x, known.fixed),
         identifiability=known.identifiability,
         nominal=Statistics.of(nominal.errors[found.kept], groups[found.kept]),
         calibrated=Statistics.of(calibrated.errors[found.kept], groups[found.kept]),
@@ -221,7 +221,7 @@ def calibrate(
         by=groups_by,
         test=tested(residuals, test, x_nominal, found.x, refit_frames),
         prior=known.stated,
-        unseen=known.unseen,
+        unseen=chart.told_size(found.x, unseen(residuals, known, found, held)),
         design=known.design,
         notes=(
             *notes,

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 _LOCKED = 0.1  # cosine of the pitch: below, a turn about one axis takes large turns of roll against yaw
 _LEAST = 0.01  # cosine of the pitch in standard errors of roll and yaw, which would be endless at ±90°
+_PART = 1e-3  # of a turn that nobody knows: a smaller part of it in an angle is no matter
 _TURNS = ("yaw", "pitch", "roll")
 
 
@@ -61,12 +62,26 @@ class Chart:
 
     def told_covariance(self, x: Array, covariance: Array) -> Array:
         """Covariance (k, k) of ``given`` at ``fitted``'s deviations ``x``."""
+        G = self._rates(x)
+        return np.asarray(G @ covariance @ G.T)
+
+    def told_fixed(self, x: Array, fixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which of ``given``'s are determined (k,): an angle is, where all the turns are that it is made of."""
+        loose = np.abs(self._rates(x)) * ~fixed > _PART
+        return np.asarray(~loose.any(axis=1))
+
+    def told_size(self, x: Array, sizes: Array) -> Array:
+        """Sizes of errors (k,) of ``given`` from those of ``fitted``."""
+        return np.asarray(np.sqrt(self._rates(x) ** 2 @ sizes**2))
+
+    def _rates(self, x: Array) -> Array:
+        """(k, k) of ``given`` by ``fitted``."""
         G = np.eye(len(x))
         for frame in self.locked:
             at = self._at(frame)
             angles = rpy(frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_TURNS, x[at], strict=True))))
             G[np.ix_(at, at)] = _rates(angles["roll"], angles["pitch"])
-        return np.asarray(G @ covariance @ G.T)
+        return G
 
     def _at(self, frame: str) -> list[int]:
         names = [p.name for p in self.given.parameters]

@@ -36,7 +36,7 @@ class Knowledge:
         stated: (k,) the stated σ of each parameter that counts as knowledge; NaN where there is none.
         noise: standard deviation that weighs the prior, in units of the instrument's: the residuals', times √design.
         design: how many rows tell as much as one alone would, as neighbouring postures err alike.
-        unseen: (k,) part of the standard errors that combinations leave which nothing tells [rad, m].
+        held: (k, h) steps of a tolerance each that nothing tells: they are not fitted [rad or m].
         notes: sentences on what was assumed.
     """
 
@@ -47,7 +47,7 @@ class Knowledge:
     stated: Array
     noise: float
     design: float
-    unseen: Array
+    held: Array
     notes: tuple[str, ...]
 
 
@@ -72,16 +72,34 @@ def determine(
     stated = np.full(len(names), np.nan)
     stated[indices] = np.sqrt(np.diag(covariance))
     if not priors:
-        return Knowledge(
-            alone, alone.directions, alone.determined, None, stated, spread, design, alone.unseen, _alike(design)
-        )
+        rest = scale[:, None] * alone.null
+        return Knowledge(alone, alone.directions, alone.determined, None, stated, spread, design, rest, _alike(design))
     known = Prior.of(indices, covariance).matrix(len(names))
     both = identify(names, np.concatenate([J / spread, known]), rows, held, scale=scale) if indices else alone
     fixed = both.determined | (np.isfinite(stated) & (np.arange(len(names)) != (-1 if held is None else held)))
     prior = full_prior(parameters, scale, indices, covariance)
     notes = (*_alike(design), *([NEAR.format(_vague(both))] if both.hardly.shape[1] else []))
     directions = np.concatenate([both.directions, both.hardly], axis=1)
-    return Knowledge(alone, directions, fixed, prior, stated, spread, design, both.unseen, notes)
+    rest = scale[:, None] * both.vectors[:, directions.shape[1] :]
+    return Knowledge(alone, directions, fixed, prior, stated, spread, design, rest, notes)
+
+
+def unseen(residuals: Residuals, known: Knowledge, found: Estimate, length: int | None) -> Array:
+    """(k,) part of the standard errors that combinations leave which nothing tells [rad, m].
+
+    What is held moves nothing at the nominal arm, but something at the fitted one: a tool whose length nobody knows,
+    on an axis found tilted, is displaced sideways, and the estimates make up for it. For steps H that are held, at D
+    that are fitted, the estimate errs by ``H − D (AᵀA)⁻¹ (J D)ᵀ J H``, the normal equations' at the fitted arm.
+
+    Args:
+        length: the parameter that is held as the size of the arm, if there is one: all lengths are told in it.
+    """
+    J = residuals.take(np.flatnonzero(found.kept)).both(found.x)[1]
+    if length is not None:
+        J[:, length] = 0.0
+    inverse = known.directions @ np.linalg.pinv(found.fit.R, rcond=1e-14)
+    moved = known.held - inverse @ (inverse.T @ (J.T @ (J @ known.held)))
+    return np.asarray(np.linalg.norm(moved, axis=1))
 
 
 def _spread(residuals: Residuals, x: Array, found: Estimate | None) -> tuple[float, float]:
