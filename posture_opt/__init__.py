@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from posture_opt import errors
     from posture_opt.diagnosis.assessment import Assessment, assess
     from posture_opt.diagnosis.batch import Batch, calibrate_batch
+    from posture_opt.diagnosis.batch_diagnosis import diagnose_batch
     from posture_opt.diagnosis.calibration import Calibration, calibrate
     from posture_opt.diagnosis.diagnosis import Diagnosis, diagnose
     from posture_opt.diagnosis.measurement_plan import MeasurementPlan
@@ -70,6 +71,7 @@ __all__ = [
     "calibrated_problem",
     "check_spread",
     "diagnose",
+    "diagnose_batch",
     "errors",
     "load_problem",
     "map_accuracy",
@@ -102,6 +104,7 @@ _HOMES = {
     "calibrated_problem": "problem.calibrated",
     "check_spread": "diagnosis.spread_check",
     "diagnose": "diagnosis.diagnosis",
+    "diagnose_batch": "diagnosis.batch_diagnosis",
     "load_problem": "problem.load",
     "map_accuracy": "problem.accuracy_map",
     "map_targets": "selection.target_map",

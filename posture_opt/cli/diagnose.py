@@ -36,6 +36,13 @@ def command(
     problem = requested_problem(**given)
     with output_folder(common.out) as folder, placed(problem):
         measured = po.read_measurements(data, problem)
+        if len(measured.robot_names) > 1:
+            if test is not None:
+                raise click.UsageError("--test goes with measurements of one robot, and the data are of several.")
+            from posture_opt.cli.diagnose_batch import diagnosed_batch
+
+            show(common, *diagnosed_batch(common, folder, problem, measured, folds, by))
+            return
         other = None if test is None else po.read_measurements(test, problem)
         try:
             with progress_bar(common, "diagnosing") as progress:

@@ -32,6 +32,9 @@ Array = NDArray[np.float64]
 Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_data"]
 Progress = Callable[[int, int], None]
 
+FLIPS, FEW, MANY = 299, 99, 3000
+"""Draws of the null, and those for so many rows that nothing hangs on the last digit of a p-value."""
+
 
 @dataclass(frozen=True, eq=False)
 class Finding:
@@ -180,7 +183,7 @@ def diagnose(
     *,
     folds: int = 5,
     by: By | None = None,
-    flips: int = 299,
+    flips: int | None = None,
     seed: int = 0,
     test: Measurements | None = None,
     refit_frames: bool = False,
@@ -193,7 +196,7 @@ def diagnose(
 
     Args:
         folds, by: of the cross-validation, as in `calibrate`.
-        flips: draws of the null.
+        flips: draws of the null; 299, and of thousands of rows, which need fewer, 99.
         test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
         progress: is told how many of how many parts are done.
 
@@ -203,7 +206,7 @@ def diagnose(
     """
     stages = Stages(progress, 20, 55, 5, 20)
     calibration = calibrate(problem, data, folds=folds, by=by, progress=stages.next())
-    scene = scene_of(calibration, flips, seed)
+    scene = scene_of(calibration, flips or (FLIPS if len(data) < MANY else FEW), seed)
     found = search(scene, stages.rounds(stages.next()))
     stages.next()
     residuals = scene.tangents.residuals

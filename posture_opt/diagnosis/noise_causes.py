@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.extended import Extended
 from posture_opt.diagnosis.noise_suspects import joint_and_range, standardised, stated_sigma, tails
 from posture_opt.diagnosis.parameters import CalibrationProblem
+from posture_opt.diagnosis.remaining import joint_errors
 from posture_opt.diagnosis.scores import Ground
 from posture_opt.diagnosis.tangents import Tangents
 
@@ -41,26 +42,57 @@ def noise_causes(
     block = residuals.block
     Q = ground.Q.reshape(-1, block, ground.Q.shape[1])
     e = standardised(ground.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
-    tangents = Tangents(residuals, model.x)
+    columns = Tangents(residuals, model.x).joints
+    e, columns, whole = as_stated(problem, e, columns)
     position = residuals.data.position
     ranges = None if position is None else np.linalg.norm(position, axis=1)
-    suspects = joint_and_range(e, tangents.joints, residuals.data.joint_names, ranges, seed)
-    found = []
-    if suspects and suspects[0].p_value < LEVEL:
-        first = suspects[0]
-        rivals = tuple((s.kind, s.target) for s in suspects[1:] if s.ratio > first.ratio - _RIVALS)
-        name, unit = ("sigma", "rad") if first.kind == "joint_noise" else ("growth", "1")
-        found.append(NoiseCause(first.kind, first.target, {name: (first.size, first.std, unit)}, first.p_value, rivals))
+    found = uneven_noise(e, columns, residuals.data.joint_names, ranges, seed)
     found += [] if unclear else _outliers(calibration, model, bool(found))
     stated = problem.measurement is not None and problem.measurement.position
     if stated and not found and not unclear:
         squares = e**2
         kurtosis = float(np.mean(squares**2) / np.mean(squares) ** 2 - 3)
-        suspect = stated_sigma(float(ground.rss[0]) / ground.freedom, ground.freedom, kurtosis)
+        variance = float(np.sum(squares)) / ground.freedom if whole else float(ground.rss[0]) / ground.freedom
+        suspect = stated_sigma(variance, ground.freedom, kurtosis)
         if suspect.p_value < _STATED:
             size = {"factor": (suspect.size, suspect.std, "1")}
             found.append(NoiseCause("stated_sigma", "data", size, suspect.p_value))
     return found
+
+
+def uneven_noise(
+    e: Array, columns: Array, names: Sequence[str], ranges: Array | None, seed: int
+) -> list[NoiseCause]:  # fmt: skip
+    """The joint, or the range, along which noise is larger than elsewhere, if any is.
+
+    Args:
+        e: (N, d) residuals in units of their stated covariance; columns: (n, N, d) the same per unit of each joint.
+    """
+    suspects = joint_and_range(e, columns, names, ranges, seed)
+    if not suspects or suspects[0].p_value >= LEVEL:
+        return []
+    first = suspects[0]
+    rivals = tuple((s.kind, s.target) for s in suspects[1:] if s.ratio > first.ratio - _RIVALS)
+    name, unit = ("sigma", "rad") if first.kind == "joint_noise" else ("growth", "1")
+    return [NoiseCause(first.kind, first.target, {name: (first.size, first.std, unit)}, first.p_value, rivals)]
+
+
+def as_stated(problem: CalibrationProblem, e: Array, columns: Array) -> tuple[Array, Array, bool]:
+    """Residuals (N, d) and joint columns (n, N, d) in units of what instrument and joints should scatter by.
+
+    The last of the three says whether the file states a scatter of the joints from visit to visit; without one
+    everything stays as it is, in units of the instrument's σ.
+    """
+    sources = problem.sources
+    at = {name: i for i, name in enumerate(sources.names)}
+    variance = np.diag(sources.visit)
+    sigma = np.array([np.sqrt(variance[at[name]]) if name in at else 0.0 for name in joint_errors(problem.robot)])
+    if not sigma.any():
+        return e, columns, False
+    S = np.moveaxis(columns, 0, 2) * sigma
+    L = np.linalg.cholesky(np.eye(e.shape[1]) + S @ np.swapaxes(S, 1, 2))
+    whitened = np.linalg.solve(L, np.concatenate([e[:, :, None], np.moveaxis(columns, 0, 2)], axis=2))
+    return whitened[:, :, 0], np.moveaxis(whitened[:, :, 1:], 2, 0), True
 
 
 def _outliers(calibration: Calibration, model: Extended, other: bool) -> list[NoiseCause]:

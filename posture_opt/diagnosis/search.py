@@ -23,7 +23,7 @@ RIVALS = 6.0  # of the criterion: within it, two causes cannot be told apart
 NAMELESS = 3.0  # the price of having no name
 LARGE = 4  # parameters: beyond, a group is charged as a group
 NEARLY = 0.85  # of what the best description explains: names that explain as much are taken for the model
-MOST = 16
+MOST = 24
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 Chosen = tuple[int, ...]
 
 BEAM = 10
+APART = 0.01  # of a candidate must stay when the chosen are taken away: less is another mixture of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,7 @@ class Pool:
             return self.rss0
         index = self._index(chosen)
         G, b = self._gram[np.ix_(index, index)], self._scores[index]
-        return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=1e-8)[0])
+        return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=1e-6)[0])
 
     def criterion(self, chosen: Chosen) -> float:
         """``m log(RSS/m) + prices``: the least is the best."""
@@ -95,7 +96,7 @@ class Pool:
             block = G[own, own] - (G[own][:, index] @ cross[:, own] if chosen else 0.0)
             values, vectors = np.linalg.eigh(block)
             part = vectors.T @ left[own]
-            gain = float(np.sum(np.where(values > 1e-4, part**2 / np.maximum(values, 1e-4), 0.0)))
+            gain = float(np.sum(np.where(values > APART, part**2 / np.maximum(values, APART), 0.0)))
             bigger = tuple(sorted((*chosen, i)))
             found.append((self._criterion(rss - gain, bigger), bigger))
         return sorted(found)

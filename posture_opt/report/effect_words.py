@@ -44,6 +44,7 @@ _WORDS = {
     "axis_tilt": "the axis behind {0} is tilted against the one before it",
     "base_frame": "the base stands elsewhere than the file says",
     "tool_frame": "the tool point sits elsewhere than the file says",
+    "correlated_lengths": "{0} are long or short together, from one robot to the next",
     "geometry": "many lengths and angles of the arm are off, each by a little",
 }
 _TARGETS = {
@@ -115,8 +116,13 @@ def angle_words(value: float, std: float) -> str:
     return f"{plus_minus(value, std, 1e3, 'mrad')} ({number(math.degrees(value) * 3600, 2)} arcsec)"
 
 
-def size_words(finding: Finding, amplitude: tuple[float, float] | None = None) -> list[tuple[str, str]]:
-    """Labels and sizes with their standard errors; ``amplitude`` of a sine and cosine with its error."""
+def size_words(
+    finding: Finding, amplitude: tuple[float, float] | None = None, timed: bool = True
+) -> list[tuple[str, str]]:
+    """Labels and sizes with their standard errors; ``amplitude`` of a sine and cosine with its error.
+
+    Where rows are not ``timed``, what happens in time is counted in rows.
+    """
     estimate = dict(finding.estimate)
     rows: list[tuple[str, str]] = []
     if amplitude is not None and {"sin", "cos"} <= set(estimate):
@@ -136,11 +142,17 @@ def size_words(finding: Finding, amplitude: tuple[float, float] | None = None) -
         estimate |= {"cycles": (effect.harmonic * effect.ratio, math.nan, "")} if effect is not None else {}
     if finding.kind == "instrument_field":
         return [("size", f"{len(estimate)} coefficients, see the JSON document")]
+    if not timed and "moment" in estimate:
+        rows.append(("at", f"row {estimate.pop('moment')[0] + 1:.0f}, as no times are logged"))
+    if not timed and "constant" in estimate:
+        rows.append(("two thirds of it after", f"{estimate.pop('constant')[0]:.0f} rows, as no times are logged"))
     return rows + [_SIZES.get(name, _by_unit)(name, *entry) for name, entry in estimate.items()]
 
 
 def main_size(finding: Finding, amplitude: tuple[float, float] | None = None) -> str:
     """The first of the sizes without what explains it, or an empty text."""
+    if (finding.kind, finding.target) == ("slip", "base"):  # a shift and a turn that only together mean anything
+        return ""
     rows = size_words(finding, amplitude)
     return rows[0][1].partition(" (")[0].partition(": ")[0].partition(", ")[0] if rows and finding.estimate else ""
 

@@ -47,6 +47,8 @@ def ask(folder: Path, by_command: bool = False) -> dict[str, Any]:
     problem = po.load_problem(folder / "problem.yaml")
     data = po.read_measurements(folder / "data.csv", problem)
     more = {"test": po.read_measurements(other, problem)} if other.exists() else {}
+    if len(data.robot_names) > 1:
+        return json.loads(json.dumps(po.diagnose_batch(problem, data).to_json()))
     return json.loads(json.dumps(po.diagnose(problem, data, **more).to_json()))
 
 

@@ -1,0 +1,109 @@
+"""Diagnosis of several robots of one type: what varies from robot to robot together, and which joint is noisy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from posture_opt.diagnosis.batch import Batch, calibrate_batch
+from posture_opt.diagnosis.diagnosis import Finding, Outcome, Progress, scene_of
+from posture_opt.diagnosis.measurements import Measurements
+from posture_opt.diagnosis.noise_causes import as_stated, uneven_noise
+from posture_opt.diagnosis.noise_suspects import standardised
+from posture_opt.diagnosis.parameters import CalibrationProblem
+from posture_opt.diagnosis.validation import By
+
+
+@dataclass(frozen=True, eq=False)
+class BatchDiagnosis:
+    """The causes that a batch shows and no single robot can: correlated lengths; and the noise that all share."""
+
+    batch: Batch
+    findings: tuple[Finding, ...]
+    by: By
+
+    @property
+    def verdict(self) -> Outcome:
+        """``effects_found`` or ``none_found``."""
+        return "effects_found" if self.findings else "none_found"
+
+    @property
+    def effects(self) -> tuple[Finding, ...]:
+        """The same as `findings`."""
+        return self.findings
+
+    def to_json(self) -> dict[str, Any]:
+        """The document ``diagnosis.json`` of a batch."""
+        rms = {"nominal": self.batch.nominal.rms, "calibrated": self.batch.calibrated.rms}
+        shares = {name: share for name, (share, _) in self.batch.coverage.items()}
+        calibrated = shares.get("calibrated")
+        return {
+            "verdict": self.verdict,
+            "effects": [finding.to_json() for finding in self.findings],
+            "unexplained": {"p_value": 1.0, "place": []},
+            "residual_rms": {**rms, "extended": self.batch.calibrated.rms},
+            "coverage95": {**shares, "extended": calibrated},
+            "cross_validation": self.by,
+            "candidates": [
+                {"kind": "correlated_lengths", "target": f"{p.a}, {p.b}", "p_value": p.p_value, "gain": 0.0}
+                for p in self.batch.pairs
+            ],
+            "notes": list(self.batch.notes),
+            "batch": self.batch.to_json()["batch"],
+        }
+
+
+def diagnose_batch(
+    problem: CalibrationProblem,
+    data: Measurements,
+    *,
+    folds: int = 5,
+    by: By | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> BatchDiagnosis:
+    """What measurements of several robots of one type say that those of one cannot.
+
+    Every robot is calibrated by itself. Lengths that are long or short together in one robot after the other are
+    named ``correlated_lengths``; noise is judged over the residuals of all robots.
+
+    Raises:
+        InputError, InsufficientDataError: as `calibrate_batch`.
+    """
+    batch = calibrate_batch(problem, data, folds=folds, by=by, progress=progress)
+    units = {p.name: p.unit for p in batch.parameters}
+    lengths = [
+        Finding(
+            "correlated_lengths", f"{pair.a}, {pair.b}",
+            {"correlation": (pair.correlation, (pair.interval[1] - pair.interval[0]) / 3.92, "1")}, pair.p_value, 0.0,
+        )
+        for pair in batch.pairs
+        if pair.real and units[pair.a] == units[pair.b] == "m" and not _as_stated(pair.stated, pair.interval)
+    ]  # fmt: skip
+    noise = [
+        Finding(c.kind, c.target, c.estimate, c.p_value, 0.0, c.confounded_with) for c in _noise(problem, batch, seed)
+    ]
+    return BatchDiagnosis(batch, (*lengths, *noise), batch.calibrations[0].by)
+
+
+def _as_stated(stated: float, interval: tuple[float, float]) -> bool:
+    return stated != 0 and interval[0] <= stated <= interval[1]
+
+
+def _noise(problem: CalibrationProblem, batch: Batch, seed: int) -> list[Any]:
+    """Uneven noise in the residuals of all robots."""
+    parts = []
+    for calibration in batch.calibrations:
+        scene = scene_of(calibration, 0, seed)
+        ground, block = scene.ground(), scene.tangents.residuals.block
+        Q = ground.Q.reshape(-1, block, ground.Q.shape[1])
+        e = standardised(ground.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
+        position = scene.tangents.residuals.data.position
+        ranges = np.zeros(len(e)) if position is None else np.linalg.norm(position, axis=1)
+        e, columns, _ = as_stated(problem, e, scene.tangents.joints)
+        parts.append((e, columns, ranges))
+    e = np.concatenate([p[0] for p in parts])
+    columns = np.concatenate([p[1] for p in parts], axis=1)
+    return uneven_noise(e, columns, problem.robot.joint_names, np.concatenate([p[2] for p in parts]), seed)
