@@ -336,6 +336,9 @@ def test_sizes_are_in_units_of_the_shop_floor() -> None:
     assert size_words(soft) == [("compliance", "8.00 ± 0.20 µrad/(N m): a stiffness of 125.0 ± 3.1 N m/mrad")]
     play = Finding("backlash", "joint2", {"width": (2e-4, 1e-5, "rad")}, 1e-9, 0.3)
     assert size_words(play) == [("width", "0.200 ± 0.010 mrad (41 arcsec)")]
+    slip = Finding("slip", "joint2", {"step": (2e-4, 1e-5, "rad"), "moment": (162.0, float("nan"), "")}, 1e-9, 0.3)
+    assert dict(size_words(slip))["at"] == "2.70 min after the first row"
+    assert dict(size_words(slip, timed=False))["at"] == "row 163, as no times are logged"
     assert chance_words(1e-9) == "less than one in a million by chance"
     assert chance_words(1e-4) == "one in 10 000 by chance"
     size, std = amplitude(np.array([3.0, 4.0]), np.diag([0.01, 0.04]))

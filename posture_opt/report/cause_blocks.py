@@ -66,7 +66,9 @@ def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
     sizes = (
         _loads(diagnosed, place)
         if loads and place is not None
-        else size_words(finding, None if place is None else diagnosed.amplitude(place))
+        else size_words(
+            finding, None if place is None else diagnosed.amplitude(place), diagnosed.residuals.data.time is not None
+        )
     )
     rows += [(label[:1].upper() + label[1:], text) for label, text in sizes]
     if finding.kind == "geometry":

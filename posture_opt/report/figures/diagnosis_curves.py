@@ -126,7 +126,8 @@ def curve_of(diagnosed: Diagnosed, tangents: Tangents, place: int, finding: Find
     if finding.kind in ("drift", "slip"):
         mean = m.mean(axis=0)
         along = mean / max(float(np.linalg.norm(mean)), 1e-300)
-        return Curve(_minutes(tangents), one, e @ along, m @ along, "time [min]", "error along the shift [mm]")
+        x, label = _time(tangents)
+        return Curve(x, one, e @ along, m @ along, label, "error along the shift [mm]")
     size = np.linalg.norm(m, axis=1)
     some = size > _LEVER * size.max()
     along = m[some] / size[some][:, None]
@@ -144,7 +145,8 @@ def _hangs_on(
     one = np.ones(n)
     names = list(data.joint_names)
     if finding.kind == "slip":
-        return _minutes(tangents), one, "time [min]"
+        x, label = _time(tangents)
+        return x, one, label
     if finding.kind == "joint_coupling":
         return _joint(diagnosed, names.index(effect.follows), one)
     joint = names.index(effect.joint)
@@ -177,9 +179,11 @@ def _joint(diagnosed: Diagnosed, joint: int, one: Floats) -> tuple[Floats, Float
     return factor * data.q[:, joint], one, f"{kind.name} [{unit}]"
 
 
-def _minutes(tangents: Tangents) -> Floats:
-    n = len(tangents.residuals.data)
-    return np.broadcast_to(np.asarray(tangents.site.inputs.time, dtype=float), (n,)) / 60
+def _time(tangents: Tangents) -> tuple[Floats, str]:
+    """When each row was measured, in minutes; the number of the row where no times are logged."""
+    data = tangents.residuals.data
+    time = np.broadcast_to(np.asarray(tangents.site.inputs.time, dtype=float), (len(data),))
+    return (time + 1.0, "row, in the order of measuring") if data.time is None else (time / 60, "time [min]")
 
 
 @styled
