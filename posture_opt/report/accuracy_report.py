@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.effect_facts import input_facts
 from posture_opt.report.map_report import grid_words, served_sentence
 from posture_opt.report.parts import frame_notes, note_facts, robot_facts, source_facts
 from posture_opt.report.units_text import count, length, length_unit, number, percent, place
@@ -57,6 +58,7 @@ def problem_block(problem: Problem, found: AccuracyMap) -> Block:
     corrected = " and ".join(known) or "none in the file"
     rows = [
         *robot_facts(problem),
+        *input_facts(problem),
         ("Corrections", corrected),
         ("Task", f"{task.kind} - {task.summary}"),
         ("Direction", f"{direction_words(targets.goal.direction)} in the world"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.effect_facts import input_facts
 from posture_opt.report.parts import frame_notes, note_facts, robot_facts, source_facts
 from posture_opt.report.units_text import count, fixed, joint_unit, length, length_unit, number, percent, place
 from posture_opt.report.words import CRITERIA, PARTS, direction_words, line_words
@@ -54,6 +55,7 @@ def problem_block(problem: Problem, found: TargetMap) -> Block:
     task = found.programme.task
     rows = [
         *robot_facts(problem),
+        *input_facts(problem),
         ("Task", f"{task.kind} - {task.summary}"),
         ("Direction", f"{direction_words(found.goal.direction)} in the world"),
         ("Minimised", CRITERIA[task.criterion].format(part=PARTS[task.within])),

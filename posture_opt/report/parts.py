@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.blocks import Table
+from posture_opt.report.effect_facts import effect_facts
 from posture_opt.report.units_text import fixed, joint_value, length, lengths, number, percent, place, shift
 from posture_opt.report.words import (
     METHODS,
@@ -38,7 +39,7 @@ def robot_facts(problem: Problem) -> list[tuple[str, str]]:
     robot: Robot = problem.robot
     name = f"{robot.name}, {robot.n} joints" if robot.name else f"{robot.n} joints"
     source = [("Robot data", line) for line in robot.source.splitlines() if line.startswith("geometry")]
-    return [("Robot", name), *source]
+    return [("Robot", name), *source, *effect_facts(problem)]
 
 
 def source_facts(problem: Problem) -> list[tuple[str, str]]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.checks import checks_block, ranking_sentence
+from posture_opt.report.effect_facts import input_facts
 from posture_opt.report.parts import (
     budget_table,
     ellipse_facts,
@@ -97,6 +98,7 @@ def problem_block(problem: Problem, solution: Solution) -> Block:
         ("Direction", f"{direction_words(goal.direction)} in the world"),
         ("Target", target_words(goal)),
         ("Minimised", minimised + (", and " + ", ".join(further) if further else "")),
+        *input_facts(problem),
     ]
     if task.subject_to:
         rows.append(("Required", ", ".join(_bound_words(term) for term in task.subject_to)))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.effect_facts import input_facts
 from posture_opt.report.parts import (
     budget_table,
     ellipse_facts,
@@ -49,7 +50,7 @@ def spread_report(problem: Problem, spread: Spread) -> Report:
 def arm_block(problem: Problem, spread: Spread) -> Block:
     """The robot and the sources."""
     notes = note_facts((*problem.notes, *frame_notes(problem.robot), *spread.notes))
-    return Block("Problem", (Facts((*robot_facts(problem), *source_facts(problem), *notes)),))
+    return Block("Problem", (Facts((*robot_facts(problem), *input_facts(problem), *source_facts(problem), *notes)),))
 
 
 def posture_block(spread: Spread) -> Block:

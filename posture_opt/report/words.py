@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.report.effect_facts import source_of_effect, spread_of_effect
 from posture_opt.report.units_text import fixed, stated_angle, stated_length
 from posture_opt.robot.robot import Robot
 
@@ -47,6 +48,8 @@ METHODS = {
 
 def source_words(name: str, robot: Robot) -> str:
     """A named source of error in words: ``joint1.theta`` is the joint1 angle."""
+    if said := source_of_effect(name, robot):
+        return said
     owner, _, parameter = name.rpartition(".")
     prismatic = any(joint.name == owner and joint.type == "prismatic" for joint in robot.joints)
     if prismatic and parameter == "d":
@@ -58,6 +61,8 @@ def source_words(name: str, robot: Robot) -> str:
 
 def source_size(name: str, sigma: float, robot: Robot) -> str:
     """The standard deviation of a source with its unit."""
+    if said := spread_of_effect(name, sigma, robot):
+        return said
     factor = robot.parameters.get(name)
     return stated_length(sigma) if factor is not None and factor.kind == "translate" else stated_angle(sigma)
 

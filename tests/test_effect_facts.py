@@ -1,0 +1,106 @@
+"""Reports on an arm with effects say which, how large, and for which inputs the numbers hold."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+import posture_opt as po
+from posture_opt.cli.main import main
+from posture_opt.model.effects import EFFECTS
+from posture_opt.problem.problem import Problem
+from posture_opt.report.effect_facts import effect_facts, effect_text, input_facts, size_text
+from posture_opt.report.words import source_size, source_words
+from posture_opt.units import DIMENSIONS
+
+EFFECTS_SECTION = [
+    {"kind": "joint_compliance", "joint": "joint2", "estimate": {"compliance": "8 urad/(N m)"}},
+    {"kind": "backlash", "joint": "joint1", "estimate": {"width": "0.1 mrad"}},
+    {"kind": "backlash", "joint": "joint2", "estimate": {"width": "0.2 mrad"}},
+    {"kind": "gear_eccentricity", "joint": "joint1", "estimate": {"sin": "0.3 mrad", "cos": "0.4 mrad"}},
+    {"kind": "cyclic_error", "joint": "joint1", "cycles": 12, "estimate": {"sin": "0.03 mrad", "cos": "0.04 mrad"}},
+    {"kind": "thermal_growth", "estimate": {"expansion": "12e-6 /K"}},
+]
+
+
+def problem(effects: list[dict[str, Any]], **task: Any) -> Problem:
+    joints = [{"name": f"joint{i}", "a": "500 mm", "mass": "2 kg", "com": ["-250 mm", "0 mm", "0 mm"]} for i in (1, 2)]
+    return po.problem_from_dict({
+        "robot": {"kind": "dh", "gravity": [0, -9.81, 0], "joints": joints},
+        "uncertainty": {"sigma": {"joint1.theta": "0.1 mrad"}},
+        "effects": effects,
+        "task": {"kind": "insert", "direction": [0, 1, 0], **task},
+    })  # fmt: skip
+
+
+def test_effects_and_their_inputs_are_told() -> None:
+    arm = problem(EFFECTS_SECTION, payload="5 kg", approach={"joint1": -1}, temperature="28 degC")
+    ((label, text),) = effect_facts(arm)
+    assert label == "Effects"
+    # 8e-6 rad for 1 N m: 125 kN m for a radian. The wave's size is that of both parts: 3, 4, 5.
+    assert "joint compliance of joint2 8.00 µrad/(N m) (125 kN m/rad)" in text
+    assert "backlash of joint1 0.100 mrad" in text
+    assert "gear eccentricity of joint1 of 0.500 mrad" in text
+    assert "cyclic error of joint1 of 0.0500 mrad, 12.00 a turn" in text
+    assert "thermal growth of all lengths 12.0 µm/(m K)" in text
+    ((label, text),) = input_facts(arm)
+    assert label == "Computed for"
+    assert text == (
+        "a payload of 5 kg, joint1 arriving with its values going downwards, joint2 arriving from either side, 28 degC"
+    )
+    assert effect_facts(problem([])) == []
+    assert input_facts(problem([])) == []
+    assert input_facts(problem(EFFECTS_SECTION[3:4])) == []  # it depends on the joint alone
+
+
+def test_many_effects_are_counted() -> None:
+    more = [{"kind": "joint_scale", "joint": f"joint{i}", "estimate": {"scale": 1e-4}} for i in (1, 2)]
+    ((_, text),) = effect_facts(problem([*EFFECTS_SECTION, *more]))
+    assert text.endswith("and 2 more")
+
+
+def test_sources_of_effects_have_words_and_units() -> None:
+    robot = problem(EFFECTS_SECTION).robot
+    assert source_words("joint_compliance(joint2).compliance", robot) == "joint2 joint compliance"
+    assert source_size("joint_compliance(joint2).compliance", 2e-7, robot) == "0.200 µrad/(N m)"
+    assert source_words("gear_eccentricity(joint1).sin", robot) == "joint1 gear eccentricity, sin"
+    assert source_words("joint1.side", robot) == "joint1 side of arrival"
+    assert source_words("joint1.theta", robot) == "joint1 angle"
+    for name, dimension in robot.extension.dimensions.items():
+        assert source_size(name, 1e-5, robot) == size_text(1e-5, dimension)
+
+
+@pytest.mark.parametrize("dimension", sorted({*DIMENSIONS, "ratio"} - {"mass", "temperature", "time"}))
+def test_every_dimension_of_an_estimate_has_a_unit_that_suits_it(dimension: str) -> None:
+    assert size_text(1e-5, dimension).split()[1]
+
+
+def test_every_effect_has_a_text() -> None:
+    shapes: dict[str, Any] = {
+        "joint": "joint1", "cycles": 7.0, "ratio": 101.0, "travel": "0.1 rad", "follows": "joint2", "of": "joint1",
+        "moment": "60 s", "lsb": "0.001 rad", "constant": "600 s",
+    }  # fmt: skip
+    for cls in EFFECTS:
+        effect = cls(**{name: value for name, value in shapes.items() if name in cls.model_fields})
+        text = effect_text(effect.with_estimate([1e-4] * len(effect.dimensions)))
+        assert text.startswith(effect.kind.replace("_", " "))
+
+
+def test_the_report_tells_them(tmp_path: Any) -> None:
+    file = tmp_path / "arm.yaml"
+    file.write_text(problem(EFFECTS_SECTION, payload="5 kg", temperature="28 degC").to_yaml())
+    for words in (["uncertainty"], ["simulate", "--samples", "1000"]):
+        result = CliRunner().invoke(main, [*words, "--problem", str(file), "--posture", "20 deg, 40 deg"])
+        assert result.exit_code == 0, result.output
+        assert "joint compliance of joint2" in result.output
+        assert "a payload of 5 kg" in result.output
+
+
+def test_list_shows_the_effects() -> None:
+    result = CliRunner().invoke(main, ["list", "--json"])
+    rows = json.loads(result.output)["effects"]
+    assert [row["kind"] for row in rows] == [cls.model_fields["kind"].default for cls in EFFECTS]
+    assert all(row["is"] for row in rows)
