@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.between_visits import slides
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.model_errors import ModelErrors, model_errors, told
@@ -15,6 +16,7 @@ from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.repeats import Goals, Repeats, goals_of, repeats_of
 from posture_opt.diagnosis.residuals import Residuals, matrices, rotation_vectors
 from posture_opt.diagnosis.trends import Sides, Trend, sides_of, trends_of
+from posture_opt.diagnosis.visits import Codes, revisits
 from posture_opt.model.derivatives import position_column
 from posture_opt.uncertainty.regions import Ellipsoid, hotelling_factor
 
@@ -132,7 +134,9 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
     fitted = {"nominal": errors["nominal"], "calibrated": _seen(calibration.errors_fitted[kept])}
     models = {name: model_errors(used, errors[name], fitted[name], axes, direction) for name in errors}
     stated = problem.measurement.position if problem.measurement is not None else 0.0
-    rotations = _turned(calibration.residuals.take(kept), calibration.x)
+    residuals = calibration.residuals.take(kept)
+    codes = revisits(used, slides(residuals))
+    rotations = _turned(residuals, calibration.x, codes)
     deviations = {name: e[:, axes] for name, e in errors.items()}
     oriented = calibration.residuals.oriented
     return Assessment(
@@ -145,10 +149,12 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
         nominal=models["nominal"],
         calibrated=models["calibrated"],
         remaining=_remaining(errors["calibrated"][:, axes], len(np.unique(used.pose))),
-        repeats=None if data.touches else repeats_of(used, deviations, rotations, oriented),
+        repeats=None
+        if data.touches
+        else repeats_of(used, codes, fitted["calibrated"][:, axes], deviations, rotations, oriented),
         goals=goals_of(used, errors),
         trends=trends_of(used, fitted["calibrated"][:, axes]),
-        sides=sides_of(used, fitted["calibrated"], _motions(calibration.residuals.take(kept), calibration.x)),
+        sides=sides_of(used, fitted["calibrated"], _motions(residuals, calibration.x)),
         notes=_notes(problem, axes, direction),
     )
 
@@ -196,14 +202,14 @@ def _motions(residuals: Residuals, x: Array) -> list[Array]:
     return [np.stack([np.broadcast_to(np.asarray(c, dtype=float), N) for c in column], axis=-1) for column in columns]
 
 
-def _turned(residuals: Residuals, x: Array) -> Array | None:
+def _turned(residuals: Residuals, x: Array, codes: Codes) -> Array | None:
     """Measured minus model (N, 3) [rad] as small rotations in the world; ``None`` without orientations."""
     rotation = residuals.data.rotation
     if rotation is None:
         return None
     if residuals.oriented:
         return -residuals.rotation_error(residuals.walk(x))
-    # The model's orientation is not fitted: each pose is set against its own first visit, which tells the scatter.
-    _, first, codes = np.unique(residuals.data.pose, return_index=True, return_inverse=True)
+    # The model's orientation is not fitted: each posture is set against its own first visit, which tells the scatter.
+    _, first, own = np.unique(codes, return_index=True, return_inverse=True)
     R = matrices(rotation)
-    return rotation_vectors(R @ np.swapaxes(R[first][codes], -1, -2))
+    return rotation_vectors(R @ np.swapaxes(R[first][own], -1, -2))

@@ -12,7 +12,7 @@ from posture_opt.diagnosis.prediction import Errors, columns, joint_columns
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.scatter_test import ScatterTest, scatter_test
 from posture_opt.diagnosis.variance_components import Scatter
-from posture_opt.diagnosis.visits import revisits, rows_of
+from posture_opt.diagnosis.visits import revisits, rows_of, slips
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,8 @@ class Between:
         firsts = np.array([rows[0] for rows in rows_of(codes) if len(rows) > 1], dtype=np.intp)
         copied = np.trace(scatter.squares, axis1=-2, axis2=-1) <= scatter.freedom * COPY**2
         scatter, firsts = scatter.take(~copied), firsts[~copied]
-        gross = _gross(scatter)
+        size = np.trace(scatter.squares, axis1=-2, axis2=-1)
+        gross = slips(size, scatter.freedom * scatter.squares.shape[1])
         odd = tuple(int(line) for line in data.line[firsts[gross]])
         scatter, firsts = scatter.take(~gross), firsts[~gross]
         if not len(firsts):
@@ -71,22 +72,6 @@ class Between:
         if not visit.any():
             return cls(scatter, None, None, by, stated, odd)
         return cls(scatter, C, scatter_test(scatter, C, data.line[firsts]), by, stated, odd)
-
-
-def _gross(scatter: Scatter) -> NDArray[np.bool_]:
-    """(G,) postures whose visits differ far more than the others explain: a slip or a wrong reading, no scatter.
-
-    The scale is the median's, which these cannot move far. Gross is twice what Gaussian visits reach once in a thousand
-    sets of data; twice, because scatter is neither round nor the same at every posture.
-    """
-    from scipy.special import chdtri
-
-    if not len(scatter.freedom):
-        return np.zeros(0, dtype=bool)
-    freedom = scatter.freedom * scatter.squares.shape[1]
-    size = np.trace(scatter.squares, axis1=-2, axis2=-1)
-    scale = np.median(size / chdtri(freedom, 0.5))
-    return np.asarray(size > 4 * scale * chdtri(freedom, 1e-3 / len(freedom)))
 
 
 def visit_errors(errors: Errors, residuals: Residuals) -> tuple[Array, str]:

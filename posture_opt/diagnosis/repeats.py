@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.measurements import Measurements
+from posture_opt.diagnosis.visits import slips
 from posture_opt.uncertainty.iso9283 import (
     OrientationPerformance,
     PositionPerformance,
@@ -59,6 +60,7 @@ class Repeats:
         poses: those with three visits or more, the most visited first.
         left_out: poses with as many that are not listed, for there are too many.
         oriented: whether the orientations' accuracy counts.
+        odd: lines of the first visits to postures that were left out, as slips.
     """
 
     visits: int
@@ -71,13 +73,14 @@ class Repeats:
     poses: tuple[PosePerformance, ...]
     left_out: int = 0
     oriented: bool = False
+    odd: tuple[int, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers [m, m², rad]."""
         return {
             "visits": self.visits, "groups": self.groups, "dof": self.dof, "covariance": self.covariance.tolist(),
             "sigma": self.sigma, "sigma_interval95": list(self.interval), "repeatability": self.repeatability,
-            "poses": [_pose_json(pose, self.oriented) for pose in self.poses],
+            "poses": [_pose_json(pose, self.oriented) for pose in self.poses], "odd": list(self.odd),
         }  # fmt: skip
 
 
@@ -120,20 +123,26 @@ class Goals:
 
 
 def repeats_of(
-    data: Measurements, deviations: dict[str, Array], rotations: Array | None = None, oriented: bool = False
-) -> Repeats | None:
+    data: Measurements, codes: Codes, moved: Array, deviations: dict[str, Array], rotations: Array | None = None,
+    oriented: bool = False,
+) -> Repeats | None:  # fmt: skip
     """What repeats say, or ``None`` where no posture was visited twice.
 
     Args:
+        codes: (N,) rows of one code revisit one posture.
+        moved: (N, d) measured minus one model for all rows, which tells how visits differ [m].
         deviations: ``nominal`` and ``calibrated``, (N, d) measured minus model [m].
         rotations: (N, 3) measured minus model as small rotations [rad].
         oriented: whether the model's orientation was fitted.
     """
-    rows = list(_visits(data))
+    every = [group for group in _grouped(codes) if len(group) > 1]
+    about = [moved[r] - moved[r].mean(axis=0) for r in every]
+    freedom = np.array([(len(r) - 1) * moved.shape[1] for r in every], dtype=float)
+    slipped = slips(np.array([np.sum(a**2) for a in about]), freedom)
+    rows = [r for r, gross in zip(every, slipped, strict=True) if not gross]
     if not rows:
         return None
-    errors = deviations["calibrated"]
-    inner = np.concatenate([errors[r] - errors[r].mean(axis=0) for r in rows])
+    inner = np.concatenate([a for a, gross in zip(about, slipped, strict=True) if not gross])
     dof = len(inner) - len(rows)
     covariance = inner.T @ inner / dof
     sigma = float(np.sqrt(np.trace(covariance) / len(covariance)))
@@ -144,6 +153,7 @@ def repeats_of(
     return Repeats(
         len(inner), len(rows), covariance, dof, sigma, (low * sigma, high * sigma),
         repeatability_from_covariance(covariance), poses, len(often) - len(chosen), oriented,
+        tuple(int(data.line[r[0]]) for r, gross in zip(every, slipped, strict=True) if gross),
     )  # fmt: skip
 
 
@@ -168,11 +178,6 @@ def goals_of(data: Measurements, errors: dict[str, Array]) -> Goals | None:
     return Goals(
         goals, len(pairs), Distances.of(measured), said, {name: Distances.of(miss) for name, miss in missed.items()}
     )
-
-
-def _visits(data: Measurements) -> Iterator[Codes]:
-    """Rows of each pose and target that was visited more than once."""
-    yield from (rows for rows in _grouped(data.pose * (data.target.max(initial=0) + 1) + data.target) if len(rows) > 1)
 
 
 def _pairs(data: Measurements) -> Iterator[tuple[Codes, Codes]]:

@@ -44,3 +44,21 @@ def rows_of(codes: Codes) -> list[Codes]:
     """The rows of each code, in the order of the codes."""
     order = np.argsort(codes, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
+
+
+def slips(size: NDArray[np.float64], freedom: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(G,) postures whose visits differ far more than the others explain: a slip or a wrong reading, no scatter.
+
+    The scale is the median's, which these cannot move far. Gross is twice what Gaussian visits reach once in a thousand
+    sets of data; twice, because scatter is neither round nor the same at every posture.
+
+    Args:
+        size: (G,) sum of squares about the mean of each posture's visits [m²].
+        freedom: (G,) how many coordinates it sums, those of the mean taken off.
+    """
+    from scipy.special import chdtri
+
+    if not len(freedom):
+        return np.zeros(0, dtype=bool)
+    scale = np.median(size / chdtri(freedom, 0.5))
+    return np.asarray(size > 4 * scale * chdtri(freedom, 1e-3 / len(freedom)))

@@ -45,13 +45,15 @@ def repeats_block(found: Assessment) -> Block:
     if repeats is None:
         return Block(title, ("No posture was visited twice, so that repeatability cannot be said.",))
     low, high = repeats.interval
+    slipped = f" Without {count(len(repeats.odd), 'slip')}, named below." if repeats.odd else ""
     pooled = (
-        f"{count(repeats.groups, 'pose was', 'poses were')} visited more than once, {repeats.visits} visits in all. "
-        f"About the mean of its pose a visit scatters by {length(repeats.sigma)} in a coordinate (standard deviation; "
-        f"with 95 % confidence {lengths([low, high], ' to ')}), which makes RP {length(repeats.repeatability)}."
+        f"{count(repeats.groups, 'posture was', 'postures were')} visited more than once, {repeats.visits} visits in "
+        f"all. About the mean of its posture a visit scatters by {length(repeats.sigma)} in a coordinate (standard "
+        f"deviation; with 95 % confidence {lengths([low, high], ' to ')}), which makes RP "
+        f"{length(repeats.repeatability)}.{slipped}"
     )
     if not repeats.poses:
-        few = "No pose was visited three times or more: AP and RP of single poses are left out."
+        few = "No posture was visited three times or more: AP and RP of single ones are left out."
         return Block(title, (pooled, few), "residual_repeats")
     return Block(title, (pooled, _performance_table(repeats), *_performance_texts(repeats)), "residual_repeats")
 

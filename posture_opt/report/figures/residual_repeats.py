@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from posture_opt.diagnosis.between_visits import visit_errors
+from posture_opt.diagnosis.between_visits import slides, visit_errors
 from posture_opt.diagnosis.prediction import Errors, columns
+from posture_opt.diagnosis.visits import revisits, rows_of
 from posture_opt.report.figures.residual_shape import boundary
 from posture_opt.report.style import BLUE, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.words import line_words
@@ -30,7 +31,7 @@ _DOTS = 4000
 
 @styled
 def plot_repeats(problem: Problem, shown: Shown, found: Assessment) -> Figure:
-    """The poses with most visits one by one; where none has five, all visits about the means of their poses."""
+    """The postures with most visits one by one; where none has five, all visits about the means of theirs."""
     B = _plane(shown, found)
     groups = sorted(_visits(shown), key=len, reverse=True)
     clouds = [rows for rows in groups if len(rows) >= _FEWEST][:_PANELS] or [np.concatenate(groups)]
@@ -45,7 +46,7 @@ def plot_repeats(problem: Problem, shown: Shown, found: Assessment) -> Figure:
         axes = figure.add_subplot(lines, columns, k + 1)
         _panel(axes, cloud, ellipse)
         title = (
-            f"all visits of {len(groups)} poses, together"
+            f"all visits of {len(groups)} postures, together"
             if alone
             else f"{len(rows)} visits, line {shown.data.line[rows[0]]}"
         )
@@ -84,11 +85,7 @@ def _plane(shown: Shown, found: Assessment) -> Floats:
 
 
 def _visits(shown: Shown) -> list[Codes]:
-    data = shown.data
-    codes = data.pose * (data.target.max(initial=0) + 1) + data.target
-    order = np.argsort(codes, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
-    return [rows for rows in groups if len(rows) > 1]
+    return [rows for rows in rows_of(revisits(shown.data, slides(shown.residuals))) if len(rows) > 1]
 
 
 def _about_mean(shown: Shown, rows: Codes, B: Floats) -> Floats:
