@@ -17,8 +17,8 @@ from posture_opt.model.effects import Case
 
 Array = NDArray[np.float64]
 
-FIRST = 0.032  # of the 5 % for the whole verdict: the first effect; the rest is left to noise and lack of fit
-FURTHER = 0.02  # every effect after the first
+FIRST = 0.022  # of the 5 % for the whole verdict: the first effect; the rest is left to noise and lack of fit
+FURTHER = 0.012  # every effect after the first
 RIVALS = 6.0  # of the criterion: within it, two causes cannot be told apart
 NAMELESS = 3.0  # the price of having no name
 LARGE = 4  # parameters: beyond, a group is charged as a group
@@ -75,7 +75,7 @@ class Verdict:
 
 
 def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: bool = True) -> Verdict:
-    """The effects in the residuals, with the family-wise error of the first at 3.2 %; tells each round that is done.
+    """The effects in the residuals, with the family-wise error of the first at 2.2 %; tells each round that is done.
 
     Without ``nameless`` only effects with a name stand to be chosen, and none that takes any smooth shape.
     """

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.row_inputs import inputs_of
-from posture_opt.model.chain import Walk
+from posture_opt.model.chain import Walk, factor_values, walk
 from posture_opt.model.derivatives import position_column, rotation_column
 from posture_opt.model.effects import Case, Effect, Move
 from posture_opt.model.site import Site
@@ -22,6 +22,7 @@ from posture_opt.robot.robot import Robot
 Array = NDArray[np.float64]
 
 _VARIES = {"payload": 0.05, "temperature": 0.3}  # kg, K: less tells nothing
+_LEVEL = np.radians(10)  # a levelled instrument and a base that was set up with a level agree to better than this
 _SIDED = 0.5  # of the rows must know the side from which their joints arrived
 
 
@@ -40,6 +41,24 @@ def case_of(data: Measurements, robot: Robot) -> Case:
     return Case(robot, frozenset(known), span, float(np.ptp(np.asarray(site.inputs.time))))
 
 
+def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float, float]:
+    """Gravity [m/s²] in the world of the data, with the base off by ``frames`` from the file's.
+
+    Where the base is free, the world is the instrument's frame. If the arm stands upright in it but for some degrees,
+    the instrument was levelled and the tilt is the base's own; if not, the arm stands as the file says and the
+    instrument does not.
+    """
+    found = walk(robot.base, factor_values(robot.base, [], frames)).columns
+    stated = walk(robot.base, factor_values(robot.base, [])).columns
+    turn = np.array(found, dtype=float).T @ np.array(stated, dtype=float)
+    g = np.array(robot.gravity)
+    if not robot.base_free or float(np.linalg.norm(g)) == 0.0:
+        return robot.gravity
+    cosine = float(g @ turn @ g) / float(g @ g)
+    x, y, z = g if cosine > np.cos(_LEVEL) else turn @ g
+    return float(x), float(y), float(z)
+
+
 @dataclass(frozen=True, eq=False)
 class Tangents:
     """Columns of effects at the arm ``x`` (k,) of ``residuals``, laid out as the rows of its Jacobian."""
@@ -54,9 +73,15 @@ class Tangents:
 
     @cached_property
     def site(self) -> Site:
-        """The nominal arm at all rows with its loads."""
+        """The arm at all rows with its loads: the file's links, on the base and with the tool that were found."""
         data, robot = self.residuals.data, self.residuals.robot
-        return Site(robot, list(data.q.T), inputs_of(data, robot))
+        frames = {
+            p.name: float(x)
+            for p, x in zip(self.residuals.parameters, self.x, strict=True)
+            if p.group in ("base", "tool") and p.code <= 0 and "[" not in p.name
+        }
+        upright = replace(robot, gravity=gravity_of(robot, frames))
+        return Site(upright, list(data.q.T), inputs_of(data, robot), frames)
 
     @property
     def rows(self) -> int:

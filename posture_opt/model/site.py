@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -32,16 +32,20 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """The arm without effects at the commanded joints ``q`` (n scalars) under ``inputs``."""
+    """The arm without effects at the commanded joints ``q`` (n scalars) under ``inputs``.
+
+    ``p`` holds deviations of parameters from the file's arm, of frames that were found from data for example.
+    """
 
     robot: Robot
     q: Sequence[Scalar]
     inputs: Inputs = field(default_factory=Inputs)
+    p: Mapping[str, Scalar] = field(default_factory=dict)
 
     @cached_property
     def walk(self) -> Walk:
         """The chain without effects."""
-        return walk(self.robot.factors, factor_values(self.robot.factors, self.q))
+        return walk(self.robot.factors, factor_values(self.robot.factors, self.q, self.p))
 
     @property
     def tool(self) -> Vector:
@@ -55,7 +59,7 @@ class Site:
         for link in self.robot.links:
             end += len(link)
             ends.append(end)
-        values = factor_values(factors, self.q)
+        values = factor_values(factors, self.q, self.p)
         parts = [walk(factors[:end], values[:end]) for end in ends]
         return tuple(Frame(part.columns, part.position) for part in parts)
 

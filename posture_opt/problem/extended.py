@@ -12,6 +12,7 @@ import numpy as np
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.diagnosis.remaining import RemainingScatter, remaining_scatter
+from posture_opt.diagnosis.tangents import gravity_of
 from posture_opt.model.effects import Effect
 from posture_opt.problem.calibrated import (
     arm_of_frames,
@@ -49,7 +50,7 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
     document = {
         **problem.to_dict(),
         "name": f"{problem.name.removesuffix(_SUFFIX)}{_SUFFIX}",
-        "robot": corrected_section(problem, x),
+        "robot": _weighed(problem, x),
         "uncertainty": uncertainty_section(problem, scatter, COVARIANCE if known.names else ""),
         "effects": _section(problem, effects, known.names),
     }
@@ -90,6 +91,13 @@ def posture_document(plans: dict[str, Replanned]) -> dict[str, Any]:
         document["extended"] = parts["extended"]
         document["reasons"] = parts["reasons"]
     return document
+
+
+def _weighed(problem: Problem, x: dict[str, float]) -> dict[str, Any]:
+    """The robot's section, its gravity as the diagnosis took it where the instrument was not levelled."""
+    gravity = gravity_of(problem.robot, {name: v for name, v in x.items() if name.startswith("base.")})
+    section = corrected_section(problem, x)
+    return section if gravity == problem.robot.gravity else {**section, "gravity": list(gravity)}
 
 
 def _exported(diagnosis: Diagnosis) -> tuple[list[Effect], list[tuple[str, int, str]]]:
