@@ -279,6 +279,9 @@ def test_the_schema_knows_the_effect(cls: type[Effect]) -> None:
     entry = schema["$defs"][found[kind_of(cls)].rpartition("/")[2]]
     assert set(entry["properties"]) == set(cls.model_fields)
     assert entry["description"]
+    estimate = entry["properties"]["estimate"]
+    for name, _ in getattr(cls, "parameters", ()):
+        assert estimate["properties"][name]["description"]
     json.dumps(entry)
     assert cls.summary
 

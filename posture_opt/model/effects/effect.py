@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import Field, WithJsonSchema, model_validator
+from pydantic import ConfigDict, Field, WithJsonSchema, model_validator
 
 from posture_opt.model.chain import Scalar, Vector
 from posture_opt.model.site import ZERO, Site
@@ -57,8 +57,29 @@ class Case:
         )
 
 
+def _schema_of_estimate(schema: dict[str, Any], cls: type[Any]) -> None:
+    """Name the parameters in the JSON Schema, for editors that complete and check."""
+    known = getattr(cls, "parameters", ())
+    if not known:
+        return
+    entry = schema["properties"]["estimate"]
+    entry["properties"] = {name: _schema_of(dimension) for name, dimension in known}
+    if cls.dimensions is Effect.dimensions:
+        entry["additionalProperties"] = False
+
+
+def _schema_of(dimension: str) -> dict[str, Any]:
+    if dimension == "ratio":
+        return {"type": "number", "description": "a ratio", "examples": [2e-4]}
+    return {
+        "type": "string", "description": f"{dimension} with its unit", "examples": [DIMENSIONS[dimension][1]]
+    }  # fmt: skip
+
+
 class Effect(Spec):
     """One kind of effect at one target; ``estimate`` holds its parameters with their units."""
+
+    model_config = ConfigDict(json_schema_extra=_schema_of_estimate)
 
     summary: ClassVar[str]
     """One line for ``optimize-posture list``."""
@@ -164,7 +185,7 @@ class JointEffect(Effect):
 
     types: ClassVar[tuple[str, ...]] = ("revolute",)
 
-    joint: str
+    joint: str = Field(description="the joint that errs")
 
     @property
     def target(self) -> str:

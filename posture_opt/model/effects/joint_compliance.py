@@ -21,6 +21,8 @@ class JointCompliance(JointEffect):
 
     summary: ClassVar[str] = "the joint gives way to the torque of gravity and payload"
 
+    parameters: ClassVar = (("compliance", "angle per torque"),)
+
     kind: Literal["joint_compliance"] = "joint_compliance"
     loads: Literal["masses", "points"] = Field("masses", description="masses of the file, or unknown point masses")
     points: tuple[str, ...] = Field((), description="joints behind which unknown masses are, `tool` for the tool point")
@@ -28,7 +30,7 @@ class JointCompliance(JointEffect):
     @property
     def dimensions(self) -> tuple[tuple[str, str], ...]:
         if self.loads == "masses":
-            return (("compliance", "angle per torque"),)
+            return self.parameters
         return tuple((f"mass at {name}", "angle mass per torque") for name in self.points)
 
     @property
