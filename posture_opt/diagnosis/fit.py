@@ -38,14 +38,27 @@ class Fit:
 
     @property
     def covariance(self) -> Array:
-        """``s² (JᵀJ)⁻¹`` (k, k)."""
-        inverse = np.linalg.pinv(self.R, rcond=1e-14)
+        """``s² (JᵀJ)⁻¹`` (k, k); directions the residuals do not see add nothing."""
+        inverse, _ = self._inverse()
         return np.asarray(self.variance * inverse @ inverse.T)
 
     @property
     def std(self) -> Array:
-        """(k,) standard errors of the estimate."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+        """(k,) standard errors of the estimate, infinite where the residuals do not see all of it."""
+        inverse, unseen = self._inverse()
+        return np.where(unseen > 1e-6, np.inf, np.sqrt(self.variance) * np.linalg.norm(inverse, axis=1))
+
+    def _inverse(self) -> tuple[Array, Array]:
+        """``R⁺`` and the part (k,) of each unknown outside it.
+
+        By columns of length one: whether a direction is seen does not hang on the units of the unknowns.
+        """
+        D = np.linalg.norm(self.R, axis=0)
+        D = np.where(D > 0, D, 1.0)
+        U, s, Vt = np.linalg.svd(self.R / D)
+        seen = s > 1e-14 * s.max(initial=0.0)
+        inverse = (Vt[seen].T / s[seen]) @ U[:, seen].T / D[:, None]
+        return np.asarray(inverse), np.asarray(np.sum(Vt[~seen] ** 2, axis=0))
 
 
 def least_squares(function: Function, x0: Array, *, max_steps: int = MAX_STEPS, tolerance: float = _TOLERANCE) -> Fit:
@@ -53,11 +66,12 @@ def least_squares(function: Function, x0: Array, *, max_steps: int = MAX_STEPS, 
 
     Each step solves ``min |J s + r|² + λ |D s|²`` with ``D`` the largest column norms so far (Moré 1978) and the
     damping of Nielsen (1999); it ends where ``|Qᵀr| / √k`` is ``tolerance`` of ``|r − QQᵀr| / √(m − k)``.
+    Where the first step fails, the next is no longer than ``x0`` itself, lest it end on a plateau far away.
     """
     x = np.array(x0, dtype=float)
     r, J = function(x)
     D = np.zeros(len(x))
-    damping, growth = 1e-3, 2.0
+    damping = 1e-3
     for step in range(max_steps):
         R = triangular(np.concatenate([J, r[:, None]], axis=1))
         R, projected = R[: len(x), :-1], R[: len(x), -1]
@@ -65,21 +79,38 @@ def least_squares(function: Function, x0: Array, *, max_steps: int = MAX_STEPS, 
         D = np.where(D > 0, D, 1.0)
         if _at_rest(projected, r, tolerance):
             return _fit(x, r, R, step, True)
-        while True:
-            move = _damped(R, projected, D, damping)
-            if np.linalg.norm(D * move) <= _STEP * (np.linalg.norm(D * x) + _STEP):
-                return _fit(x, r, R, step, True)
-            with np.errstate(all="ignore"):
-                r_new, J_new = function(x + move)
-            gain = r @ r - r_new @ r_new
-            expected = np.sum(projected**2) - np.sum((projected + R @ move) ** 2)
-            if np.isfinite(gain) and np.all(np.isfinite(J_new)) and gain > 0:
-                break
-            damping, growth = damping * growth, growth * 2
-        ratio = min(float(gain / max(expected, 1e-300)), 1.0)
-        damping, growth = max(damping * max(1 / 3, 1 - float(2 * ratio - 1) ** 3), 1e-15), 2.0
+        lower = _lower(function, x, r, R, projected, D, damping, step == 0)
+        if lower is None:
+            return _fit(x, r, R, step, True)
+        move, r_new, J_new, damping = lower
+        expected = np.sum(projected**2) - np.sum((projected + R @ move) ** 2)
+        ratio = min(float((r @ r - r_new @ r_new) / max(expected, 1e-300)), 1.0)
+        damping = max(damping * max(1 / 3, 1 - float(2 * ratio - 1) ** 3), 1e-15)
         x, r, J = x + move, r_new, J_new
     return _fit(x, r, triangular(J), max_steps, False)
+
+
+def _lower(
+    function: Function, x: Array, r: Array, R: Array, projected: Array, D: Array, damping: float, first: bool
+) -> tuple[Array, Array, Array, float] | None:
+    """A step to smaller residuals: itself, residuals and Jacobian there, damping; None where rounding leaves none."""
+    reach, growth = np.inf, 2.0
+    while True:
+        move = _damped(R, projected, D, damping)
+        length = np.linalg.norm(D * move)
+        if length > reach:
+            damping *= 2
+            continue
+        if length <= _STEP * (np.linalg.norm(D * x) + _STEP):
+            return None
+        with np.errstate(all="ignore"):
+            r_new, J_new = function(x + move)
+            gain = r @ r - r_new @ r_new
+        if np.isfinite(gain) and np.all(np.isfinite(J_new)) and gain > 0:
+            return move, r_new, J_new, damping
+        damping, growth = damping * growth, growth * 2
+        if first and np.any(x):
+            reach = float(np.linalg.norm(D * x))
 
 
 def triangular(A: Array) -> Array:
