@@ -489,3 +489,31 @@ def test_commands_take_the_extended_file(world: World, tmp_path: Path) -> None:
     np.testing.assert_allclose(spread["covariance"], expected.covariance, rtol=1e-12)
     cloud = run("simulate", "--posture", posture, "--samples", "20000", "--seed", "1")
     np.testing.assert_allclose(cloud["tool"]["position"], spread["tool"]["position"], atol=1e-12)
+
+
+def test_effects_may_have_covariances_of_their_own(tmp_path: Path) -> None:
+    """Beside sigma, in a file of their own, with names of the geometry in it or without; a wrong one is told of."""
+    known = np.array([4e-14, 2e-13])  # (0.2 urad/(N m))², and a geometry's 1e-7 rad with it
+    names = ["joint_compliance(joint2).compliance", "joint2.theta"]
+    (tmp_path / "own.csv").write_text(covariance_text(names, np.diag(known), ["rad/(N*m)", "mrad"]))
+    data = file_of(ARMS["ur10"]())
+    data["uncertainty"] = {"sigma": {"joint1.theta": "0.1 mrad", "backlash(joint1).width": "30 urad"}}
+    compliance = {"kind": "joint_compliance", "joint": "joint2", "estimate": {"compliance": "9 urad/(N m)"}}
+    backlash = {"kind": "backlash", "joint": "joint1", "estimate": {"width": "0.3 mrad"}}
+    data["effects"] = [{**compliance, "covariance": "own.csv"}, backlash]
+    problem = po.problem_from_dict(data, tmp_path)
+    sigma = dict(zip(problem.sources.names, problem.sources.sigma, strict=True))
+    assert sigma == pytest.approx(
+        {"joint1.theta": 1e-4, "backlash(joint1).width": 3e-5, names[0]: 2e-7, names[1]: np.sqrt(2e-13)}, rel=1e-9
+    )
+    written = problem.files("moved")
+    assert set(written) == {"moved.yaml", "moved_effects_covariance.csv"}
+    (tmp_path / "elsewhere").mkdir()
+    for name, content in written.items():
+        (tmp_path / "elsewhere" / name).write_bytes(content)
+    again = po.load_problem(tmp_path / "elsewhere" / "moved.yaml")
+    np.testing.assert_array_equal(again.sources.covariance, problem.sources.covariance)
+    data["effects"][1]["covariance"] = "nowhere.csv"
+    with pytest.raises(InputError, match="no such file") as caught:
+        po.problem_from_dict(data, tmp_path)
+    assert caught.value.issues[0].key == ("effects", 1, "covariance")

@@ -8,11 +8,8 @@ import numpy as np
 
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.model.extension import Extension
-from posture_opt.model.inputs import Inputs
+from posture_opt.model.inputs import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.robot.robot import Robot
-
-REFERENCE_TEMPERATURE = 20.0
-"""degC at which the lengths of a model hold (ISO 1)."""
 
 
 def inputs_of(data: Measurements, robot: Robot) -> Inputs:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 from posture_opt.model.chain import Scalar
 
+REFERENCE_TEMPERATURE = 20.0
+"""degC at which the lengths of a model hold (ISO 1); a task without a temperature is done there."""
+
 
 @dataclass(frozen=True, eq=False)
 class Inputs:

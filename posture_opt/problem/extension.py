@@ -7,21 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from posture_opt.errors import InputError, Issue
+from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.model.extension import Extension
-from posture_opt.model.inputs import Inputs
+from posture_opt.model.inputs import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.model.site import Site
 from posture_opt.nearest import one_of
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.covariance_file import read_covariance
-from posture_opt.uncertainty.sources import Sources, covariance_issues
+from posture_opt.uncertainty.sources import Array, Sources, covariance_issues
 
 if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
-
-REFERENCE_TEMPERATURE = 20.0
-"""degC at which lengths hold (ISO 1); a task without a temperature is done there."""
 
 
 def extended_robot(robot: Robot, effects: tuple[Effect, ...], task: Task | None) -> Robot:
@@ -57,12 +54,21 @@ def effect_sources(
     files = dict.fromkeys(e.covariance for e in effects if e.covariance and e.covariance != read)
     for file in files:
         assert file is not None
-        names, covariance = read_covariance(folder / file, robot.extension.dimensions, attached.get(file))
+        index = next(k for k, effect in enumerate(effects) if effect.covariance == file)
+        names, covariance = _read(robot, folder / file, attached.get(file), ("effects", index, "covariance"))
         issues = covariance_issues(names, covariance)
         if issues:
-            raise InputError([replace(issue, key=("effects",), value=file) for issue in issues])
+            raise InputError([replace(issue, key=("effects", index, "covariance"), value=file) for issue in issues])
         found = found.plus(Sources(names, (covariance + covariance.T) / 2))
     return found
+
+
+def _read(robot: Robot, path: Path, text: str | None, key: KeyPath) -> tuple[tuple[str, ...], Array]:
+    dimensions = {name: "length" if f.kind == "translate" else "angle" for name, f in robot.parameters.items()}
+    try:
+        return read_covariance(path, {**dimensions, **robot.extension.dimensions}, text)
+    except InputError as error:
+        raise InputError([i if i.file else replace(i, key=key, value=path.name) for i in error.issues]) from None
 
 
 def effects_section(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from posture_opt.problem.extension import REFERENCE_TEMPERATURE
+from posture_opt.model.inputs import REFERENCE_TEMPERATURE
 from posture_opt.report.units_text import number, stated_length
 
 if TYPE_CHECKING:
@@ -54,6 +54,8 @@ def effect_text(effect: Effect) -> str:
         text = f"of {size_text(math.hypot(*sizes.values()), 'angle')}"
     elif set(sizes) == set(_COORDINATES):
         text = f"of {size_text(math.hypot(*sizes.values()), 'length')}"
+    elif (step := getattr(effect, "lsb", None)) is not None:
+        text = f"in steps of {size_text(step, 'angle')}"
     elif len(sizes) == 1:
         ((name, value),) = sizes.items()
         text = size_text(value, dimensions[name])
