@@ -14,9 +14,10 @@ from click.testing import CliRunner, Result
 
 import posture_opt as po
 from posture_opt.cli.main import main
-from posture_opt.diagnosis.diagnosis import Finding, scene_of
 from posture_opt.diagnosis.extended import fit_extended
+from posture_opt.diagnosis.findings import Finding
 from posture_opt.diagnosis.limits import not_looked_for
+from posture_opt.diagnosis.scene import scene_of
 from posture_opt.diagnosis.second_session import Gain
 from posture_opt.diagnosis.stages import Stages
 from posture_opt.diagnosis.suspects import Suspect

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from posture_opt.diagnosis.batch import Batch, calibrate_batch
-from posture_opt.diagnosis.diagnosis import Finding, Outcome, Progress, scene_of
+from posture_opt.diagnosis.diagnosis import Outcome
+from posture_opt.diagnosis.findings import Finding, Progress
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.noise_causes import as_stated, uneven_noise
 from posture_opt.diagnosis.noise_suspects import standardised
 from posture_opt.diagnosis.parameters import CalibrationProblem
+from posture_opt.diagnosis.scene import scene_of
 from posture_opt.diagnosis.validation import By
 
 

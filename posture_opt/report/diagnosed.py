@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from posture_opt.report.effect_words import amplitude
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.diagnosis import Diagnosis, Finding
+    from posture_opt.diagnosis.diagnosis import Diagnosis
+    from posture_opt.diagnosis.findings import Finding
     from posture_opt.diagnosis.measurements import Measurements
     from posture_opt.diagnosis.residuals import Residuals
     from posture_opt.diagnosis.search import Scene
@@ -51,7 +52,7 @@ class Diagnosed:
     @cached_property
     def scene(self) -> Scene:
         """What the search saw, without its null."""
-        from posture_opt.diagnosis.diagnosis import scene_of
+        from posture_opt.diagnosis.scene import scene_of
 
         return scene_of(self.diagnosis.calibration, flips=0)
 

@@ -17,7 +17,7 @@ from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.units_text import count, decimals_of, fixed, number, percent, stated_length
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.diagnosis import Finding
+    from posture_opt.diagnosis.findings import Finding
     from posture_opt.diagnosis.validation import Statistics
     from posture_opt.problem.problem import Problem
 

@@ -16,7 +16,7 @@ from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, VERMILLION, legend_below, new_figure, styled
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.diagnosis import Finding
+    from posture_opt.diagnosis.findings import Finding
     from posture_opt.diagnosis.tangents import Tangents
     from posture_opt.report.diagnosed import Diagnosed
 
