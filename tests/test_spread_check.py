@@ -315,3 +315,14 @@ def test_ur10_revisits_scatter_far_less_than_the_calibration_leaves() -> None:
     assert {f.model: f.better for f in found.elsewhere}["joints"]
     assert 0.92 < found.coverage95["calibrated"] < 0.98
     assert found.coverage95["nominal"] < 0.05
+
+
+@pytest.mark.parametrize("seed", [4, 6, 7])
+def test_what_is_uncertain_of_the_fit_is_not_laid_on_the_instrument(seed: int) -> None:
+    # Near a stretched posture the joints move nothing along the arm: what shows there is the uncertain length. Taken
+    # for noise it made of an instrument of 20 µm one of 150 µm, and the true model of the scatter a poor one.
+    found = checked(arm(STATED), *measured(np.random.default_rng(seed), 30))
+    assert found.noise is not None
+    assert found.noise.instrument_interval[0] < NOISE
+    gain = {model.model: model.gain for model in found.elsewhere}
+    assert gain["stated"] > 0.3  # of a unit of log-likelihood a row, over scatter alike in all directions

@@ -90,7 +90,7 @@ def _models(train: Scatter, test: Scatter, names: tuple[str, ...], instrument: f
     for name, equal in (("joints", False), ("one_sigma", True)):
         noise = _fitted(train, names, instrument, equal)
         if noise is not None:
-            models[name] = noise.covariance(test.columns)
+            models[name] = noise.covariance(test.columns) + test.known
     return models
 
 

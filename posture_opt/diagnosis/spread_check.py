@@ -23,7 +23,7 @@ from posture_opt.diagnosis.prediction import (
     joint_errors,
     nominal_prediction,
 )
-from posture_opt.diagnosis.remaining import RemainingScatter, covariance_under, remaining_scatter
+from posture_opt.diagnosis.remaining import RemainingScatter, covariance_under, remaining_scatter, unseen_errors
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.scatter_test import ScatterTest
 from posture_opt.diagnosis.validation import folds_of, groups_of
@@ -122,7 +122,7 @@ def check_spread(
     }
     left = calibration.errors[np.ix_(rows, axes)]
     between = Between.of(used, calibration, errors)
-    noise, elsewhere = _joints(between, used, calibration, left, groups[rows])
+    noise, elsewhere = _joints(between, used, calibration, groups[rows])
     return SpreadCheck(
         coverage=coverage,
         stated=bool(errors.factors),
@@ -198,17 +198,21 @@ def _instrument(remaining: RemainingScatter, residuals: Residuals) -> float:
 
 
 def _joints(
-    between: Between, used: Residuals, calibration: Calibration, left: Array, groups: Codes
+    between: Between, used: Residuals, calibration: Calibration, groups: Codes
 ) -> tuple[JointNoise | None, tuple[HeldOut, ...]]:
-    """σ of joints and instrument from repeats where there are any, else from what the calibration leaves."""
+    """σ of joints and instrument from repeats where there are any, else from what the calibration leaves.
+
+    There the uncertainty of its parameters is a known part of every error, which is no instrument's.
+    """
     names = joint_errors(used)
     if len(between.scatter.freedom):
         scatter, codes, stated = between.scatter, np.arange(len(between.scatter.freedom)), between.covariances
     else:
-        scatter, codes = Scatter.of(left, joint_columns(used, calibration.x)), groups
+        left, known, _ = unseen_errors(calibration)
+        scatter, codes = Scatter.of(left, joint_columns(used, calibration.x), known=known), groups
         stated = None
         if between.stated_sigma.any():
-            stated = covariances(scatter.columns, between.stated_sigma, used.sigma)
+            stated = covariances(scatter.columns, between.stated_sigma, used.sigma) + known
     if not scatter.squares.max(initial=0.0) > COPY**2:
         return None, ()
     coordinates = float(scatter.freedom.sum()) * scatter.squares.shape[1]
