@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.diagnosis.estimation import Prior
 from posture_opt.diagnosis.exchange import exchange
+from posture_opt.diagnosis.identifiability import identify
 from posture_opt.diagnosis.plan_information import Given, given_knowledge, instrument, nothing_given
 from posture_opt.diagnosis.plan_stages import Beforehand, Unknowns
 from posture_opt.diagnosis.travel import tour
@@ -399,3 +401,14 @@ def test_a_tour_is_short_and_goes_round() -> None:
     assert around.blocked == ()
     assert 0 < gate < 8
     assert tour(q[:8], np.ones(2), lambda p: np.abs(p[:, 1] - 1) > 0.5).blocked != ()
+
+
+def test_a_variance_that_is_rounding_hides_no_other_parameter() -> None:
+    # As in a covariance after a calibration: a parameter that hung on others has 1e-13 rad left of its σ.
+    known = Prior.of([0, 1], np.diag([1e-26, 1e-4])).matrix(3)
+    rows = np.random.default_rng(0).normal(0.0, 1e3, (60, 3))  # each tells to 1 mm: the mean of 60 to 0.13
+    found = identify(("held", "stated", "open"), np.concatenate([rows, known]), 20, scale=np.full(3, 0.01))
+    assert found.words == ()
+    assert found.determined.all()
+    np.testing.assert_allclose(found.alone[1:], 1e-3 / np.sqrt(60), rtol=0.3)
+    assert found.alone[0] < 1e-9

@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 _ROUNDS = 8  # of leaving out and taking back outliers; on real data two or three settle it
 _FAIR = 0.01  # of the weight of a prior: it settles faster than its own uncertainty matters
 _HELD = 1e-8  # of a variance, in correlations: a ten-thousandth of a standard deviation is as good as nothing
+_SURE = 1e-10  # rad, m: nothing is known better
 _OFFSET = 1e-3  # of a standard error: how near to the minimum is near enough
 
 
@@ -33,6 +34,8 @@ class Prior:
         """
         if not rows:
             return cls()
+        # A variance that is rounding would weigh so much that all else drowned in it.
+        covariance = covariance + np.diag(np.maximum(_SURE**2 - np.diag(covariance), 0.0))
         sigma = np.sqrt(np.diag(covariance))
         values, vectors = np.linalg.eigh(covariance / np.outer(sigma, sigma))
         return cls(tuple(rows), (vectors / np.sqrt(np.maximum(values, _HELD))).T / sigma)

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 VAGUE = 0.05  # rad or m: left so uncertain, a parameter leaves the range of its linearisation
 LENGTH, ANGLE = 0.01, math.radians(1.0)  # m, rad: farther than that no part comes off its drawing
 _HARDLY = 1e-3  # of σ per tolerance: below, a direction moves nothing; a thousand tolerances are no knowledge either
-_IDLE = 1e-9  # of the largest column: a parameter that moves nothing
+_IDLE = 1e-6  # of σ per tolerance: a parameter that moves nothing
 _UNSEEN = 1e-3  # m or rad: more than that, left open by combinations that nobody sees, is not known
 _ROUNDING = 1e-13  # of the largest strength
 _FELT = 1e-9  # of the Jacobian: less is rounding
@@ -104,7 +104,7 @@ def identify(
     scale = np.full(k, VAGUE) if scale is None else scale
     R = triangular(J) if k else np.zeros((0, 0))
     norms = np.linalg.norm(R, axis=0)
-    idle = norms <= _IDLE * norms.max(initial=0.0)
+    idle = norms * scale <= _IDLE * noise
     R = np.where(idle, 0.0, R)
     if held is not None:
         R[:, held] = 0.0

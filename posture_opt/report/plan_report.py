@@ -32,6 +32,7 @@ _WIDE = 100
 _NOTED = 1.1  # times the instrument's σ: from there on it is told
 _TINY = 1e-6  # an index below it says that something is open
 _OPEN = "open"
+_EXACT = 1e-7  # m, rad: rounding of a covariance in which a parameter hangs on others
 _SAID = {
     "O1": "geometric mean of the singular values, a pose",
     "O2": "smallest over largest",
@@ -159,11 +160,16 @@ def _value(value: float) -> str:
     return _OPEN if math.isnan(value) else number(value)
 
 
+def shown(plan: MeasurementPlan, i: int) -> bool:
+    """Whether a plan says something of parameter i: it can be told, and is not as good as exact already."""
+    return bool(plan.settled[i]) and not plan.before.std[i] < _EXACT
+
+
 def parameters_block(plan: MeasurementPlan) -> Block:
     """Expected standard errors of every parameter."""
     rows = []
     for i, p in enumerate(plan.parameters):
-        if plan.settled[i]:
+        if shown(plan, i):
             unit, factor = ("deg", math.degrees(1.0)) if p.unit == "rad" else ("mm", 1e3)
             rows.append((p.name, unit, *(_value(stage.std[i] * factor) for stage in _stages(plan))))
     table = Table(("parameter", "unit", "before", "planned", "random"), tuple(rows), text_columns=2)

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from posture_opt.report.plan_report import shown
 from posture_opt.report.style import (
     BLUE,
     GREY,
@@ -72,12 +73,12 @@ def plot_plan_errors(plan: MeasurementPlan) -> Figure:
     """Expected standard errors before, with the plan, and with as many random postures; logarithmic."""
     groups = [("rad", "deg", math.degrees(1.0)), ("m", "mm", 1e3)]
     rows = {
-        unit: [i for i, p in enumerate(plan.parameters) if plan.settled[i] and p.unit == unit] for unit, *_ in groups
+        unit: [i for i, p in enumerate(plan.parameters) if shown(plan, i) and p.unit == unit] for unit, *_ in groups
     }
-    shown = [group for group in groups if rows[group[0]]]
-    figure = new_figure(5.0 * len(shown) + 1.0, 1.7 + 0.27 * max((len(r) for r in rows.values()), default=1))
-    for number, (unit, written, factor) in enumerate(shown, start=1):
-        axes = figure.add_subplot(1, len(shown), number)
+    drawn = [group for group in groups if rows[group[0]]]
+    figure = new_figure(5.0 * len(drawn) + 1.0, 1.7 + 0.27 * max((len(r) for r in rows.values()), default=1))
+    for number, (unit, written, factor) in enumerate(drawn, start=1):
+        axes = figure.add_subplot(1, len(drawn), number)
         _errors(axes, plan, rows[unit], factor)
         axes.set_xlabel(f"expected standard error [{written}]")
     legend_below(figure.axes[0], 3)
