@@ -25,7 +25,7 @@ _FINE = 100  # condition below which estimates lose little to noise (Schröer, A
 def parameters_block(found: Calibration) -> Block:
     """Every parameter of the arm: nominal value, estimate and standard error, prior, significance, correlations."""
     shown = [i for i, p in enumerate(found.parameters) if p.group != "point"]
-    headers = ("parameter", "unit", "known", "nominal", "estimate", "std. error", "change", "in errors", "prior")
+    headers = ("parameter", "unit", "determined", "nominal", "estimate", "std. error", "change", "in errors", "prior")
     width = len(headers) - (not np.isfinite(found.prior).any())
     table = Table(headers[:width], tuple(_row(found, i)[:width] for i in shown), text_columns=3)
     points = (len(found.parameters) - len(shown)) // 3
@@ -65,7 +65,7 @@ def _significance(found: Calibration, shown: list[int]) -> list[str]:
     if not judged:
         return []
     sure = [i for i in judged if found.p_values[i] < _SURE]
-    of = f"{len(sure)} of {count(len(judged), 'known parameter')} of the arm"
+    of = f"{len(sure)} of {count(len(judged), 'determined parameter')} of the arm"
     return [f"{of} differ from nominal by more than chance (p below 5 %, each by itself: more than 1.96 errors)."]
 
 

@@ -37,7 +37,8 @@ _AT_LIMIT = 1e-6
 def robot_facts(problem: Problem) -> list[tuple[str, str]]:
     """Name and size of the robot, and where its numbers come from."""
     robot: Robot = problem.robot
-    name = f"{robot.name}, {robot.n} joints" if robot.name else f"{robot.n} joints"
+    size = f"{robot.n} joints"
+    name = f"{robot.name}, {size}" if robot.name and robot.name != f"{robot.n}-joint arm" else robot.name or size
     source = [("Robot data", line) for line in robot.source.splitlines() if line.startswith("geometry")]
     return [("Robot", name), *source, *effect_facts(problem)]
 

@@ -31,6 +31,7 @@ _TOTALS = {1: "in all", 2: "in the plane", 3: "in space"}
 _NOTHING = 0.1  # of its standard error: a mean that a fit has made zero, as chance hardly would on all axes
 _WHOLE = 0.6  # of the whole range: a block as long was not cut along it
 _NORMAL = 0.0027  # of normal numbers lie beyond three standard deviations
+_RARE = 0.05  # probability of a share that says something
 
 
 def residual_blocks(found: Assessment) -> tuple[Block, ...]:
@@ -199,11 +200,13 @@ def _in_plane(found: Assessment, axis: np.ndarray) -> str:
 
 def shape_block(found: Assessment) -> Block:
     """Whether what remains is normally distributed."""
-    share = found.calibrated.beyond3
-    if share > 2 * _NORMAL:
-        verdict = "large errors are likelier than the normal distribution says"
-    else:
-        verdict = "large errors are no likelier than the normal distribution says"
+    from scipy.special import gammainc
+
+    share, coordinates = found.calibrated.beyond3, found.rows * len(found.axes)
+    beyond = round(share * coordinates)
+    chance = float(gammainc(beyond, coordinates * _NORMAL)) if beyond else 1.0  # of so many among normal ones
+    likelier = "likelier" if chance < _RARE else "no likelier beyond chance"
+    verdict = f"large errors are {likelier} than the normal distribution says"
     text = (
         f"{percent(share)} of the coordinates lie beyond three of their standard deviations, of normal ones "
         f"{percent(_NORMAL)}: {verdict}."

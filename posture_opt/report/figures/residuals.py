@@ -157,7 +157,8 @@ def plot_residual_vectors(shown: Shown) -> Figure:
         line[1].tick_params(labelleft=False)
         line[1].set_ylabel("")
     key = _round(large)
-    grid[0][1].quiverkey(drawn[1], 0.86, 1.04, key * factor, f"{number(key, 1)} mm  ", labelpos="W", color="black")
+    label = f"{number(key, 1)} mm  "
+    grid[0][1].quiverkey(drawn[1], 0.92, 0.985, key * factor, label, coordinates="figure", labelpos="W", color="black")
     some = f", {len(rows)} of {len(shown.data)} rows drawn by lot" if len(rows) < len(shown.data) else ""
     figure.suptitle(f"measured minus model, enlarged {factor:g}\N{MULTIPLICATION SIGN}{some}", fontsize=10)
     return figure
