@@ -33,7 +33,7 @@ _DOTS = 4000
 def plot_repeats(problem: Problem, shown: Shown, found: Assessment) -> Figure:
     """The postures with most visits one by one; where none has five, all visits about the means of theirs."""
     B = _plane(shown, found)
-    groups = sorted(_visits(shown), key=len, reverse=True)
+    groups = sorted(_visits(shown, found), key=len, reverse=True)
     clouds = [rows for rows in groups if len(rows) >= _FEWEST][:_PANELS] or [np.concatenate(groups)]
     alone = len(clouds) == 1 and len(groups) > 1
     columns = min(len(clouds), 3)
@@ -84,8 +84,11 @@ def _plane(shown: Shown, found: Assessment) -> Floats:
     return np.array([first, second if second[np.abs(second).argmax()] > 0 else -second])
 
 
-def _visits(shown: Shown) -> list[Codes]:
-    return [rows for rows in rows_of(revisits(shown.data, slides(shown.residuals))) if len(rows) > 1]
+def _visits(shown: Shown, found: Assessment) -> list[Codes]:
+    """The rows of each posture that was visited more than once, slips left out."""
+    odd = found.repeats.odd if found.repeats is not None else ()
+    groups = rows_of(revisits(shown.data, slides(shown.residuals)))
+    return [rows for rows in groups if len(rows) > 1 and int(shown.data.line[rows[0]]) not in odd]
 
 
 def _about_mean(shown: Shown, rows: Codes, B: Floats) -> Floats:

@@ -153,12 +153,12 @@ def plot_residual_vectors(shown: Shown) -> Figure:
             margin = 0.03 * max(right - left, high - low)
             axes.set(xlim=(left - margin, right + margin), ylim=(low - margin, high + margin))
             if view == views[0]:
-                axes.set_title(TITLES[name])
+                axes.set_title(TITLES[name], loc="left")
         line[1].tick_params(labelleft=False)
         line[1].set_ylabel("")
     key = _round(large)
     label = f"{number(key, 1)} mm  "
-    grid[0][1].quiverkey(drawn[1], 0.92, 0.985, key * factor, label, coordinates="figure", labelpos="W", color="black")
+    grid[0][1].quiverkey(drawn[1], 0.86, 1.04, key * factor, label, labelpos="W", color="black")
     some = f", {len(rows)} of {len(shown.data)} rows drawn by lot" if len(rows) < len(shown.data) else ""
     figure.suptitle(f"measured minus model, enlarged {factor:g}\N{MULTIPLICATION SIGN}{some}", fontsize=10)
     return figure
