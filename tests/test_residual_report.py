@@ -167,7 +167,7 @@ def test_arrows_are_the_errors_enlarged_as_stated_and_both_models_on_one_scale(
         (arrows,) = [a for a in axes.get_children() if isinstance(a, Quiver)]
         np.testing.assert_allclose(arrows.U, factor * shown.errors[name][:, 0])
         np.testing.assert_allclose(arrows.V, factor * shown.errors[name][:, 1])
-    assert after.get_title() == "calibrated"
+    assert after.get_title(loc="left") == "calibrated"
     data = visited[1].data
     off = 1e3 * (data.position[:, :2] - position(data.q))
     np.testing.assert_allclose(shown.errors["nominal"][:, :2], off, atol=1e-9)
