@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from posture_opt.diagnosis.comparison import compare, fit_frames
 from posture_opt.diagnosis.coverage import Coverage, share_interval
 from posture_opt.diagnosis.prediction import Errors, Prediction, calibrated_prediction, nominal_prediction
 from posture_opt.diagnosis.reading import read_measurements
-from posture_opt.diagnosis.remaining import remaining_scatter
+from posture_opt.diagnosis.remaining import covariance_under, remaining_scatter
 from posture_opt.diagnosis.scatter_test import scatter_test
 from posture_opt.diagnosis.spread_check import SpreadCheck, check_spread
 from posture_opt.diagnosis.variance_components import Scatter
@@ -326,3 +327,34 @@ def test_what_is_uncertain_of_the_fit_is_not_laid_on_the_instrument(seed: int) -
     assert found.noise.instrument_interval[0] < NOISE
     gain = {model.model: model.gain for model in found.elsewhere}
     assert gain["stated"] > 0.3  # of a unit of log-likelihood a row, over scatter alike in all directions
+
+
+@pytest.mark.parametrize("seed", [17, 23])
+def test_a_joint_whose_scatter_may_be_none_is_not_predicted_with_the_least(seed: int) -> None:
+    # Both joints scatter alike; twenty rows happen to be explained best by one of them alone.
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-2.5, 2.5, (20, 2))
+    points = position(q + 1e-3 * rng.normal(size=q.shape), (1.0, 0.8)) + NOISE * rng.normal(size=q.shape)
+    found = checked(arm({"scatter": {"j1.theta": "1 mrad", "j2.theta": "1 mrad"}}), q, points)
+    assert found.coverage["calibrated"].share >= 0.85  # three of twenty outside: of 95 %, one time in thirteen
+    assert found.coverage["calibrated"].verdict == "right"
+
+
+def test_rows_are_predicted_with_what_their_own_fold_leaves_uncertain() -> None:
+    q, points = measured(np.random.default_rng(3), 12)
+    problem = arm(STATED)
+    data = read_measurements(table(q, points), problem)
+    calibration = calibrate(problem, data)
+    out = np.array([2, 7])
+    scatter = replace(remaining_scatter(problem, calibration), measured=False)
+    residuals = calibration.residuals
+    J = residuals.both(calibration.x)[1].reshape(12, 2, -1)
+    s2 = calibration.variance
+    A = calibration.covariance / s2
+    seen = np.linalg.eigh(A)[1][:, -int(np.linalg.matrix_rank(A, tol=1e-9 * np.abs(A).max())) :]
+    less = J[out].reshape(4, -1) @ seen
+    # By the normal equations themselves, in the directions that were fitted.
+    expected = s2 * np.linalg.inv(np.linalg.inv(seen.T @ A @ seen) - less.T @ less)
+    ours = seen.T @ covariance_under(calibration, scatter, out) @ seen
+    np.testing.assert_allclose(ours, expected, rtol=1e-5)
+    assert np.trace(ours) > np.trace(seen.T @ covariance_under(calibration, scatter, out[:0]) @ seen)

@@ -139,7 +139,7 @@ def calibrated_prediction(
     J = J - _means(residuals, J)
     S = joint_columns(residuals, x) * scatter
     visit = S @ np.swapaxes(S, -1, -2) + max(instrument, _LEAST) ** 2 * np.eye(d)
-    return Prediction(J @ _root(covariance / taught), _about_points(residuals, visit))
+    return Prediction(J @ _even_root(covariance / taught), _about_points(residuals, visit))
 
 
 def _root(covariance: Array) -> Array:
@@ -149,6 +149,14 @@ def _root(covariance: Array) -> Array:
     values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
     kept = values > 1e-12
     return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def _even_root(covariance: Array) -> Array:
+    """The ``R`` (k, k), ``R Rᵀ`` the covariance, that hardly changes with it: symmetric in correlations."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
+    return np.asarray(scale[:, None] * ((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T))
 
 
 def _free_columns(residuals: Residuals, x: Array) -> Array:

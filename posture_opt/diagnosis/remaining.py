@@ -13,6 +13,7 @@ from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.joint_noise import JointNoise, estimate_joint_noise
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.prediction import calibrated_prediction, joint_columns
+from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.errors import InsufficientDataError
 from posture_opt.robot.robot import Robot
 
@@ -99,7 +100,9 @@ def _from_data(problem: CalibrationProblem, calibration: Calibration) -> tuple[J
     return (noise, False) if noise is not None else None
 
 
-def covariance_under(calibration: Calibration, scatter: RemainingScatter) -> Array:
+def covariance_under(
+    calibration: Calibration, scatter: RemainingScatter, without: NDArray[np.intp] | None = None
+) -> Array:
     """(k, k) covariance of the estimate ``x``, given the errors that the joints and the instrument make in each row.
 
     Least squares weighs all coordinates alike, and its own covariance ``s² A``, ``A = (JᵀJ + s² P)⁻¹`` with the prior's
@@ -107,12 +110,18 @@ def covariance_under(calibration: Calibration, scatter: RemainingScatter) -> Arr
 
     ``A (Σ J_iᵀ V_i J_i) A + s² (A − A JᵀJ A)``,  ``V_i = s_0² I + J_q diag(σ²) J_qᵀ``.
 
+    ``without`` are rows that are not to count; A without them is ``A + A J_wᵀ (I − J_w A J_wᵀ)⁻¹ J_w A``.
+
     Source: White (1980), equation 5, with modelled variances and a prior.
     """
     residuals, s2 = calibration.residuals, calibration.variance
-    if not scatter.measured or residuals.oriented or residuals.distances or not s2 > 0:
-        return calibration.covariance
-    rows = np.setdiff1d(np.arange(len(residuals.data)), calibration.outliers)
+    if calibration.design > 1 or not s2 > 0:
+        return calibration.covariance  # sums over blocks of rows hold what each row makes of it
+    left_out = np.zeros(0, dtype=np.intp) if without is None else without
+    A = _without(calibration.covariance / s2, residuals.take(left_out), calibration.x)
+    if not scatter.measured or residuals.oriented or residuals.distances:
+        return s2 * A
+    rows = np.setdiff1d(np.arange(len(residuals.data)), [*calibration.outliers, *left_out])
     kept = residuals.take(rows)
     n, d = len(rows), len(kept.axes)
     J = kept.both(calibration.x)[1][: n * d]
@@ -120,9 +129,18 @@ def covariance_under(calibration: Calibration, scatter: RemainingScatter) -> Arr
     S = joint_columns(kept, calibration.x) * sigma / kept.sigma
     weighed = np.einsum("nij,nik->njk", S, J.reshape(n, d, -1))
     meat = (scatter.instrument / kept.sigma) ** 2 * J.T @ J + np.einsum("njk,njl->kl", weighed, weighed)
-    A = calibration.covariance / s2
     found = A @ meat @ A + s2 * (A - A @ (J.T @ J) @ A)
     return np.asarray((found + found.T) / 2)
+
+
+def _without(A: Array, rows: Residuals, x: Array) -> Array:
+    """The inverse ``A`` (k, k) of the normal equations without some rows."""
+    n = len(rows.data) * rows.block
+    if not n:
+        return A
+    JA = rows.both(x)[1][:n] @ A
+    inner = np.eye(n) * (1 + 1e-9) - JA @ rows.both(x)[1][:n].T
+    return np.asarray(A + JA.T @ np.linalg.solve(inner, JA))
 
 
 def joint_errors(robot: Robot) -> tuple[str, ...]:
@@ -159,8 +177,18 @@ def _likeliest(
     if not (clear and each.determined.all()):
         return common
     sigma, std, interval = common.sigma.copy(), common.std.copy(), common.interval.copy()
-    sigma[strong], std[strong], interval[strong] = each.sigma, each.std, each.interval
+    sigma[strong], std[strong], interval[strong] = _allowed(each), each.std, each.interval
     return replace(each, names=names, sigma=sigma, std=std, interval=interval)
+
+
+def _allowed(noise: JointNoise) -> Array:
+    """(n,) σ's to predict with: where the data allow none, half of the most that they allow.
+
+    That is the root mean square of a half normal whose 95 % end it is. A likeliest σ of zero would predict a region
+    without thickness, and little data find one often.
+    """
+    low, high = noise.interval.T
+    return np.where((low <= 0) & np.isfinite(high), np.maximum(noise.sigma, high / 2), noise.sigma)
 
 
 def _strong(columns: Array, names: tuple[str, ...]) -> NDArray[np.bool_]:

@@ -167,15 +167,28 @@ def predictions(
     nominal = nominal_prediction(
         residuals, calibration.x_nominal, Errors.of(residuals, problem.sources), residuals.sigma, parts, kept
     )
-    calibrated = calibrated_prediction(
-        residuals.take(rows), calibration.x, covariance_under(calibration, remaining), _sigma(remaining, residuals),
-        _instrument(remaining, residuals), 1 - 1 / max(len(parts), 2),
-    )  # fmt: skip
+    calibrated = _by_folds(calibration, remaining, [part[kept[part]] for part in parts])
     measured = np.ix_(rows, residuals.axes)
     return {
         "nominal": (calibration.errors_nominal[measured], nominal.take(rows), groups[rows]),
-        "calibrated": (calibration.errors[measured], calibrated, groups[rows]),
+        "calibrated": (calibration.errors[measured], calibrated.take(rows), groups[rows]),
     }
+
+
+def _by_folds(calibration: Calibration, remaining: RemainingScatter, parts: list[Codes]) -> Prediction:
+    """What is predicted of each row by an arm that has not seen its fold."""
+    residuals = calibration.residuals
+    N, d, k = len(residuals.data), len(residuals.axes), len(calibration.x)
+    common, visit = np.zeros((N, d, k)), np.zeros((N, d, d))
+    clustered = calibration.design > 1
+    for part in parts:
+        covariance = covariance_under(calibration, remaining, part)
+        found = calibrated_prediction(
+            residuals, calibration.x, covariance, _sigma(remaining, residuals), _instrument(remaining, residuals),
+            1 - 1 / max(len(parts), 2) if clustered else 1.0,
+        )  # fmt: skip
+        common[part], visit[part] = found.common[part], found.visit[part]
+    return Prediction(common, visit)
 
 
 def _kept(calibration: Calibration) -> Codes:
