@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from posture_opt.model.arm import Arm
     from posture_opt.problem.accuracy_map import AccuracyMap, map_accuracy
     from posture_opt.problem.calibrated import calibrated_problem
+    from posture_opt.problem.extended import extended_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
     from posture_opt.problem.measurement_plan import plan_measurements
     from posture_opt.selection.selector import PostureSelector, select_posture
@@ -73,6 +74,7 @@ __all__ = [
     "diagnose",
     "diagnose_batch",
     "errors",
+    "extended_problem",
     "load_problem",
     "map_accuracy",
     "map_targets",
@@ -105,6 +107,7 @@ _HOMES = {
     "check_spread": "diagnosis.spread_check",
     "diagnose": "diagnosis.diagnosis",
     "diagnose_batch": "diagnosis.batch_diagnosis",
+    "extended_problem": "problem.extended",
     "load_problem": "problem.load",
     "map_accuracy": "problem.accuracy_map",
     "map_targets": "selection.target_map",
