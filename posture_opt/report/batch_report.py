@@ -138,7 +138,8 @@ def _pairs_block(found: Batch) -> Block:
 
 def _section_block() -> Block:
     text = (
-        "uncertainty.yaml holds this as a section of the problem file: the σ's that were found, and the correlations "
-        "that are real. With it the program plans for any robot of this type."
+        "uncertainty.yaml holds this as a section of the problem file: the σ's that were found – where none was seen, "
+        "what the file states – and the correlations that are real. With it the program plans for any robot of this "
+        "type."
     )
     return Block("For the problem file", (text,))
