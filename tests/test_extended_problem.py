@@ -428,7 +428,7 @@ def test_the_same_data_find_nothing_in_the_extended_arm(world: World) -> None:
     data = po.read_measurements(world.folder / "data.csv", world.extended)
     again = po.diagnose(world.extended, data, flips=99)
     assert not [f for f in again.findings if f.effect is not None]
-    assert again.nominal.rms < 1.2 * np.sqrt(3) * NOISE
+    assert again.errors["nominal"].rms < 1.2 * np.sqrt(3) * NOISE
     twice = extended_problem(world.extended, again)
     for name, content in twice.files("twice").items():
         (world.folder / name).write_bytes(content)

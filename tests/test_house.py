@@ -26,7 +26,13 @@ HOME = {
 }
 BESIDE = {("diagnosis", "selection")}  # two lanes that meet in the arm and know nothing of each other
 # Results draw themselves on request: `solution.plot()` reaches forward, inside the function.
-REACHES_FORWARD = {("uncertainty", "report"), ("diagnosis", "report"), ("selection", "report"), ("problem", "report")}
+REACHES_FORWARD = {
+    ("uncertainty", "report"),
+    ("diagnosis", "report"),
+    ("diagnosis", "problem"),
+    ("selection", "report"),
+    ("problem", "report"),
+}
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -40,8 +41,9 @@ class Diagnosis:
 
     Args:
         findings: non-geometric causes first, the weightiest first.
-        nominal, calibrated, extended: cross-validated position errors [m] of the arm as it stands, calibrated, and
-            with the effects.
+        problem: what was diagnosed.
+        errors: cross-validated position errors [m] of the arm as it stands (``nominal``), ``calibrated``, and with
+            the effects (``extended``).
         held: those errors row by row, by model.
         model: the fitted arm with its effects; ``lasting`` the one without those of time, to plan and predict with.
         unexplained: umbrellas, curves without a name, that the residuals need.
@@ -52,10 +54,9 @@ class Diagnosis:
 
     outcome: Outcome
     findings: tuple[Finding, ...]
+    problem: CalibrationProblem
     calibration: Calibration
-    nominal: Statistics
-    calibrated: Statistics
-    extended: Statistics
+    errors: Mapping[str, Statistics]
     held: Mapping[str, HeldOut]
     model: Extended
     lasting: Extended
@@ -71,6 +72,13 @@ class Diagnosis:
     def verdict(self) -> Outcome:
         """``effects_found``, ``none_found``, ``unexplained`` or ``insufficient_data``."""
         return self.outcome
+
+    @cached_property
+    def extended(self) -> Any:
+        """The ``Problem`` with the arm that was fitted, to be planned with: calibrated, and with its effects."""
+        from posture_opt.problem.extended import extended_problem
+
+        return extended_problem(self.problem, self)  # type: ignore[arg-type] # whoever asks has a whole problem
 
     @property
     def effects(self) -> tuple[Finding, ...]:
@@ -91,8 +99,8 @@ class Diagnosis:
                 "p_value": p,
                 "place": [f"{u.kind}: {u.target}" for u in self.unexplained] or [self.adequacy.place],
             },
-            "residual_rms": {name: getattr(self, name).rms for name in names},
-            "residuals": {name: getattr(self, name).to_json() for name in names},
+            "residual_rms": {name: self.errors[name].rms for name in names},
+            "residuals": {name: self.errors[name].to_json() for name in names},
             "coverage95": {name: float(self.held[name].inside.mean()) for name in names},
             "cross_validation": self.by,
             "gain": self.gain.to_json(),
@@ -208,8 +216,8 @@ def diagnose(
         other = _of_all(other, named)
     stages.end()
     return Diagnosis(
-        outcome, findings, calibration, statistics["nominal"], statistics["calibrated"], statistics["extended"],
-        held, model, lasting, found, nameless, left, groups_by, groups, other,
+        outcome, findings, problem, calibration, statistics, held, model, lasting, found, nameless, left,
+        groups_by, groups, other,
         (*calibration.notes, *(() if other is None else other.notes)),
     )  # fmt: skip
 

@@ -159,7 +159,7 @@ def _entry(effect: Effect) -> dict[str, Any]:
 def _header(diagnosis: Diagnosis, scatter: RemainingScatter) -> tuple[str, ...]:
     """What the file says of itself in its first lines."""
     data = diagnosis.calibration.residuals.data
-    errors = ", ".join(f"{getattr(diagnosis, n).rms * 1e3:.3g} mm {n}" for n in ("nominal", "calibrated", "extended"))
+    errors = ", ".join(f"{diagnosis.errors[n].rms * 1e3:.3g} mm {n}" for n in ("nominal", "calibrated", "extended"))
     named = ", ".join(f"{f.kind} of {f.target}" for f in diagnosis.findings if f.effect is not None) or "no effect"
     left = [e.name for e in diagnosis.model.effects() if not e.for_planning]
     lines = [

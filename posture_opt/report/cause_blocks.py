@@ -118,10 +118,11 @@ def _brings(diagnosed: Diagnosed, finding: Finding) -> str:
     if finding.effect is None:
         return (
             f"the geometry takes {percent(finding.gain)} off the RMS of the arm as it stands: "
-            f"{_mm(found.nominal.rms)} to {_mm(found.calibrated.rms)} mm"
+            f"{_mm(found.errors['nominal'].rms)} to {_mm(found.errors['calibrated'].rms)} mm"
         )
-    without = found.extended.rms / max(1 - finding.gain, 1e-9)
-    text = f"{percent(finding.gain)} off the RMS: without it {_mm(without)} mm instead of {_mm(found.extended.rms)} mm"
+    rms = found.errors["extended"].rms
+    without = rms / max(1 - finding.gain, 1e-9)
+    text = f"{percent(finding.gain)} off the RMS: without it {_mm(without)} mm instead of {_mm(rms)} mm"
     if finding.interval is not None and finding.interval[0] <= 0:
         text += "; that little is no sure gain"
     return text

@@ -79,7 +79,7 @@ def _named(diagnosed: Diagnosed, finding: Finding) -> str:
 
 def _improvement(diagnosed: Diagnosed) -> str:
     found = diagnosed.diagnosis
-    sizes = {name: getattr(found, name).rms for name in MODELS}
+    sizes = {name: found.errors[name].rms for name in MODELS}
     text = f"Where they had not been seen, positions were {_mm(sizes['nominal'])} mm off as the arm stands (RMS), "
     text += f"{_mm(sizes['calibrated'])} mm calibrated"
     if diagnosed.effects:
@@ -111,7 +111,7 @@ def errors_block(diagnosed: Diagnosed) -> Block:
     how = f"Every row is predicted by an arm that was fitted without {_LEFT_OUT[found.by]}"
     how += "." if found.by == "place" else f", in {rounds} rounds."
     rows = [
-        _cells(words, getattr(found, name), float(found.held[name].inside.mean()))
+        _cells(words, found.errors[name], float(found.held[name].inside.mean()))
         for name, words in _models(diagnosed).items()
     ]
     floor, source = diagnosed.floor
@@ -122,7 +122,7 @@ def errors_block(diagnosed: Diagnosed) -> Block:
     if diagnosed.effects:
         texts.append(_gain_text(diagnosed))
     if floor:
-        texts.append(f"Noise alone is {source}{_beside(source, floor, found.extended)}")
+        texts.append(f"Noise alone is {source}{_beside(source, floor, found.errors['extended'])}")
     return Block("What naming the cause brings", (*texts, Table(headers, tuple(rows))), "diagnosis_errors")
 
 
@@ -170,7 +170,7 @@ def test_block(diagnosed: Diagnosed) -> Block:
     headers = ("position error [mm]", "RMS", "interval of RMS", "mean", "95 % below", "max")
     table = Table(headers, tuple((words, *_figures(test.models[name])) for name, words in _models(diagnosed).items()))
     items: list[str | Facts | Table] = [text, table]
-    own = diagnosed.diagnosis.calibrated.rms
+    own = diagnosed.diagnosis.errors["calibrated"].rms
     if not test.refitted and test.models["calibrated"].rms > _ELSEWHERE * own:
         items.append(
             "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."

@@ -54,7 +54,7 @@ def plot_errors(diagnosed: Diagnosed) -> Figure:
     for name in names:
         lengths = 1e3 * np.linalg.norm(found.held[name].errors, axis=1)
         rows = chosen_rows(len(lengths), _DOTS)
-        rms = 1e3 * getattr(found, name).rms
+        rms = 1e3 * found.errors[name].rms
         smallest = min(smallest, float(np.quantile(lengths, 0.02)))
         over.plot(
             rows + 1, lengths[rows], ".", color=COLOURS[name], ms=4 if len(rows) < 400 else 2.5, alpha=0.35, mew=0
