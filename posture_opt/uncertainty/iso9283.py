@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from posture_opt.errors import InputError, InsufficientDataError
+from posture_opt.uncertainty.regions import hotelling_factor
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float]
@@ -25,7 +26,8 @@ class PositionPerformance:
     Args:
         n: number of cycles (30 in the standard).
         accuracy: AP, distance of the mean attained position from the commanded one [m].
-        accuracy_interval: from AP -+ t s / sqrt(n), s the deviation along the error; not below zero [m].
+        accuracy_interval: from AP -+ t s / sqrt(n), s the deviation along the error, and from zero where Hotelling's
+            test does not tell the mean from the commanded position [m].
         repeatability: RP = mean(l) + 3 S_l [m].
         repeatability_interval: for Gaussian scatter of the sample's shape, by simulating the test itself [m].
         mean_distance: mean(l) [m].
@@ -111,8 +113,11 @@ def position_accuracy(attained: ArrayLike, commanded: ArrayLike, p: float = 0.95
         raise InputError(f"a commanded position of {len(goal)} numbers does not fit attained ones of {x.shape[1]}")
     error = x.mean(axis=0) - goal
     accuracy = float(np.linalg.norm(error))
-    half = _accuracy_margin(np.atleast_2d(np.cov(x, rowvar=False)), error, len(x), p)
-    return accuracy, (max(accuracy - half, 0.0), accuracy + half)
+    covariance = np.atleast_2d(np.cov(x, rowvar=False))
+    half = _accuracy_margin(covariance, error, len(x), p)
+    # The length of a mean is never zero, even where the true one is: what scatter alone may make of it starts at zero.
+    low = 0.0 if _mere_scatter(covariance, error, len(x), p) else max(accuracy - half, 0.0)
+    return accuracy, (low, accuracy + half)
 
 
 def orientation_performance(attained: ArrayLike, commanded: float) -> OrientationPerformance:
@@ -218,6 +223,14 @@ def _accuracy_margin(covariance: Array, error: Array, n: int, p: float) -> float
     # Without an error there is no direction to look along: take the worst one.
     variance = error @ covariance @ error / size**2 if size > 0 else np.linalg.eigvalsh(covariance)[-1]
     return float(stdtrit(n - 1, (1 + p) / 2)) * math.sqrt(variance / n)
+
+
+def _mere_scatter(covariance: Array, error: Array, n: int, p: float) -> bool:
+    """Whether Hotelling's test of size 1 - p leaves a mean of zero standing."""
+    d = len(error)
+    if n <= d or np.linalg.matrix_rank(covariance, hermitian=True) < d:
+        return False
+    return float(n * error @ np.linalg.solve(covariance, error)) <= hotelling_factor(p, d, n - 1) ** 2
 
 
 def _cycles(attained: ArrayLike) -> Array:
