@@ -205,8 +205,12 @@ def shape_block(found: Assessment) -> Block:
     share, coordinates = found.calibrated.beyond3, found.rows * len(found.axes)
     beyond = round(share * coordinates)
     chance = float(gammainc(beyond, coordinates * _NORMAL)) if beyond else 1.0  # of so many among normal ones
-    likelier = "likelier" if chance < _RARE else "no likelier beyond chance"
-    verdict = f"large errors are {likelier} than the normal distribution says"
+    if chance < _RARE:
+        verdict = "large errors are likelier than the normal distribution says"
+    elif share > _NORMAL:
+        verdict = "chance explains the difference"
+    else:
+        verdict = "large errors are no likelier than the normal distribution says"
     text = (
         f"{percent(share)} of the coordinates lie beyond three of their standard deviations, of normal ones "
         f"{percent(_NORMAL)}: {verdict}."
