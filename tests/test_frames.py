@@ -80,3 +80,23 @@ def test_free_frames_are_found_wherever_they_stand(base: Any, tool: Any, orienta
         off = np.remainder(value[f"base.{turned}"] - np.radians(true) + np.pi, 2 * np.pi) - np.pi
         assert not result.fixed[i] or abs(off) < 4 * result.std[i]
     assert not result.notes or all("rest" not in note for note in result.notes)
+
+
+def test_on_a_wall_roll_and_yaw_have_no_values_of_their_own() -> None:
+    # The first joint's zero is known to 0.5 mrad beforehand, so that the base's three turns are determined; told in
+    # roll, pitch and yaw they are not, as the pitch of 90 deg lies within their errors.
+    rng = np.random.default_rng(23)
+    errors = {f"{name}.{k}": rng.normal(0, 5e-4) for name, *_ in SIX for k in ("theta", "d", "a", "alpha")}
+    sigma = {name: "0.5 mm" if name.endswith((".d", ".a")) else "0.5 mrad" for name in errors}
+    instrument = {"position": "0.02 mm"}
+    problem = problem_of(SIX, uncertainty={"measurement": instrument, "sigma": sigma})
+    q = rng.uniform(-2.5, 2.5, (60, 6))
+    T_base = shift(0.4, -1.3, 0.8) @ rpy(0, 90, 0)
+    points = poses(q, T_base, shift(0.03, -0.05, 0.12), errors)[:, :3, 3] + rng.normal(0, NOISE, (60, 3))
+    result = calibrate(problem, rows(problem, q, points))
+    at = {p.name: i for i, p in enumerate(result.parameters)}
+    assert not result.fixed[at["base.roll"]]
+    assert not result.fixed[at["base.yaw"]]
+    pitch = at["base.pitch"]
+    assert result.fixed[pitch]
+    assert abs(result.parameters[pitch].nominal + result.x[pitch] - np.pi / 2) < 4 * result.std[pitch]

@@ -206,7 +206,7 @@ def calibrate(
         x_nominal=chart.told(x_nominal),
         x=chart.told(found.x),
         covariance=chart.told_covariance(found.x, covariance),
-        fixed=chart.told_fixed(found.x, known.fixed),
+        fixed=chart.told_fixed(found.x, known.fixed, covariance),
         identifiability=known.identifiability,
         nominal=Statistics.of(nominal.errors[found.kept], groups[found.kept]),
         calibrated=Statistics.of(calibrated.errors[found.kept], groups[found.kept]),

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 _LOCKED = 0.1  # cosine of the pitch: below, a turn about one axis takes large turns of roll against yaw
 _LEAST = 0.01  # cosine of the pitch in standard errors of roll and yaw, which would be endless at ±90°
+_FAR = 5.0  # standard errors from the lock: from there on roll and yaw have errors as others have
 _PART = 1e-3  # of a turn that nobody knows: a smaller part of it in an angle is no matter
 _TURNS = ("yaw", "pitch", "roll")
 
@@ -65,10 +66,20 @@ class Chart:
         G = self._rates(x)
         return np.asarray(G @ covariance @ G.T)
 
-    def told_fixed(self, x: Array, fixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Which of ``given``'s are determined (k,): an angle is, where all the turns are that it is made of."""
-        loose = np.abs(self._rates(x)) * ~fixed > _PART
-        return np.asarray(~loose.any(axis=1))
+    def told_fixed(self, x: Array, fixed: NDArray[np.bool_], covariance: Array) -> NDArray[np.bool_]:
+        """Which of ``given``'s are determined (k,): an angle is, where all the turns are that it is made of.
+
+        Where the lock itself lies within the errors (``covariance`` of ``fitted``), roll and yaw have no values of
+        their own.
+        """
+        loose = np.asarray((np.abs(self._rates(x)) * ~fixed > _PART).any(axis=1))
+        for frame in self.locked:
+            yaw, pitch, roll = at = self._at(frame)
+            angles = rpy(frame_rotation(getattr(self.fitted.robot, frame), dict(zip(_TURNS, x[at], strict=True))))
+            tilt = math.sqrt(max(covariance[yaw, yaw], covariance[pitch, pitch], 0.0))
+            if abs(math.cos(angles["pitch"])) < max(_LEAST, _FAR * tilt):
+                loose[[yaw, roll]] = True
+        return np.asarray(~loose)
 
     def told_size(self, x: Array, sizes: Array) -> Array:
         """Sizes of errors (k,) of ``given`` from those of ``fitted``."""
