@@ -221,6 +221,22 @@ def test_pairs_of_visits_tell_the_scatter_but_no_repeatability_of_a_pose() -> No
     assert found.interval[0] < NOISE < found.interval[1]
 
 
+def test_joint_values_that_were_read_back_make_visits_too_and_a_slip_is_left_out() -> None:
+    rng = np.random.default_rng(19)
+    problem = planar()
+    commanded = np.repeat(rng.uniform(-2.5, 2.5, (60, 2)), 3, axis=0)
+    read = commanded + rng.uniform(-1e-4, 1e-4, commanded.shape)
+    # What comes back at every visit is large, so that a slip is no outlier of the fit, only among the visits.
+    comes_back = np.repeat(rng.normal(0, 20 * NOISE, (60, 2)), 3, axis=0)
+    points = position(read) + comes_back + rng.normal(0, NOISE, read.shape)
+    points[10] += 30 * NOISE  # the second visit of the fourth posture
+    data = measured(problem, read, points)
+    found = po.assess(problem, data, po.calibrate(problem, data)).repeats
+    assert found.odd == (data.line[9],)
+    assert (found.groups, found.visits) == (59, 177)
+    assert found.sigma == pytest.approx(NOISE, rel=0.2)  # 236 of freedom: ± 4.6 %, four of them
+
+
 def test_one_goal_in_two_postures_lands_apart_as_the_longer_link_has_it() -> None:
     rng = np.random.default_rng(10)
     problem = planar()
