@@ -39,6 +39,11 @@ def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals,
     rotation = (problem.measurement.orientation or 0.0) if problem.measurement is not None else 0.0
     if data.rotation is not None and not rotation:
         notes.append("orientations are left out: measurement.orientation states no σ for them")
+    if data.position is None:
+        offset = problem.robot.factors[problem.robot.driven[0]].parameter
+        notes.append(
+            f"touched points tell nothing of {offset} and what lies before it: it moves arm and points together"
+        )
     used = rotation if data.rotation is not None else 0.0
     parameters = unknowns(problem, data, orientation=used > 0)
     distances = _distances(problem, data, sigma)

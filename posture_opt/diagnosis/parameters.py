@@ -62,7 +62,8 @@ class Parameter:
 def candidates(robot: Robot, data: Measurements, *, orientation: bool = False) -> tuple[Parameter, ...]:
     """Every parameter that measurements of this kind could tell something about, from base to tool.
 
-    Touched points stand in the frame of the base, which is then no unknown. ``beta`` is a candidate only between
+    Touched points stand in the frame of the base, which is then no unknown, nor is what moves arm and points
+    together: all before the first joint, and its own offset. ``beta`` is a candidate only between
     nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of its own.
     """
     at = {factor.parameter: i for i, factor in enumerate(robot.factors) if factor.parameter}
@@ -72,7 +73,7 @@ def candidates(robot: Robot, data: Measurements, *, orientation: bool = False) -
         group = prefix if prefix in ("base", "tool") else "geometry"
         if group == "geometry" and not _fitted(robot, prefix, last):
             continue
-        if group == "base" and data.position is None:
+        if data.position is None and (group == "base" or index <= robot.driven[0]):
             continue
         if group == "tool":
             if orientation or last in _AXES:
