@@ -148,7 +148,7 @@ def _chosen(judged: Judged, diagnosed: Diagnosed) -> bool:
     cycles = getattr(judged.suspect.what, "cycles", None)
     return any(
         s.key == judged.suspect.key and (cycles is None or abs(getattr(s.what, "cycles", 0.0) - cycles) < _SAME)
-        for s in diagnosed.diagnosis.model.suspects + tuple(diagnosed.diagnosis.search.chosen)
+        for s in (*diagnosed.diagnosis.model.suspects, *(s for s in diagnosed.diagnosis.search.chosen if not s.named))
     )
 
 
