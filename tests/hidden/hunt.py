@@ -27,7 +27,7 @@ from tests.hidden.score import score
 from tests.hidden.table import report
 
 Case = tuple[str, int]
-# Each family in turn, those of effects.md section 4 more often.
+# Each family in turn, those that the closing table asks of more often.
 MIX = ("full", "kr16", "narrow", "clean", "outside", "two", *FAMILIES)
 
 
