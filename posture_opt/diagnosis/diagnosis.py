@@ -198,11 +198,9 @@ def diagnose(
     parts = folds_of(groups, folds, groups_by)
     base = fit_extended(residuals, calibration.x, directions, [])
     tell = stages.next()
-    held = {
-        "nominal": held_out(fit_extended(residuals, calibration.x_nominal, known, []), parts),
-        "calibrated": held_out(base, parts),
-        "extended": held_out(model, parts),
-    }
+    stands = fit_extended(residuals, calibration.x_nominal, known, [])
+    models = {"nominal": stands, "calibrated": base, "extended": model}
+    held = {name: held_out(fitted, parts) for name, fitted in models.items()}
     findings = (
         *effect_findings(names, model, held["extended"], parts, groups, tell),
         *(noise_finding(n) for n in noise),
@@ -212,8 +210,8 @@ def diagnose(
     statistics = {name: Statistics.of(h.errors, groups) for name, h in held.items()}
     other = None
     if test is not None:
-        other = second_session(problem, test, calibration.x_nominal, base, lasting, refit_frames=refit_frames)
-        other = _of_all(other, named)
+        seen = second_session(problem, test, calibration.x_nominal, base, lasting, refit_frames=refit_frames)
+        other = _of_all(seen, named)
     stages.end()
     return Diagnosis(
         outcome, findings, problem, calibration, statistics, held, model, lasting, found, nameless, left,

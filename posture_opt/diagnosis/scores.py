@@ -127,11 +127,6 @@ class Chance:
 
     least: Mapping[str, Array]
 
-    def tests(self, family: str) -> float:
-        """The number of independent tests whose least p-value has the median of the flipped ones."""
-        median = float(np.exp(np.median(self.least[family])))
-        return float(max(np.log(0.5) / np.log1p(-min(max(median, 1e-12), 0.999)), 1.0))
-
     def family_wise(self, log_p_value: float, family: str) -> float:
         """Probability that chance gives any candidate of any family so much evidence.
 

@@ -180,8 +180,23 @@ def _text(value: float, dimension: str) -> Any:
     return float(value) if dimension == "ratio" else f"{value:.12g} {DIMENSIONS[dimension][0]}"
 
 
-class JointEffect(Effect):
-    """An effect that adds to one joint: ``dq = Σ θ_k φ_k(q, u)``."""
+class SoleEffect(Effect):
+    """An effect of which an arm has one: of its base, its payload or the instrument."""
+
+    sole: ClassVar[str]
+    """The target."""
+
+    @property
+    def target(self) -> str:
+        return self.sole
+
+    @classmethod
+    def candidates(cls, case: Case) -> Sequence[Effect]:
+        return [cls(kind=cls.model_fields["kind"].default)] if cls.needs <= case.inputs else []
+
+
+class EffectOfJoint(Effect):
+    """An effect of one joint, or of the link behind it."""
 
     types: ClassVar[tuple[str, ...]] = ("revolute",)
 
@@ -190,14 +205,6 @@ class JointEffect(Effect):
     @property
     def target(self) -> str:
         return self.joint
-
-    @abstractmethod
-    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
-        """``φ_k`` of each parameter."""
-
-    def moves(self, site: Site) -> tuple[Move, ...]:
-        joint = site.robot.joint_names.index(self.joint)
-        return tuple(Move({joint: feature}) for feature in self.features(site, joint))
 
     @classmethod
     def candidates(cls, case: Case) -> Sequence[Effect]:
@@ -215,3 +222,15 @@ class JointEffect(Effect):
         if types[self.joint] not in self.types:
             return f"{self.kind} is of {' and '.join(self.types)} joints, and {self.joint} is {types[self.joint]}"
         return ""
+
+
+class JointEffect(EffectOfJoint):
+    """An effect that adds to one joint: ``dq = Σ θ_k φ_k(q, u)``."""
+
+    @abstractmethod
+    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+        """``φ_k`` of each parameter."""
+
+    def moves(self, site: Site) -> tuple[Move, ...]:
+        joint = site.robot.joint_names.index(self.joint)
+        return tuple(Move({joint: feature}) for feature in self.features(site, joint))

@@ -8,28 +8,24 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from posture_opt.model.chain import subtract
-from posture_opt.model.effects.effect import Case, Effect, Move
+from posture_opt.model.effects.effect import Case, Effect, Move, SoleEffect
 from posture_opt.model.site import ZERO, Site
 
 _PRODUCTS = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
-class InstrumentField(Effect):
+class InstrumentField(SoleEffect):
     """``dp = Σ w_ij p_i p_j``: the measured point is off by a quadratic function of where it is, seen from the base.
 
     What is constant or linear in the place looks like a frame or like lengths.
     """
 
     summary: ClassVar[str] = "the instrument errs smoothly over its volume"
+    sole: ClassVar = "instrument"
     parameters: ClassVar = tuple((f"{axis}_{product}", "per length") for axis in "xyz" for product in _PRODUCTS)
     for_planning: ClassVar = False
 
     kind: Literal["instrument_field"] = "instrument_field"
-    instrument: Literal["instrument"] = "instrument"
-
-    @property
-    def target(self) -> str:
-        return "instrument"
 
     def moves(self, site: Site) -> tuple[Move, ...]:
         p = subtract(site.tool, site.walk.screws[len(site.robot.base)].origin)

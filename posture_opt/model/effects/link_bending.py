@@ -6,15 +6,15 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar, Literal
 
-from posture_opt.model.chain import Scalar, Vector, add, cross, dot, scale, subtract
-from posture_opt.model.effects.effect import Case, Effect, JointEffect, Move
+from posture_opt.model.chain import Vector, add, cross, dot, scale, subtract
+from posture_opt.model.effects.effect import Case, Effect, EffectOfJoint, Move
 from posture_opt.model.site import Site
 from posture_opt.robot.robot import Robot
 
 _SHORT = 0.02  # m; a link shorter than this has nothing to bend
 
 
-class LinkBending(JointEffect):
+class LinkBending(EffectOfJoint):
     """``φ = c M⊥``: the end of the link behind the joint turns about the part of the moment across the link.
 
     M is the moment of all weights beyond, about the end of the link; a cantilever that turns by φ at its end is
@@ -27,9 +27,6 @@ class LinkBending(JointEffect):
     needs: ClassVar = frozenset({"masses"})
 
     kind: Literal["link_bending"] = "link_bending"
-
-    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
-        raise NotImplementedError  # it is no joint that moves
 
     def moves(self, site: Site) -> tuple[Move, ...]:
         joint = site.robot.joint_names.index(self.joint)
