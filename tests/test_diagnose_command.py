@@ -202,6 +202,42 @@ def test_a_session_with_other_frames_is_fitted_to_them(folder: Path, tmp_path: P
     assert any("fitted again" in note for note in fitted.notes)
 
 
+@pytest.mark.parametrize(
+    ("file", "extra", "words"),
+    [
+        ("nowhere.csv", [], "no such file"),
+        ("one.csv", ["--refit-frames"], "1 pose is too few to fit base and tool again"),
+        ("two_arms.csv", [], "the test file holds several robots"),
+    ],
+)
+def test_a_test_file_that_tells_nothing_is_refused(
+    file: str, extra: list[str], words: str, folder: Path, tmp_path: Path
+) -> None:
+    rows = (folder / "other.csv").read_text(encoding="utf-8").splitlines()
+    (tmp_path / "one.csv").write_text("\n".join(rows[:2]), encoding="utf-8")
+    named = [f"{row}, {'robot' if i == 0 else 'AB'[i % 2]}" for i, row in enumerate(rows)]
+    (tmp_path / "two_arms.csv").write_text("\n".join(named), encoding="utf-8")
+    others = ["--problem", folder / "problem.yaml", "--test", tmp_path / file, *extra]
+    result = run(folder / "data.csv", *others)
+    assert result.exit_code == 2
+    assert words in " ".join(result.stderr.split())
+
+
+def test_what_the_test_file_leaves_unsaid_is_told(folder: Path) -> None:
+    # The zero of joint1 turns by 20 µrad a kelvin; the second file has no thermometer.
+    problem = po.load_problem(folder / "problem.yaml")
+    rng = np.random.default_rng(3)
+    q, warmth = rng.uniform(-2.5, 2.5, (90, 2)), rng.uniform(0.0, 10.0, 90)
+    turned = q + np.stack([2e-5 * warmth, np.zeros(90)], axis=1)
+    table = np.column_stack([np.degrees(q), 1e3 * (position(turned) + rng.normal(0, NOISE, (90, 2))), 20 + warmth])
+    head = f"{HEAD}, temperature [degC]"
+    np.savetxt(folder / "warm.csv", table, fmt="%.9f", delimiter=",", header=head, comments="")
+    data, silent = (po.read_measurements(folder / name, problem) for name in ("warm.csv", "other.csv"))
+    found = po.diagnose(problem, data, test=silent)
+    assert found.effects[0].kind == "thermal_offset"
+    assert any("no column temperature [degC]" in note and "20 degC is taken" in note for note in found.notes)
+
+
 def test_what_could_be_confused_comes_with_a_measurement(folder: Path) -> None:
     problem = po.load_problem(folder / "problem.yaml")
     data = po.read_measurements(folder / "data.csv", problem)

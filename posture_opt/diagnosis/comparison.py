@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -89,6 +91,12 @@ def fit_frames(robot: Robot, residuals: Residuals) -> Array:
 
 def fit_groups(residuals: Residuals, x0: Array, groups: set[str]) -> Estimate | None:
     """The estimate of the parameters of some groups alone, or ``None`` where there are none."""
+    directions = _directions(residuals, x0, groups)
+    return None if directions is None else estimate(residuals, x0, directions)
+
+
+def _directions(residuals: Residuals, x0: Array, groups: set[str]) -> Array | None:
+    """(k, rank) what the data determine of the parameters of some groups, or ``None`` where there are none."""
     columns = [i for i, p in enumerate(residuals.parameters) if p.group in groups]
     if not columns:
         return None
@@ -99,7 +107,43 @@ def fit_groups(residuals: Residuals, x0: Array, groups: set[str]) -> Estimate | 
     part = identify(names, J[:, columns], len(residuals.data), scale=np.ones(len(columns)), noise=max(spread, 1.0))
     directions = np.zeros((len(x0), part.rank))
     directions[columns] = part.directions
-    return estimate(residuals, x0, directions)
+    return directions
+
+
+def check_other(residuals: Residuals, other: Measurements) -> None:
+    """Refuses measurements that what was learned of ``residuals`` does not predict.
+
+    Raises:
+        InputError: of other targets, or of several robots.
+    """
+    mine = residuals.data
+    if len(other.robot_names) > 1:
+        raise InputError(Issue("the test file holds several robots", mend="test with one robot at a time"))
+    if other.target_names != mine.target_names or (other.position is None) != (mine.position is None):
+        raise InputError(Issue("the test file measures other targets", mend="test with the same points on the tool"))
+
+
+def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
+    """Base and tool fitted again, though the problem file may state them as known: the wider arm and its deviations.
+
+    Raises:
+        InputError: the frames would bend to any measurements.
+    """
+    data = residuals.data
+    robot = replace(residuals.robot, base_free=True, tool_free=True)
+    wide = replace(residuals, parameters=candidates(robot, data, orientation=residuals.oriented))
+    value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
+    start_at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
+    directions = _directions(wide, start_at, {"base", "tool"})
+    if directions is None:
+        return wide, start_at
+    poses = len(np.unique(data.pose))
+    if poses * wide.block <= directions.shape[1]:
+        counted = "1 pose is" if poses == 1 else f"{poses} poses are"
+        message = f"{counted} too few to fit base and tool again and to judge by what is left"
+        mend = "test with 20 poses or more, or without --refit-frames"
+        raise InputError(Issue(message, mend=mend, file=data.file))
+    return wide, estimate(wide, start_at, directions).x
 
 
 def held_length(residuals: Residuals) -> int | None:

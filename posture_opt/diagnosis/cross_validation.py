@@ -8,14 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.diagnosis.comparison import fit_frames, fit_groups
+from posture_opt.diagnosis.comparison import check_other, fit_frames, frames_again
 from posture_opt.diagnosis.estimation import Estimate, estimate
 from posture_opt.diagnosis.knowledge import Knowledge
 from posture_opt.diagnosis.measurements import Measurements
-from posture_opt.diagnosis.parameters import candidates
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.validation import Statistics
-from posture_opt.errors import InputError, Issue
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.intp]
@@ -116,29 +114,12 @@ def tested(
     """The position errors of another file, predicted by ``x``, and by the arm as it stands.
 
     Raises:
-        InputError: the file measures other targets.
+        InputError: other targets, several robots, or too few poses to fit base and tool again.
     """
     if test is None:
         return {}
-    if test.target_names != residuals.data.target_names or (test.position is None) != (residuals.data.position is None):
-        raise InputError(Issue("the test file measures other targets", mend="test with the same points on the tool"))
+    check_other(residuals, test)
     other = replace(residuals, data=test, distances=())
-    if refit:
-        return _refitted(other, {"nominal": x_nominal, "calibrated": x})
-    return {
-        name: Statistics.of(position_errors(other, at), test.pose)
-        for name, at in (("nominal", x_nominal), ("calibrated", x))
-    }
-
-
-def _refitted(other: Residuals, models: dict[str, Array]) -> dict[str, Statistics]:
-    """The same with base and tool fitted again, though the problem file may state them as known."""
-    robot = replace(other.robot, base_free=True, tool_free=True)
-    wide = replace(other, parameters=candidates(robot, other.data, orientation=other.oriented))
-    found = {}
-    for name, x in models.items():
-        value = dict(zip((p.name for p in other.parameters), x, strict=True))
-        start = np.array([value.get(p.name, 0.0) for p in wide.parameters])
-        again = fit_groups(wide, start, {"base", "tool"})
-        found[name] = Statistics.of(position_errors(wide, start if again is None else again.x), other.data.pose)
-    return found
+    models = {"nominal": x_nominal, "calibrated": x}
+    seen = {name: frames_again(other, at) if refit else (other, at) for name, at in models.items()}
+    return {name: Statistics.of(position_errors(*pair), test.pose) for name, pair in seen.items()}

@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.diagnosis.comparison import fit_groups
+from posture_opt.diagnosis.comparison import check_other, frames_again
 from posture_opt.diagnosis.cross_validation import position_errors
 from posture_opt.diagnosis.extended import Extended
 from posture_opt.diagnosis.measurements import Measurements
-from posture_opt.diagnosis.parameters import CalibrationProblem, candidates
+from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.suspects import Suspect
 from posture_opt.diagnosis.tangents import Tangents
 from posture_opt.diagnosis.validation import Statistics
-from posture_opt.errors import InputError, Issue
 from posture_opt.model.effects import Effect
+from posture_opt.model.inputs import REFERENCE_TEMPERATURE
+from posture_opt.robot.robot import Robot
 
 Array = NDArray[np.float64]
 _DRAWS = 500
@@ -61,6 +62,7 @@ class SecondSession:
         gain: of the effects over the calibrated arm.
         gains: (effects) of each effect over the model without it; None for one that changes with time.
         refitted: whether base and tool were fitted again.
+        unstated: what the file does not say of itself though an effect depends on it, in sentences.
     """
 
     data: Measurements
@@ -69,6 +71,7 @@ class SecondSession:
     gain: Gain
     gains: tuple[Gain | None, ...]
     refitted: bool
+    unstated: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -84,7 +87,7 @@ class SecondSession:
                 f"the effects bring {sure} on the test file: RMS {self.models['calibrated'].rms * 1e3:.4g} mm "
                 f"calibrated, {self.models['extended'].rms * 1e3:.4g} mm with them"
             )
-        return tuple(notes)
+        return (*notes, *self.unstated)
 
     def to_json(self) -> dict[str, Any]:
         """The part ``test`` of ``diagnosis.json`` [m]."""
@@ -101,10 +104,10 @@ def second_session(
     Effects of time say nothing of another session and are left out.
 
     Raises:
-        InputError: the file measures other targets, or several robots.
+        InputError: other targets, several robots, or too few poses to fit base and tool again.
     """
-    _check(extended.residuals, other)
-    sight = _Sight(problem, replace(extended.residuals, data=other, distances=()), refit_frames)
+    check_other(extended.residuals, other)
+    sight = _Sight(replace(extended.residuals, data=other, distances=()), refit_frames)
     kept = [i for i, s in enumerate(extended.suspects) if _lasting(s)]
     theta = [extended.theta[part] for part in extended.slices]
     errors = {
@@ -117,26 +120,31 @@ def second_session(
         gains[i] = Gain.of(errors["extended"], _without(sight, extended, i), other.pose)
     models = {name: Statistics.of(e, other.pose) for name, e in errors.items()}
     gain = Gain.of(errors["extended"], errors["calibrated"], other.pose)
-    return SecondSession(other, errors, models, gain, tuple(gains), refit_frames)
+    unstated = _unstated(extended.residuals.data, other, [extended.suspects[i].what for i in kept], problem.robot)
+    return SecondSession(other, errors, models, gain, tuple(gains), refit_frames, unstated)
 
 
 def _lasting(suspect: Suspect) -> bool:
     return isinstance(suspect.what, Effect) and suspect.what.for_planning
 
 
-def _check(residuals: Residuals, other: Measurements) -> None:
-    mine = residuals.data
-    if len(other.robot_names) > 1:
-        raise InputError(Issue("the test file holds several robots", mend="test with one robot at a time"))
-    if other.target_names != mine.target_names or (other.position is None) != (mine.position is None):
-        raise InputError(Issue("the test file measures other targets", mend="test with the same points on the tool"))
+def _unstated(mine: Measurements, other: Measurements, effects: Sequence[object], robot: Robot) -> tuple[str, ...]:
+    """What effects ask for, the first file states and the other does not, with what is taken for it."""
+    asked = {need for e in effects if isinstance(e, Effect) for need in (*e.asks, *e.needs)}
+    notes = []
+    if "temperature" in asked and other.temperature is None:
+        at = f"{REFERENCE_TEMPERATURE:g} degC"
+        notes.append(f"the test file has no column temperature [degC], on which an effect depends: {at} is taken")
+    if asked & {"payload", "masses"} and mine.payload is not None and other.payload is None:
+        load = f"{robot.payload:g} kg of the problem file"
+        notes.append(f"the test file has no column payload [kg], on which an effect depends: the {load} are taken")
+    return tuple(notes)
 
 
 @dataclass(frozen=True, eq=False)
 class _Sight:
     """The other file, seen by any estimate."""
 
-    problem: CalibrationProblem
     residuals: Residuals
     refit: bool
 
@@ -147,9 +155,11 @@ class _Sight:
             # What the effects add to the model is taken off the measured points instead.
             moved = np.where(residuals.data.measured_axes, residuals.data.position - shift, residuals.data.position)
             residuals = replace(residuals, data=replace(residuals.data, position=moved))
-            return self._refitted(residuals, x) if self.refit else position_errors(residuals, x)
-        errors = self._refitted(residuals, x) if self.refit else position_errors(residuals, x)
-        return errors + _about_points(shift, residuals.data)
+            return self._predicted(residuals, x)
+        return self._predicted(residuals, x) + _about_points(shift, residuals.data)
+
+    def _predicted(self, residuals: Residuals, x: Array) -> Array:
+        return position_errors(*(frames_again(residuals, x) if self.refit else (residuals, x)))
 
     def _shift(self, x: Array, suspects: Sequence[Suspect], theta: Sequence[Array]) -> Array:
         residuals = self.residuals
@@ -160,15 +170,6 @@ class _Sight:
             rows = (tangents.columns(suspect.what) @ values).reshape(-1, residuals.block)
             shift[:, residuals.axes] += rows[:, : len(residuals.axes)] * residuals.sigma
         return shift
-
-    def _refitted(self, residuals: Residuals, x: Array) -> Array:
-        """With base and tool fitted again, though the problem file may state them as known."""
-        robot = replace(self.problem.robot, base_free=True, tool_free=True)
-        wide = replace(residuals, parameters=candidates(robot, residuals.data, orientation=residuals.oriented))
-        value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
-        start = np.array([value.get(p.name, 0.0) for p in wide.parameters])
-        again = fit_groups(wide, start, {"base", "tool"})
-        return position_errors(wide, start if again is None else again.x)
 
 
 def _about_points(shift: Array, data: Measurements) -> Array:

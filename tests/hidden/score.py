@@ -36,7 +36,7 @@ def score(truth: Json, answer: Json | None, seconds: float = 0.0, error: str = "
     rivals = {_name(r) for e in truth["effects"] for r in e.get("rivals", ()) if r["lost"] < MARGIN}
     record["separable"] = not rivals
     record["excused"] = bool(names) and names[0] in rivals
-    record |= _sizes(truth, answer)
+    record |= _sizes(truth, answer) | _second(true, answer)
     extended = (answer.get("residual_rms") or {}).get("extended")
     if extended and truth.get("rms") and not truth["gross_rows"]:
         record["rms_ratio"] = extended / truth["rms"]
@@ -61,6 +61,21 @@ def _right(true: list[Name], names: list[Name], sets: list[set[Name]], verdict: 
         "all_named": set(true) <= set(names),
         "extra": len(set(names) - set(true)),
     }
+
+
+def _second(true: list[Name], answer: Json) -> Json:
+    """What the second session, where there is one, says of the gain: RMS with and without, and what is claimed.
+
+    A gain is claimed where its 95 % interval lies above zero; ``lasting`` are the hidden effects rightly named that
+    another session can have, each with its own gain there.
+    """
+    test = answer.get("test")
+    if not test:
+        return {}
+    gains = [e["test_gain"]["value"] for e in answer["effects"] if _name(e) in true and "test_gain" in e]
+    claimed = test["gain"]["interval95"][0] > 0.0
+    rms = {model: test[model]["rms"] for model in ("nominal", "calibrated", "extended")}
+    return {"second": {"rms": rms, "claimed": claimed, "lasting": gains}}
 
 
 def _sizes(truth: Json, answer: Json) -> Json:

@@ -80,7 +80,7 @@ def draw_batch(rng: np.random.Generator, arm: Arm, setting: Setting, session: Se
     noise_entry = {"kind": "joint_noise", "target": "joint2", "size": {"sigma": noisy}, "shape": {}}
     noise_entry["lambda"] = robots * Noise(joint=1, joint_sigma=noisy).strength(Site(arm, session, {}))
     truth = {
-        "arm": arm.name, "rows": len(whole), "free": False, "sides_stated": False, "sigma": SIGMA, "rms": SIGMA,
+        "arm": arm.name, "rows": len(whole), "free": False, "sides_stated": False, "sigma": SIGMA, "rms": 0.0,
         "effects": [*entries, noise_entry] if robots > 1 else [], "noise_rms": SIGMA, "gross_rows": [],
         "unknowable": [] if robots > 1 else entries,
     }  # fmt: skip

@@ -41,7 +41,7 @@ def detectable(r: Record) -> bool:
 def report(records: list[Record]) -> str:
     answered = [r for r in records if r["verdict"] != "error"]
     parts = [_families(answered), _quiet(answered), _outside(answered), _strengths(answered), _kinds(answered)]
-    parts += [_confusions(answered), _errors(records), _seconds(records)]
+    parts += [_second(answered), _confusions(answered), _errors(records), _seconds(records)]
     return "\n\n".join(p for p in parts if p)
 
 
@@ -95,6 +95,31 @@ def _outside(records: list[Record]) -> str:
         )
     head = ["outside the catalogue", "n", "unexplained", "wrongly named", "nothing said"]
     return _rows(head, rows) if part else ""
+
+
+def _second(records: list[Record]) -> str:
+    """Whether what was gained holds on the second session, where nothing was fitted."""
+    seen = [r for r in records if "second" in r]
+    parts = {
+        "hidden and rightly named": [r for r in seen if r["second"]["lasting"]],
+        "of one session only, left out there": [r for r in seen if r["first"] and _timed(r)],
+        "hidden, not or wrongly named": [r for r in seen if r["truth"] and not r["first"]],
+        "nothing hidden": [r for r in seen if not r["truth"]],
+    }
+    rows = []
+    for name, part in parts.items():
+        if part:
+            rms = [r["second"]["rms"] for r in part]
+            ratios = [m["extended"] / m["calibrated"] for m in rms]
+            flags = [share(x < 1 for x in ratios), share(r["second"]["claimed"] for r in part)]
+            flags.append(share(g > 0 for r in part for g in r["second"]["lasting"]))
+            rows.append([name, str(len(part)), *flags, f"{np.median(ratios):.3f}"])
+    head = ["second session", "n", "RMS below calibrated", "a gain claimed", "each effect gains", "extended/calibrated"]
+    return _rows(head, rows) if rows else ""
+
+
+def _timed(r: Record) -> bool:
+    return not r["second"]["lasting"] and any(kind in ("drift", "slip") for kind, _ in r["truth"])
 
 
 def _single(records: list[Record]) -> list[Record]:

@@ -98,6 +98,28 @@ def test_the_table_counts_alarms_unexplained_and_errors() -> None:
     assert any("ValueError: no" in line for line in lines)
 
 
+def test_the_second_session_counts_what_holds_there_and_what_is_claimed() -> None:
+    def tested(found: dict[str, Any], extended: float, low: float, gain: float | None = None) -> dict[str, Any]:
+        rms = {"nominal": {"rms": 3e-4}, "calibrated": {"rms": 2e-4}, "extended": {"rms": extended}}
+        for e in found["effects"][:1] if gain is not None else ():
+            e["test_gain"] = {"value": gain, "interval95": [low, 1.0]}
+        return found | {"test": {**rms, "gain": {"value": 1 - extended / 2e-4, "interval95": [low, 1.0]}}}
+
+    records = [
+        score(truth(SCALE), tested(answer(SCALE), 1e-4, 0.3, gain=0.5)),
+        score(truth(SCALE), tested(answer(SCALE), 2.2e-4, -0.3, gain=-0.1)),
+        score(truth(("slip", "base")), tested(answer(("slip", "base")), 2e-4, 0.0)),
+        score(truth(family="clean"), tested(answer(GEOMETRY), 2e-4, 0.0)),
+        score(truth(family="clean"), answer(GEOMETRY)),
+    ]
+    table = report(records).split("second session")[1].splitlines()
+    rows = {line.split("  ")[0]: line for line in table[1:]}
+    assert rows["hidden and rightly named"].count("50.0 %") == 3
+    assert " 1  " in rows["of one session only, left out there"]
+    assert rows["nothing hidden"].count("  0.0 %") == 2
+    assert "second session" not in report(records[-1:])
+
+
 def test_intervals_are_wilsons() -> None:
     # Newcombe (1998), Statistics in Medicine 17, 857: 81 of 263 has 0.2553 … 0.3662.
     assert interval(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)
