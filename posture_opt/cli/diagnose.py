@@ -53,12 +53,16 @@ def command(
         except InsufficientDataError as error:
             _tell_insufficient(common, error)
             raise
-        from posture_opt.problem.extended import extended_problem, plan_again
+        from posture_opt.problem.extended import extended_problem, models_of, plan_again
+        from posture_opt.problem.measured_goals import measured_goals
         from posture_opt.report.diagnosed import Diagnosed
 
         extended = extended_problem(problem, found)
-        plans = {} if no_plan else plan_again(problem, found, extended, common.seed)
-        diagnosed = Diagnosed(measured, found, folds, other, refit_frames, extended, plans)
+        plans, goals = {}, None
+        if problem.task is not None and not no_plan:
+            models = models_of(problem, found, extended)
+            plans, goals = plan_again(models, common.seed), measured_goals(found, models)
+        diagnosed = Diagnosed(measured, found, folds, other, refit_frames, extended, plans, goals)
         if folder is not None:
             from posture_opt.report.write import write_diagnosis
 

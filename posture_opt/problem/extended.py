@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from posture_opt.problem.calibrated import (
     semidefinite,
     uncertainty_section,
 )
+from posture_opt.problem.measured_goals import MeasuredGoals
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.replanned import Replanned, replan_with
 from posture_opt.problem.yaml_source import Document
@@ -71,20 +72,26 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration:
     return replace(calibration, x=model.x, covariance=covariance, errors=errors, variance=model.variance)
 
 
-def plan_again(
-    problem: Problem, diagnosis: Diagnosis, extended: Problem, seed: int | None = None
-) -> dict[str, Replanned]:
+def models_of(problem: Problem, diagnosis: Diagnosis, extended: Problem) -> dict[str, Problem]:
+    """The arm as it stands, calibrated and extended, each where the measurements saw its base and tool."""
+    calibration = diagnosis.calibration
+    return {
+        "nominal": arm_of_frames(problem, calibration),
+        "calibrated": calibrated_problem(problem, calibration),
+        "extended": extended,
+    }
+
+
+def plan_again(models: Mapping[str, Problem], seed: int | None = None) -> dict[str, Replanned]:
     """The task planned with the arm as it stands and with the calibrated one, each judged by the extended one."""
-    if problem.task is None:
+    if models["nominal"].task is None:
         return {}
-    calibrated = calibrated_problem(problem, diagnosis.calibration)
-    nominal = arm_of_frames(problem, diagnosis.calibration)
-    return replan_with({"nominal": nominal, "calibrated": calibrated}, extended, seed=seed)
+    return replan_with({name: models[name] for name in ("nominal", "calibrated")}, models["extended"], seed=seed)
 
 
-def posture_document(plans: dict[str, Replanned]) -> dict[str, Any]:
-    """The part ``posture`` of diagnosis.json: what each arm would choose, as the extended one sees it."""
-    document: dict[str, Any] = {}
+def posture_document(plans: Mapping[str, Replanned], goals: MeasuredGoals | None = None) -> dict[str, Any]:
+    """The part ``posture`` of diagnosis.json: what each arm would choose, as the extended one and the data see it."""
+    document: dict[str, Any] = {} if goals is None else {"goals": goals.to_json()}
     for name, plan in plans.items():
         parts = plan.to_json("extended")
         document[name] = parts["nominal"]

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.measurements import Measurements
     from posture_opt.diagnosis.residuals import Residuals
     from posture_opt.diagnosis.search import Scene
+    from posture_opt.problem.measured_goals import MeasuredGoals
     from posture_opt.problem.problem import Problem
     from posture_opt.problem.replanned import Replanned
 
@@ -33,7 +34,8 @@ class Diagnosed:
 
     Args:
         data: the measurements; ``test`` another file, predicted with base and tool refitted if ``refit_frames``.
-        extended: the problem with the calibrated arm and its effects; ``plans`` by model its task planned again.
+        extended: the problem with the calibrated arm and its effects; ``plans`` by model its task planned again;
+            ``goals`` those that were measured in several postures.
     """
 
     data: Measurements
@@ -43,6 +45,7 @@ class Diagnosed:
     refit_frames: bool = False
     extended: Problem | None = None
     plans: Mapping[str, Replanned] = field(default_factory=dict)
+    goals: MeasuredGoals | None = None
 
     @property
     def residuals(self) -> Residuals:

@@ -12,6 +12,7 @@ from posture_opt.report.cause_blocks import causes_block, confusion_block, cycli
 from posture_opt.report.diagnosed import MODELS, Diagnosed
 from posture_opt.report.effect_words import NOISES, cause_words, main_size, short_words
 from posture_opt.report.extended_blocks import choice_block, choice_lead
+from posture_opt.report.goal_blocks import goals_block, goals_lead
 from posture_opt.report.open_blocks import absorbed_block, left_block, scores_block, unknowable_block
 from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.units_text import count, decimals_of, fixed, number, percent, stated_length
@@ -38,6 +39,7 @@ def diagnosis_report(problem: Problem, diagnosed: Diagnosed) -> Report:
         errors_block(diagnosed),
         *([test_block(diagnosed)] if diagnosed.diagnosis.test is not None else []),
         *choice_block(diagnosed.plans),
+        *goals_block(diagnosed.goals),
         *confusion_block(diagnosed),
         left_block(diagnosed),
         scores_block(diagnosed),
@@ -65,7 +67,13 @@ def answer(diagnosed: Diagnosed) -> tuple[str, ...]:
         first = f"Part of what the model gets wrong has a name: {names}. The rest has none.{beside}"
     else:
         first = "Something is left that the model gets wrong, and no cause of the catalogue explains it."
-    return (first, _improvement(diagnosed), *_elsewhere(diagnosed), *choice_lead(diagnosed.plans))
+    return (
+        first,
+        _improvement(diagnosed),
+        *_elsewhere(diagnosed),
+        *choice_lead(diagnosed.plans),
+        *goals_lead(diagnosed.goals),
+    )
 
 
 def _named(diagnosed: Diagnosed, finding: Finding) -> str:

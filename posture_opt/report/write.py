@@ -137,7 +137,7 @@ def diagnosis_document(diagnosed: Diagnosed) -> dict[str, Any]:
     if diagnosed.plans:
         from posture_opt.problem.extended import posture_document
 
-        document["posture"] = posture_document(dict(diagnosed.plans))
+        document["posture"] = posture_document(diagnosed.plans, diagnosed.goals)
     return document
 
 
