@@ -32,6 +32,7 @@ class Setting:
     freedom: float = 0.0
     loose: bool = False  # the effect is not exactly of the model's form
     robots: int = 0
+    alike: bool = True  # whether both links of an arm of a batch are long or short together, and a joint is noisy
 
 
 Family = Callable[[np.random.Generator, str], Setting]
@@ -114,5 +115,8 @@ FAMILIES: dict[str, Family] = {
     **{kind: noisy(kind) for kind in NOISES},
     "unknowable": lambda rng, _: Setting(kinds=("instrument_scale",), free=True),
     "batch": lambda rng, _: Setting("planar", BATCH, robots=int(rng.integers(25, 41)), geometry=0.4e-3, free=False),
+    "batch_clean": lambda rng, _: Setting(
+        "planar", BATCH, robots=int(rng.integers(25, 41)), geometry=0.4e-3, free=False, alike=False
+    ),
     "one_robot": lambda rng, _: Setting("planar", UNLOADED, robots=1, geometry=0.4e-3, free=False),
 }

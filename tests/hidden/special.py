@@ -63,8 +63,8 @@ def draw_batch(rng: np.random.Generator, arm: Arm, setting: Setting, session: Se
     from tests.hidden.draw import Draw
 
     robots, spread = setting.robots, setting.geometry
-    rho = float(rng.uniform(0.75, 0.95))
-    noisy = float(np.exp(rng.uniform(np.log(0.1e-3), np.log(0.3e-3)))) if robots > 1 else 0.0
+    rho = float(rng.uniform(0.75, 0.95)) if setting.alike else 0.0
+    noisy = float(np.exp(rng.uniform(np.log(0.1e-3), np.log(0.3e-3)))) if robots > 1 and setting.alike else 0.0
     lengths = rng.multivariate_normal([0, 0], spread**2 * np.array([[1, rho], [rho, 1]]), robots)
     sessions = [session] + [draw_session(rng, arm, setting.plan) for _ in range(robots - 1)]
     points = []
@@ -81,8 +81,8 @@ def draw_batch(rng: np.random.Generator, arm: Arm, setting: Setting, session: Se
     noise_entry["lambda"] = robots * Noise(joint=1, joint_sigma=noisy).strength(Site(arm, session, {}))
     truth = {
         "arm": arm.name, "rows": len(whole), "free": False, "sides_stated": False, "sigma": SIGMA, "rms": 0.0,
-        "effects": [*entries, noise_entry] if robots > 1 else [], "noise_rms": SIGMA, "gross_rows": [],
-        "unknowable": [] if robots > 1 else entries,
+        "effects": [*entries, noise_entry] if robots > 1 and setting.alike else [],
+        "noise_rms": SIGMA, "gross_rows": [], "unknowable": [] if robots > 1 else entries,
     }  # fmt: skip
     labels = np.repeat([f"arm{i + 1:02d}" for i in range(robots)], count) if robots > 1 else None
     priors = {"joint1.a": spread, "joint2.a": spread}

@@ -13,7 +13,7 @@ from tests.hidden.noise import NOISES
 from tests.hidden.strength import DETECTABLE
 
 Record = dict[str, Any]
-QUIET = ("clean", "exact", "unknowable", "one_robot")
+QUIET = ("clean", "exact", "unknowable", "one_robot", "batch_clean")
 BINS = (0, 10, 15, 25, 35, 60, 150, np.inf)
 
 

@@ -44,7 +44,27 @@ def test_two_effects_are_both_named(tmp_path: Path) -> None:
     assert found["inside"], (found["truth"], answer["verdict"], found["named"], found["confounded"])
 
 
-@pytest.mark.parametrize("family", ["clean", "exact", "unknowable", "one_robot", "heavy_tails"])
+def test_lengths_that_vary_together_and_a_noisy_joint_are_told_apart_in_a_batch(tmp_path: Path) -> None:
+    found, answer = hunted(tmp_path, "batch")
+    assert found["exact"], (answer["verdict"], found["named"])
+    assert found["named"] == [("correlated_lengths", "joint1.a, joint2.a"), ("joint_noise", "joint2")]
+    rho, sigma = (next(iter(e["estimate"].values())) for e in answer["effects"])
+    true = draw(SEED, "batch", 0, weakest=STRONG).truth["effects"]
+    # Three standard errors: of some thirty arms, and of some hundreds of visits.
+    assert abs(rho["value"] - true[0]["size"]["rho"]) < 3 * rho["std"] < 0.3
+    assert sigma["value"] == pytest.approx(true[1]["size"]["sigma"], rel=0.25)
+
+
+@pytest.mark.parametrize(("family", "kind"), [("unknowable", "instrument_scale"), ("one_robot", "correlated_lengths")])
+def test_what_no_such_data_can_show_is_said_with_what_would(family: str, kind: str, tmp_path: Path) -> None:
+    answer = hunted(tmp_path, family, 0.0)[1]
+    said = {entry["kind"]: entry for entry in answer["unknowable"]}
+    assert "measure" in said[kind]["mend"]
+    assert said[kind]["reason"]
+    assert kind not in [e["kind"] for e in answer["effects"]]
+
+
+@pytest.mark.parametrize("family", ["clean", "exact", "unknowable", "one_robot", "heavy_tails", "batch_clean"])
 def test_nothing_is_named_where_nothing_is_hidden(family: str, tmp_path: Path) -> None:
     index = next(i for i in range(9) if family != "heavy_tails" or not draw(SEED, family, i).truth["effects"])
     found, answer = hunted(tmp_path, family, 0.0, index)
