@@ -29,6 +29,7 @@ DIMENSIONS: dict[str, tuple[str, str]] = {
     "angle per temperature": ("rad/K", "10 urad/K"),
     "per temperature": ("1/K", "12e-6 / K"),
     "per length": ("1/m", "2e-5 / m"),
+    "length per length": ("m/m", "6 um/m"),
 }
 
 # Only what a robot file can need. The whole of pint's table takes 0.3 s to read, and it would accept
@@ -160,6 +161,7 @@ if TYPE_CHECKING:
     Mass = float
     Temperature = float
     Time = float
+    LengthPerLength = float
 else:
     Celsius = Annotated[
         float, BeforeValidator(parse_celsius), WithJsonSchema({"type": "string", "examples": ["23.5 degC"]})
@@ -169,3 +171,4 @@ else:
     Mass = _quantity("mass")
     Temperature = _quantity("temperature")
     Time = _quantity("time")
+    LengthPerLength = _quantity("length per length")

@@ -21,7 +21,7 @@ from posture_opt.diagnosis.scene import scene_of
 from posture_opt.diagnosis.second_session import Gain
 from posture_opt.diagnosis.stages import Stages
 from posture_opt.diagnosis.suspects import Suspect
-from posture_opt.model.effects import EFFECTS
+from posture_opt.model.effects import CATALOGUE
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.diagnosis_report import diagnosis_report
@@ -356,7 +356,7 @@ def test_stages_go_up_to_a_hundred() -> None:
     assert told[-1] == 100
 
 
-KINDS = [(str(kind.model_fields["kind"].default), "joint2") for kind in EFFECTS]
+KINDS = [(str(kind.model_fields["kind"].default), "joint2") for kind in CATALOGUE]
 
 
 def test_every_cause_has_words_and_every_pair_a_measurement() -> None:

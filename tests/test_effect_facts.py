@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 import posture_opt as po
 from posture_opt.cli.main import main
-from posture_opt.model.effects import EFFECTS
+from posture_opt.model.effects import CATALOGUE, EFFECTS
 from posture_opt.problem.problem import Problem
 from posture_opt.report.effect_facts import effect_facts, effect_text, input_facts, size_text
 from posture_opt.report.words import source_size, source_words
@@ -89,6 +89,21 @@ def test_every_effect_has_a_text() -> None:
         assert text.startswith(effect.kind.replace("_", " "))
 
 
+def test_noise_has_a_text() -> None:
+    facts = effect_facts(problem([
+        {"kind": "joint_noise", "joint": "joint2", "sigma": "0.1 mrad"},
+        {"kind": "range_noise", "a": "15 um", "b": "6 um/m"},
+        {"kind": "outliers", "share": 0.02},
+    ]))  # fmt: skip
+    assert facts == [
+        (
+            "Effects",
+            "joint noise of joint2 (sigma 0.100 mrad), range noise of instrument (a 0.015 mm, b 6.00 µm/m), "
+            "outliers (share 2.00 %)",
+        )
+    ]
+
+
 def test_the_report_tells_them(tmp_path: Any) -> None:
     file = tmp_path / "arm.yaml"
     file.write_text(problem(EFFECTS_SECTION, payload="5 kg", temperature="28 degC").to_yaml())
@@ -102,5 +117,5 @@ def test_the_report_tells_them(tmp_path: Any) -> None:
 def test_list_shows_the_effects() -> None:
     result = CliRunner().invoke(main, ["list", "--json"])
     rows = json.loads(result.output)["effects"]
-    assert [row["kind"] for row in rows] == [cls.model_fields["kind"].default for cls in EFFECTS]
+    assert [row["kind"] for row in rows] == [cls.model_fields["kind"].default for cls in CATALOGUE]
     assert all(row["is"] for row in rows)

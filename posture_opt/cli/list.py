@@ -55,9 +55,9 @@ def _solvers() -> list[Row]:
 
 
 def _effects() -> list[Row]:
-    from posture_opt.model.effects import EFFECTS
+    from posture_opt.model.effects import CATALOGUE
 
-    return _kinds(EFFECTS)
+    return _kinds(CATALOGUE)
 
 
 def _presets() -> list[Row]:

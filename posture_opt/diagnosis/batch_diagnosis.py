@@ -7,15 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.diagnosis.batch import Batch, calibrate_batch
+from posture_opt.diagnosis.batch import Batch, Pair, calibrate_batch
 from posture_opt.diagnosis.diagnosis import Outcome
-from posture_opt.diagnosis.findings import Finding, Progress
+from posture_opt.diagnosis.findings import Finding, Progress, noise_finding
 from posture_opt.diagnosis.measurements import Measurements
-from posture_opt.diagnosis.noise_causes import as_stated, uneven_noise
+from posture_opt.diagnosis.noise_causes import NoiseCause, as_stated, uneven_noise
 from posture_opt.diagnosis.noise_suspects import standardised
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.scene import scene_of
 from posture_opt.diagnosis.validation import By
+from posture_opt.model.effects import CorrelatedLengths, Rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +50,8 @@ class BatchDiagnosis:
             "coverage95": {**shares, "extended": calibrated},
             "cross_validation": self.by,
             "candidates": [
-                {"kind": "correlated_lengths", "target": f"{p.a}, {p.b}", "p_value": p.p_value, "gain": 0.0}
-                for p in self.batch.pairs
+                {"kind": found.kind, "target": found.target, "p_value": found.p_value, "gain": 0.0}
+                for found in map(_correlated, self.batch.pairs)
             ],
             "notes": list(self.batch.notes),
             "batch": self.batch.to_json()["batch"],
@@ -77,24 +78,25 @@ def diagnose_batch(
     batch = calibrate_batch(problem, data, folds=folds, by=by, progress=progress)
     units = {p.name: p.unit for p in batch.parameters}
     lengths = [
-        Finding(
-            "correlated_lengths", f"{pair.a}, {pair.b}",
-            {"correlation": (pair.correlation, (pair.interval[1] - pair.interval[0]) / 3.92, "1")}, pair.p_value, 0.0,
-        )
+        _correlated(pair)
         for pair in batch.pairs
         if pair.real and units[pair.a] == units[pair.b] == "m" and not _as_stated(pair.stated, pair.interval)
-    ]  # fmt: skip
-    noise = [
-        Finding(c.kind, c.target, c.estimate, c.p_value, 0.0, c.confounded_with) for c in _noise(problem, batch, seed)
     ]
+    noise = [noise_finding(cause) for cause in _noise(problem, batch, seed)]
     return BatchDiagnosis(batch, (*lengths, *noise), batch.calibrations[0].by)
+
+
+def _correlated(pair: Pair) -> Finding:
+    effect = CorrelatedLengths(lengths=(pair.a, pair.b), rho=pair.correlation)
+    size = {"correlation": (pair.correlation, (pair.interval[1] - pair.interval[0]) / 3.92, "1")}
+    return Finding(effect.kind, effect.target, size, pair.p_value, 0.0, noise=effect)
 
 
 def _as_stated(stated: float, interval: tuple[float, float]) -> bool:
     return stated != 0 and interval[0] <= stated <= interval[1]
 
 
-def _noise(problem: CalibrationProblem, batch: Batch, seed: int) -> list[Any]:
+def _noise(problem: CalibrationProblem, batch: Batch, seed: int) -> list[NoiseCause]:
     """Uneven noise in the residuals of all robots."""
     parts = []
     for calibration in batch.calibrations:
@@ -108,4 +110,5 @@ def _noise(problem: CalibrationProblem, batch: Batch, seed: int) -> list[Any]:
         parts.append((e, columns, ranges))
     e = np.concatenate([p[0] for p in parts])
     columns = np.concatenate([p[1] for p in parts], axis=1)
-    return uneven_noise(e, columns, problem.robot.joint_names, np.concatenate([p[2] for p in parts]), seed)
+    sigma = batch.calibrations[0].residuals.sigma
+    return uneven_noise(e, Rows(problem.robot, columns, np.concatenate([p[2] for p in parts]), sigma), seed)

@@ -15,7 +15,7 @@ from posture_opt.diagnosis.geometry_names import GeometryCause
 from posture_opt.diagnosis.noise_causes import NoiseCause
 from posture_opt.diagnosis.search import Verdict
 from posture_opt.diagnosis.second_session import Gain
-from posture_opt.model.effects import Effect
+from posture_opt.model.effects import Effect, NoiseEffect
 from posture_opt.units import DIMENSIONS
 
 Progress = Callable[[int, int], None]
@@ -30,6 +30,7 @@ class Finding:
         p_value: family-wise, of the data without this cause.
         gain: relative drop of the cross-validated RMS that it brings.
         confounded_with: (kind, target) that could stand for it.
+        effect, noise: what it is in a problem file, if it moves the tool point, or spreads it or its measurements.
         interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
     """
 
@@ -41,6 +42,7 @@ class Finding:
     confounded_with: tuple[tuple[str, str], ...] = ()
     effect: Effect | None = None
     interval: tuple[float, float] | None = None
+    noise: NoiseEffect | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The entry of ``effects`` in ``diagnosis.json``."""
@@ -99,7 +101,8 @@ def _unit(dimension: str) -> str:
 
 def noise_finding(cause: NoiseCause) -> Finding:
     """A kind of noise as a finding: it brings nothing to the errors themselves."""
-    return Finding(cause.kind, cause.target, cause.estimate, cause.p_value, 0.0, cause.confounded_with)
+    effect = cause.effect
+    return Finding(effect.kind, effect.target, cause.estimate, cause.p_value, 0.0, cause.confounded_with, noise=effect)
 
 
 def geometry_finding(cause: GeometryCause, held: Mapping[str, HeldOut]) -> Finding:

@@ -2,55 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.tangents import case_of
-from posture_opt.model.effects import EFFECTS
-
-_FEW_ROBOTS = 10
-
-
-@dataclass(frozen=True)
-class Limit:
-    """A cause that cannot be known from these data, why, and what would tell."""
-
-    kind: str
-    target: str
-    reason: str
-    mend: str
-
-    def to_json(self) -> dict[str, str]:
-        """The entry of ``unknowable`` in ``diagnosis.json``."""
-        return {"kind": self.kind, "target": self.target, "reason": self.reason, "mend": self.mend}
+from posture_opt.model.effects import CATALOGUE, EFFECTS, Evidence, Limit
 
 
 def unknowable(residuals: Residuals) -> tuple[Limit, ...]:
     """Causes that leave no trace in data of this kind, whatever their size."""
-    limits = []
-    if residuals.data.position is not None:
-        limits.append(
-            Limit(
-                "instrument_scale",
-                "instrument",
-                "an instrument that reads all distances too long by the same share looks exactly like an arm whose "
-                "lengths are all too long by that share",
-                "measure a scale bar of known length with the same instrument",
-            )
-        )
     lengths = [p.name for p in residuals.parameters if p.group == "geometry" and p.unit == "m" and abs(p.nominal) > 0]
-    if len(lengths) > 1:
-        limits.append(
-            Limit(
-                "correlated_lengths",
-                f"{lengths[0]}, {lengths[1]}",
-                "whether lengths err together shows only from robot to robot: one robot has one error of each",
-                f"measure {_FEW_ROBOTS} robots of the type or more, with a column 'robot'",
-            )
-        )
-    return tuple(limits)
+    evidence = Evidence(residuals.data.position is not None, tuple(lengths))
+    return tuple(limit for kind in CATALOGUE if (limit := kind.unknowable(evidence)) is not None)
 
 
 _LACKS = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.extended import Extended
-from posture_opt.diagnosis.noise_suspects import joint_and_range, standardised, stated_sigma, tails
+from posture_opt.diagnosis.noise_suspects import standardised, stated_sigma, tails, uneven
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.remaining import joint_errors
 from posture_opt.diagnosis.scores import Ground
 from posture_opt.diagnosis.tangents import Tangents
+from posture_opt.model.effects import NoiseEffect, Outliers, Rows
 
 Array = NDArray[np.float64]
 
@@ -27,8 +28,7 @@ _RIVALS = 6.0
 class NoiseCause:
     """A kind of noise that is named, with its size."""
 
-    kind: str
-    target: str
+    effect: NoiseEffect
     estimate: Mapping[str, tuple[float, float, str]]
     p_value: float
     confounded_with: tuple[tuple[str, str], ...] = ()
@@ -46,7 +46,7 @@ def noise_causes(
     e, columns, whole = as_stated(problem, e, columns)
     position = residuals.data.position
     ranges = None if position is None else np.linalg.norm(position, axis=1)
-    found = uneven_noise(e, columns, residuals.data.joint_names, ranges, seed)
+    found = uneven_noise(e, Rows(residuals.robot, columns, ranges, residuals.sigma), seed)
     found += [] if unclear else _outliers(calibration, model, bool(found))
     stated = problem.measurement is not None and problem.measurement.position
     if stated and not found and not unclear:
@@ -55,26 +55,22 @@ def noise_causes(
         variance = float(np.sum(squares)) / ground.freedom if whole else float(ground.rss[0]) / ground.freedom
         suspect = stated_sigma(variance, ground.freedom, kurtosis)
         if suspect.p_value < _STATED:
-            size = {"factor": (suspect.size, suspect.std, "1")}
-            found.append(NoiseCause("stated_sigma", "data", size, suspect.p_value))
+            found.append(NoiseCause(suspect.named(), suspect.estimate, suspect.p_value))
     return found
 
 
-def uneven_noise(
-    e: Array, columns: Array, names: Sequence[str], ranges: Array | None, seed: int
-) -> list[NoiseCause]:  # fmt: skip
+def uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCause]:
     """The joint, or the range, along which noise is larger than elsewhere, if any is.
 
     Args:
-        e: (N, d) residuals in units of their stated covariance; columns: (n, N, d) the same per unit of each joint.
+        e: (N, d) residuals in units of their stated covariance.
     """
-    suspects = joint_and_range(e, columns, names, ranges, seed)
+    suspects = uneven(e, rows, seed)
     if not suspects or suspects[0].p_value >= LEVEL:
         return []
     first = suspects[0]
     rivals = tuple((s.kind, s.target) for s in suspects[1:] if s.ratio > first.ratio - _RIVALS)
-    name, unit = ("sigma", "rad") if first.kind == "joint_noise" else ("growth", "1")
-    return [NoiseCause(first.kind, first.target, {name: (first.size, first.std, unit)}, first.p_value, rivals)]
+    return [NoiseCause(first.named(), first.estimate, first.p_value, rivals)]
 
 
 def as_stated(problem: CalibrationProblem, e: Array, columns: Array) -> tuple[Array, Array, bool]:
@@ -112,4 +108,5 @@ def _outliers(calibration: Calibration, model: Extended, other: bool) -> list[No
     p = float(np.exp(-max(law.evidence, 0.0) / 2))
     if p > LEVEL:
         return []
-    return [NoiseCause("outliers", "data", {"count": (float(count), float("nan"), "1")}, p)]
+    share = Outliers(share=count / len(law.rows))
+    return [NoiseCause(share, {"count": (float(count), float("nan"), "1")}, p)]

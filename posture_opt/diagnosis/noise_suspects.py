@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.scores import tail
+from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, StatedSigma
 
 Array = NDArray[np.float64]
 
-_RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
-"""Variance along a joint's column over the variance of the instrument, at the root mean square of the column."""
-_SLOPES = np.linspace(-2.5, 2.5, 51)
 _DRAWS = 399
 _COMMON = 0.1  # share of rows: so many gross errors are no outliers but the noise itself
 
@@ -24,16 +23,25 @@ class NoiseSuspect:
     """A kind of noise with its evidence: twice the log likelihood ratio, its family-wise p-value, and its size.
 
     Args:
-        size: of a joint its σ [rad or m]; of range noise the growth of σ over the span of ranges; of a stated σ
-            the factor by which it is off.
+        quantity: name and SI unit of ``size``: of a joint its σ, of range noise the growth of σ over the span of
+            ranges, of a stated σ the factor by which it is off.
+        named: the same as an effect of a problem file, if its size is not zero.
     """
 
     kind: str
     target: str
     ratio: float
     p_value: float
+    quantity: tuple[str, str]
     size: float
     std: float
+    named: Callable[[], NoiseEffect]
+
+    @property
+    def estimate(self) -> dict[str, tuple[float, float, str]]:
+        """Its size by name: value, standard error, SI unit."""
+        name, unit = self.quantity
+        return {name: (self.size, self.std, unit)}
 
 
 def standardised(e: Array, leverage: Array) -> Array:
@@ -44,16 +52,14 @@ def standardised(e: Array, leverage: Array) -> Array:
     return np.asarray(np.einsum("nij,nj->ni", root, e))
 
 
-def joint_and_range(
-    e: Array, columns: Array, names: Sequence[str], ranges: Array | None, seed: int
-) -> list[NoiseSuspect]:
+def uneven(e: Array, rows: Rows, seed: int) -> list[NoiseSuspect]:
     """Every joint, and the range, as the cause of noise that is not the same everywhere.
 
     The null lets the residuals of a row point anywhere and rows change places, so that heavy tails alone raise
     no alarm: each draw turns every residual at random and shuffles the rows.
 
     Args:
-        e: (N, d) standardised residuals; columns: (n, N, d) residual per unit of each joint; ranges: (N,).
+        e: (N, d) standardised residuals.
     """
     rng = np.random.default_rng(seed)
     N, d = e.shape
@@ -61,25 +67,17 @@ def joint_and_range(
     drawn = rng.standard_normal((_DRAWS, N, d))
     drawn *= (lengths[_shuffles(rng, N)] / np.linalg.norm(drawn, axis=2))[:, :, None]
     sets = np.concatenate([e[None], drawn])
-    found = []
-    table = []
-    for name, column in zip(names, columns, strict=True):
-        if np.linalg.norm(column) == 0:
-            continue
-        ratios, size = _joint_ratio(sets, column)
-        table.append(ratios)
-        found.append(("joint_noise", name, size))
-    if ranges is not None and np.ptp(ranges) > 1e-6 and N > 8:
-        ratios, size = _range_ratio(sets, ranges)
-        table.append(ratios)
-        found.append(("range_noise", "instrument", size))
-    if not table:
+    patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
+    if not patterns:
         return []
-    most = np.stack(table)[:, 1:].max(axis=0)
+    found = [_ratio(sets, pattern) for pattern in patterns]
+    most = np.stack([ratios for ratios, _, _ in found])[:, 1:].max(axis=0)
     suspects = []
-    for (kind, target, size), ratios in zip(found, table, strict=True):
-        p = tail(most, float(ratios[0]))
-        suspects.append(NoiseSuspect(kind, target, float(ratios[0]), p, size, size / np.sqrt(max(ratios[0], 1.0))))
+    for pattern, (ratios, value, s2) in zip(patterns, found, strict=True):
+        ratio, size = float(ratios[0]), pattern.size(value, s2)
+        p, std = tail(most, ratio), float(size / np.sqrt(max(ratio, 1.0)))
+        named = partial(pattern.named, value, s2, std)
+        suspects.append(NoiseSuspect(pattern.kind, pattern.target, ratio, p, pattern.quantity, size, std, named))
     return sorted(suspects, key=lambda s: -s.ratio)
 
 
@@ -87,41 +85,27 @@ def _shuffles(rng: np.random.Generator, N: int) -> NDArray[np.intp]:
     return np.argsort(rng.random((_DRAWS, N)), axis=1)
 
 
-def _joint_ratio(sets: Array, column: Array) -> tuple[Array, float]:
-    """(F,) twice the log likelihood ratio of noise along a column, and the σ of the first set per unit of the joint."""
-    N, d = column.shape
-    square = np.einsum("nd,nd->n", column, column)
-    scale = float(np.mean(square))
-    unit = column / np.sqrt(np.maximum(square, 1e-300))[:, None]
-    along = np.einsum("fnd,nd->fn", sets, unit) ** 2
-    total = np.einsum("fnd,fnd->fn", sets, sets)
-    best = np.full(len(sets), -np.inf)
-    size = 0.0
-    null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
-    for ratio in _RATIOS:
-        inflation = 1 + ratio * square / scale
-        s2 = ((total - along) + along / inflation).sum(axis=1) / (N * d)
-        value = -N * d / 2 * np.log(s2) - 0.5 * np.log(inflation).sum()
-        if value[0] > best[0]:
-            size = float(np.sqrt(ratio * s2[0] / scale))
-        best = np.maximum(best, value)
-    return 2 * (best - null), size
-
-
-def _range_ratio(sets: Array, ranges: Array) -> tuple[Array, float]:
-    """(F,) of noise whose logarithm grows with the range, and the growth of σ from the nearest to the farthest."""
+def _ratio(sets: Array, pattern: Pattern) -> tuple[Array, float, float]:
+    """(F,) twice the log likelihood ratio of noise of a pattern, and for the first set its best value with its s²."""
     _, N, d = sets.shape
-    z = (ranges - ranges.mean()) / np.ptp(ranges)
     total = np.einsum("fnd,fnd->fn", sets, sets)
+    along = None if pattern.unit is None else np.einsum("fnd,nd->fn", sets, pattern.unit) ** 2
     null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
-    best, size = np.full(len(sets), -np.inf), 0.0
-    for slope in _SLOPES:
-        s2 = (total * np.exp(-2 * slope * z)).sum(axis=1) / (N * d)
-        value = -N * d / 2 * np.log(s2) - d * slope * z.sum()
-        if value[0] > best[0]:
-            size = float(np.expm1(slope))
-        best = np.maximum(best, value)
-    return 2 * (best - null), size
+    best, first = np.full(len(sets), -np.inf), (0.0, 1.0)
+    for value in map(float, pattern.grid):
+        weighed, determinant = total, 0.0
+        if along is not None:
+            inflation = pattern.inflation(value)
+            weighed, determinant = (total - along) + along / inflation, float(np.log(inflation).sum())
+        level = pattern.level(value)
+        if level is not None:
+            weighed, determinant = weighed * np.exp(-level), determinant + d * float(level.sum())
+        s2 = weighed.sum(axis=1) / (N * d)
+        likelihood = -N * d / 2 * np.log(s2) - 0.5 * determinant
+        if likelihood[0] > best[0]:
+            first = value, float(s2[0])
+        best = np.maximum(best, likelihood)
+    return 2 * (best - null), *first
 
 
 def stated_sigma(variance: float, freedom: int, kurtosis: float) -> NoiseSuspect:
@@ -132,7 +116,8 @@ def stated_sigma(variance: float, freedom: int, kurtosis: float) -> NoiseSuspect
     # The logarithm of a variance is nearer to Gaussian than the variance.
     z = float(np.log(max(variance, 1e-300)) / spread)
     factor = float(np.sqrt(variance))
-    return NoiseSuspect("stated_sigma", "data", z * z, float(erfc(abs(z) / np.sqrt(2))), factor, factor * spread / 2)
+    p, named = float(erfc(abs(z) / np.sqrt(2))), partial(StatedSigma, factor=factor)
+    return NoiseSuspect("stated_sigma", "data", z * z, p, ("factor", "1"), factor, factor * spread / 2, named)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.nominal import nominal_poses
 from posture_opt.diagnosis.start import kabsch
+from posture_opt.problem.extension import moving_effects
 from posture_opt.problem.measured_errors import MeasuredErrors, measured_errors
 from posture_opt.problem.problem import Problem
 from posture_opt.selection.grid import Grid, Plane
@@ -156,7 +157,7 @@ def map_accuracy(
         (at,), C = _predicted(tool_point, (targets.own,))
         own = at, float(central_radii(0.95, basis @ C @ basis.T)[0])
     measured = None if data is None else measured_errors(problem, uncorrected, data, targets, projected, tool_point)
-    known_of_arm = len(problem.spec.robot.corrections), len(problem.effects)
+    known_of_arm = len(problem.spec.robot.corrections), len(moving_effects(problem.effects))
     settled = _settled(targets.grid.points, bias)
     return AccuracyMap(targets, *known_of_arm, bias, covariance, basis, radius, semi_axes, settled, own, measured)
 

@@ -18,10 +18,10 @@ from posture_opt.uncertainty.covariance_file import read_covariance
 from posture_opt.uncertainty.sources import Array, Sources, covariance_issues
 
 if TYPE_CHECKING:
-    from posture_opt.model.effects import Effect
+    from posture_opt.model.effects import AnyEffect, Effect
 
 
-def extended_robot(robot: Robot, effects: tuple[Effect, ...], task: Task | None) -> Robot:
+def extended_robot(robot: Robot, effects: tuple[AnyEffect, ...], task: Task | None) -> Robot:
     """The robot with the effects of the file; the plain one where there are none.
 
     Raises:
@@ -39,7 +39,17 @@ def extended_robot(robot: Robot, effects: tuple[Effect, ...], task: Task | None)
             issues.append(Issue(f"{name} is given twice", ("effects", index), name, "keep one of them"))
     if issues:
         raise InputError(issues)
-    return replace(robot, extension=Extension(effects, _inputs(robot, task))) if effects else robot
+    moving = moving_effects(effects)
+    return replace(robot, extension=Extension(moving, _inputs(robot, task))) if moving else robot
+
+
+def moving_effects(effects: Sequence[AnyEffect]) -> tuple[Effect, ...]:
+    """Those of a file's effects that move the tool point; the others spread it, or its measurements."""
+    if not effects:
+        return ()
+    from posture_opt.model.effects import Effect
+
+    return tuple(effect for effect in effects if isinstance(effect, Effect))
 
 
 def effect_sources(
@@ -72,13 +82,14 @@ def _read(robot: Robot, path: Path, text: str | None, key: KeyPath) -> tuple[tup
 
 
 def effects_section(
-    entries: Sequence[Mapping[str, Any]], effects: Sequence[Effect], names: Sequence[str], file: str
+    entries: Sequence[Mapping[str, Any]], effects: Sequence[AnyEffect], names: Sequence[str], file: str
 ) -> list[dict[str, Any]]:
     """The entries of a file with the covariance ``file`` of the sources ``names`` in place of their own."""
     section = []
     for entry, effect in zip(entries, effects, strict=True):
         plain = {key: value for key, value in entry.items() if key != "covariance"}
-        section.append({**plain, "covariance": file} if set(effect.parameter_names) & set(names) else plain)
+        own = {name for moving in moving_effects([effect]) for name in moving.parameter_names}
+        section.append({**plain, "covariance": file} if own & set(names) else plain)
     return section
 
 
@@ -92,11 +103,15 @@ def extension_notes(robot: Robot) -> tuple[str, ...]:
     if unknown:
         told = f"task: {{approach: {{{unknown[0]}: 1}}}} tells it"
         notes.append(f"from which side {', '.join(unknown)} will arrive is not known: it counts as scatter ({told})")
-    kinds = {effect.kind for effect in robot.extension.effects if not effect.for_planning}
-    if kinds:
+    left = [effect for effect in robot.extension.effects if not effect.for_planning]
+    timed = {effect.kind for effect in left if "time" in effect.needs}
+    if timed:
         notes.append(
-            f"{', '.join(sorted(kinds))}: planned as at its beginning, for what changes with time no one knows"
+            f"{', '.join(sorted(timed))}: planned as at its beginning, for what changes with time no one knows"
         )
+    read = {effect.kind for effect in left} - timed
+    if read:
+        notes.append(f"{', '.join(sorted(read))}: the place of the task is taken as the instrument reads it")
     return tuple(notes)
 
 
@@ -112,8 +127,8 @@ def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
     ]
 
 
-def _unweighed(robot: Robot, effect: Effect) -> str:
-    if "masses" in effect.asks and not Site(robot, [0.0] * robot.n).weighed:
+def _unweighed(robot: Robot, effect: AnyEffect) -> str:
+    if any("masses" in moving.asks for moving in moving_effects([effect])) and not Site(robot, [0.0] * robot.n).weighed:
         return "masses or centres of mass of some links are not stated; add mass and com to the joints"
     return ""
 

@@ -10,8 +10,9 @@ from typing import Any, TypeVar
 
 from posture_opt.diagnosis.data_spec import DataSpec
 from posture_opt.errors import InputError, Issue, KeyPath
-from posture_opt.problem.extension import effect_sources, extended_robot, extension_notes
+from posture_opt.problem.extension import effect_sources, extended_robot, extension_notes, moving_effects
 from posture_opt.problem.issues import schema_issues
+from posture_opt.problem.noise import measurement_issues, noise_notes, noisy_sources
 from posture_opt.problem.plausible import plausibility_notes
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document, dump_yaml
@@ -160,10 +161,7 @@ def build_problem(
         sources = _collect(issues, "uncertainty", lambda: spec.uncertainty.build(robot, folder, texts))
         if sources is not None and spec.effects:
             extended, stated = robot, sources
-            more = _collect(
-                issues, "", lambda: effect_sources(extended, spec.effects, folder, texts, spec.uncertainty.covariance)
-            )
-            sources = stated.plus(more) if more is not None else None
+            sources = _collect(issues, "", lambda: _with_effects(spec, extended, stated, folder, texts))
     elif "uncertainty" in data:
         uncertainty = UncertaintySpec.model_validate(data["uncertainty"])
         _collect(issues, "uncertainty", uncertainty.check)
@@ -182,12 +180,29 @@ def build_problem(
         data=spec.data,
         spec=spec,
         folder=folder,
-        notes=(*sources.notes, *plausibility_notes(robot, spec.uncertainty, sources), *extension_notes(robot)),
+        notes=(
+            *sources.notes,
+            *plausibility_notes(robot, spec.uncertainty, sources),
+            *extension_notes(robot),
+            *(noise_notes(spec.effects) if spec.effects else ()),
+        ),
         document=document.data,
         origin=document,
         attached=texts,
         header=header,
     )
+
+
+def _with_effects(
+    spec: ProblemSpec, robot: Robot, stated: Sources, folder: Path, texts: Mapping[str, str]
+) -> Sources:  # fmt: skip
+    """The stated sources, those of the effects' estimates, and what effects that move nothing do to them."""
+    issues = measurement_issues(spec.uncertainty.measurement, spec.effects)
+    if issues:
+        raise InputError(issues)
+    moving = moving_effects(spec.effects)
+    more = effect_sources(robot, moving, folder, texts, spec.uncertainty.covariance)
+    return noisy_sources(stated.plus(more), robot, spec.effects)
 
 
 def parse_spec(document: Document) -> ProblemSpec:

@@ -9,7 +9,7 @@ from posture_opt.model.inputs import REFERENCE_TEMPERATURE
 from posture_opt.report.units_text import number, stated_length
 
 if TYPE_CHECKING:
-    from posture_opt.model.effects import Effect
+    from posture_opt.model.effects import AnyEffect, Effect
     from posture_opt.model.extension import Extension
     from posture_opt.problem.problem import Problem
     from posture_opt.robot.robot import Robot
@@ -25,17 +25,19 @@ _UNITS = {
     "per temperature": (1e6, "µm/(m K)"),
     "per length": (1e6, "ppm/m"),
     "ratio": (1e3, "mrad per rad"),
+    "length per length": (1e6, "µm/m"),
+    "share": (1e2, "%"),
 }
 
 
 def effect_facts(problem: Problem) -> list[tuple[str, str]]:
     """The effects that the arm is computed with; nothing for a plain arm."""
-    extension: Extension | None = problem.robot.extension
-    if extension is None or not extension.effects:
+    effects = problem.effects
+    if not effects:
         return []
-    shown = [effect_text(effect) for effect in extension.effects[:_LISTED]]
-    if len(extension.effects) > _LISTED:
-        shown.append(f"and {len(extension.effects) - _LISTED} more")
+    shown = [effect_text(effect) for effect in effects[:_LISTED]]
+    if len(effects) > _LISTED:
+        shown.append(f"and {len(effects) - _LISTED} more")
     return [("Effects", ", ".join(shown))]
 
 
@@ -46,8 +48,23 @@ def input_facts(problem: Problem) -> list[tuple[str, str]]:
     return [("Computed for", ", ".join(texts))] if texts else []
 
 
-def effect_text(effect: Effect) -> str:
+def effect_text(effect: AnyEffect) -> str:
     """joint compliance of elbow 8.00 µrad/(N m) (125 kN m/rad)."""
+    from posture_opt.model.effects import Effect, NoiseEffect
+
+    if isinstance(effect, NoiseEffect):
+        return f"{_named(effect)} ({', '.join(f'{n} {size_text(v, dimension)}' for n, v, dimension in effect.sizes)})"
+    assert isinstance(effect, Effect)
+    return _sized(effect)
+
+
+def _named(effect: AnyEffect) -> str:
+    """joint compliance of elbow."""
+    target, kind = {"all": "all lengths"}.get(effect.target, effect.target), effect.kind.replace("_", " ")
+    return kind if target in (*kind.split(), "data") else f"{kind} of {target}"
+
+
+def _sized(effect: Effect) -> str:
     sizes = dict(zip((name for name, _ in effect.dimensions), effect.values, strict=True))
     dimensions = dict(effect.dimensions)
     if set(sizes) == {"sin", "cos"}:
@@ -66,10 +83,7 @@ def effect_text(effect: Effect) -> str:
     stiff = sizes.get("compliance", 0.0)
     if stiff > 0:
         more += f" ({number(1e-3 / stiff)} kN m/rad)"
-    target = {"all": "all lengths"}.get(effect.target, effect.target)
-    kind = effect.kind.replace("_", " ")
-    whose = "" if target in kind else f" of {target}"
-    return f"{kind}{whose} {text}{more}"
+    return f"{_named(effect)} {text}{more}"
 
 
 def size_text(value: float, dimension: str) -> str:
@@ -78,6 +92,8 @@ def size_text(value: float, dimension: str) -> str:
         return stated_length(value)
     if dimension == "angle":
         return f"{number(value * 1e3)} mrad"
+    if dimension == "factor":
+        return number(value)
     factor, unit = _UNITS[dimension]
     return f"{number(value * factor)} {unit}"
 

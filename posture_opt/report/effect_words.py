@@ -31,6 +31,7 @@ _WORDS = {
     "thermal_offset": "the zero of {0} wanders with the temperature",
     "drift": "the measured point creeps with time, {0}",
     "slip": "from one moment on {0} stands elsewhere: something slipped",
+    "instrument_scale": "the instrument reads all distances too long by one share",
     "instrument_field": "the instrument bends space: errors that are a smooth function of the place",
     "quantisation": "{0} moves in steps",
     "outliers": "single rows are grossly wrong",
@@ -190,6 +191,7 @@ _UNITS = {
     "m/K": (1e6, "µm/K"),
     "1/K": (1e6, "·10⁻⁶/K"),
     "1/m": (1e6, "·10⁻⁶/m"),
+    "m/m": (1e6, "µm/m"),
     "s": (1 / 60, "min"),
 }
 
@@ -226,7 +228,7 @@ def _factor(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
 
 
 def _growth(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
-    return "noise", f"{number(math.exp(value), 2)} times larger at the farthest point than at the nearest"
+    return "noise", f"{number(1 + value, 2)} times larger at the farthest point than at the nearest"
 
 
 _SIZES: dict[str, Callable[[str, float, float, str], tuple[str, str]]] = {

@@ -5,19 +5,16 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import ConfigDict, Field, WithJsonSchema, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from posture_opt.model.chain import Scalar, Vector
+from posture_opt.model.effects.any_effect import AnyEffect, Input, Quantity
 from posture_opt.model.site import ZERO, Site
 from posture_opt.robot.robot import Robot
-from posture_opt.spec import Spec
 from posture_opt.units import DIMENSIONS, parse_quantity
-
-Input = str  # "approach", "payload", "temperature", "time", "masses", "gear_ratio"
-Quantity = Annotated[Any, WithJsonSchema({"type": ["string", "number"]})]
 
 
 @dataclass(frozen=True)
@@ -76,32 +73,20 @@ def _schema_of(dimension: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-class Effect(Spec):
-    """One kind of effect at one target; ``estimate`` holds its parameters with their units."""
+class Effect(AnyEffect):
+    """One kind of effect that moves the tool point; ``estimate`` holds its parameters with their units."""
 
     model_config = ConfigDict(json_schema_extra=_schema_of_estimate)
 
-    summary: ClassVar[str]
-    """One line for ``optimize-posture list``."""
     parameters: ClassVar[tuple[tuple[str, str], ...]]
     """Name and dimension of each linear parameter."""
     shape: ClassVar[tuple[str, ...]] = ()
     """Fields that enter in another way than linearly, found by a search."""
-    shape_units: ClassVar[Mapping[str, str]] = {}
-    """SI units of those that have one."""
-    needs: ClassVar[frozenset[Input]] = frozenset()
-    """Inputs without which the effect cannot be seen."""
     for_planning: ClassVar[bool] = True
     """Whether a task can be planned with it; what changes with time cannot be."""
 
-    kind: str
     estimate: dict[str, Quantity] = Field({}, description="parameter: value with its unit")
     covariance: str | None = Field(None, min_length=1, description="CSV file with the covariance of the estimate")
-
-    @property
-    @abstractmethod
-    def target(self) -> str:
-        """What the effect is of: a joint, a length, base, tool, payload, instrument or data."""
 
     @abstractmethod
     def moves(self, site: Site) -> tuple[Move, ...]:
@@ -148,23 +133,12 @@ class Effect(Spec):
             _read(value, known[name])
         return self
 
-    def robot_fault(self, robot: Robot) -> str:
-        """What this robot lacks for the effect, or an empty text."""
-        return ""
-
     def with_estimate(self, values: Sequence[float]) -> Effect:
         """The same effect with this estimate [SI]."""
         texts = {
             name: _text(value, dimension) for (name, dimension), value in zip(self.dimensions, values, strict=True)
         }
         return self.model_copy(update={"estimate": texts})
-
-    def to_dict(self) -> dict[str, Any]:
-        """The entry of ``effects:`` in a problem file."""
-        entry = {key: value for key, value in self.model_dump(exclude_none=True).items() if value not in ({}, ())}
-        for name, unit in self.shape_units.items():
-            entry[name] = f"{entry[name]:.12g} {unit}"
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in entry.items()}
 
 
 def _read(value: Any, dimension: str) -> float:

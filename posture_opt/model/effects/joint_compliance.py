@@ -8,7 +8,8 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import Case, Effect, Input, JointEffect
+from posture_opt.model.effects.any_effect import Input
+from posture_opt.model.effects.effect import Case, Effect, JointEffect
 from posture_opt.model.site import Site
 
 

@@ -1,0 +1,45 @@
+"""An instrument whose metre is not a metre."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, Literal
+
+from posture_opt.model.effects.any_effect import Evidence, Limit
+from posture_opt.model.effects.effect import Case, Effect, Move, SoleEffect
+from posture_opt.model.site import ZERO, Site
+
+
+class InstrumentScale(SoleEffect):
+    """``p → (1 + c) p``: every measured place is too far from the instrument, at the world's origin, by one share.
+
+    An arm whose lengths are all wrong by that share does the same, so that it is no candidate of any diagnosis.
+    """
+
+    summary: ClassVar[str] = (
+        "the instrument reads all distances too long by one share; no data without a scale bar tell"
+    )
+    sole: ClassVar = "instrument"
+    parameters: ClassVar = (("scale", "length per length"),)
+    for_planning: ClassVar = False
+
+    kind: Literal["instrument_scale"] = "instrument_scale"
+
+    def moves(self, site: Site) -> tuple[Move, ...]:
+        return (Move(twist=(site.tool, ZERO)),)
+
+    @classmethod
+    def candidates(cls, case: Case) -> Sequence[Effect]:
+        return []
+
+    @classmethod
+    def unknowable(cls, evidence: Evidence) -> Limit | None:
+        if not evidence.positions:
+            return None
+        return Limit(
+            "instrument_scale",
+            cls.sole,
+            "an instrument that reads all distances too long by the same share looks exactly like an arm whose "
+            "lengths are all too long by that share",
+            "measure a scale bar of known length with the same instrument",
+        )
