@@ -13,7 +13,7 @@ from posture_opt.diagnosis.scores import Ground, tail
 
 Array = NDArray[np.float64]
 
-LEVEL = 0.008
+LEVEL = 0.006
 _ROWS = 1200  # of a kernel: more are thinned out
 _SCALES = (0.5, 0.15)  # of the range of a joint
 _FIELD = (0.5, 0.2)  # of the size of the workspace

@@ -19,8 +19,8 @@ from posture_opt.model.effects import NoiseEffect, Outliers, Rows
 
 Array = NDArray[np.float64]
 
-LEVEL = 0.007
-_STATED = 0.003  # a stated σ is a matter of taste: only a clear difference is worth a word
+LEVEL, BESIDE = 0.004, 0.002  # of the 5 % for the whole verdict; beside a cause that is named already
+_STATED, _TASTE = 0.002, 1.2  # a stated σ is true enough within this factor: less is not worth a word
 _RIVALS = 6.0
 
 
@@ -46,7 +46,8 @@ def noise_causes(
     e, columns, whole = as_stated(problem, e, columns)
     position = residuals.data.position
     ranges = None if position is None else np.linalg.norm(position, axis=1)
-    found = uneven_noise(e, Rows(residuals.robot, columns, ranges, residuals.sigma), seed)
+    level = BESIDE if model.suspects else LEVEL
+    found = uneven_noise(e, Rows(residuals.robot, columns, ranges, residuals.sigma), seed, level)
     found += [] if unclear else _outliers(calibration, model, bool(found))
     stated = problem.measurement is not None and problem.measurement.position
     if stated and not found and not unclear:
@@ -54,19 +55,19 @@ def noise_causes(
         kurtosis = float(np.mean(squares**2) / np.mean(squares) ** 2 - 3)
         variance = float(np.sum(squares)) / ground.freedom if whole else float(ground.rss[0]) / ground.freedom
         suspect = stated_sigma(variance, ground.freedom, kurtosis)
-        if suspect.p_value < _STATED:
+        if suspect.p_value < _STATED and abs(np.log(suspect.size)) > np.log(_TASTE):
             found.append(NoiseCause(suspect.named(), suspect.estimate, suspect.p_value))
     return found
 
 
-def uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCause]:
+def uneven_noise(e: Array, rows: Rows, seed: int, level: float = LEVEL) -> list[NoiseCause]:
     """The joint, or the range, along which noise is larger than elsewhere, if any is.
 
     Args:
         e: (N, d) residuals in units of their stated covariance.
     """
     suspects = uneven(e, rows, seed)
-    if not suspects or suspects[0].p_value >= LEVEL:
+    if not suspects or suspects[0].p_value >= level:
         return []
     first = suspects[0]
     rivals = tuple((s.kind, s.target) for s in suspects[1:] if s.ratio > first.ratio - _RIVALS)

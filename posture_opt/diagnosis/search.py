@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from posture_opt.diagnosis.scores import Chance, Ground, log_p, surviving
 from posture_opt.diagnosis.shapes import refined
-from posture_opt.diagnosis.subsets import Pool, alternatives, best_set
+from posture_opt.diagnosis.subsets import Chosen, Pool, alternatives, best_set
 from posture_opt.diagnosis.suspects import Judged, Suspect, absorbed, catalogue, judge
 from posture_opt.diagnosis.tangents import Tangents
 from posture_opt.model.effects import Case
 
 Array = NDArray[np.float64]
 
-FIRST = 0.028  # of the 5 % for the whole verdict: the first effect; the rest is left to noise and lack of fit
-FURTHER = 0.012  # every effect after the first
+FIRST = 0.035  # of the 5 % for the whole verdict: the first effect; the rest is left to noise and lack of fit
+FURTHER = 0.006  # every effect after the first
 ALIKE = 0.5  # cosine of the least angle between what two causes do: what is less alike stands for nothing else
 RIVALS = 6.0  # of the criterion: within it, two causes cannot be told apart
-NAMELESS = 3.0  # the price of having no name
+NAMELESS = 6.0  # the price of having no name
 LARGE = 4  # parameters: beyond, a group is charged as a group
 NEARLY = 0.85  # of what the best description explains: names that explain as much are taken for the model
 MOST = 24
@@ -76,7 +76,7 @@ class Verdict:
 
 
 def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: bool = True) -> Verdict:
-    """The effects in the residuals, with the family-wise error of the first at 2.8 %; tells each round that is done.
+    """The effects in the residuals, with the family-wise error of the first at 3.5 %; tells each round that is done.
 
     Without ``nameless`` only effects with a name stand to be chosen, and none that takes any smooth shape.
     """
@@ -95,7 +95,7 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
         tell()
         pool = _pool(base, finalists)
         start = tuple(i for i, f in enumerate(finalists) if any(f.what == c.what for c in chosen))
-        best = [finalists[i] for i in best_set(pool, start, MOST)]
+        best = [finalists[i] for i in best_set(pool, start, MOST) or _likeliest(pool, finalists, judged)]
         after, chance = judge(scene.ground(best), suspects, scene.tangents, scene.case)
         chosen = _pruned(scene, chance, best)
         if len(chosen) < len(best):
@@ -145,6 +145,15 @@ def _finalists(scene: Scene, ground: Ground, judged: Sequence[Judged]) -> list[S
         for k, j in enumerate(judged)
         if j.log_p < np.log(0.2)
     ]
+
+
+def _likeliest(pool: Pool, finalists: list[Suspect], judged: Sequence[Judged]) -> Chosen:
+    """The best single one of those that chance hardly brings about, where the criterion would rather have none.
+
+    The criterion charges a group of parameters more than the family-wise null does; that null has decided already.
+    """
+    sure = {j.suspect.key for j in judged if j.p_value < FIRST}
+    return next(only for _, only in pool.additions(()) if finalists[only[0]].key in sure)
 
 
 def _merged(former: list[Suspect], new: list[Suspect]) -> list[Suspect]:

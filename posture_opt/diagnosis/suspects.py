@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.diagnosis.scores import Chance, Ground, explained, log_p, scan_frequencies, surviving
+from posture_opt.diagnosis.scores import WEIGHTS, Chance, Ground, explained, log_p, scan_frequencies, surviving
 from posture_opt.diagnosis.tangents import Tangents
 from posture_opt.diagnosis.umbrellas import Umbrella, umbrellas
 from posture_opt.model.effects import EFFECTS, Case, Effect
-from posture_opt.model.effects.cyclic_error import CyclicError
+from posture_opt.model.effects.cyclic_error import OVERSAMPLING, CyclicError
 from posture_opt.model.effects.joint_compliance import JointCompliance
 
 Array = NDArray[np.float64]
@@ -23,11 +23,11 @@ _ALIKE = 0.05  # singular value of unit columns: below, two point masses cannot 
 
 @dataclass(frozen=True, eq=False)
 class Suspect:
-    """A candidate with its columns (m, k); ``searched`` counts the grid that its shape was chosen from."""
+    """A candidate with its columns (m, k); ``searched`` counts the different shapes that its own was chosen from."""
 
     what: Effect | Umbrella
     Z: Array
-    searched: int = 1
+    searched: float = 1.0
 
     @property
     def named(self) -> bool:
@@ -44,7 +44,7 @@ class Suspect:
     @property
     def family(self) -> str:
         """The family of tests that it belongs to."""
-        return "cyclic" if self.kind == "cyclic_error" else "named" if self.named else "nameless"
+        return self.what.family if isinstance(self.what, Effect) else "nameless"
 
     @property
     def key(self) -> tuple[str, str]:
@@ -72,15 +72,32 @@ def catalogue(tangents: Tangents, case: Case) -> list[Suspect]:
     effects = [e for kind in EFFECTS for e in kind.candidates(case)]
     if "masses" not in case.inputs:
         effects += unknown_masses(tangents, case)
-    counts: dict[tuple[str, str], int] = {}
-    for effect in effects:
-        counts[effect.kind, effect.target] = counts.get((effect.kind, effect.target), 0) + 1
-    found = [Suspect(e, tangents.columns(e), counts[e.kind, e.target]) for e in effects]
+    named = [(e, tangents.columns(e)) for e in effects]
     nameless = list(umbrellas(tangents, case))
-    grids: dict[tuple[str, str], int] = {}
-    for umbrella, _ in nameless:
-        grids[umbrella.kind, umbrella.target] = grids.get((umbrella.kind, umbrella.target), 0) + 1
-    return [*found, *(Suspect(u, Z, grids[u.kind, u.target]) for u, Z in nameless)]
+    shapes: dict[tuple[str, str], list[Array]] = {}
+    everyone: list[tuple[Effect | Umbrella, Array]] = [*named, *nameless]
+    for what, Z in everyone:
+        shapes.setdefault((what.kind, what.target), []).append(Z)
+    searched = {key: independent(own) for key, own in shapes.items()}
+    return [
+        *(Suspect(e, Z, searched[e.kind, e.target]) for e, Z in named),
+        *(Suspect(u, Z, len(shapes[u.kind, u.target])) for u, Z in nameless),
+    ]
+
+
+def independent(shapes: Sequence[Array]) -> float:
+    """How many of the shapes (each (m, k)) of one cause count as different ones: ``(Σ √λ)² / Σ λ``.
+
+    λ are the eigenvalues of the correlation of their first columns (Galwey 2009): neighbouring moments of a slip or
+    time constants of a drift say nearly the same.
+    """
+    if len(shapes) == 1:
+        return 1.0
+    first = np.stack([Z[:, 0] for Z in shapes], axis=1)
+    norms = np.linalg.norm(first, axis=0)
+    first = first / np.where(norms > 0, norms, 1.0)
+    values = np.maximum(np.linalg.eigvalsh(first.T @ first), 0.0)
+    return float(np.sum(np.sqrt(values)) ** 2 / max(np.sum(values), 1e-300))
 
 
 def unknown_masses(tangents: Tangents, case: Case) -> list[Effect]:
@@ -111,12 +128,14 @@ def judge(ground: Ground, suspects: Sequence[Suspect], tangents: Tangents, case:
     bases = [surviving(ground, s.Z) for s in suspects]
     alive = [i for i, (basis, _) in enumerate(bases) if basis.shape[1]]
     gains = explained(ground, [bases[i][0] for i in alive])
+    gains = _possible(ground, [suspects[i] for i in alive], gains)
     sizes = np.array([bases[i][0].shape[1] for i in alive])
     rss = ground.rss
     values = log_p(gains, rss[None, :], sizes[:, None], ground.freedom) if alive else np.zeros((0, len(rss)))
-    named = np.array([suspects[i].named for i in alive], dtype=bool)
     cyclic, lowest = _cyclic(ground, tangents, case)
-    least = {"named": _least(values[named]), "nameless": _least(values[~named]), "cyclic": lowest}
+    families = np.array([suspects[i].family for i in alive])
+    least = {family: _least(values[families == family]) for family in WEIGHTS}
+    least[CyclicError.family] = np.minimum(least[CyclicError.family], lowest)
     chance = Chance(least)
     found: dict[tuple[str, str], Judged] = {}
     for row, i in enumerate(alive):
@@ -129,8 +148,20 @@ def judge(ground: Ground, suspects: Sequence[Suspect], tangents: Tangents, case:
         basis, rho = surviving(ground, suspect.Z)
         if basis.shape[1]:
             share = float(np.sum((basis.T @ ground.e) ** 2) / rss[0])
-            judged.append(Judged(suspect, basis, rho, p, chance.family_wise(p, "cyclic"), share))
+            judged.append(Judged(suspect, basis, rho, p, chance.family_wise(p, suspect.family), share))
     return sorted(judged, key=lambda j: (j.p_value, j.log_p)), chance
+
+
+def _possible(ground: Ground, suspects: Sequence[Suspect], gains: Array) -> Array:
+    """``gains`` (candidates, 1 + B) without those that take a parameter to where nature does not let it."""
+    gains = gains.copy()
+    for row, suspect in enumerate(suspects):
+        low, high = suspect.what.limits if isinstance(suspect.what, Effect) else (-np.inf, np.inf)
+        if np.isfinite(low) or np.isfinite(high):
+            z = ground.project(suspect.Z)[:, 0]
+            size = -(z @ ground.flipped) / max(float(z @ z), 1e-300)
+            gains[row, (size < low) | (size > high)] = 0.0
+    return gains
 
 
 def absorbed(
@@ -167,7 +198,7 @@ def _cyclic(ground: Ground, tangents: Tangents, case: Case) -> tuple[list[tuple[
         for k in _peaks(gains):
             effect = CyclicError(joint=name, cycles=float(cycles[k]))
             p = float(log_p(gains[k : k + 1], rss[:1], 2, ground.freedom)[0])
-            found.append((Suspect(effect, tangents.columns(effect), len(cycles)), p))
+            found.append((Suspect(effect, tangents.columns(effect), len(cycles) / OVERSAMPLING), p))
     return found, lowest
 
 

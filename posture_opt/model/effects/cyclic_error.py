@@ -16,7 +16,7 @@ from posture_opt.model.site import Site
 
 FEWEST, MOST = 2.5, 300.0
 """Cycles a turn that are searched; below lie eccentricity and second harmonic."""
-_OVERSAMPLING = 3.0  # of the spacing at which neighbouring frequencies are independent, 2π / range
+OVERSAMPLING = 3.0  # of the spacing at which neighbouring frequencies are independent, 2π / range
 
 
 class CyclicError(JointEffect):
@@ -25,6 +25,7 @@ class CyclicError(JointEffect):
     summary: ClassVar[str] = "joint error with a number of cycles a turn that the data tell"
     parameters: ClassVar = (("sin", "angle"), ("cos", "angle"))
     shape: ClassVar = ("cycles",)
+    family: ClassVar = "periodic"
 
     kind: Literal["cyclic_error"] = "cyclic_error"
     cycles: float = Field(gt=0, description="k, periods a turn of the joint")
@@ -40,7 +41,7 @@ class CyclicError(JointEffect):
     @classmethod
     def grid(cls, span: float) -> np.ndarray:
         """Cycles a turn [1] to search where the joint ranges over ``span`` [rad]."""
-        step = 2 * math.pi / max(span, 1e-3) / _OVERSAMPLING
-        # A period must fit the range of the joint: what is longer is no cycle but a curve.
-        first = max(FEWEST, 2 * math.pi / max(span, 1e-3))
+        step = 2 * math.pi / max(span, 1e-3) / OVERSAMPLING
+        # Half a period must fit the range of the joint: what is longer is no cycle but a curve.
+        first = max(FEWEST, math.pi / max(span, 1e-3))
         return np.arange(first, MOST, step)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
@@ -82,6 +83,10 @@ class Effect(AnyEffect):
     """Name and dimension of each linear parameter."""
     shape: ClassVar[tuple[str, ...]] = ()
     """Fields that enter in another way than linearly, found by a search."""
+    family: ClassVar[Literal["named", "timed", "periodic"]] = "named"
+    """Whose share of the error level a diagnosis tests it with: what comes in many shapes is kept by itself."""
+    limits: ClassVar[tuple[float, float]] = (-math.inf, math.inf)
+    """What an only parameter can be [SI]."""
     for_planning: ClassVar[bool] = True
     """Whether a task can be planned with it; what changes with time cannot be."""
 

@@ -25,6 +25,8 @@ class Quantisation(JointEffect):
     parameters: ClassVar = (("share", "ratio"),)
     shape: ClassVar = ("lsb",)
     shape_units: ClassVar = {"lsb": "rad"}
+    family: ClassVar = "periodic"
+    limits: ClassVar = (0.4, 1.6)  # a step that is not taken whole is no rounding
 
     kind: Literal["quantisation"] = "quantisation"
     lsb: Angle = Field(gt=0, description="the step")

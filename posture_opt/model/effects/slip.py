@@ -15,23 +15,33 @@ from posture_opt.model.site import ZERO, Site
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Time
 
+_Way = Literal["shift", "slide", "settle"]
 _STEPS = 150  # moments at which a slip is looked for
 _AXES = np.eye(3)
+_WAYS: dict[_Way, tuple[str, ...]] = {
+    "shift": ("x", "y", "z"),
+    "slide": ("x", "y", "yaw"),
+    "settle": ("x", "y", "z", "roll", "pitch", "yaw"),
+}
+_TURNS = ("roll", "pitch", "yaw")
 
 
 class Slip(Effect):
-    """``dq = h (t ≥ t0)`` of a joint; of the base a shift, or a slide and a turn on the floor, from ``t0`` on."""
+    """``dq = h (t ≥ t0)`` of a joint; of the base a shift, a slide on the floor, or a shift and a tilt, from ``t0`` on."""
 
     summary: ClassVar[str] = "a step at some moment: a coupling or the base slipped"
     shape: ClassVar = ("moment",)
     shape_units: ClassVar = {"moment": "s"}
     needs: ClassVar = frozenset({"time"})
+    family: ClassVar = "timed"
     for_planning: ClassVar = False
 
     kind: Literal["slip"] = "slip"
     of: str = Field(description="a joint, or base")
     moment: Time = Field(description="t0, since the first measurement")
-    turning: bool = Field(False, description="whether the base slid and turned on the floor, or was shifted in space")
+    way: _Way = Field(
+        "shift", description="of the base: shifted in space, slid and turned on the floor, or shifted and tilted"
+    )
 
     @property
     def target(self) -> str:
@@ -41,9 +51,7 @@ class Slip(Effect):
     def dimensions(self) -> tuple[tuple[str, str], ...]:
         if self.of != "base":
             return (("step", "angle"),)
-        if self.turning:
-            return ("x", "length"), ("y", "length"), ("yaw", "angle")
-        return ("x", "length"), ("y", "length"), ("z", "length")
+        return tuple((name, "angle" if name in _TURNS else "length") for name in _WAYS[self.way])
 
     def moves(self, site: Site) -> tuple[Move, ...]:
         after = at_least(site.inputs.time, self.moment)
@@ -52,22 +60,18 @@ class Slip(Effect):
         foot = site.walk.screws[len(site.robot.base)].origin
         lever = subtract(site.tool, foot)
         vectors: list[Any] = [tuple(after * float(a) for a in axis) for axis in _AXES]
-        shifts = [Move(twist=(v, ZERO)) for v in vectors]
-        if not self.turning:
-            return tuple(shifts)
-        return shifts[0], shifts[1], Move(twist=(cross(vectors[2], lever), vectors[2]))
+        moves = dict(zip("xyz", (Move(twist=(v, ZERO)) for v in vectors), strict=True))
+        moves |= {name: Move(twist=(cross(v, lever), v)) for name, v in zip(_TURNS, vectors, strict=True)}
+        return tuple(moves[name] for name in _WAYS[self.way])
 
     @classmethod
     def candidates(cls, case: Case) -> Sequence[Effect]:
         if not cls.needs <= case.inputs or case.duration <= 0:
             return []
         moments = case.duration * (np.arange(_STEPS) + 0.5) / _STEPS
-        joints = case.moving("revolute")
-        return [
-            cls(of=name, moment=f"{moment!r} s", turning=turning)
-            for name, turning in (*((j, False) for j in joints), ("base", False), ("base", True))
-            for moment in moments.tolist()
-        ]
+        joints = [cls(of=name, moment="0 s") for name in case.moving("revolute")]
+        bases = [cls(of="base", moment="0 s", way=way) for way in _WAYS]
+        return [one.model_copy(update={"moment": t}) for one in (*joints, *bases) for t in moments.tolist()]
 
     def robot_fault(self, robot: Robot) -> str:
         known = ("base", *robot.joint_names)

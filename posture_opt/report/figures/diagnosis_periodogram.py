@@ -24,12 +24,13 @@ _TICKS = (3, 5, 10, 20, 50, 100, 200, 300)
 def plot_periodogram(diagnosed: Diagnosed) -> Figure:
     """Share of the rest that each number of cycles explains, before its lines are named and after."""
     from posture_opt.diagnosis.search import FIRST
+    from posture_opt.model.effects.cyclic_error import CyclicError
     from posture_opt.report.figures.diagnosis import critical_log_p
 
     joints = diagnosed.cyclic_joints[:_MOST]
     scene, model = diagnosed.scene, diagnosed.diagnosis.model
     chosen = list(model.suspects)
-    line = critical_log_p(diagnosed, "cyclic")
+    line = critical_log_p(diagnosed, CyclicError.family)
     figure = new_figure(9.0, 0.9 + 2.2 * len(joints))
     grid = figure.subplots(len(joints), 1, squeeze=False, sharex=True).ravel()
     after = scene.ground(chosen, flips=0)
