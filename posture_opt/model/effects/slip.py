@@ -27,7 +27,7 @@ _TURNS = ("roll", "pitch", "yaw")
 
 
 class Slip(Effect):
-    """``dq = h (t ≥ t0)`` of a joint; of the base a shift, a slide on the floor, or a shift and a tilt, from ``t0`` on."""
+    """``dq = h (t ≥ t0)`` of a joint; of the base a shift, a slide on the floor, or both tilted, from ``t0`` on."""
 
     summary: ClassVar[str] = "a step at some moment: a coupling or the base slipped"
     shape: ClassVar = ("moment",)
