@@ -147,7 +147,7 @@ def stated_sizes(effect: hidden.Effect) -> dict[str, Any]:
         "slip": {
             "of": target,
             "moment": f"{v.get('t0')!r} s",
-            "turning": any(v.get(n) for n in ("roll", "pitch", "yaw")),
+            "way": "settle" if any(v.get(n) for n in ("roll", "pitch", "yaw")) else "shift",
             "estimate": {
                 n: f"{v[n]!r} {'m' if n in ('x', 'y', 'z') else 'rad'}" for n in effect.size if effect.size[n]
             },
