@@ -35,7 +35,8 @@ def _joint_notes(robot: Robot, sheet: Repeatability, stated: UncertaintySpec, si
 
     usual = _sigmas(joint_sigmas(robot, sheet.value))
     ratios = {name: value / usual[name] for name, value in sigma.items() if name in usual and value > 0}
-    far = {name: ratio for name, ratio in ratios.items() if _far(ratio)}
+    # A covariance is what a calibration leaves unknown, which many rows make as small as one likes.
+    far = {name: ratio for name, ratio in ratios.items() if ratio > FAR or (_far(ratio) and name in stated.sigma)}
     if not far:
         return []
     name = max(far, key=lambda name: max(far[name], 1 / far[name]))

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 _LISTED = 8  # sources named one by one
 _SMALL_SHARE = 0.01  # of the variance: what lies below is lumped
 _MOST_SHARES = 12
+_NEGLIGIBLE = 1e-3  # of the largest standard deviation of its kind
 _AT_LIMIT = 1e-6
 
 
@@ -44,10 +45,15 @@ def robot_facts(problem: Problem) -> list[tuple[str, str]]:
 
 
 def source_facts(problem: Problem) -> list[tuple[str, str]]:
-    """The standard deviations that everything follows from; equal ones of one kind together."""
+    """The standard deviations that everything follows from; equal ones of one kind together, negligible ones last."""
     robot, sources = problem.robot, problem.sources
+    sigmas = dict(zip(sources.names, map(float, sources.sigma), strict=True))
+    largest: dict[str, float] = {}
+    for name, sigma in sigmas.items():
+        kind = name.rpartition(".")[2]
+        largest[kind] = max(largest.get(kind, 0.0), sigma)
     groups: dict[tuple[str, str], list[str]] = {}
-    for name, sigma in zip(sources.names, map(float, sources.sigma), strict=True):
+    for name, sigma in sorted(sigmas.items(), key=lambda s: s[1] < _NEGLIGIBLE * largest[s[0].rpartition(".")[2]]):
         groups.setdefault((name.rpartition(".")[2], source_size(name, sigma, robot)), []).append(name)
     texts = [f"{_group_words(names, robot)} {size}" for (_, size), names in groups.items()]
     if len(texts) > _LISTED:
