@@ -12,8 +12,8 @@ from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.extended import Extended
 from posture_opt.diagnosis.noise_suspects import standardised, stated_sigma, tails, uneven
 from posture_opt.diagnosis.parameters import CalibrationProblem
-from posture_opt.diagnosis.remaining import joint_errors
 from posture_opt.diagnosis.scores import Ground
+from posture_opt.diagnosis.stated_scatter import joint_errors
 from posture_opt.diagnosis.tangents import Tangents
 from posture_opt.model.effects import NoiseEffect, Outliers, Rows
 

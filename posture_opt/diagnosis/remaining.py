@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,18 @@ from posture_opt.diagnosis.joint_noise import JointNoise, estimate_joint_noise
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.prediction import calibrated_prediction, joint_columns
 from posture_opt.diagnosis.residuals import Residuals
+from posture_opt.diagnosis.stated_scatter import (
+    RemainingScatter,
+    joint_errors,
+    plus,
+    scatter_beside,
+    scatter_of_effects,
+    stated_scatter,
+)
 from posture_opt.errors import InsufficientDataError
-from posture_opt.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from posture_opt.model.effects import NoiseEffect
 
 Array = NDArray[np.float64]
 
@@ -25,24 +36,9 @@ _EXACT = 0.3  # of the instrument's standard deviation
 _SURE = 0.5  # of a standard deviation: with a larger standard error the data do not tell it
 
 
-@dataclass(frozen=True)
-class RemainingScatter:
-    """Standard deviations of the joints' errors from visit to visit.
-
-    Args:
-        sigma: JOINT.theta or JOINT.d -> standard deviation [rad or m], above 0.
-        instrument: standard deviation of a measured coordinate [m] that was taken off before.
-        measured: whether the data say so; else it is what the problem file states.
-        note: a sentence on where it comes from.
-    """
-
-    sigma: Mapping[str, float] = field(default_factory=dict)
-    instrument: float = 0.0
-    measured: bool = False
-    note: str = ""
-
-
-def remaining_scatter(problem: CalibrationProblem, calibration: Calibration) -> RemainingScatter:
+def remaining_scatter(
+    problem: CalibrationProblem, calibration: Calibration, named: Sequence[NoiseEffect] = ()
+) -> RemainingScatter:
     """The joints' scatter that explains best what a calibration and the instrument leave unexplained.
 
     It is sought in the errors of rows by arms that have not seen them: scatter from visit to visit and whatever the
@@ -51,21 +47,36 @@ def remaining_scatter(problem: CalibrationProblem, calibration: Calibration) -> 
 
     Where the data cannot tell the scatter from none, and do not speak against it, the problem's own is returned: its
     repeatability, the σ's of its joints, or what the robot's data sheet says.
+
+    The noise of a joint that effects of the problem speak of, or the effects ``named`` in these data, is known: it is
+    that of the effects and what the problem states beside them, and is not sought again.
     """
-    found, stated = _from_data(problem, calibration), _stated(problem)
+    own, stated = scatter_of_effects(problem.robot, problem.effects), stated_scatter(problem)
+    said = scatter_of_effects(problem.robot, [*problem.effects, *named])
+    stated = _with_effects(stated, said)
+    fixed = {name: scatter_beside(problem, name, own.get(name, 0.0), s) for name, s in said.items()}
+    found = _from_data(problem, calibration, fixed)
     if found is None:
         return stated
     noise, given = found
     if stated.sigma and _does_not_tell(noise, stated.sigma):
         return stated
-    sigma = {name: float(s) for name, s in zip(noise.names, noise.sigma, strict=True) if s > 0}
+    sigma = {name: float(s) for name, s in zip(noise.names, noise.sigma, strict=True) if s > 0} | fixed
     if not sigma:
         return RemainingScatter({}, noise.instrument, True, "no scatter of the joints is seen behind the instrument's")
     source = (
         "the instrument as stated" if given else f"the instrument, {noise.instrument * 1e3:.3g} mm, from the data too"
     )
     note = f"scatter of the joints from what the calibration leaves of the errors ({source})"
-    return RemainingScatter(sigma, noise.instrument, True, note)
+    return _with_effects(RemainingScatter(sigma, noise.instrument, True, note), said, added=False)
+
+
+def _with_effects(scatter: RemainingScatter, said: Mapping[str, float], added: bool = True) -> RemainingScatter:
+    """The scatter with the part that effects say, ``added`` unless it is in it, told in the note."""
+    if not said:
+        return scatter
+    note = f"{scatter.note}; that of {', '.join(said)} stands under effects"
+    return replace(scatter, sigma=plus(scatter.sigma, said) if added else scatter.sigma, of_effects=said, note=note)
 
 
 def unseen_errors(calibration: Calibration) -> tuple[Array, Array, NDArray[np.intp]]:
@@ -82,10 +93,19 @@ def unseen_errors(calibration: Calibration) -> tuple[Array, Array, NDArray[np.in
     return calibration.errors[np.ix_(rows, kept.axes)], known, rows
 
 
-def _from_data(problem: CalibrationProblem, calibration: Calibration) -> tuple[JointNoise, bool] | None:
-    """The likeliest scatter, and whether the instrument's was given; ``None`` where the data do not tell it."""
+def _from_data(
+    problem: CalibrationProblem, calibration: Calibration, fixed: Mapping[str, float]
+) -> tuple[JointNoise, bool] | None:
+    """The likeliest scatter of the joints whose own is not ``fixed``, and whether the instrument's was given.
+
+    ``None`` where the data do not tell it.
+    """
     errors, known, rows = unseen_errors(calibration)
     columns, names = joint_columns(calibration.residuals.take(rows), calibration.x), joint_errors(problem.robot)
+    still = np.array([name in fixed for name in names])
+    loud = columns[:, :, still] * np.array([fixed[name] for name in names if name in fixed])
+    known = known + loud @ np.swapaxes(loud, -1, -2)
+    columns, names = columns[:, :, ~still], tuple(name for name in names if name not in fixed)
     stated = problem.measurement.position if problem.measurement is not None else 0.0
     size = float(np.sqrt(np.mean(errors**2)))
     if size <= _EXACT * stated or not size > 0:
@@ -141,12 +161,6 @@ def _without(A: Array, rows: Residuals, x: Array) -> Array:
     JA = rows.both(x)[1][:n] @ A
     inner = np.eye(n) * (1 + 1e-9) - JA @ rows.both(x)[1][:n].T
     return np.asarray(A + JA.T @ np.linalg.solve(inner, JA))
-
-
-def joint_errors(robot: Robot) -> tuple[str, ...]:
-    """(n,) the names of the joint values' errors, JOINT.theta or JOINT.d."""
-    factors = robot.factors
-    return tuple(factors[i].parameter for i in robot.driven)
 
 
 def _likeliest(
@@ -207,24 +221,3 @@ def _does_not_tell(noise: JointNoise, stated: Mapping[str, float]) -> bool:
     nothing = not noise.interval[:, 0].any()
     upper = dict(zip(noise.names, noise.interval[:, 1], strict=True))
     return nothing and all(sigma <= upper.get(name, math.inf) for name, sigma in stated.items())
-
-
-def _stated(problem: CalibrationProblem) -> RemainingScatter:
-    sources = problem.sources
-    visit = {name: float(s) for name, s in zip(sources.names, np.sqrt(np.diag(sources.visit)), strict=True) if s > 0}
-    if visit:
-        return RemainingScatter(visit, note="scatter of the joints as stated: the data do not tell it")
-    own = joint_errors(problem.robot)
-    sigma = {name: float(s) for name, s in zip(sources.names, sources.sigma, strict=True) if name in own and s > 0}
-    if sigma:
-        return RemainingScatter(
-            sigma, note="the σ's of the joints, as stated, taken for their scatter: the data do not tell it"
-        )
-    sheet = problem.robot.repeatability
-    if sheet is not None:
-        from posture_opt.uncertainty.repeatability import joint_sigmas
-
-        found = joint_sigmas(problem.robot, sheet.value)
-        sigma = dict(zip(found.names, map(float, found.sigma), strict=True))
-        return RemainingScatter(sigma, note="scatter of the joints from the data sheet: the data do not tell it")
-    return RemainingScatter(note="the data tell no scatter of the joints, and none is stated")

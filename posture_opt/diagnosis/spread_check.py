@@ -23,9 +23,10 @@ from posture_opt.diagnosis.prediction import (
     joint_errors,
     nominal_prediction,
 )
-from posture_opt.diagnosis.remaining import RemainingScatter, covariance_under, remaining_scatter, unseen_errors
+from posture_opt.diagnosis.remaining import covariance_under, remaining_scatter, unseen_errors
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.scatter_test import ScatterTest
+from posture_opt.diagnosis.stated_scatter import RemainingScatter
 from posture_opt.diagnosis.validation import folds_of, groups_of
 from posture_opt.diagnosis.variance_components import Scatter, covariances
 from posture_opt.errors import InsufficientDataError

@@ -12,8 +12,10 @@ import numpy as np
 
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.parameters import Parameter
-from posture_opt.diagnosis.remaining import RemainingScatter, covariance_under, remaining_scatter
+from posture_opt.diagnosis.remaining import covariance_under, remaining_scatter
+from posture_opt.diagnosis.stated_scatter import RemainingScatter
 from posture_opt.problem.extension import effects_section
+from posture_opt.problem.noise import of_a_type
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.replanned import Replanned, replan
 from posture_opt.problem.yaml_source import Document
@@ -164,10 +166,13 @@ def quantity(value: float, factor: Factor) -> str:
 
 
 def uncertainty_section(problem: Problem, scatter: RemainingScatter, covariance: str) -> dict[str, Any]:
-    """The section of a problem whose parameters' covariance stands in a file, beside the scatter of the joints."""
+    """The section of a problem whose parameters' covariance stands in a file, beside the scatter of the joints.
+
+    What effects say of that scatter is theirs to say.
+    """
     former = problem.to_dict().get("uncertainty") or {}
     parameters = problem.robot.parameters
-    sigma = {name: _rounded(value, parameters[name]) for name, value in scatter.sigma.items()}
+    sigma = {name: _rounded(value, parameters[name]) for name, value in scatter.beside.items()}
     kept = {key: former[key] for key in ("measurement",) if former.get(key) is not None}
     return {
         **({"covariance": covariance} if covariance else {}),
@@ -179,7 +184,11 @@ def uncertainty_section(problem: Problem, scatter: RemainingScatter, covariance:
 def known_effects(problem: Problem, names: Sequence[str], covariance: str) -> dict[str, Any]:
     """The section ``effects`` of a problem that has some, their covariance in the file of all sources."""
     entries = problem.to_dict().get("effects")
-    return {"effects": effects_section(entries, problem.effects, names, covariance)} if entries else {}
+    if not entries:
+        return {}
+    own = [k for k, effect in enumerate(problem.effects) if not of_a_type(effect)]
+    effects = [problem.effects[k] for k in own]
+    return {"effects": effects_section([entries[k] for k in own], effects, names, covariance)}
 
 
 def _rounded(sigma: float, factor: Factor) -> str:

@@ -11,9 +11,10 @@ import numpy as np
 
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.diagnosis import Diagnosis
-from posture_opt.diagnosis.remaining import RemainingScatter, remaining_scatter
+from posture_opt.diagnosis.remaining import remaining_scatter
+from posture_opt.diagnosis.stated_scatter import RemainingScatter
 from posture_opt.diagnosis.tangents import gravity_of
-from posture_opt.model.effects import Effect
+from posture_opt.model.effects import Effect, NoiseEffect
 from posture_opt.problem.calibrated import (
     arm_of_frames,
     calibrated_problem,
@@ -27,6 +28,7 @@ from posture_opt.problem.calibrated import (
     uncertainty_section,
 )
 from posture_opt.problem.measured_goals import MeasuredGoals
+from posture_opt.problem.noise import of_a_type
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.replanned import Replanned, replan_with
 from posture_opt.problem.yaml_source import Document
@@ -40,12 +42,14 @@ _SUFFIX = ", extended"
 def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
     """The problem with the arm that the diagnosis fitted: geometry, effects, and what is uncertain of both together.
 
-    Effects that change with time are left out: they belong to the session that was measured.
+    Effects that change with time are left out: they belong to the session that was measured. So is noise of the
+    instrument or of the data; that of a joint is an effect of the arm.
     """
     calibration = extended_calibration(diagnosis)
     x, covariance = of_first_target(calibration, calibration.covariance)
     effects, parameters = _exported(diagnosis)
-    scatter = remaining_scatter(problem, calibration)
+    noises = [f.noise for f in diagnosis.findings if f.noise is not None and f.noise.of_arm]
+    scatter = remaining_scatter(problem, calibration, noises)
     geometry = _without(known_sources(problem, calibration, x, covariance), [name for name, _, _ in parameters])
     known = _with_effects(problem, diagnosis, geometry, parameters)
     document = {
@@ -53,7 +57,7 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
         "name": f"{problem.name.removesuffix(_SUFFIX)}{_SUFFIX}",
         "robot": _weighed(problem, x),
         "uncertainty": uncertainty_section(problem, scatter, COVARIANCE if known.names else ""),
-        "effects": _section(problem, effects, known.names),
+        "effects": _section(problem, effects, noises, known.names),
     }
     units = [*parameter_units(problem, geometry.names), *(unit for _, _, unit in parameters)]
     attached = {COVARIANCE: covariance_text(known.names, known.covariance, units)} if known.names else {}
@@ -143,38 +147,46 @@ def _without(sources: Sources, names: Sequence[str]) -> Sources:
     return Sources(tuple(sources.names[k] for k in kept), sources.covariance[np.ix_(kept, kept)])
 
 
-def _section(problem: Problem, found: Sequence[Effect], names: Sequence[str]) -> list[dict[str, Any]]:
-    """The effects of the file and those that were found; what was found of a known one adds to its estimate."""
+def _section(
+    problem: Problem, found: Sequence[Effect], noises: Sequence[NoiseEffect], names: Sequence[str]
+) -> list[dict[str, Any]]:  # fmt: skip
+    """The effects of the file and those that were found; what was found of a known one adds to it."""
     section: list[dict[str, Any]] = known_effects(problem, names, COVARIANCE).get("effects", [])
-    at = {effect.name: k for k, effect in enumerate(problem.effects)}
+    known = [effect for effect in problem.effects if not of_a_type(effect)]
+    at = {effect.name: k for k, effect in enumerate(known)}
     for effect in found:
-        if effect.name in at:
-            k = at[effect.name]
-            former = problem.effects[k]
-            effect = former.with_estimate([a + b for a, b in zip(former.values, effect.values, strict=True)])
-            section[k] = _entry(effect)
-        else:
-            section.append(_entry(effect))
+        former = known[at[effect.name]] if effect.name in at else effect.with_estimate([0.0] * len(effect.values))
+        total = former.with_estimate([a + b for a, b in zip(former.values, effect.values, strict=True)])
+        _put(section, at.get(effect.name), {**total.to_dict(), "covariance": COVARIANCE})
+    for noise in noises:
+        total_noise = known[at[noise.name]].joined(noise) if noise.name in at else noise
+        _put(section, at.get(noise.name), total_noise.to_dict())
     return section
 
 
-def _entry(effect: Effect) -> dict[str, Any]:
-    """An effect as problem files have it, its shape with units."""
-    return {**effect.to_dict(), "covariance": COVARIANCE}
+def _put(section: list[dict[str, Any]], place: int | None, entry: dict[str, Any]) -> None:
+    if place is None:
+        section.append(entry)
+    else:
+        section[place] = entry
 
 
 def _header(diagnosis: Diagnosis, scatter: RemainingScatter) -> tuple[str, ...]:
     """What the file says of itself in its first lines."""
     data = diagnosis.calibration.residuals.data
     errors = ", ".join(f"{diagnosis.errors[n].rms * 1e3:.3g} mm {n}" for n in ("nominal", "calibrated", "extended"))
-    named = ", ".join(f"{f.kind} of {f.target}" for f in diagnosis.findings if f.effect is not None) or "no effect"
+    named = [f for f in diagnosis.findings if f.effect is not None or (f.noise is not None and f.noise.of_arm)]
+    named_text = ", ".join(f"{f.kind} of {f.target}" for f in named) or "no effect"
     left = [e.name for e in diagnosis.model.effects() if not e.for_planning]
+    read = [f.noise.name for f in diagnosis.findings if f.noise is not None and not f.noise.of_arm]
     lines = [
-        f"Extended by what {Path(data.file).name or 'a table'} ({len(data)} rows) says of the arm: {named}.",
+        f"Extended by what {Path(data.file).name or 'a table'} ({len(data)} rows) says of the arm: {named_text}.",
         f"Position errors where it had not seen the data, RMS: {errors}.",
         f"What is still uncertain of its parameters stands in {COVARIANCE}, in mm, mrad and SI units.",
         f"{scatter.note[:1].upper()}{scatter.note[1:]}.",
     ]
     if left:
         lines.append(f"Left out, as it belongs to its session: {', '.join(left)}.")
+    if read:
+        lines.append(f"Left out, as it is of the measurement and not of the arm: {', '.join(read)}.")
     return tuple(lines)

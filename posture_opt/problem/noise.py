@@ -69,6 +69,13 @@ def noise_notes(effects: Sequence[AnyEffect]) -> tuple[str, ...]:
     return (f"{', '.join(dict.fromkeys(kinds))}: of the measurement alone, no part of the spread of the tool point",)
 
 
+def of_a_type(effect: AnyEffect) -> bool:
+    """Whether an effect says how robots of a type differ: once one was measured, the errors of that one are known."""
+    from posture_opt.model.effects import NoiseEffect
+
+    return isinstance(effect, NoiseEffect) and bool(effect.correlation)
+
+
 def _pair_fault(sources: Sources, a: str, b: str) -> Issue | None:
     at = {name: k for k, name in enumerate(sources.names)}
     for name in (a, b):
