@@ -21,7 +21,7 @@ from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.noise_causes import noise_causes
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.scene import frame_directions, points_of, scene_of
-from posture_opt.diagnosis.search import Scene, Verdict, search, with_names
+from posture_opt.diagnosis.search import Scene, Verdict, search, still_nameless, with_names
 from posture_opt.diagnosis.second_session import Gain, SecondSession, second_session
 from posture_opt.diagnosis.stages import Stages
 from posture_opt.diagnosis.suspects import Suspect
@@ -46,7 +46,7 @@ class Diagnosis:
             the effects (``extended``).
         held: those errors row by row, by model.
         model: the fitted arm with its effects; ``lasting`` the one without those of time, to plan and predict with.
-        unexplained: umbrellas, curves without a name, that the residuals need.
+        unexplained: umbrellas, curves without a name, that the residuals need beside the effects.
         adequacy: what is left after everything.
         groups: (N,) what the cross-validation left out together, of the rows that are no outliers.
         test: another file predicted by what this one taught.
@@ -88,9 +88,8 @@ class Diagnosis:
     def to_json(self) -> dict[str, Any]:
         """The document ``diagnosis.json``: SI units and radians."""
         names = ("nominal", "calibrated", "extended")
-        p = self.adequacy.p_value
-        if self.unexplained and self.search.judged:
-            p = min(p, self.search.judged[0].p_value)
+        chosen = zip(self.search.chosen, self.search.p_values, strict=True)
+        p = min(self.adequacy.p_value, *(p for suspect, p in chosen if not suspect.named), 1.0)
         test = {} if self.test is None else {"test": self.test.to_json()}
         return {
             "verdict": self.outcome,
@@ -181,8 +180,8 @@ def diagnose(
     found = search(scene, stages.rounds(stages.next()))
     stages.next()
     residuals = scene.tangents.residuals
-    nameless = tuple(s.what for s in found.chosen if isinstance(s.what, Umbrella))
-    names = with_names(scene, found) if nameless else found
+    names = with_names(scene, found) if not all(s.named for s in found.chosen) else found
+    nameless = tuple(s.what for s in still_nameless(scene, found, names) if isinstance(s.what, Umbrella))
     named = [s for s in names.chosen if isinstance(s.what, Effect)]
     directions = calibration.identifiability.directions
     model = fit_extended(residuals, calibration.x, directions, named)

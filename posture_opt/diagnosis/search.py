@@ -137,6 +137,15 @@ def with_names(scene: Scene, found: Verdict) -> Verdict:
     return names if whole - rest >= NEARLY * (whole - least) else found
 
 
+def still_nameless(scene: Scene, found: Verdict, names: Verdict) -> tuple[Suspect, ...]:
+    """The curves without a name that the residuals need beside the ``names`` of the model; else all that were found."""
+    curves = tuple(s for s in found.chosen if not s.named)
+    if names is found:
+        return curves
+    beside = ((s, _weight(scene, [*names.chosen, s], s)[0]) for s in curves)
+    return tuple(s for s, p in beside if found.chance.family_wise(p, s.family) < FURTHER) or curves
+
+
 def _finalists(scene: Scene, ground: Ground, judged: Sequence[Judged]) -> list[Suspect]:
     """The candidates that stay in the running, those with a searched shape at their best."""
     leading = judged[0].log_p
