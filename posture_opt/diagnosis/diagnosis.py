@@ -188,8 +188,9 @@ def diagnose(
     lasting = _lasting(model, scene, calibration)
     everything = scene.ground(found.chosen)
     left = adequacy(everything, residuals.data, points_of(scene), residuals.block)
-    unclear = bool(nameless) or left.p_value < LEVEL
-    noise = noise_causes(problem, calibration, model, everything, unclear, seed)
+    closed = 0.0 if nameless else left.p_value
+    unclear = closed < LEVEL
+    noise = noise_causes(problem, calibration, model, everything, closed, seed)
     known = frame_directions(calibration)
     geometry = geometry_causes(residuals, calibration.x_nominal, known, model, named)
     groups_by: By = by or calibration.by

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.adequacy import LEVEL as UNCLEAR
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.extended import Extended
 from posture_opt.diagnosis.noise_suspects import standardised, stated_sigma, tails, uneven
@@ -22,6 +23,7 @@ Array = NDArray[np.float64]
 LEVEL, BESIDE = 0.004, 0.002  # of the 5 % for the whole verdict; beside a cause that is named already
 _STATED, _TASTE = 0.002, 1.2  # a stated σ is true enough within this factor: less is not worth a word
 _RIVALS = 6.0
+_DOUBTFUL = 0.05  # structure that may be left swells the residuals as a σ does that is stated too small
 
 
 @dataclass(frozen=True)
@@ -35,9 +37,12 @@ class NoiseCause:
 
 
 def noise_causes(
-    problem: CalibrationProblem, calibration: Calibration, model: Extended, ground: Ground, unclear: bool, seed: int
+    problem: CalibrationProblem, calibration: Calibration, model: Extended, ground: Ground, closed: float, seed: int
 ) -> list[NoiseCause]:
-    """One noisy joint or noise that grows with the range; gross outliers; a stated σ that is off."""
+    """One noisy joint or noise that grows with the range; gross outliers; a stated σ that is off.
+
+    ``closed`` is the p-value that nothing is left beside the model, 0 where a curve without a name is.
+    """
     residuals = model.residuals
     block = residuals.block
     Q = ground.Q.reshape(-1, block, ground.Q.shape[1])
@@ -48,9 +53,9 @@ def noise_causes(
     ranges = None if position is None else np.linalg.norm(position, axis=1)
     level = BESIDE if model.suspects else LEVEL
     found = uneven_noise(e, Rows(residuals.robot, columns, ranges, residuals.sigma), seed, level)
-    found += [] if unclear else _outliers(calibration, model, bool(found))
+    found += [] if closed < UNCLEAR else _outliers(calibration, model, bool(found))
     stated = problem.measurement is not None and problem.measurement.position
-    if stated and not found and not unclear:
+    if stated and not found and closed >= _DOUBTFUL:
         squares = e**2
         kurtosis = float(np.mean(squares**2) / np.mean(squares) ** 2 - 3)
         variance = float(np.sum(squares)) / ground.freedom if whole else float(ground.rss[0]) / ground.freedom

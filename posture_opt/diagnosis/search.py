@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,8 @@ FIRST = 0.035  # of the 5 % for the whole verdict: the first effect; the rest is
 FURTHER = 0.006  # every effect after the first
 ALIKE = 0.5  # cosine of the least angle between what two causes do: what is less alike stands for nothing else
 RIVALS = 6.0  # of the criterion: within it, two causes cannot be told apart
-NAMELESS = 6.0  # the price of having no name
+NAMELESS = 5.0  # the price of having no name
+ANOTHER = 5.0  # the price of a cause: the logarithm of how many there are to choose from (Chen, Chen 2008, γ = 1/2)
 LARGE = 4  # parameters: beyond, a group is charged as a group
 NEARLY = 0.85  # of what the best description explains: names that explain as much are taken for the model
 MOST = 24
@@ -188,7 +189,7 @@ def _price(ground: Ground, suspect: Suspect, basis: Array) -> float:
     k = basis.shape[1]
     evidence = float(np.sum((basis.T @ ground.e) ** 2)) / (float(ground.rss[0]) / ground.freedom)
     each = min(np.log(ground.freedom), 1 + np.log(max(evidence / max(k, 1), 1.0)) if k > LARGE else np.inf)
-    return float(k * each + 2 * np.log(suspect.searched) + (0.0 if suspect.named else NAMELESS))
+    return float(k * each + 2 * np.log(suspect.searched) + ANOTHER + (0.0 if suspect.named else NAMELESS))
 
 
 def _exclusive(suspect: Suspect) -> object:
@@ -224,16 +225,28 @@ def _pruned(scene: Scene, chance: Chance, chosen: list[Suspect]) -> tuple[Suspec
     return tuple(chosen)
 
 
+def _lenient(pool: Pool, suspects: Sequence[Suspect]) -> Pool:
+    """The pool with names charged 2 a parameter (Akaike 1974): what only costs more has not been refuted by data."""
+    less = [
+        (np.log(pool.freedom) - 2) * basis.shape[1] if s.named and basis.shape[1] <= LARGE else 0.0
+        for s, basis in zip(suspects, pool.bases, strict=True)
+    ]
+    return replace(pool, price=pool.price - np.maximum(less, 0.0))
+
+
 def _rivals(ground: Ground, finalists: list[Suspect], chosen: Sequence[Suspect]) -> tuple[tuple[Suspect, ...], ...]:
     everyone = _merged(list(finalists), list(chosen))
     pool = _pool(ground, everyone)
+    lenient = _lenient(pool, everyone)
     place = {str(s.what): i for i, s in enumerate(everyone)}
     members = tuple(sorted(place[str(s.what)] for s in chosen))
     result = []
     for s in chosen:
         found: dict[tuple[str, str], Suspect] = {}
-        for _, other in alternatives(pool, members, place[str(s.what)], RIVALS):
-            alike = np.linalg.norm(pool.bases[place[str(s.what)]].T @ pool.bases[other], 2) > ALIKE
+        here = place[str(s.what)]
+        close = [*alternatives(pool, members, here, RIVALS), *alternatives(lenient, members, here, RIVALS)]
+        for _, other in sorted(close):
+            alike = np.linalg.norm(pool.bases[here].T @ pool.bases[other], 2) > ALIKE
             if alike and everyone[other].key != s.key:
                 found.setdefault(everyone[other].key, everyone[other])
         result.append(tuple(found.values()))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.scores import Ground, surviving
 from posture_opt.diagnosis.suspects import Suspect
 from posture_opt.diagnosis.tangents import Tangents
+from posture_opt.diagnosis.umbrellas import Umbrella, between
 from posture_opt.model.effects import Effect
 
 Array = NDArray[np.float64]
@@ -19,7 +20,9 @@ _EVALUATIONS = 16
 def refined(tangents: Tangents, ground: Ground, suspect: Suspect) -> Suspect:
     """The suspect at the shape, between the neighbours on its grid, that explains most of the ground's residuals."""
     effect = suspect.what
-    if not isinstance(effect, Effect) or not effect.shape or effect.target == "linear" or effect.kind == "slip":
+    if isinstance(effect, Umbrella):
+        return _between(tangents, ground, suspect, effect)
+    if not effect.shape or effect.target == "linear" or effect.kind == "slip":
         return suspect
     name = effect.shape[0]
     if name == "lsb":
@@ -39,6 +42,11 @@ def refined(tangents: Tangents, ground: Ground, suspect: Suspect) -> Suspect:
         return suspect
     better = reshaped(effect, name, float(found.x))
     return Suspect(better, tangents.columns(better), suspect.searched)
+
+
+def _between(tangents: Tangents, ground: Ground, suspect: Suspect, umbrella: Umbrella) -> Suspect:
+    near = [suspect, *(Suspect(u, Z, suspect.searched) for u, Z in between(tangents, umbrella))]
+    return max(near, key=lambda s: float(np.sum((surviving(ground, s.Z)[0].T @ ground.e) ** 2)))
 
 
 def _bracket(tangents: Tangents, effect: Effect, name: str, value: float) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ from posture_opt.model.effects.joint_compliance import JointCompliance
 Array = NDArray[np.float64]
 
 PEAKS = 4  # frequencies a joint that stay in the running
+_COUNTED = 50  # shapes of one cause that are compared: more of them, closer together, count no more
 _ALIKE = 0.05  # singular value of unit columns: below, two point masses cannot be told apart
 
 
@@ -73,15 +75,15 @@ def catalogue(tangents: Tangents, case: Case) -> list[Suspect]:
     if "masses" not in case.inputs:
         effects += unknown_masses(tangents, case)
     named = [(e, tangents.columns(e)) for e in effects]
-    nameless = list(umbrellas(tangents, case))
     shapes: dict[tuple[str, str], list[Array]] = {}
-    everyone: list[tuple[Effect | Umbrella, Array]] = [*named, *nameless]
-    for what, Z in everyone:
-        shapes.setdefault((what.kind, what.target), []).append(Z)
+    for e, Z in named:
+        shapes.setdefault((e.kind, e.target), []).append(Z)
     searched = {key: independent(own) for key, own in shapes.items()}
+    nameless = list(umbrellas(tangents, case))
+    grids = Counter((u.kind, u.target) for u, _ in nameless)
     return [
         *(Suspect(e, Z, searched[e.kind, e.target]) for e, Z in named),
-        *(Suspect(u, Z, len(shapes[u.kind, u.target])) for u, Z in nameless),
+        *(Suspect(u, Z, grids[u.kind, u.target]) for u, Z in nameless),
     ]
 
 
@@ -93,7 +95,7 @@ def independent(shapes: Sequence[Array]) -> float:
     """
     if len(shapes) == 1:
         return 1.0
-    first = np.stack([Z[:, 0] for Z in shapes], axis=1)
+    first = np.stack([Z[:, 0] for Z in shapes[:: -(-len(shapes) // _COUNTED)]], axis=1)
     norms = np.linalg.norm(first, axis=0)
     first = first / np.where(norms > 0, norms, 1.0)
     values = np.maximum(np.linalg.eigvalsh(first.T @ first), 0.0)

@@ -21,15 +21,16 @@ _WIDTHS = (0.15, 0.35)  # rad, of a dent
 _FEWEST = 4  # rows that must lie in a dent
 _WAVES = range(1, 7)  # periods a turn of a square wave
 _PHASES = 8
+_FINER = 4  # steps to half way to the next phase
 
 
 @dataclass(frozen=True)
 class Umbrella:
-    """A curve without a name: what it hangs on, where, and which of its grid it is."""
+    """A curve without a name: what it hangs on, where, and which of its grid it is, or between which two."""
 
     kind: str
     target: str
-    shape: int = 0
+    shape: float = 0.0
 
 
 def umbrellas(tangents: Tangents, case: Case) -> Iterator[tuple[Umbrella, Array]]:
@@ -70,6 +71,23 @@ def _dents(tangents: Tangents, case: Case) -> Iterator[tuple[Umbrella, Array]]:
                     shape += 1
 
 
+def between(tangents: Tangents, umbrella: Umbrella) -> Iterator[tuple[Umbrella, Array]]:
+    """Square waves with phases between those of the grid, about one of it: an edge that is off costs much."""
+    if umbrella.kind != "square wave":
+        return
+    joint = tangents.residuals.data.joint_names.index(umbrella.target)
+    q = tangents.residuals.data.q[:, joint]
+    waves = _WAVES[int(umbrella.shape) // _PHASES]
+    for part in np.arange(-_FINER, _FINER + 1) / (2 * _FINER):
+        wave = _square(q, waves, umbrella.shape % _PHASES + part)
+        yield Umbrella(umbrella.kind, umbrella.target, umbrella.shape + part), tangents.of_joint(joint, wave[:, None])
+
+
+def _square(q: Array, waves: int, phase: float) -> Array:
+    """(N,) a square wave of so many periods a turn; phases count in steps of the grid."""
+    return np.asarray(np.sign(np.sin(waves * q + np.pi * phase / _PHASES)))
+
+
 def bumps(q: Array, count: int = _BUMPS) -> Array:
     """(N, count) Gaussian bumps side by side over the range of q; between quantiles, so that each has data."""
     centres = np.linspace(q.min(), q.max(), count)
@@ -85,7 +103,7 @@ def _square_waves(tangents: Tangents, case: Case) -> Iterator[tuple[Umbrella, Ar
         q = tangents.residuals.data.q[:, joint]
         for i, waves in enumerate(_WAVES):
             for phase in range(_PHASES):
-                wave = np.sign(np.sin(waves * q + np.pi * phase / _PHASES))
+                wave = _square(q, waves, phase)
                 if np.abs(wave.mean()) < 0.95:
                     umbrella = Umbrella("square wave", names[joint], i * _PHASES + phase)
                     yield umbrella, tangents.of_joint(joint, wave[:, None])
