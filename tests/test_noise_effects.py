@@ -6,14 +6,18 @@ import copy
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from scipy.stats import multivariate_normal
 
 import posture_opt as po
+from posture_opt.diagnosis.comparison import compare
+from posture_opt.diagnosis.instrument import readings
 from posture_opt.diagnosis.noise_suspects import uneven
 from posture_opt.errors import InputError
 from posture_opt.model.effects import CATALOGUE, NOISES, Evidence, NoiseEffect, Rows
+from posture_opt.problem.calibrated import calibrated_problem
 from posture_opt.problem.schema import ProblemSpec
 
 IDENTIFIERS = {
@@ -228,3 +232,73 @@ def test_named_noise_has_the_size_that_was_drawn() -> None:
     assert first.kind == "range_noise"
     found = first.named().reading(np.full(3, sigma), np.array([0.5, 1.75, 3.0]))
     np.testing.assert_allclose(found, 1e-5 + 2e-5 * np.array([0.5, 1.75, 3.0]), rtol=0.2)
+
+
+def true_arm(q: np.ndarray) -> np.ndarray:
+    """(N, 2) tool point [m] of an arm whose first link is longer than the file says."""
+    first, both = q[:, 0], q[:, 0] + q[:, 1]
+    return 0.5002 * np.stack([np.cos(first), np.sin(first)], 1) + 0.4 * np.stack([np.cos(both), np.sin(both)], 1)
+
+
+def measured(of: po.Problem, seed: int, sigma: Any, rows: int = 400) -> Any:
+    """Measurements with the σ of each row from its range [m]."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-2.8, 2.8, (rows, 2))
+    p = true_arm(q)
+    p = p + rng.normal(size=p.shape) * np.broadcast_to(sigma(np.linalg.norm(p, axis=1)), rows)[:, None]
+    table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
+    return po.read_measurements(pd.DataFrame(table), of)
+
+
+def named(of: po.Problem, data: Any) -> set[str]:
+    return {f.kind for f in po.diagnose(of, data).effects} & {kind_of(cls) for cls in NOISES}
+
+
+GROWING = {"kind": "range_noise", "a": "5 um", "b": "60 um/m"}
+
+
+@pytest.mark.parametrize(
+    ("sigma", "entry"),
+    [(lambda r: 5e-6 + 6e-5 * r, GROWING), (lambda r: 6e-5 + 0 * r, {"kind": "stated_sigma", "factor": 3})],
+)
+def test_noise_that_the_file_knows_is_not_named(sigma: Any, entry: dict[str, Any]) -> None:
+    stranger, knowing = problem(), problem(entry)
+    assert entry["kind"] in named(stranger, measured(stranger, 2, sigma))
+    assert named(knowing, measured(knowing, 2, sigma)) == set()
+
+
+def test_what_the_instrument_scatters_by_is_not_laid_on_the_joints() -> None:
+    """60 µm of noise behind an instrument of 20 µm: the arm's own, unless the file says that it is the instrument's."""
+    joint = {}
+    for name, entries in (("arm", []), ("instrument", [{"kind": "stated_sigma", "factor": 3}])):
+        of = problem(*entries)
+        data = measured(of, 2, lambda r: 6e-5 + 0 * r)
+        calibrated = calibrated_problem(of, po.calibrate(of, data))
+        joint[name] = float(np.trace(calibrated.sources.visit))
+    assert joint["instrument"] < 0.1 * joint["arm"]
+
+
+def test_the_sigma_of_all_rows_is_their_root_mean_square() -> None:
+    of = problem(GROWING)
+    data = measured(of, 3, lambda r: 2e-5 + 0 * r)
+    r = np.linalg.norm(data.position, axis=1)
+    assert compare(of, data)[0].sigma == pytest.approx(np.sqrt(np.mean((5e-6 + 6e-5 * r) ** 2)))
+    np.testing.assert_allclose(readings(of, data.position), 5e-6 + 6e-5 * r)
+    # Without a, what is stated of the instrument is its σ at no distance.
+    near = problem({"kind": "range_noise", "b": "60 um/m"})
+    np.testing.assert_allclose(readings(near, data.position), 2e-5 + 6e-5 * r)
+
+
+def test_a_plan_counts_with_the_instrument_as_its_effects_have_it() -> None:
+    def std(plan: Any) -> np.ndarray:
+        return np.array([row["after"] for row in plan.to_json()["parameters"]], dtype=float)
+
+    without = {"sigma": {}}
+    plain = po.plan_measurements(problem(**without), 12, seed=1, candidates=200)
+    wider = po.plan_measurements(problem(ENTRIES["stated_sigma"], **without), 12, seed=1, candidates=200)
+    fewer = po.plan_measurements(problem({"kind": "outliers", "share": 0.19}, **without), 12, seed=1, candidates=200)
+    growing = po.plan_measurements(problem(GROWING, **without), 12, seed=1, candidates=200)
+    np.testing.assert_allclose(std(wider), 2 * std(plain), rtol=1e-5)
+    np.testing.assert_allclose(std(fewer), std(plain) / 0.9, rtol=1e-5)
+    # Where the instrument reads worse the farther away, what is near is worth more.
+    assert np.linalg.norm(growing.points, axis=1).mean() < 0.95 * np.linalg.norm(plain.points, axis=1).mean()

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from posture_opt.diagnosis.between_visits import slides
 from posture_opt.diagnosis.calibration import Calibration
+from posture_opt.diagnosis.instrument import position_sigma
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.model_errors import ModelErrors, model_errors, told
 from posture_opt.diagnosis.parameters import CalibrationProblem
@@ -133,7 +134,7 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
     errors = {"nominal": _seen(calibration.errors_nominal[kept]), "calibrated": _seen(calibration.errors[kept])}
     fitted = {"nominal": errors["nominal"], "calibrated": _seen(calibration.errors_fitted[kept])}
     models = {name: model_errors(used, errors[name], fitted[name], axes, direction) for name in errors}
-    stated = problem.measurement.position if problem.measurement is not None else 0.0
+    stated = position_sigma(problem, data)
     residuals = calibration.residuals.take(kept)
     codes = revisits(used, slides(residuals))
     rotations = _turned(residuals, calibration.x, codes)
@@ -144,7 +145,7 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
         poses=len(np.unique(used.pose)),
         axes=tuple(int(axis) for axis in axes),
         direction=direction,
-        instrument=float(stated or 0.0),
+        instrument=stated,
         block_axes=_block_axes(problem, data),
         nominal=models["nominal"],
         calibrated=models["calibrated"],

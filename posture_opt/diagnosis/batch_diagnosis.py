@@ -106,7 +106,7 @@ def _noise(problem: CalibrationProblem, batch: Batch, seed: int) -> list[NoiseCa
         e = standardised(ground.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
         position = scene.tangents.residuals.data.position
         ranges = np.zeros(len(e)) if position is None else np.linalg.norm(position, axis=1)
-        e, columns, _ = as_stated(problem, e, scene.tangents.joints)
+        e, columns, _ = as_stated(problem, scene.tangents.residuals, e, scene.tangents.joints)
         parts.append((e, columns, ranges))
     e = np.concatenate([p[0] for p in parts])
     columns = np.concatenate([p[1] for p in parts], axis=1)

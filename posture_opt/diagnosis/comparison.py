@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.estimation import Estimate, estimate
 from posture_opt.diagnosis.fit import noise
 from posture_opt.diagnosis.identifiability import identify
+from posture_opt.diagnosis.instrument import position_sigma, rotation_sigma
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter, candidates, prior_covariance
 from posture_opt.diagnosis.residuals import Distance, Residuals
@@ -34,11 +35,11 @@ def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals,
             Issue(f"measurements of several robots: {names}", mend="calibrate the batch, or one robot at a time")
         )
     notes = []
-    sigma = problem.measurement.position if problem.measurement is not None else 0.0
+    sigma = position_sigma(problem, data)
     if not sigma:
         sigma = SIGMA
         notes.append(f"no σ of the instrument is stated: {SIGMA * 1e3:g} mm taken")
-    rotation = (problem.measurement.orientation or 0.0) if problem.measurement is not None else 0.0
+    rotation = rotation_sigma(problem)
     if data.rotation is not None and not rotation:
         notes.append("orientations are left out: measurement.orientation states no σ for them")
     if data.position is None:

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.adequacy import LEVEL as UNCLEAR
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.extended import Extended
+from posture_opt.diagnosis.instrument import position_sigma, relative
 from posture_opt.diagnosis.noise_suspects import standardised, stated_sigma, tails, uneven
 from posture_opt.diagnosis.parameters import CalibrationProblem
+from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.scores import Ground
 from posture_opt.diagnosis.stated_scatter import joint_errors
 from posture_opt.diagnosis.tangents import Tangents
@@ -48,14 +50,13 @@ def noise_causes(
     Q = ground.Q.reshape(-1, block, ground.Q.shape[1])
     e = standardised(ground.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
     columns = Tangents(residuals, model.x).joints
-    e, columns, whole = as_stated(problem, e, columns)
+    e, columns, whole = as_stated(problem, residuals, e, columns)
     position = residuals.data.position
     ranges = None if position is None else np.linalg.norm(position, axis=1)
     level = BESIDE if model.suspects else LEVEL
     found = uneven_noise(e, Rows(residuals.robot, columns, ranges, residuals.sigma), seed, level)
     found += [] if closed < UNCLEAR else _outliers(calibration, model, bool(found))
-    stated = problem.measurement is not None and problem.measurement.position
-    if stated and not found and closed >= _DOUBTFUL:
+    if position_sigma(problem, residuals.data) and not found and closed >= _DOUBTFUL:
         squares = e**2
         kurtosis = float(np.mean(squares**2) / np.mean(squares) ** 2 - 3)
         variance = float(np.sum(squares)) / ground.freedom if whole else float(ground.rss[0]) / ground.freedom
@@ -79,20 +80,24 @@ def uneven_noise(e: Array, rows: Rows, seed: int, level: float = LEVEL) -> list[
     return [NoiseCause(first.named(), first.estimate, first.p_value, rivals)]
 
 
-def as_stated(problem: CalibrationProblem, e: Array, columns: Array) -> tuple[Array, Array, bool]:
+def as_stated(
+    problem: CalibrationProblem, residuals: Residuals, e: Array, columns: Array
+) -> tuple[Array, Array, bool]:  # fmt: skip
     """Residuals (N, d) and joint columns (n, N, d) in units of what instrument and joints should scatter by.
 
-    The last of the three says whether the file states a scatter of the joints from visit to visit; without one
-    everything stays as it is, in units of the instrument's σ.
+    The last of the three says whether the file states a scatter of the joints from visit to visit, or an instrument
+    that is not the same everywhere; without either everything stays as it is, in units of the instrument's σ.
     """
-    sources = problem.sources
+    sources, own = problem.sources, relative(problem, residuals.data)
     at = {name: i for i, name in enumerate(sources.names)}
     variance = np.diag(sources.visit)
     sigma = np.array([np.sqrt(variance[at[name]]) if name in at else 0.0 for name in joint_errors(problem.robot)])
-    if not sigma.any():
+    if not sigma.any() and np.all(own == 1.0):
         return e, columns, False
     S = np.moveaxis(columns, 0, 2) * sigma
-    L = np.linalg.cholesky(np.eye(e.shape[1]) + S @ np.swapaxes(S, 1, 2))
+    instrument = np.ones(e.shape)
+    instrument[:, : len(residuals.axes)] = own[:, None] ** 2
+    L = np.linalg.cholesky(np.eye(e.shape[1]) * instrument[:, None, :] + S @ np.swapaxes(S, 1, 2))
     whitened = np.linalg.solve(L, np.concatenate([e[:, :, None], np.moveaxis(columns, 0, 2)], axis=2))
     return whitened[:, :, 0], np.moveaxis(whitened[:, :, 1:], 2, 0), True
 

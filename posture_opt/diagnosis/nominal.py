@@ -20,11 +20,15 @@ def nominal_poses(robot: Robot, q: Floats) -> tuple[Floats, Floats]:
     return np.asarray(points), np.asarray(rotations)
 
 
+def reach_of(robot: Robot) -> Floats:
+    """(32, 3) where the tool point comes to lie at postures drawn at random [m]."""
+    q = np.random.default_rng(0).uniform(np.array(robot.lower), np.array(robot.upper), (32, robot.n))
+    return nominal_poses(robot, q)[0]
+
+
 def still_axes(robot: Robot) -> NDArray[np.bool_]:
     """(3,) along which world axes the tool point cannot move at will, as z of a planar arm."""
-    lower, upper = np.array(robot.lower), np.array(robot.upper)
-    q = np.random.default_rng(0).uniform(lower, upper, (32, robot.n))
-    points, _ = nominal_poses(robot, q)
+    points = reach_of(robot)
     # A planar arm that was found to be slightly skew leaves its plane by its flaws only.
     extent = np.ptp(points, axis=0)
     return np.asarray(extent < _STILL + 2 * robot.skew * extent.max())

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.comparison import SIGMA, compare, fit_frames, held_length, unknowns
 from posture_opt.diagnosis.estimation import estimate
 from posture_opt.diagnosis.fit import triangular
+from posture_opt.diagnosis.instrument import planned_sigma, position_sigma, readings, rotation_sigma, usable
 from posture_opt.diagnosis.knowledge import determine
 from posture_opt.diagnosis.measurements import Measurements
-from posture_opt.diagnosis.nominal import still_axes
+from posture_opt.diagnosis.nominal import nominal_poses, reach_of, still_axes
 from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.model.chain import factor_values, walk
@@ -52,6 +53,7 @@ class Instrument:
     """The measurement of all targets at one posture, visited ``repeats`` times, as a function of the posture."""
 
     residuals: Residuals
+    problem: CalibrationProblem
     repeats: int = 1
 
     @property
@@ -77,7 +79,18 @@ class Instrument:
         template = self.residuals.data
         data = planned_rows(self.residuals.robot, q, template.measured_axes, self.targets, self.residuals.oriented)
         _, J = replace(self.residuals, data=data).both(x)
-        return np.asarray(np.sqrt(self.repeats) * J.reshape(len(q), self.coordinates, len(x)))
+        rows = J.reshape(len(q), self.rows, self.residuals.block, len(x)) * np.sqrt(self.repeats)
+        return np.asarray(self._believed(q, rows).reshape(len(q), self.coordinates, len(x)))
+
+    def _believed(self, q: Array, rows: Array) -> Array:
+        """Rows (N, targets, block, k) in the standard deviations of their own range, and as many as are usable."""
+        if not self.problem.effects:
+            return rows
+        sigma = readings(self.problem, nominal_poses(self.residuals.robot, q)[0])
+        own = np.divide(self.residuals.sigma, sigma, out=np.ones(len(q)), where=sigma > 0)
+        scale = np.ones((len(q), self.residuals.block))
+        scale[:, : len(self.residuals.axes)] = own[:, None]
+        return np.asarray(np.sqrt(usable(self.problem)) * rows * scale[:, None, :, None])
 
     def tool_rows(self, q: Array, x: Array, basis: Array) -> Array:
         """(t, k) shift of the (first) tool point at the posture q (n,) along the t rows of ``basis``, per unknown.
@@ -122,9 +135,8 @@ def instrument(
     problem: CalibrationProblem, given: Measurements | None, repeats: int = 1
 ) -> tuple[Instrument, tuple[str, ...]]:
     """The instrument of a problem, which measures what the given data have, or what moves; and what was assumed."""
-    robot, stated = problem.robot, problem.measurement
-    sigma = stated.position if stated is not None else 0.0
-    rotation = (stated.orientation or 0.0) if stated is not None else 0.0
+    robot, rotation = problem.robot, rotation_sigma(problem)
+    sigma = position_sigma(problem, given) if given is not None else planned_sigma(problem, reach_of(robot))
     notes = [] if sigma else [f"no σ of the instrument is stated: {SIGMA * 1e3:g} mm taken"]
     positions = given is not None and given.position is not None
     axes = given.measured_axes if given is not None and positions else ~still_axes(robot)
@@ -133,7 +145,7 @@ def instrument(
     targets = given.target_names if given is not None and len(given.target_names) > 1 else ()
     data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, rotation > 0)
     parameters = unknowns(problem, data, orientation=rotation > 0)
-    return Instrument(Residuals(robot, data, parameters, sigma or SIGMA, rotation), repeats), tuple(notes)
+    return Instrument(Residuals(robot, data, parameters, sigma or SIGMA, rotation), problem, repeats), tuple(notes)
 
 
 def visit_variance(problem: CalibrationProblem, sigma: float, q: Array) -> float:

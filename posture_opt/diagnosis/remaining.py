@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.calibration import Calibration
+from posture_opt.diagnosis.instrument import position_sigma
 from posture_opt.diagnosis.joint_noise import JointNoise, estimate_joint_noise
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.prediction import calibrated_prediction, joint_columns
@@ -106,7 +107,7 @@ def _from_data(
     loud = columns[:, :, still] * np.array([fixed[name] for name in names if name in fixed])
     known = known + loud @ np.swapaxes(loud, -1, -2)
     columns, names = columns[:, :, ~still], tuple(name for name in names if name not in fixed)
-    stated = problem.measurement.position if problem.measurement is not None else 0.0
+    stated = position_sigma(problem, calibration.residuals.data)
     size = float(np.sqrt(np.mean(errors**2)))
     if size <= _EXACT * stated or not size > 0:
         return None  # better than their instrument: made up, or the instrument is another one

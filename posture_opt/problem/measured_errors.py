@@ -10,6 +10,7 @@ import numpy as np
 
 from posture_opt.diagnosis.comparison import compare, fit_frames
 from posture_opt.diagnosis.cross_validation import position_errors
+from posture_opt.diagnosis.instrument import position_sigma
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.nominal import nominal_poses
 from posture_opt.errors import InputError, Issue
@@ -120,7 +121,7 @@ def measured_errors(
     if not len(data):
         raise InputError(Issue("no row measures the tool point of this problem", ("--data",), mend="name other data"))
     errors = [_errors(one, data) for one in (uncorrected, problem)]
-    instrument = problem.measurement.position if problem.measurement is not None else 0.0
+    instrument = position_sigma(problem, data)
     place, _ = nominal_poses(problem.robot, data.q)
     cell = targets.grid.cells(place)
     limits = np.full(len(targets.spots) + 1, np.nan)  # the last one is that of rows off the map

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.diagnosis.instrument import position_sigma
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.parameter_blocks import parameters_block, undetermined_block
 from posture_opt.report.parts import note_facts, robot_facts
@@ -92,7 +93,7 @@ def data_block(problem: Problem, learned: Learned) -> Block:
 def _instrument(problem: Problem, data: Measurements) -> str:
     if data.position is None:
         return f"none: the arm touches {count(len(data.point_names), 'fixed point')}"
-    sigma = problem.measurement.position if problem.measurement is not None else 0.0
+    sigma = position_sigma(problem, data)
     return f"{stated_length(sigma)} (one standard deviation of a coordinate)" if sigma else "no accuracy is stated"
 
 

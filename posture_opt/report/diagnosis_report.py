@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.diagnosis.instrument import position_sigma
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.cause_blocks import causes_block, confusion_block, cyclic_block
 from posture_opt.report.diagnosed import MODELS, Diagnosed
@@ -208,7 +209,7 @@ def _held(here: float, gain: object) -> str:
 def data_block(problem: Problem, diagnosed: Diagnosed) -> Block:
     """The file, its rows, the instrument, and what looks odd."""
     data, found = diagnosed.data, diagnosed.diagnosis
-    sigma = problem.measurement.position if problem.measurement is not None else 0.0
+    sigma = position_sigma(problem, data)
     stated = f"{stated_length(sigma)} (one standard deviation of a coordinate)" if sigma else "no accuracy is stated"
     touched = f"none: the arm touches {count(len(data.point_names), 'fixed point')}"
     gone = found.calibration.lines
