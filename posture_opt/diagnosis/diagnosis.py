@@ -20,9 +20,11 @@ from posture_opt.diagnosis.limits import unknowable
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.noise_causes import noise_causes
 from posture_opt.diagnosis.parameters import CalibrationProblem
+from posture_opt.diagnosis.readmission import readmitted
 from posture_opt.diagnosis.scene import frame_directions, points_of, scene_of
 from posture_opt.diagnosis.search import Scene, Verdict, search, still_nameless, with_names
 from posture_opt.diagnosis.second_session import Gain, SecondSession, second_session
+from posture_opt.diagnosis.split import SplitPlan, split_plan
 from posture_opt.diagnosis.stages import Stages
 from posture_opt.diagnosis.suspects import Suspect
 from posture_opt.diagnosis.umbrellas import Umbrella
@@ -49,6 +51,7 @@ class Diagnosis:
         unexplained: umbrellas, curves without a name, that the residuals need beside the effects.
         adequacy: what is left after everything.
         groups: (N,) what the cross-validation left out together, of the rows that are no outliers.
+        rivals: by the place of an effect in ``model``, the suspects that could stand for it.
         test: another file predicted by what this one taught.
     """
 
@@ -65,6 +68,7 @@ class Diagnosis:
     adequacy: Adequacy
     by: By
     groups: NDArray[np.intp]
+    rivals: Mapping[int, Sequence[Suspect]]
     test: SecondSession | None = None
     notes: tuple[str, ...] = field(default=())
 
@@ -131,6 +135,13 @@ class Diagnosis:
         seen = Diagnosed(self.calibration.residuals.data, self)
         return plot_curves(seen) if seen.effects else plot_scores(seen)
 
+    @cached_property
+    def split(self) -> SplitPlan | None:
+        """The measurements that would tell the named effects from their rivals; None where they have none."""
+        if not self.rivals:
+            return None
+        return split_plan(self.problem, scene_of(self.calibration, flips=0), self.model, self.rivals)
+
     @property
     def gain(self) -> Gain:
         """Of all effects together over the calibrated arm, cross-validated."""
@@ -143,8 +154,12 @@ class Diagnosis:
         return self.test.gains[sum(f.effect is not None for f in self.findings[:finding])]
 
     def _effect_json(self, i: int) -> dict[str, Any]:
-        gain = self.test_gain(i)
-        return self.findings[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
+        gain, split = self.test_gain(i), self.split
+        document = self.findings[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
+        place = sum(f.effect is not None for f in self.findings[:i])
+        if self.findings[i].effect is not None and split is not None and place in split.splits:
+            document["split"] = split.to_json(place)
+        return document
 
 
 def diagnose(
@@ -176,9 +191,14 @@ def diagnose(
     """
     stages = Stages(progress, 20, 55, 5, 20)
     calibration = calibrate(problem, data, folds=folds, by=by, progress=stages.next())
-    scene = scene_of(calibration, flips or (FLIPS if len(data) < MANY else FEW), seed)
+    draws = flips or (FLIPS if len(data) < MANY else FEW)
+    scene = scene_of(calibration, draws, seed)
     found = search(scene, stages.rounds(stages.next()))
     stages.next()
+    wider = readmitted(calibration, found)
+    if len(wider.outliers) < len(calibration.outliers):
+        calibration, scene = wider, scene_of(wider, draws, seed)
+        found = search(scene)
     residuals = scene.tangents.residuals
     names = with_names(scene, found) if not all(s.named for s in found.chosen) else found
     nameless = tuple(s.what for s in still_nameless(scene, found, names) if isinstance(s.what, Umbrella))
@@ -215,7 +235,7 @@ def diagnose(
     stages.end()
     return Diagnosis(
         outcome, findings, problem, calibration, statistics, held, model, lasting, found, nameless, left,
-        groups_by, groups, other,
+        groups_by, groups, names.confused, other,
         (*calibration.notes, *(() if other is None else other.notes)),
     )  # fmt: skip
 

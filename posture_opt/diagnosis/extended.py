@@ -168,6 +168,12 @@ def _shape_columns(
     return np.stack(columns, axis=1) if columns else np.zeros((m, 0))
 
 
+def shape_column(tangents: Tangents, suspect: Suspect, theta: Array) -> Array:
+    """(m, 0 or 1) derivative of an effect of size theta by its shape, where it has a smooth one."""
+    smooth = [(0, _effect(suspect).shape[0])] if _smooth(suspect.what) else []
+    return _shape_columns(tangents, [suspect], theta, smooth) if smooth else np.zeros((tangents.rows, 0))
+
+
 def taken(extended: Extended, rows: NDArray[np.intp]) -> Extended:
     """The same estimate seen in some rows."""
     residuals = extended.residuals

@@ -75,6 +75,12 @@ class Verdict:
     left: Judged | None
     absorbed: tuple[tuple[Suspect, float], ...] = ()
 
+    @property
+    def confused(self) -> dict[int, tuple[Suspect, ...]]:
+        """By its place among the named ones, the rivals of every effect that has some."""
+        named = [rivals for s, rivals in zip(self.chosen, self.rivals, strict=True) if s.named]
+        return {place: rivals for place, rivals in enumerate(named) if rivals}
+
 
 def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: bool = True) -> Verdict:
     """The effects in the residuals, with the family-wise error of the first at 3.5 %; tells each round that is done.

@@ -16,6 +16,7 @@ from posture_opt.report.extended_blocks import choice_block, choice_lead
 from posture_opt.report.goal_blocks import goals_block, goals_lead
 from posture_opt.report.open_blocks import absorbed_block, left_block, scores_block, unknowable_block
 from posture_opt.report.parts import note_facts, robot_facts
+from posture_opt.report.split_blocks import split_block
 from posture_opt.report.units_text import count, decimals_of, fixed, number, percent, stated_length
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ def diagnosis_report(problem: Problem, diagnosed: Diagnosed) -> Report:
         *choice_block(diagnosed.plans),
         *goals_block(diagnosed.goals),
         *confusion_block(diagnosed),
+        *split_block(diagnosed),
         left_block(diagnosed),
         scores_block(diagnosed),
         absorbed_block(diagnosed),

@@ -67,7 +67,7 @@ OWN_FILES = frozenset(
 )
 """Every name that a report's files may have: of an earlier run they would speak of another problem.
 
-``plan.csv`` is not among them: by then it may hold what was measured.
+``plan.csv`` and ``split_measurements.csv`` are not among them: by then they may hold what was measured.
 """
 
 
@@ -113,6 +113,7 @@ def calibration_document(learned: Learned) -> dict[str, Any]:
 def write_diagnosis(folder: Path, problem: Problem, diagnosed: Diagnosed, plots: bool = True) -> None:
     """Writes the files of a diagnosis into ``folder``, which exists: the report and the extended arm."""
     from posture_opt.report.diagnosis_report import diagnosis_report
+    from posture_opt.report.split_blocks import FILE, split_csv
 
     figures: Mapping[str, Figure] = {}
     if plots:
@@ -128,6 +129,8 @@ def write_diagnosis(folder: Path, problem: Problem, diagnosed: Diagnosed, plots:
     files = report_files("diagnosis", diagnosis_document(diagnosed), report, figures, problem)
     if diagnosed.extended is not None:
         files |= diagnosed.extended.files("extended")
+    if further := split_csv(diagnosed):
+        files[FILE] = further.encode()
     write_files(folder, files)
 
 

@@ -1,0 +1,133 @@
+"""``Duels``: effects of a fitted model against what could stand for them, and the columns that part them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.diagnosis.extended import Extended, shape_column
+from posture_opt.diagnosis.measurements import Measurements
+from posture_opt.diagnosis.parameters import CalibrationProblem
+from posture_opt.diagnosis.parting import Pair, Parting
+from posture_opt.diagnosis.plan_stages import Beforehand
+from posture_opt.diagnosis.scores import orthonormal
+from posture_opt.diagnosis.search import RIVALS, Scene
+from posture_opt.diagnosis.suspects import Suspect
+from posture_opt.diagnosis.tangents import Tangents
+from posture_opt.model.effects import Effect
+
+Array = NDArray[np.float64]
+Codes = NDArray[np.intp]
+Rivals = Mapping[int, Sequence[Suspect]]
+
+_EFFECTS, _RIVALS = 6, 4  # that are looked at, the weightiest
+_ELSEWHERE = frozenset({"time", "temperature"})  # inputs that no choice of postures varies
+
+
+@dataclass(frozen=True, eq=False)
+class Duel:
+    """An effect of the model and one that could stand for it, with the size that it would have."""
+
+    place: int
+    rival: Suspect
+    theta: Array
+    angle: float
+
+
+@dataclass(frozen=True, eq=False)
+class Duels:
+    """All columns that matter: geometry, the effects of the model, and their rivals, each with its shape."""
+
+    scene: Scene
+    model: Extended
+    all: tuple[Duel, ...]
+
+    @classmethod
+    def of(cls, scene: Scene, model: Extended, rivals: Rivals) -> Duels:
+        """The rivals that a choice of postures could part."""
+        duels = []
+        for place, others in list(rivals.items())[:_EFFECTS]:
+            if by_posture(model.suspects[place]):
+                able = [s for s in others if by_posture(s)][:_RIVALS]
+                duels += [_duel_of(scene, model, place, s) for s in able]
+        return cls(scene, model, tuple(duels))
+
+    @cached_property
+    def members(self) -> list[tuple[Suspect, Array]]:
+        """The effects of the model, then the rivals, each with its size."""
+        own = [(s, self.model.theta[part]) for s, part in zip(self.model.suspects, self.model.slices, strict=True)]
+        return [*own, *((d.rival, d.theta) for d in self.all)]
+
+    @cached_property
+    def joints(self) -> tuple[int, ...]:
+        """The joints of the effects that are to be parted."""
+        names = self.scene.tangents.residuals.robot.joint_names
+        suspects = [s for d in self.all for s in (self.model.suspects[d.place], d.rival)]
+        parts = {part.split(".")[0] for s in suspects for part in s.target.split("->")}
+        return tuple(j for j, name in enumerate(names) if name in parts)
+
+    @cached_property
+    def sided(self) -> tuple[int, ...]:
+        """The joints whose side of arrival matters, where the data know it."""
+        names = self.scene.tangents.residuals.robot.joint_names
+        asked = {s.target for s, _ in self.members if isinstance(s.what, Effect) and "approach" in s.what.needs}
+        known = "approach" in self.scene.case.inputs
+        return tuple(j for j, name in enumerate(names) if known and name in asked)
+
+    def columns(self, tangents: Tangents) -> tuple[Array, list[Codes]]:
+        """(m, K) at some rows, and where each member stands."""
+        parts, places = [tangents.residuals.both(tangents.x)[1][: tangents.rows]], []
+        at = parts[0].shape[1]
+        for suspect, theta in self.members:
+            assert isinstance(suspect.what, Effect)
+            Z = tangents.columns(suspect.what)
+            parts += [Z, shape_column(tangents, suspect, theta)]
+            places.append(np.arange(at, at + Z.shape[1] + parts[-1].shape[1]))
+            at += len(places[-1])
+        return np.concatenate(parts, axis=1), places
+
+    def parting(self, problem: CalibrationProblem, rows: Measurements) -> tuple[Parting, Array]:
+        """What is to be parted, each duel from both sides, and λ (2 duels,) in the data."""
+        tangents = self.scene.tangents
+        residuals, noise = tangents.residuals, np.sqrt(self.model.variance)
+        D, places = self.columns(tangents)
+        there = Tangents(replace(residuals, data=rows, distances=()), tangents.x)
+        A = self.columns(there)[0].reshape(len(rows), residuals.block, -1) / noise
+        prior = Beforehand.of(problem, residuals.parameters).prior
+        k = len(residuals.parameters)
+        M = D.T @ D / noise**2
+        M[:k, :k] += prior.T @ prior
+        pairs = [pair for d, _ in enumerate(self.all) for pair in self._pairs(d, k, places, M.shape[0])]
+        now = Parting.of(pairs, M, A).strengths(Parting.of(pairs, M, A).information)
+        spent = np.maximum(now - RIVALS, 0.0)
+        pairs = [replace(pair, spent=float(s)) for pair, s in zip(pairs, spent, strict=True)]
+        return Parting.of(pairs, M, A), now
+
+    def _pairs(self, duel: int, k: int, places: list[Codes], K: int) -> tuple[Pair, Pair]:
+        """The effect of the model taken for true, and its rival taken for true."""
+        own, n = self.all[duel].place, len(self.model.suspects)
+        others = [places[i] for i in range(n) if i != own]
+        made = []
+        for true, false in ((own, n + duel), (n + duel, own)):
+            theta = self.members[true][1]
+            signature = np.zeros(K)
+            signature[places[true][: len(theta)]] = theta
+            made.append(Pair(signature, np.concatenate([np.arange(k), *others, places[false]])))
+        return made[0], made[1]
+
+
+def by_posture(suspect: Suspect) -> bool:
+    return isinstance(suspect.what, Effect) and not suspect.what.asks & _ELSEWHERE
+
+
+def _duel_of(scene: Scene, model: Extended, place: int, rival: Suspect) -> Duel:
+    others = [s for i, s in enumerate(model.suspects) if i != place]
+    ground = scene.ground(others, flips=0)
+    one, other = (orthonormal(ground.project(s.Z)) for s in (model.suspects[place], rival))
+    cosine = float(np.linalg.norm(one.T @ other, 2))
+    theta = np.asarray(np.linalg.lstsq(ground.project(rival.Z), -ground.e, rcond=1e-9)[0], dtype=float)
+    return Duel(place, rival, theta, float(np.arccos(min(cosine, 1.0))))

@@ -1,0 +1,119 @@
+"""What to measure to tell a named effect from what it could be confused with: pairs, postures, a file to fill in."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.diagnosis.columns import AXES, QUATERNION
+from posture_opt.diagnosis.parting import chance
+from posture_opt.report.blocks import Block, Facts, Table
+from posture_opt.report.effect_words import short_words
+from posture_opt.report.units_text import angle, count, fixed, joint_unit, percent
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.measurements import Measurements
+    from posture_opt.diagnosis.split import SplitPlan
+    from posture_opt.report.diagnosed import Diagnosed
+    from posture_opt.robot.robot import Robot
+
+FILE = "split_measurements.csv"
+_TITLE = "What to measure to tell them apart"
+_HOPE = "Postures, sides of arrival and payloads at hand do not tell apart what has no number here: see above."
+
+
+def split_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
+    """Pairs that further postures part, and these postures; nothing where nothing could be confused."""
+    plan = diagnosed.diagnosis.split
+    if plan is None:
+        return ()
+    pairs = _pairs(diagnosed, plan)
+    if not len(plan.rows):
+        text = "No posture, side of arrival or payload at hand tells these apart; only the measurements named above do."
+        return (Block(_TITLE, (text, pairs)),)
+    often = "" if plan.rounds == 1 else f", in {plan.rounds} rounds"
+    items: list[str | Facts | Table] = [
+        f"{count(len(plan.rows), 'posture')}{often} would tell, whichever of two is the true one; 'measurements' says "
+        "how many of them, from the first, it takes for 9 chances in 10. The angle is that between what the two do to "
+        "these data, beside the geometry and the other effects: at 0 deg they are one and the same.",
+        pairs,
+        *([_HOPE] if any(s.count is None for each in plan.splits.values() for s in each) else []),
+        _postures(diagnosed, plan),
+        "They keep clear of the arm itself and go no lower than its foot, or than these data went; nothing else is "
+        f"checked, so drive slowly the first time. {FILE} has them, to be copied and filled in: put the rows below "
+        "those of the data, column by column, and diagnose again.",
+    ]
+    return (Block(_TITLE, tuple(items)),)
+
+
+def _pairs(diagnosed: Diagnosed, plan: SplitPlan) -> Table:
+    rows = []
+    for place, finding in diagnosed.effects:
+        for split in plan.splits.get(place, ()):
+            known = split.count is not None
+            rows.append(
+                (
+                    short_words(finding.kind, finding.target, finding.estimate),
+                    short_words(split.kind, split.target),
+                    angle(split.angle),
+                    _odds(chance(split.now)),
+                    _odds(chance(split.then)) if known else "",
+                    str(split.count) if known else "none",
+                )
+            )
+    headers = ("cause", "or", "angle now", "told apart now", "with the plan", "measurements")
+    return Table(headers, tuple(rows), text_columns=2)
+
+
+def _odds(p: float) -> str:
+    return "above 99.9 %" if p > 0.999 else "below 0.1 %" if p < 0.001 else percent(p)
+
+
+def _postures(diagnosed: Diagnosed, plan: SplitPlan) -> Table:
+    robot, rows = diagnosed.residuals.robot, plan.rows
+    heads = [f"{joint.name.replace('_', ' ')} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
+    sides = [f"{robot.joint_names[j]} arrives" for j in plan.sided]
+    load = [] if rows.payload is None else ["payload [kg]"]
+    return Table(("no.", *heads, *sides, *load), tuple(_cells(robot, plan, i) for i in range(len(rows))), 0)
+
+
+def _cells(robot: Robot, plan: SplitPlan, i: int) -> tuple[str, ...]:
+    rows = plan.rows
+    values = [fixed(float(v) * joint_unit(j.type)[1]) for v, j in zip(rows.q[i], robot.joints, strict=True)]
+    sides = ["upwards" if rows.approach[i, j] > 0 else "downwards" for j in plan.sided]
+    load = [] if rows.payload is None else [f"{rows.payload[i]:g}"]
+    return (str(i + 1), *values, *sides, *load)
+
+
+def split_csv(diagnosed: Diagnosed) -> str:
+    """The planned measurements with the columns of the data, what is to be measured left empty; empty without any."""
+    plan, data = diagnosed.diagnosis.split, diagnosed.data
+    if plan is None or not len(plan.rows):
+        return ""
+    robot, rows = diagnosed.residuals.robot, plan.rows
+    heads = [f"{j.name} [{joint_unit(j.type)[0]}]" for j in robot.joints]
+    labels = [name for name in ("pose", "goal") if getattr(data, f"{name}_given")]
+    sides = [f"{robot.joint_names[j]}.approach" for j in plan.sided]
+    load = [] if rows.payload is None else ["payload [kg]"]
+    empty = _unmeasured(data)
+    target = ["target"] if data.target_names else []
+    lines = [", ".join([*labels, *target, *heads, *sides, *load, *empty])]
+    factors = [math.degrees(1.0) if j.type == "revolute" else 1e3 for j in robot.joints]
+    for _ in range(plan.rounds):
+        for i in range(len(rows)):
+            values = [f"{v:.2f}" for v in np.array(rows.q[i]) * factors + 0.0]
+            here = [f"split {i + 1}"] * len(labels) + [*data.target_names[:1]] * len(target)
+            here += [*values, *(f"{rows.approach[i, j]:.0f}" for j in plan.sided)]
+            here += [] if rows.payload is None else [f"{rows.payload[i]:g}"]
+            lines.append(", ".join([*here, *[""] * len(empty)]))
+    return "\n".join(lines) + "\n"
+
+
+def _unmeasured(data: Measurements) -> list[str]:
+    """Columns that only the measurement fills."""
+    turned = list(QUATERNION) if data.rotation is not None else []
+    logged = [("temperature [degC]", data.temperature), ("time [s]", data.time)]
+    axes = [f"{AXES[a]} [mm]" for a in np.flatnonzero(data.measured_axes)]
+    return [*axes, *turned, *(name for name, values in logged if values is not None)]
