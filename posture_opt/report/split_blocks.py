@@ -15,12 +15,16 @@ from posture_opt.report.units_text import angle, count, fixed, joint_unit, perce
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.measurements import Measurements
-    from posture_opt.diagnosis.split import SplitPlan
+    from posture_opt.diagnosis.split import Split, SplitPlan
     from posture_opt.report.diagnosed import Diagnosed
     from posture_opt.robot.robot import Robot
 
 FILE = "split_measurements.csv"
 _TITLE = "What to measure to tell them apart"
+_READ = (
+    "The angle is that between what the two do to these data, beside the geometry and the other effects: at 0 deg they "
+    "are one and the same. Data like these would tell them apart with the odds that stand beside it."
+)
 _HOPE = "Postures, sides of arrival and payloads at hand do not tell apart what has no number here: see above."
 
 
@@ -32,12 +36,11 @@ def split_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
     pairs = _pairs(diagnosed, plan)
     if not len(plan.rows):
         text = "No posture, side of arrival or payload at hand tells these apart; only the measurements named above do."
-        return (Block(_TITLE, (text, pairs)),)
+        return (Block(_TITLE, (f"{text} {_READ}", pairs)),)
     often = "" if plan.rounds == 1 else f", in {plan.rounds} rounds"
     items: list[str | Facts | Table] = [
-        f"{count(len(plan.rows), 'posture')}{often} would tell, whichever of two is the true one; 'measurements' says "
-        "how many of them, from the first, it takes for 9 chances in 10. The angle is that between what the two do to "
-        "these data, beside the geometry and the other effects: at 0 deg they are one and the same.",
+        f"{count(len(plan.rows), 'posture')}{often} would tell, whichever of two is the true one; 'needed' says how "
+        f"many measurements, from the first, it takes for nine chances in ten. {_READ}",
         pairs,
         *([_HOPE] if any(s.count is None for each in plan.splits.values() for s in each) else []),
         _postures(diagnosed, plan),
@@ -52,19 +55,14 @@ def _pairs(diagnosed: Diagnosed, plan: SplitPlan) -> Table:
     rows = []
     for place, finding in diagnosed.effects:
         for split in plan.splits.get(place, ()):
-            known = split.count is not None
-            rows.append(
-                (
-                    short_words(finding.kind, finding.target, finding.estimate),
-                    short_words(split.kind, split.target),
-                    angle(split.angle),
-                    _odds(chance(split.now)),
-                    _odds(chance(split.then)) if known else "",
-                    str(split.count) if known else "none",
-                )
-            )
-    headers = ("cause", "or", "angle now", "told apart now", "with the plan", "measurements")
-    return Table(headers, tuple(rows), text_columns=2)
+            names = short_words(finding.kind, finding.target, finding.estimate), short_words(split.kind, split.target)
+            rows.append((*names, angle(split.angle), _odds(chance(split.now)), *_then(split)))
+    table = Table(("cause", "or", "angle", "told now", "then", "needed"), tuple(rows), text_columns=2)
+    return table if len(plan.rows) else Table(table.headers[:4], tuple(row[:4] for row in table.rows), text_columns=2)
+
+
+def _then(split: Split) -> tuple[str, str]:
+    return ("", "") if split.count is None else (_odds(chance(split.then)), str(split.count))
 
 
 def _odds(p: float) -> str:
