@@ -26,6 +26,7 @@ ANOTHER = 5.0  # the price of a cause: the logarithm of how many there are to ch
 LARGE = 4  # parameters: beyond, a group is charged as a group
 NEARLY = 0.85  # of what the best description explains: names that explain as much are taken for the model
 MOST = 24
+CLOSE, MORE, STEADY = 8.0, 4, 2000  # within this factor of the level so many times the flips, of fewer residuals
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +90,7 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
     """
     everyone = catalogue(scene.tangents, scene.case)
     suspects = everyone if nameless else [s for s in everyone if s.named and s.kind != "instrument_field"]
-    base = scene.ground()
-    judged, chance = judge(base, suspects, scene.tangents, scene.case)
+    base, judged, chance = _scan(scene, suspects)
     hidden = absorbed(base, suspects, judged)
     if not judged or judged[0].p_value >= FIRST:
         return Verdict((), (), (), (), tuple(judged), chance, judged[0] if judged else None, hidden)
@@ -130,6 +130,16 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
         after[0] if after else None,
         hidden,
     )
+
+
+def _scan(scene: Scene, suspects: Sequence[Suspect]) -> tuple[Ground, list[Judged], Chance]:
+    """Every candidate on the geometry alone; a close decision is drawn anew, so that it does not hang on the draw."""
+    ground = scene.ground()
+    judged, chance = judge(ground, suspects, scene.tangents, scene.case)
+    if judged and FIRST / CLOSE < judged[0].p_value < FIRST * CLOSE and len(scene.r) < STEADY:
+        ground = scene.ground(flips=MORE * scene.flips)
+        judged, chance = judge(ground, suspects, scene.tangents, scene.case)
+    return ground, judged, chance
 
 
 def with_names(scene: Scene, found: Verdict) -> Verdict:
