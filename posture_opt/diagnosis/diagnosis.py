@@ -18,7 +18,7 @@ from posture_opt.diagnosis.gains import HeldOut, held_out
 from posture_opt.diagnosis.geometry_names import geometry_causes
 from posture_opt.diagnosis.limits import unknowable
 from posture_opt.diagnosis.measurements import Measurements
-from posture_opt.diagnosis.noise_causes import noise_causes
+from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.readmission import readmitted
 from posture_opt.diagnosis.scene import frame_directions, points_of, scene_of
@@ -220,7 +220,8 @@ def diagnose(
     tell = stages.next()
     stands = fit_extended(residuals, calibration.x_nominal, known, [])
     models = {"nominal": stands, "calibrated": base, "extended": model}
-    held = {name: held_out(fitted, parts) for name, fitted in models.items()}
+    shapes = {"extended": noise_shape(model, noise)}
+    held = {name: held_out(fitted, parts, shape=shapes.get(name)) for name, fitted in models.items()}
     findings = (
         *effect_findings(names, model, held["extended"], parts, groups, tell),
         *(noise_finding(n) for n in noise),

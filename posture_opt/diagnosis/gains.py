@@ -19,11 +19,13 @@ Folds = Sequence[NDArray[np.intp]]
 class HeldOut:
     """Position errors (N, 3) [m] of every row by a model that has not seen its group, and whether they were expected.
 
-    ``inside`` (N,): in the 95 % region that the covariance of the errors taught by the other rows predicts.
+    ``inside`` (N,): in the 95 % region that the covariance of the errors taught by the other rows predicts; where noise
+    is not the same at all rows, in the ``shape`` (N, axes, axes) that it has at each.
     """
 
     errors: Array
     inside: NDArray[np.bool_]
+    shape: Array | None = None
 
     @property
     def rms(self) -> float:
@@ -31,11 +33,12 @@ class HeldOut:
         return float(np.sqrt(np.mean(np.sum(self.errors**2, axis=1))))
 
 
-def held_out(model: Extended, folds: Folds, without: int | None = None) -> HeldOut:
+def held_out(model: Extended, folds: Folds, without: int | None = None, shape: Array | None = None) -> HeldOut:
     """Errors of a model refitted to the other rows of each fold, to first order about its estimate.
 
     About the estimate of all rows the model is linear to well below the noise: leaving a fold out moves a
     parameter by a fraction of its standard error. Shapes stay where they are. ``without`` leaves one effect out.
+    ``shape`` (N, axes, axes) is the covariance that noise gives the rows, up to a factor.
     """
     from scipy.special import gammaincinv
 
@@ -44,6 +47,7 @@ def held_out(model: Extended, folds: Folds, without: int | None = None) -> HeldO
     N = len(residuals.data)
     r, A = _linear(model, without)
     errors, inside = np.zeros((N, 3)), np.zeros(N, dtype=bool)
+    root = None if shape is None else np.asarray(np.linalg.cholesky(shape), dtype=float)
     for left_out in folds:
         learn = np.setdiff1d(np.arange(N), left_out)
         mine, theirs = _index(learn, block), _index(left_out, block)
@@ -53,12 +57,19 @@ def held_out(model: Extended, folds: Folds, without: int | None = None) -> HeldO
         e = _positions(residuals, r[theirs] + A[theirs] @ step, left_out)
         errors[np.ix_(left_out, residuals.axes)] = e
         taught = (r[mine] + A[mine] @ step).reshape(-1, block)[:, :axes] * residuals.sigma
+        if root is not None:
+            e, taught = _rounded(root[left_out], e), _rounded(root[learn], taught)
         freedom = max(len(taught) - A.shape[1] / 3, 1)
         C = taught.T @ taught / freedom
         # An arm in its plane may have no error at all across it: C is singular there.
         squared = np.einsum("ni,ni->n", e @ np.linalg.pinv(C, rcond=1e-12, hermitian=True), e)
         inside[left_out] = squared <= 2 * gammaincinv(axes / 2, 0.95)
-    return HeldOut(errors, inside)
+    return HeldOut(errors, inside, shape)
+
+
+def _rounded(root: Array, e: Array) -> Array:
+    """Errors (n, d) in units of their own covariance ``root rootᵀ`` (n, d, d)."""
+    return np.asarray(np.linalg.solve(root, e[:, :, None])[:, :, 0])
 
 
 def _linear(model: Extended, without: int | None) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,10 +51,8 @@ def noise_causes(
     e = standardised(ground.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
     columns = Tangents(residuals, model.x).joints
     e, columns, whole = as_stated(problem, residuals, e, columns)
-    position = residuals.data.position
-    ranges = None if position is None else np.linalg.norm(position, axis=1)
     level = BESIDE if model.suspects else LEVEL
-    found = uneven_noise(e, Rows(residuals.robot, columns, ranges, residuals.sigma), seed, level)
+    found = uneven_noise(e, Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma), seed, level)
     found += [] if closed < UNCLEAR else _outliers(calibration, model, bool(found))
     if position_sigma(problem, residuals.data) and not found and closed >= _DOUBTFUL:
         squares = e**2
@@ -64,6 +62,21 @@ def noise_causes(
         if suspect.p_value < _STATED and abs(np.log(suspect.size)) > np.log(_TASTE):
             found.append(NoiseCause(suspect.named(), suspect.estimate, suspect.p_value))
     return found
+
+
+def noise_shape(model: Extended, causes: Sequence[NoiseCause]) -> Array | None:
+    """(N, axes, axes) covariance of positions that named noise gives the rows, up to a factor; ``None`` if one."""
+    residuals = model.residuals
+    columns = Tangents(residuals, model.x).joints[:, :, : len(residuals.axes)]
+    rows = Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma)
+    shapes = (cause.effect.shape(rows) for cause in causes)
+    return next((shape for shape in shapes if shape is not None), None)
+
+
+def _ranges(residuals: Residuals) -> Array | None:
+    """(N,) distances of the measured points from the instrument [m]."""
+    position = residuals.data.position
+    return None if position is None else np.asarray(np.linalg.norm(position, axis=1))
 
 
 def uneven_noise(e: Array, rows: Rows, seed: int, level: float = LEVEL) -> list[NoiseCause]:

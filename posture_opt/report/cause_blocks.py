@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _PAIRS, _SPLITS = 4, 8  # of causes that could be confused, and of measurements that tell them apart
 _FULL = 4  # effects that are told in full; lighter ones stand in a table
+_OF_ARM = "it spreads the tool point from visit to visit, and stands under effects in extended.yaml"
+_OF_MEASUREMENT = "left out, as it is of the measurement and not of the arm"
 _LISTED = 5  # geometric parameters that are farthest off, for their errors
 
 
@@ -81,6 +83,8 @@ def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
     if finding.effect is not None and not finding.effect.for_planning:
         whose = "the instrument's" if finding.kind == "instrument_field" else "this session's"
         rows.append(("Planning", f"left out, as it is {whose} and not the arm's"))
+    if finding.noise is not None:
+        rows.append(("Planning", _OF_ARM if finding.noise.of_arm else _OF_MEASUREMENT))
     if finding.confounded_with:
         others = ", ".join(dict.fromkeys(short_words(*rival) for rival in finding.confounded_with))
         rows.append(("Could be", f"{others} instead: see below"))
@@ -114,7 +118,7 @@ def _at_tool(diagnosed: Diagnosed, place: int) -> tuple[str, str]:
 def _brings(diagnosed: Diagnosed, finding: Finding) -> str:
     found = diagnosed.diagnosis
     if finding.kind in NOISES:
-        return ""
+        return _covers(diagnosed) if finding.noise is not None and finding.noise.uneven else ""
     if finding.effect is None:
         return (
             f"the geometry takes {percent(finding.gain)} off the RMS of the arm as it stands: "
@@ -126,6 +130,20 @@ def _brings(diagnosed: Diagnosed, finding: Finding) -> str:
     if finding.interval is not None and finding.interval[0] <= 0:
         text += "; that little is no sure gain"
     return text
+
+
+def _covers(diagnosed: Diagnosed) -> str:
+    """What uneven noise brings where it is told: regions that hold what they should; nothing of other noise."""
+    held = diagnosed.diagnosis.held
+    shape = held["extended"].shape
+    if shape is None or diagnosed.effects:
+        return ""
+    sizes = np.trace(shape, axis1=1, axis2=2)
+    alike = np.ptp(sizes) < 0.1 * sizes.mean()  # only the directions differ
+    most = sizes >= (0.0 if alike else np.quantile(sizes, 0.75))
+    after, before = (percent(float(held[name].inside[most].mean())) for name in ("extended", "calibrated"))
+    which = "the rows" if alike else "the quarter of rows that it spreads most"
+    return f"of {which}, {after} lie in their 95 % regions; without it {before}"
 
 
 def _geometry(diagnosed: Diagnosed) -> list[tuple[str, str]]:

@@ -227,6 +227,10 @@ def _factor(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
     return "noise", f"{plus_minus(value, std, 1.0, '')} times what is stated"
 
 
+def _scatter(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
+    return "scatter", f"{_by_unit(name, value, std, unit)[1]}, one standard deviation"
+
+
 def _growth(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
     return "noise", f"{number(1 + value, 2)} times larger at the farthest point than at the nearest"
 
@@ -242,6 +246,7 @@ _SIZES: dict[str, Callable[[str, float, float, str], tuple[str, str]]] = {
     "constant": _constant,
     "factor": _factor,
     "growth": _growth,
+    "sigma": _scatter,
     "count": lambda name, value, std, unit: ("rows", number(value, 1)),
 }
 

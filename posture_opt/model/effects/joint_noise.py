@@ -22,6 +22,7 @@ class JointNoise(NoiseEffect):
 
     summary: ClassVar[str] = "the joint scatters from visit to visit, on top of what else is stated of it"
     of_arm: ClassVar[bool] = True
+    uneven: ClassVar[bool] = True
 
     kind: Literal["joint_noise"] = "joint_noise"
     joint: str = Field(description="the joint that scatters")
@@ -60,6 +61,10 @@ class JointNoise(NoiseEffect):
 
     def scatter(self, robot: Robot) -> dict[str, float]:
         return {robot.factors[robot.driven[robot.joint_names.index(self.joint)]].parameter: self.value}
+
+    def shape(self, rows: Rows) -> Array:
+        column = self.value * rows.levers[rows.robot.joint_names.index(self.joint)]
+        return np.asarray(np.eye(column.shape[1]) + column[:, :, None] * column[:, None, :])
 
     def joined(self, other: NoiseEffect) -> JointNoise:
         assert isinstance(other, JointNoise)

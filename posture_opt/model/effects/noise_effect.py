@@ -73,6 +73,8 @@ class NoiseEffect(AnyEffect):
 
     of_arm: ClassVar[bool] = False
     """Whether it spreads the tool point; else it is of the measurement alone."""
+    uneven: ClassVar[bool] = False
+    """Whether it spreads some measurements more than others."""
     of_stated: ClassVar[bool] = False
     """Whether it changes an instrument's σ that has to be stated."""
 
@@ -97,6 +99,10 @@ class NoiseEffect(AnyEffect):
     def turning(self, sigma: float) -> float:
         """The instrument's σ of a rotation [rad], where without the effect it is ``sigma``."""
         return sigma
+
+    def shape(self, rows: Rows) -> Array | None:
+        """(N, d, d) covariance of the rows in units of ``rows.sigma``², up to a factor; ``None`` if one."""
+        return None
 
     @property
     def usable(self) -> float:

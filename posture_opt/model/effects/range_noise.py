@@ -20,6 +20,7 @@ class RangeNoise(NoiseEffect):
     """``σ = a + b r`` of every measured coordinate, r the distance from the instrument at the world's origin."""
 
     summary: ClassVar[str] = "the instrument scatters more the farther away it measures"
+    uneven: ClassVar[bool] = True
     shape_units: ClassVar = {"a": "m", "b": "m/m"}
 
     kind: Literal["range_noise"] = "range_noise"
@@ -41,6 +42,12 @@ class RangeNoise(NoiseEffect):
     def reading(self, sigma: Array, ranges: Array) -> Array:
         found = (sigma if self.a is None else self.a) + self.b * ranges
         return np.maximum(found, _LEAST * float(np.max(found, initial=0.0)))
+
+    def shape(self, rows: Rows) -> Array | None:
+        if rows.ranges is None:
+            return None
+        own = self.reading(np.full(len(rows.ranges), rows.sigma), rows.ranges) / rows.sigma
+        return np.asarray(own[:, None, None] ** 2 * np.eye(rows.levers.shape[2]))
 
     @classmethod
     def patterns(cls, rows: Rows) -> Sequence[Pattern]:
