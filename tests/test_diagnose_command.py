@@ -272,6 +272,24 @@ def test_the_task_is_planned_again_with_the_extended_arm(folder: Path, tmp_path:
     assert "Choose again" in result.stdout
 
 
+def test_effects_of_time_are_planned_with_where_they_are_asked_for(folder: Path, tmp_path: Path) -> None:
+    task = "task: {kind: insert, direction: [0, -1, 0], position: [0.9 m, 0.4 m, 0 m], time: 1 h}\n"
+    (tmp_path / "problem.yaml").write_text(PROBLEM + task, encoding="utf-8")
+    landed = {}
+    for option in ([], ["--with-time"]):
+        out = tmp_path / f"out{len(option)}"
+        words = ["--problem", tmp_path / "problem.yaml", "--out", out, "--no-plots", *option]
+        result = run(folder / "creeping.csv", *words)
+        assert result.exit_code == 0, result.stderr
+        posture = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))["posture"]["extended"]["posture"]
+        landed[len(option)] = position(np.array([list(posture.values())]))[0, 0] + DRIFT  # an hour later, truly
+        assert ("kept, as asked for" in result.stdout) == bool(option)
+    assert landed[0] > 0.9 + DRIFT / 2  # geometry has taken some of it
+    assert landed[1] == pytest.approx(0.9, abs=3e-5)
+    assert [effect.kind for effect in po.load_problem(tmp_path / "out1" / "extended.yaml").effects] == ["drift"]
+    assert "Left out, as it belongs to its session: drift" in (tmp_path / "out0" / "extended.yaml").read_text("utf-8")
+
+
 def test_effects_that_lean_on_each_other_are_fitted_together(folder: Path) -> None:
     # Two slow waves of nearly one period, large and opposite: a step of one period alone would tear them apart.
     problem = po.load_problem(folder / "problem.yaml")

@@ -25,11 +25,13 @@ from posture_opt.errors import InsufficientDataError
     help="What the cross-validation leaves out together: a pose, a block of the workspace, a touched place.",
 )
 @click.option("--folds", type=click.IntRange(min=2), default=5, show_default=True, help="Of the cross-validation.")
+@click.option("--with-time", is_flag=True, help="Keep effects of time in extended.yaml; the task's 'time' says when.")
 @click.option("--no-plan", is_flag=True, help="Do not plan the task anew with the extended arm.")
 @common_options
 def command(
-    common: Common, data: Path, test: Path | None, refit_frames: bool, by: Any, folds: int, no_plan: bool, **given: Any
-) -> None:
+    common: Common, data: Path, test: Path | None, refit_frames: bool, by: Any, folds: int, with_time: bool,
+    no_plan: bool, **given: Any,
+) -> None:  # fmt: skip
     """What the simulation gets wrong, why, and how much better it is once the cause is part of the model."""
     if refit_frames and test is None:
         raise click.UsageError("--refit-frames goes with --test.")
@@ -48,7 +50,7 @@ def command(
             with progress_bar(common, "diagnosing") as progress:
                 found = po.diagnose(
                     problem, measured, folds=folds, by=by, seed=common.seed or 0, test=other,
-                    refit_frames=refit_frames, progress=progress,
+                    refit_frames=refit_frames, with_time=with_time, progress=progress,
                 )  # fmt: skip
         except InsufficientDataError as error:
             _tell_insufficient(common, error)

@@ -47,7 +47,8 @@ class Diagnosis:
         errors: cross-validated position errors [m] of the arm as it stands (``nominal``), ``calibrated``, and with
             the effects (``extended``).
         held: those errors row by row, by model.
-        model: the fitted arm with its effects; ``lasting`` the one without those of time, to plan and predict with.
+        model: the fitted arm with its effects; ``lasting`` the one to plan with, without those of time
+            unless they were asked for.
         unexplained: umbrellas, curves without a name, that the residuals need beside the effects.
         adequacy: what is left after everything.
         groups: (N,) what the cross-validation left out together, of the rows that are no outliers.
@@ -172,6 +173,7 @@ def diagnose(
     seed: int = 0,
     test: Measurements | None = None,
     refit_frames: bool = False,
+    with_time: bool = False,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Name what the model lacks to explain measurements, at 5 % false alarms for the whole verdict.
@@ -183,6 +185,7 @@ def diagnose(
         folds, by: of the cross-validation, as in `calibrate`.
         flips: draws of the null; 299, and of thousands of rows, which need fewer, 99.
         test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
+        with_time: keep effects of time in the arm to plan with; the task's ``time`` says when it is done.
         progress: is told how many of how many parts are done.
 
     Raises:
@@ -206,6 +209,7 @@ def diagnose(
     directions = calibration.identifiability.directions
     model = fit_extended(residuals, calibration.x, directions, named)
     lasting = _lasting(model, scene, calibration)
+    planned = _lasting(model, scene, calibration, with_time) if with_time else lasting
     everything = scene.ground(found.chosen)
     left = adequacy(everything, residuals.data, points_of(scene), residuals.block)
     closed = 0.0 if nameless else left.p_value
@@ -235,15 +239,18 @@ def diagnose(
         other = _of_all(seen, named)
     stages.end()
     return Diagnosis(
-        outcome, findings, problem, calibration, statistics, held, model, lasting, found, nameless, left,
+        outcome, findings, problem, calibration, statistics, held, model, planned, found, nameless, left,
         groups_by, groups, names.confused, other,
         (*calibration.notes, *(() if other is None else other.notes)),
     )  # fmt: skip
 
 
-def _lasting(model: Extended, scene: Scene, calibration: Calibration) -> Extended:
+def _lasting(model: Extended, scene: Scene, calibration: Calibration, with_time: bool = False) -> Extended:
     """The model without what belongs to its session; frames and lengths are other ones then."""
-    stays = [s for s in model.suspects if isinstance(s.what, Effect) and s.what.for_planning]
+    stays = [
+        s for s in model.suspects
+        if isinstance(s.what, Effect) and (s.what.for_planning or (with_time and "time" in s.what.needs))
+    ]  # fmt: skip
     if len(stays) == len(model.suspects):
         return model
     return fit_extended(scene.tangents.residuals, calibration.x, calibration.identifiability.directions, stays)

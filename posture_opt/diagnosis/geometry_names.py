@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 LEVEL = 0.01
 FEW = 3
 _RIVALS = 6.0
+_SLIGHT = 1e-3  # of what the other parameters of its unit do
 
 KINDS = {
     "theta": "joint_offset",
@@ -126,11 +127,15 @@ def _single_gains(model: Extended, candidates: Sequence[int]) -> dict[int, float
     A = np.concatenate([J @ model.directions, model.columns], axis=1)
     norms = np.linalg.norm(A, axis=0)
     Q = np.linalg.qr(A / np.where(norms > 0, norms, 1.0))[0] if A.shape[1] else np.zeros((rows, 0))
+    lengths = np.linalg.norm(J, axis=0)
+    most = {p.unit: max(n for o, n in zip(residuals.parameters, lengths, strict=True) if o.unit == p.unit)
+            for p in residuals.parameters}  # fmt: skip
     gains = {}
     for i in candidates:
         column = J[:, i]
         rest = column - Q @ (Q.T @ column)
-        if np.linalg.norm(rest) > 1e-4 * max(float(np.linalg.norm(column)), 1e-300):
+        # What tilts a planar arm out of its plane acts in it to second order only: no cause of first order.
+        if np.linalg.norm(rest) > max(1e-4 * lengths[i], _SLIGHT * most[residuals.parameters[i].unit], 1e-300):
             gains[i] = float((rest @ r) ** 2 / (rest @ rest))
     return gains
 

@@ -122,7 +122,8 @@ def known_sources(problem: Problem, calibration: Calibration, x: Mapping[str, fl
 def semidefinite(covariance: Array) -> Array:
     """The covariance without the rounding of its zeros; in correlations, which have no units."""
     sigma = np.sqrt(np.diag(covariance))
-    values, vectors = np.linalg.eigh(covariance / np.outer(sigma, sigma))
+    scale = np.where(sigma > 0, sigma, 1.0)  # what moves nothing that was measured has no variance at all
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     found = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(sigma, sigma)
     return np.asarray((found + found.T) / 2)
 

@@ -177,7 +177,8 @@ def _header(diagnosis: Diagnosis, scatter: RemainingScatter) -> tuple[str, ...]:
     errors = ", ".join(f"{diagnosis.errors[n].rms * 1e3:.3g} mm {n}" for n in ("nominal", "calibrated", "extended"))
     named = [f for f in diagnosis.findings if f.effect is not None or (f.noise is not None and f.noise.of_arm)]
     named_text = ", ".join(f"{f.kind} of {f.target}" for f in named) or "no effect"
-    left = [e.name for e in diagnosis.model.effects() if not e.for_planning]
+    stays = {effect.name for effect in diagnosis.lasting.effects()}
+    left = [effect.name for effect in diagnosis.model.effects() if effect.name not in stays]
     read = [f.noise.name for f in diagnosis.findings if f.noise is not None and not f.noise.of_arm]
     lines = [
         f"Extended by what {Path(data.file).name or 'a table'} ({len(data)} rows) says of the arm: {named_text}.",

@@ -106,9 +106,9 @@ def extension_notes(robot: Robot) -> tuple[str, ...]:
     left = [effect for effect in robot.extension.effects if not effect.for_planning]
     timed = {effect.kind for effect in left if "time" in effect.needs}
     if timed:
-        notes.append(
-            f"{', '.join(sorted(timed))}: planned as at its beginning, for what changes with time no one knows"
-        )
+        time = float(robot.extension.inputs.time)
+        when = f"{time:g} s after the first measurement" if time else "at its beginning (task: {time: 2 h} tells when)"
+        notes.append(f"{', '.join(sorted(timed))}: planned as {when}")
     read = {effect.kind for effect in left} - timed
     if read:
         notes.append(f"{', '.join(sorted(read))}: the place of the task is taken as the instrument reads it")
@@ -141,5 +141,6 @@ def _inputs(robot: Robot, task: Task | None) -> Inputs:
         payload=robot.payload if task.payload is None else task.payload,
         approach=[float(task.approach.get(name, 0)) for name in robot.joint_names],
         temperature=warmth,
+        time=task.time or 0.0,
         stated=tuple(task.approach),
     )

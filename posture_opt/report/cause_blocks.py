@@ -80,7 +80,10 @@ def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
     rows.append(("Evidence", _evidence(finding.p_value)))
     brings = _brings(diagnosed, finding)
     rows += [("Brings", brings)] if brings else []
-    if finding.effect is not None and not finding.effect.for_planning:
+    stays = {effect.name for effect in diagnosed.diagnosis.lasting.effects()}
+    if finding.effect is not None and finding.effect.name in stays and not finding.effect.for_planning:
+        rows.append(("Planning", "kept, as asked for: the 'time' of the task says when it is done"))
+    elif finding.effect is not None and not finding.effect.for_planning:
         whose = "the instrument's" if finding.kind == "instrument_field" else "this session's"
         rows.append(("Planning", f"left out, as it is {whose} and not the arm's"))
     if finding.noise is not None:

@@ -111,6 +111,8 @@ def _inputs(robot: Robot, extension: Extension) -> list[str]:
             texts.append(f"{joint} arriving from either side")
     if "temperature" in asked:
         texts.append(f"{REFERENCE_TEMPERATURE + inputs.temperature:.6g} degC")
+    if "time" in asked:
+        texts.append(f"{inputs.time:.6g} s after the first measurement")
     return texts
 
 

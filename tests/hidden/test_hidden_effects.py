@@ -39,6 +39,13 @@ def test_the_hidden_effect_is_named_or_among_what_could_be_it(family: str, tmp_p
         assert found["rms_ratio"] < 1.1
 
 
+def test_what_tilts_a_planar_arm_is_no_cause_in_its_plane(tmp_path: Path) -> None:
+    _, answer = hunted(tmp_path, "planar", index=2)
+    geometry = [e for e in answer["effects"] if e["kind"] in ("link_length", "axis_tilt", "link_twist", "geometry")]
+    assert [e["kind"] for e in geometry] in (["link_length"], ["link_length"] * 2, ["geometry"])
+    assert all(e["p_value"] < 0.05 for e in geometry)
+
+
 def test_two_effects_are_both_named(tmp_path: Path) -> None:
     found, answer = hunted(tmp_path, "two", 100.0)
     assert found["inside"], (found["truth"], answer["verdict"], found["named"], found["confounded"])

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 from posture_opt.selection.quantities import Within
 from posture_opt.selection.terms import TermSpec
 from posture_opt.spec import Spec
-from posture_opt.units import Angle, Celsius, Length, Mass
+from posture_opt.units import Angle, Celsius, Length, Mass, Time
 
 Criterion = Literal["worst", "trace", "area", "miss"]
 
@@ -65,6 +65,7 @@ class Task(Spec):
     payload: Mass | None = Field(None, ge=0, description="carried in the task, for effects that depend on it")
     approach: dict[str, Literal[-1, 1]] = Field({}, description="JOINT: side from which it arrives, for effects of it")
     temperature: Celsius | None = Field(None, description="at which the task is done, for effects of it")
+    time: Time | None = Field(None, ge=0, description="of the task since the first measurement, for effects of time")
 
     @field_validator("position", mode="before")
     @classmethod
