@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.assessment import Assessment, assess
     from posture_opt.diagnosis.batch import Batch, calibrate_batch
     from posture_opt.diagnosis.batch_diagnosis import diagnose_batch
-    from posture_opt.diagnosis.calibration import Calibration, calibrate
+    from posture_opt.diagnosis.calibrating import calibrate
+    from posture_opt.diagnosis.calibration import Calibration
     from posture_opt.diagnosis.diagnosis import Diagnosis, diagnose
     from posture_opt.diagnosis.measurement_plan import MeasurementPlan
     from posture_opt.diagnosis.measurements import Measurements
@@ -101,7 +102,7 @@ _HOMES = {
     "SpreadFunction": "uncertainty.spread_function",
     "TargetMap": "selection.target_map",
     "assess": "diagnosis.assessment",
-    "calibrate": "diagnosis.calibration",
+    "calibrate": "diagnosis.calibrating",
     "calibrate_batch": "diagnosis.batch",
     "calibrated_problem": "problem.calibrated",
     "check_spread": "diagnosis.spread_check",

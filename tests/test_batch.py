@@ -17,7 +17,7 @@ import posture_opt as po
 from posture_opt.cli.main import main
 from posture_opt.diagnosis.batch import Batch, calibrate_batch
 from posture_opt.diagnosis.batch_covariance import between, deviation_interval
-from posture_opt.diagnosis.calibration import calibrate
+from posture_opt.diagnosis.calibrating import calibrate
 from posture_opt.diagnosis.reading import read_measurements
 from posture_opt.errors import InputError, InsufficientDataError
 from posture_opt.problem.batch_section import batch_uncertainty, batch_yaml

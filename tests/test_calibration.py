@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.calibration import Calibration, calibrate
+from posture_opt.diagnosis.calibrating import calibrate
+from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.comparison import compare, fit_frames
 from posture_opt.diagnosis.fit import least_squares, outlying
 from posture_opt.diagnosis.measurements import Measurements

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posture_opt.diagnosis.calibration import calibrate
+from posture_opt.diagnosis.calibrating import calibrate
 from posture_opt.diagnosis.measurements import Measurements
 from tests.test_calibration import SIX, _quaternion, hidden, problem_of, rows, shift, turn
 

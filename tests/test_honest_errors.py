@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 import posture_opt as po
-from posture_opt.diagnosis.calibration import calibrate
+from posture_opt.diagnosis.calibrating import calibrate
 from posture_opt.diagnosis.clusters import clustered_covariance
 from posture_opt.diagnosis.comparison import compare, fit_frames
 from posture_opt.diagnosis.estimation import estimate

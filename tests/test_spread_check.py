@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import binom, chi2
 
 import posture_opt as po
-from posture_opt.diagnosis.calibration import calibrate
+from posture_opt.diagnosis.calibrating import calibrate
 from posture_opt.diagnosis.comparison import compare, fit_frames
 from posture_opt.diagnosis.coverage import Coverage, share_interval
 from posture_opt.diagnosis.prediction import Errors, Prediction, calibrated_prediction, nominal_prediction

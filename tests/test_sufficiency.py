@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posture_opt.diagnosis.calibration import calibrate
+from posture_opt.diagnosis.calibrating import calibrate
 from posture_opt.errors import InputError, InsufficientDataError
 from tests.test_calibration import BASE, SIX, TOOL, hidden, problem_of, rows, simulated
 

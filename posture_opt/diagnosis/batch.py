@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.batch_covariance import BatchCovariance, between
-from posture_opt.diagnosis.calibration import Calibration, calibrate
+from posture_opt.diagnosis.calibrating import calibrate
+from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.coverage import P, distances, share_interval
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter

@@ -2,35 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import count
 from math import erfc, isfinite, nan
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.diagnosis.chart import Chart
-from posture_opt.diagnosis.clusters import clustered_covariance
-from posture_opt.diagnosis.comparison import compare, fit_frames, held_length
-from posture_opt.diagnosis.cross_validation import position_errors, predict, tested
-from posture_opt.diagnosis.estimation import Estimate, estimate
 from posture_opt.diagnosis.identifiability import Identifiability
-from posture_opt.diagnosis.knowledge import Knowledge, determine, unseen
-from posture_opt.diagnosis.measurements import Measurements
-from posture_opt.diagnosis.parameters import CalibrationProblem, Parameter
+from posture_opt.diagnosis.parameters import Parameter
 from posture_opt.diagnosis.residuals import Residuals
-from posture_opt.diagnosis.sufficiency import check_amount, check_frames, check_geometry, check_sense, still_notes
-from posture_opt.diagnosis.validation import By, Statistics, folds_of, groups_of
+from posture_opt.diagnosis.validation import By, Statistics
 
 Array = NDArray[np.float64]
 
-Progress = Callable[[int, int], None]
-
-_ROUNDS = 3  # of fitting and judging the noise anew
 CORRELATED = 0.9  # from here on, one of two estimates leans on the other
-SIZE = "touched points alone do not tell the size of the arm: {} is held; state a distance under data.distances"
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,115 +132,3 @@ class Calibration:
         C, names = self.correlation, [p.name for p in self.parameters]
         pairs = np.argwhere(np.triu(np.abs(C) > CORRELATED, 1))
         return [{"parameters": [names[i], names[j]], "correlation": float(C[i, j])} for i, j in pairs]
-
-
-def calibrate(
-    problem: CalibrationProblem,
-    data: Measurements,
-    *,
-    priors: bool = True,
-    folds: int = 5,
-    by: By | None = None,
-    test: Measurements | None = None,
-    refit_frames: bool = False,
-    progress: Progress | None = None,
-) -> Calibration:
-    """Estimate the parameters that the data determine, and what that brings where nothing was seen.
-
-    Free frames and touched points start from a closed form; then everything is fitted together. Frames that are
-    neither free nor given a σ are taken as stated. What the data tell less well than to 10 mm and 1° counts as not
-    determined, and is held near its nominal value by these, unless ``priors`` is off: then it stays there. Errors are
-    cross-validated: every row is predicted by an arm that has not seen its group (``by``: its pose, its block of the
-    workspace, or the place that it touched).
-
-    Args:
-        priors: whether stated σ's of parameters count as knowledge.
-        test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
-        progress: is told after each fit how many of how many are done.
-
-    Raises:
-        InputError: several robots at once, or a test file with other targets.
-        InsufficientDataError: fewer measurements than unknowns.
-    """
-    given, notes = compare(problem, data)
-    chart = Chart.of(given)
-    residuals = chart.fitted
-    groups_by: By = by or ("place" if data.position is None else "pose")
-    groups = groups_of(data, groups_by, folds)
-    x_nominal = fit_frames(problem.robot, residuals)
-    held = held_length(residuals)
-    if held is not None:
-        notes = (*notes, SIZE.format(residuals.parameters[held].name))
-    check_frames(residuals, position_errors(residuals, x_nominal))
-    known = determine(problem, residuals, x_nominal, held, priors)
-    check_amount(residuals, known, len(np.unique(groups)))
-    parts = folds_of(groups, folds, groups_by)
-    tell = _teller(progress, 2 * len(parts) + 1)
-    known, found = _fitted(problem, residuals, x_nominal, known, held, priors)
-    check_sense(residuals, position_errors(residuals, found.x)[found.kept])
-    check_geometry(residuals, known)
-    tell()
-    nominal = predict(residuals, parts, found, None, tell)
-    calibrated = predict(residuals, parts, found, known, tell)
-    covariance = found.covariance
-    if known.design > 1:
-        covariance = clustered_covariance(residuals, found, known.directions, known.prior)
-    gone = np.flatnonzero(~found.kept)
-    notes += ("base and tool are fitted again to the test file",) * (test is not None and refit_frames)
-    return Calibration(
-        parameters=given.parameters,
-        x_nominal=chart.told(x_nominal),
-        x=chart.told(found.x),
-        covariance=chart.told_covariance(found.x, covariance),
-        fixed=chart.told_fixed(found.x, known.fixed, covariance),
-        identifiability=known.identifiability,
-        nominal=Statistics.of(nominal.errors[found.kept], groups[found.kept]),
-        calibrated=Statistics.of(calibrated.errors[found.kept], groups[found.kept]),
-        errors_nominal=nominal.errors,
-        errors=calibrated.errors,
-        errors_fitted=position_errors(residuals, found.x),
-        residuals=given,
-        coverage={"calibrated": float(calibrated.inside[found.kept].mean())},
-        outliers=tuple(int(i) for i in gone),
-        lines=tuple(int(line) for line in data.line[gone]),
-        variance=found.variance,
-        by=groups_by,
-        test=tested(residuals, test, x_nominal, found.x, refit_frames),
-        prior=known.stated,
-        unseen=chart.told_size(found.x, unseen(residuals, known, found, held)),
-        design=known.design,
-        notes=(
-            *notes,
-            *still_notes(problem.robot, data),
-            *known.notes,
-            *found.notes,
-            *_restless(calibrated.restless, len(parts)),
-        ),
-    )
-
-
-def _fitted(
-    problem: CalibrationProblem, residuals: Residuals, x: Array, known: Knowledge, held: int | None, priors: bool
-) -> tuple[Knowledge, Estimate]:
-    """The estimate, and what is determined with the noise that it leaves.
-
-    An arm far off its drawing bends away from its tangents, which looks like noise until it is fitted: then the same
-    directions are judged again.
-    """
-    for _ in range(_ROUNDS):
-        found = estimate(residuals, x, known.directions, known.prior, weight=1.0, design=known.design)
-        again = determine(problem, residuals, x, held, priors, found)
-        if again.noise > known.noise / 2:
-            break
-        known = again
-    return known, found
-
-
-def _teller(progress: Progress | None, total: int) -> Callable[[], None]:
-    """Tells one more of ``total`` fits at each call."""
-    done = count(1)
-    return lambda: progress(next(done), total) if progress is not None else None
-
-
-def _restless(fits: int, rounds: int) -> tuple[str, ...]:
-    return (f"{fits} of the {rounds} fits of the cross-validation did not come to rest",) if fits else ()

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.adequacy import LEVEL, Adequacy, adequacy
-from posture_opt.diagnosis.calibration import Calibration, calibrate
+from posture_opt.diagnosis.calibrating import calibrate
+from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.extended import Extended, fit_extended
 from posture_opt.diagnosis.findings import Finding, Progress, effect_findings, geometry_finding, noise_finding
 from posture_opt.diagnosis.gains import HeldOut, held_out
