@@ -133,7 +133,7 @@ def errors_block(diagnosed: Diagnosed) -> Block:
     if diagnosed.effects:
         texts.append(_gain_text(diagnosed))
     if floor:
-        texts.append(f"Noise alone is {source}{_beside(source, floor, found.errors['extended'])}")
+        texts.append(f"Noise alone is {source}{_beside(source, floor, found.errors['extended'], found.verdict)}")
     return Block("What naming the cause brings", (*texts, Table(headers, tuple(rows))), "diagnosis_errors")
 
 
@@ -142,10 +142,12 @@ def _models(diagnosed: Diagnosed) -> dict[str, str]:
     return {name: words for name, words in MODELS.items() if name != "extended" or diagnosed.effects}
 
 
-def _beside(source: str, floor: float, left: Statistics) -> str:
+def _beside(source: str, floor: float, left: Statistics, verdict: str) -> str:
     if floor > left.interval[1]:
         return ": more than is left, so it is better than that."
     if floor > left.interval[0]:
+        if verdict == "unexplained":
+            return ": about what is left, so what has no name makes little of it on average."
         return ": about what is left, so there is nothing more to gain."
     return "; the scatter of the arm itself comes on top." if "instrument" in source else "; no model does better."
 
