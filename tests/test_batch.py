@@ -20,6 +20,7 @@ from posture_opt.diagnosis.batch_covariance import between, deviation_interval
 from posture_opt.diagnosis.calibrating import calibrate
 from posture_opt.diagnosis.reading import read_measurements
 from posture_opt.errors import InputError, InsufficientDataError
+from posture_opt.model.effects import JointNoise
 from posture_opt.problem.batch_section import batch_uncertainty, batch_yaml
 from posture_opt.problem.load import load_builtin, problems_folder
 from tests.helpers import batch_planar_2r as shop
@@ -115,6 +116,27 @@ def test_the_section_can_be_pasted_and_loaded(batch: tuple[Batch, np.ndarray], p
     assert "tool.x" in names  # what the batch says nothing of stays as stated
     assert again.sources.visit[names.index("joint1.theta"), names.index("joint1.theta")] == pytest.approx(25e-10)
     assert po.select_posture(again).status == "optimal"
+
+
+def test_effects_and_the_section_say_nothing_twice(batch: tuple[Batch, np.ndarray], problem: Any) -> None:
+    found, _ = batch
+    known = [
+        {"kind": "correlated_lengths", "lengths": ["joint1.a", "joint2.a"], "rho": 0.2},
+        {"kind": "joint_noise", "joint": "joint1", "sigma": "0.03 mrad"},
+    ]
+    with_effects = po.problem_from_dict({**problem.to_dict(), "effects": known})
+    noises = [JointNoise(joint=joint, sigma="0.04 mrad") for joint in ("joint1", "joint2")]
+    pasted = yaml.safe_load(batch_yaml(with_effects, found, noises))
+    assert [entry["kind"] for entry in pasted["effects"]] == ["joint_noise", "joint_noise"]
+    again = po.problem_from_dict({**with_effects.to_dict(), **pasted})
+    names, visit = again.sources.names, np.diag(again.sources.visit)
+    stated = np.diag(problem.sources.visit)[problem.sources.names.index("joint1.theta")]
+    # What the file states, what its effect states, and what was named: 0.03² + 0.04² = 0.05².
+    assert visit[names.index("joint1.theta")] == pytest.approx(stated + 25e-10, rel=1e-6)
+    i, j = names.index("joint1.a"), names.index("joint2.a")
+    C = again.sources.constant
+    assert C[i, j] / math.sqrt(C[i, i] * C[j, j]) == pytest.approx(found.pairs[0].correlation, abs=1e-3)
+    assert "effects" not in yaml.safe_load(batch_yaml(problem, found))
 
 
 def test_a_mean_robot_off_the_file_is_told(problem: Any) -> None:

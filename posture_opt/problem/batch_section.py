@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from posture_opt.diagnosis.batch import Batch
-from posture_opt.problem.problem import Problem
-from posture_opt.problem.yaml_source import dump_yaml
+from posture_opt.problem.extension import moving_effects
+from posture_opt.problem.noise import of_a_type
+from posture_opt.problem.problem import Problem, build_problem
+from posture_opt.problem.yaml_source import Document, dump_yaml
 from posture_opt.robot.robot import Factor
 from posture_opt.uncertainty.sources import Array
+
+if TYPE_CHECKING:
+    from posture_opt.model.effects import NoiseEffect
 
 _LEAST = 1e-3  # eigenvalue of the correlations that are written: rounded to three digits they stay positive definite
 _KEPT = ("scatter", "repeatability", "weights", "measurement")
@@ -22,8 +28,9 @@ def batch_uncertainty(problem: Problem, batch: Batch) -> dict[str, Any]:
 
     What the file says of parameters that were not found to vary, of scatter from visit to visit and of the instrument
     stays. Correlations that are left out, or rounded, could make the others contradict each other: they are then drawn
-    towards zero by the same share until the matrix is positive definite.
+    towards zero by the same share until the matrix is positive definite. What effects say is theirs to say.
     """
+    problem = _without_noise(problem)
     parameters, former = problem.robot.parameters, problem.to_dict().get("uncertainty") or {}
     sigma = {
         name: float(s)
@@ -43,15 +50,42 @@ def batch_uncertainty(problem: Problem, batch: Batch) -> dict[str, Any]:
     return {"sigma": texts, **({"correlation": pairs} if pairs else {}), **kept}
 
 
-def batch_yaml(problem: Problem, batch: Batch) -> str:
-    """The section as a file of its own, with what it holds in a comment."""
+def batch_effects(problem: Problem, correlation: Sequence[Sequence[Any]], named: Sequence[NoiseEffect]) -> list[Any]:
+    """The section ``effects`` with the noise that a batch ``named``, without lengths told under ``correlation``."""
+    told = {frozenset(pair[:2]) for pair in correlation}
+    section = {
+        effect.name: (effect, entry)
+        for effect, entry in zip(problem.effects, problem.to_dict().get("effects") or [], strict=True)
+        if not (of_a_type(effect) and {frozenset(pair[:2]) for pair in effect.correlation} & told)
+    }
+    for noise in named:
+        total = section[noise.name][0].joined(noise) if noise.name in section else noise
+        section[noise.name] = total, total.to_dict()
+    return [entry for _, entry in section.values()]
+
+
+def _without_noise(problem: Problem) -> Problem:
+    """The problem without what effects add to its covariance."""
+    moving = {effect.name for effect in moving_effects(problem.effects)}
+    if len(moving) == len(problem.effects):
+        return problem
+    entries = zip(problem.effects, problem.to_dict()["effects"], strict=True)
+    document = {**problem.to_dict(), "effects": [entry for effect, entry in entries if effect.name in moving]}
+    return build_problem(Document(document), problem.folder, problem.name, attached=problem.attached)
+
+
+def batch_yaml(problem: Problem, batch: Batch, named: Sequence[NoiseEffect] = ()) -> str:
+    """The section as a file of its own, with what it holds in a comment, and that of the effects if it changes."""
     robots = f"{len(batch.robots)} robots"
+    uncertainty = batch_uncertainty(problem, batch)
+    effects = batch_effects(problem, uncertainty.get("correlation", ()), named)
+    changed = {} if effects == (problem.to_dict().get("effects") or []) else {"effects": effects}
     lines = [
         f"# How the geometry of this type varies from one robot to the next, from measurements of {robots}.",
-        "# Paste it over the section of the same name in the problem file.",
+        f"# Paste it over the section{'s' if changed else ''} of the same name in the problem file.",
         *(f"# {line}" for line in (*mean_lines(problem, batch), *_doubts(problem, batch))),
     ]
-    return "\n".join(lines) + "\n" + dump_yaml({"uncertainty": batch_uncertainty(problem, batch)})
+    return "\n".join(lines) + "\n" + dump_yaml({"uncertainty": uncertainty, **changed})
 
 
 def mean_lines(problem: Problem, batch: Batch) -> list[str]:

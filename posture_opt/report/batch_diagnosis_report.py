@@ -42,6 +42,7 @@ def write_batch_diagnosis(
 ) -> None:
     """Writes diagnosis.json, the reports, the section for the problem file and the figure into ``folder``."""
     from posture_opt.problem.batch_section import batch_yaml
+    from posture_opt.problem.noise import of_a_type
 
     figures = {}
     if plots and found.batch.pairs:
@@ -50,4 +51,5 @@ def write_batch_diagnosis(
         figures["batch"] = plot_batch(problem, found.batch)
     report = batch_diagnosis_report(problem, data, found)
     files = report_files("diagnosis", found.to_json(), report, figures, problem)
-    write_files(folder, {**files, "uncertainty.yaml": batch_yaml(problem, found.batch).encode()})
+    noises = [f.noise for f in found.findings if f.noise is not None and f.noise.of_arm and not of_a_type(f.noise)]
+    write_files(folder, {**files, "uncertainty.yaml": batch_yaml(problem, found.batch, noises).encode()})
