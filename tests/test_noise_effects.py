@@ -12,6 +12,7 @@ import yaml
 from scipy.stats import multivariate_normal
 
 import posture_opt as po
+from posture_opt.diagnosis import noise_suspects
 from posture_opt.diagnosis.comparison import compare
 from posture_opt.diagnosis.instrument import readings
 from posture_opt.diagnosis.noise_suspects import uneven
@@ -220,18 +221,38 @@ def test_named_noise_has_the_size_that_was_drawn() -> None:
     robot, N, sigma = problem().robot, 4000, 2e-5
     ranges = rng.uniform(0.5, 3.0, N)
     c = 5e3 * rng.normal(size=(2, N, 2))
-    # One joint with 0.2 mrad, in units of the instrument: the grid of sizes is 15 % wide.
+    # One joint with 0.2 mrad, in units of the instrument: 4000 rows tell it to 1.2 %.
     e = rng.normal(size=(N, 2)) + 2e-4 * rng.normal(size=(N, 1)) * c[1]
     first = uneven(e, Rows(robot, c, ranges, sigma), seed=0)[0]
     assert (first.kind, first.target) == ("joint_noise", "joint2")
     ((_, value, _),) = first.named().sizes
-    assert value == pytest.approx(2e-4, rel=0.1)
+    assert value == pytest.approx(2e-4, rel=0.04)
     # σ = 10 µm + 20 µm/m r; the search has its logarithm a straight line, which is 10 % off in the middle.
     e = rng.normal(size=(N, 2)) * ((1e-5 + 2e-5 * ranges) / sigma)[:, None]
     first = uneven(e, Rows(robot, c, ranges, sigma), seed=0)[0]
     assert first.kind == "range_noise"
     found = first.named().reading(np.full(3, sigma), np.array([0.5, 1.75, 3.0]))
     np.testing.assert_allclose(found, 1e-5 + 2e-5 * np.array([0.5, 1.75, 3.0]), rtol=0.2)
+
+
+@pytest.mark.parametrize("loud", [1e-4, 4e-4])
+def test_the_interval_of_named_noise_holds_its_size(loud: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """200 sets of 100 rows: 95 ± 1.5 % of the intervals hold the truth."""
+    monkeypatch.setattr(noise_suspects, "_DRAWS", 20)  # the p-value is not asked for
+    rng = np.random.default_rng(12)
+    robot, N = problem().robot, 100
+    inside = {"joint_noise": 0, "range_noise": 0}
+    for _ in range(200):
+        c, r = 1e4 * rng.normal(size=(2, N, 2)), rng.uniform(0.5, 2.0, N)
+        rows = Rows(robot, c, r, 2e-5)
+        noise = rng.normal(size=(N, 2)) + loud * rng.normal(size=(N, 1)) * c[1]
+        joint = next(s for s in uneven(noise, rows, seed=0) if s.target == "joint2")
+        inside["joint_noise"] += abs(joint.size - loud) < 1.96 * joint.std
+        slope = 1e4 * loud / 4
+        noise = rng.normal(size=(N, 2)) * np.exp(slope * (r - r.mean()) / np.ptp(r))[:, None]
+        growth = next(s for s in uneven(noise, rows, seed=0) if s.kind == "range_noise")
+        inside["range_noise"] += abs(growth.size - np.expm1(slope)) < 1.96 * growth.std
+    assert all(180 <= count <= 199 for count in inside.values()), inside
 
 
 def true_arm(q: np.ndarray) -> np.ndarray:

@@ -75,7 +75,7 @@ def uneven(e: Array, rows: Rows, seed: int) -> list[NoiseSuspect]:
     suspects = []
     for pattern, (ratios, value, s2) in zip(patterns, found, strict=True):
         ratio, size = float(ratios[0]), pattern.size(value, s2)
-        p, std = tail(most, ratio), float(size / np.sqrt(max(ratio, 1.0)))
+        p, std = tail(most, ratio), pattern.error(value, s2)
         named = partial(pattern.named, value, s2, std)
         suspects.append(NoiseSuspect(pattern.kind, pattern.target, ratio, p, pattern.quantity, size, std, named))
     return sorted(suspects, key=lambda s: -s.ratio)
@@ -86,26 +86,45 @@ def _shuffles(rng: np.random.Generator, N: int) -> NDArray[np.intp]:
 
 
 def _ratio(sets: Array, pattern: Pattern) -> tuple[Array, float, float]:
-    """(F,) twice the log likelihood ratio of noise of a pattern, and for the first set its best value with its s²."""
+    """(F,) twice the log likelihood ratio of noise of a pattern, and for the first set its best value with its s².
+
+    The ratio is the largest on the grid, in all sets alike; the best value lies on the parabola through its top.
+    """
     _, N, d = sets.shape
     total = np.einsum("fnd,fnd->fn", sets, sets)
     along = None if pattern.unit is None else np.einsum("fnd,nd->fn", sets, pattern.unit) ** 2
     null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
-    best, first = np.full(len(sets), -np.inf), (0.0, 1.0)
+    best, first = np.full(len(sets), -np.inf), []
     for value in map(float, pattern.grid):
-        weighed, determinant = total, 0.0
-        if along is not None:
-            inflation = pattern.inflation(value)
-            weighed, determinant = (total - along) + along / inflation, float(np.log(inflation).sum())
-        level = pattern.level(value)
-        if level is not None:
-            weighed, determinant = weighed * np.exp(-level), determinant + d * float(level.sum())
-        s2 = weighed.sum(axis=1) / (N * d)
-        likelihood = -N * d / 2 * np.log(s2) - 0.5 * determinant
-        if likelihood[0] > best[0]:
-            first = value, float(s2[0])
+        likelihood, _ = _likelihood(pattern, value, total, along, d)
+        first.append(float(likelihood[0]))
         best = np.maximum(best, likelihood)
-    return 2 * (best - null), *first
+    top = float(np.interp(_summit(first), np.arange(len(first)), pattern.grid))
+    s2 = _likelihood(pattern, top, total[:1], None if along is None else along[:1], d)[1]
+    return 2 * (best - null), top, float(s2[0])
+
+
+def _likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
+    """(F,) log likelihood and likeliest s² of noise of one size, from squares of residuals and their part along it."""
+    weighed, determinant, count = total, 0.0, total.shape[1] * d
+    if along is not None:
+        inflation = pattern.inflation(value)
+        weighed, determinant = (total - along) + along / inflation, float(np.log(inflation).sum())
+    level = pattern.level(value)
+    if level is not None:
+        weighed, determinant = weighed * np.exp(-level), determinant + d * float(level.sum())
+    s2 = weighed.sum(axis=1) / count
+    return -count / 2 * np.log(s2) - 0.5 * determinant, s2
+
+
+def _summit(values: list[float]) -> float:
+    """Where on the grid, between its points, the top of the parabola through the three highest lies."""
+    k = int(np.argmax(values))
+    if not 0 < k < len(values) - 1:
+        return float(k)
+    left, middle, right = values[k - 1 : k + 2]
+    bend = left - 2 * middle + right
+    return k + (0.5 * (left - right) / bend if bend < 0 else 0.0)
 
 
 def stated_sigma(variance: float, freedom: int, kurtosis: float) -> NoiseSuspect:

@@ -105,7 +105,7 @@ class Along(Pattern):
         self.target = joint
         self.quantity = "sigma", "rad" if turns else "m"
         self.square = np.einsum("nd,nd->n", column, column)
-        self.scale = float(np.mean(self.square))
+        self.scale, self.dimension = float(np.mean(self.square)), column.shape[1]
         self.unit = column / np.sqrt(np.maximum(self.square, 1e-300))[:, None]
 
     def inflation(self, value: float) -> Array:
@@ -113,6 +113,19 @@ class Along(Pattern):
 
     def size(self, value: float, s2: float) -> float:
         return float(np.sqrt(value * s2 / self.scale))
+
+    def error(self, value: float, s2: float) -> float:
+        """Rows of variance ``s² + σ² a_i`` along the column and s² across it tell s² and σ² together."""
+        sigma, along = self.size(value, s2), s2 * self.inflation(value)
+        if not sigma:
+            return math.inf
+        across = (self.dimension - 1) * len(along) / s2**2
+        information = np.array([
+            [np.sum((self.square / along) ** 2), np.sum(self.square / along**2)],
+            [np.sum(self.square / along**2), np.sum(along**-2.0) + across],
+        ])  # fmt: skip
+        scale = np.sqrt(np.diag(information))
+        return float(np.sqrt(2 * np.linalg.inv(information / np.outer(scale, scale))[0, 0]) / scale[0] / (2 * sigma))
 
     def named(self, value: float, s2: float, std: float) -> JointNoise:
         dimension = "angle" if self.quantity[1] == "rad" else "length"

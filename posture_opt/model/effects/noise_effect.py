@@ -60,6 +60,10 @@ class Pattern(ABC):
         """The size at a value of the grid with the s² that goes with it."""
 
     @abstractmethod
+    def error(self, value: float, s2: float) -> float:
+        """The standard error of that size, by Fisher's information; infinite for none."""
+
+    @abstractmethod
     def named(self, value: float, s2: float, std: float) -> NoiseEffect:
         """The effect of that size, with its standard error."""
 

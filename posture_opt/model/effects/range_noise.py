@@ -53,7 +53,7 @@ class RangeNoise(NoiseEffect):
     def patterns(cls, rows: Rows) -> Sequence[Pattern]:
         if rows.ranges is None or np.ptp(rows.ranges) <= 1e-6 or len(rows.ranges) <= _FEW:
             return []
-        return [Growing(rows.ranges, rows.sigma)]
+        return [Growing(rows.ranges, rows.sigma, rows.levers.shape[2])]
 
 
 class Growing(Pattern):
@@ -63,9 +63,9 @@ class Growing(Pattern):
     grid = _SLOPES
     quantity = "growth", "1"
 
-    def __init__(self, ranges: Array, sigma: float) -> None:
+    def __init__(self, ranges: Array, sigma: float, dimension: int) -> None:
         self.z = (ranges - ranges.mean()) / np.ptp(ranges)
-        self.ranges, self.sigma = ranges, sigma
+        self.ranges, self.sigma, self.dimension = ranges, sigma, dimension
 
     def level(self, value: float) -> Array:
         return np.asarray(2 * value * self.z)
@@ -73,6 +73,9 @@ class Growing(Pattern):
     def size(self, value: float, s2: float) -> float:
         """Growth of σ from the nearest to the farthest row."""
         return float(np.expm1(value))
+
+    def error(self, value: float, s2: float) -> float:
+        return float(np.exp(value) / np.sqrt(2 * self.dimension * np.sum(self.z**2)))
 
     def named(self, value: float, s2: float, std: float) -> RangeNoise:
         """The line through the nearest and the farthest row."""
