@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.batch_covariance import BatchCovariance, between
+from posture_opt.diagnosis.batch_pairs import Pair, pairs_of, stated_sigmas
 from posture_opt.diagnosis.calibrating import calibrate
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.coverage import P, distances, share_interval
@@ -26,27 +27,6 @@ Codes = NDArray[np.intp]
 Progress = Callable[[int, int], None]
 
 FEWEST = 3  # robots: with two, a standard deviation is known to within a factor of thirty
-_SIZE = 0.05  # of the tests of all correlations together
-
-
-@dataclass(frozen=True, eq=False)
-class Pair:
-    """Two parameters that vary together, or may: the correlation, its 95 % interval, the stated one."""
-
-    a: str
-    b: str
-    correlation: float
-    interval: tuple[float, float]
-    p_value: float
-    stated: float
-    real: bool
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain numbers."""
-        return {
-            "parameters": [self.a, self.b], "correlation": self.correlation, "interval95": list(self.interval),
-            "p_value": self.p_value, "stated": self.stated, "significant": self.real,
-        }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,22 +136,13 @@ def calibrate_batch(
     """
     _check(data)
     rows = tuple(np.flatnonzero(data.robot == code) for code in range(len(data.robot_names)))
-    found, unbiased = [], _without_geometry(problem)
-    for k, mine in enumerate(rows):
-        found.append(_one(unbiased, data, mine, k, folds, by))
-        if progress is not None:
-            progress(k + 1, len(rows))
-    calibrations = tuple(found)
+    calibrations = tuple(_each(_without_geometry(problem), data, rows, folds, by, progress))
     parameters, not_told = _told(calibrations)
     index = {p.name: i for i, p in enumerate(calibrations[0].parameters)}
     columns = [index[p.name] for p in parameters]
     estimates = np.array([c.x[columns] for c in calibrations])
     errors = np.array([c.covariance[np.ix_(columns, columns)] for c in calibrations])
     spread = between(estimates, errors)
-    sources = problem.sources
-    place = {name: i for i, name in enumerate(sources.names)}
-    variances = np.diag(sources.constant)
-    stated = np.array([np.sqrt(variances[place[p.name]]) if p.name in place else 0.0 for p in parameters])
     robots = np.repeat(np.arange(len(rows)), [len(c.errors) - len(c.outliers) for c in calibrations])
     return Batch(
         robots=data.robot_names,
@@ -180,8 +151,8 @@ def calibrate_batch(
         parameters=parameters,
         estimates=estimates,
         spread=spread,
-        stated=stated,
-        pairs=_pairs(parameters, spread, problem),
+        stated=stated_sigmas(parameters, problem),
+        pairs=pairs_of(parameters, spread, problem),
         not_told=not_told,
         nominal=Statistics.of(_counted(calibrations, [c.errors_nominal for c in calibrations]), robots),
         calibrated=Statistics.of(_counted(calibrations, [c.errors for c in calibrations]), robots),
@@ -205,6 +176,21 @@ def _check(data: Measurements) -> None:
             f"{len(names)} robots ({', '.join(names)}) do not tell how the type varies: measure {FEWEST} robots or "
             "more, ten or more for correlations, each in some 20 postures; for one robot alone, keep its rows only"
         )
+
+
+def _each(
+    problem: CalibrationProblem,
+    data: Measurements,
+    rows: Sequence[Codes],
+    folds: int,
+    by: By | None,
+    progress: Progress | None,
+) -> Iterator[Calibration]:
+    """Every robot by itself."""
+    for code, mine in enumerate(rows):
+        yield _one(problem, data, mine, code, folds, by)
+        if progress is not None:
+            progress(code + 1, len(rows))
 
 
 def _one(
@@ -242,33 +228,6 @@ def _told(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter, ...],
             "workspace of each"
         )
     return told, tuple(p.name for p, known in geometry if not known and p.group == "geometry")
-
-
-def _pairs(parameters: tuple[Parameter, ...], spread: BatchCovariance, problem: CalibrationProblem) -> tuple[Pair, ...]:
-    """Every pair, the surest first; which are real, by Holm's (1979) rule over all of them."""
-    names, stated = [p.name for p in parameters], _stated_correlations(problem)
-    k = len(names)
-    indices = [(i, j) for i in range(k) for j in range(i + 1, k)]
-    indices.sort(key=lambda ij: float(spread.p_correlation[ij]))
-    found, standing = [], True
-    for rank, (i, j) in enumerate(indices):
-        p = float(spread.p_correlation[i, j])
-        standing = standing and p <= _SIZE / (len(indices) - rank)
-        low, high = map(float, spread.correlation_interval[i, j])
-        said = stated.get(frozenset((names[i], names[j])), 0.0)
-        rho = float(spread.correlation[i, j])
-        found.append(Pair(names[i], names[j], rho, (low, high), p, said, standing))
-    return tuple(found)
-
-
-def _stated_correlations(problem: CalibrationProblem) -> dict[frozenset[str], float]:
-    sources = problem.sources
-    sigma = np.sqrt(np.diag(sources.constant))
-    pairs = np.argwhere(np.triu(sources.constant, 1) != 0)
-    return {
-        frozenset((sources.names[i], sources.names[j])): float(sources.constant[i, j] / (sigma[i] * sigma[j]))
-        for i, j in pairs
-    }
 
 
 def _coverage(

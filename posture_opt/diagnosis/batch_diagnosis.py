@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.diagnosis.batch import Batch, Pair, calibrate_batch
+from posture_opt.diagnosis.batch import Batch, calibrate_batch
+from posture_opt.diagnosis.batch_pairs import Pair
 from posture_opt.diagnosis.diagnosis import Outcome
 from posture_opt.diagnosis.findings import Finding, Progress, noise_finding
 from posture_opt.diagnosis.measurements import Measurements
