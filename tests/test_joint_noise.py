@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import minimize
 
 from posture_opt.diagnosis.joint_noise import estimate_joint_noise
-from posture_opt.diagnosis.variance_components import Scatter
+from posture_opt.diagnosis.scatter import Scatter
 from posture_opt.errors import InsufficientDataError
 
 SIGMA = np.array([1e-3, 3e-3])

@@ -18,9 +18,9 @@ from posture_opt.diagnosis.coverage import Coverage, share_interval
 from posture_opt.diagnosis.prediction import Errors, Prediction, calibrated_prediction, nominal_prediction
 from posture_opt.diagnosis.reading import read_measurements
 from posture_opt.diagnosis.remaining import covariance_under, remaining_scatter
+from posture_opt.diagnosis.scatter import Scatter
 from posture_opt.diagnosis.scatter_test import scatter_test
 from posture_opt.diagnosis.spread_check import SpreadCheck, check_spread
-from posture_opt.diagnosis.variance_components import Scatter
 from posture_opt.diagnosis.visits import revisits
 from tests.helpers.planar_2r import position
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.prediction import Errors, columns, joint_columns
 from posture_opt.diagnosis.residuals import Residuals
+from posture_opt.diagnosis.scatter import Scatter
 from posture_opt.diagnosis.scatter_test import ScatterTest, scatter_test
-from posture_opt.diagnosis.variance_components import Scatter
 from posture_opt.diagnosis.visits import revisits, rows_of, slips
 
 Array = NDArray[np.float64]

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.diagnosis.variance_components import Components, Scatter, covariances
+from posture_opt.diagnosis.scatter import Scatter, covariances
+from posture_opt.diagnosis.variance_components import Components
 from posture_opt.errors import InsufficientDataError
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.joint_noise import JointNoise, fit_scatter
-from posture_opt.diagnosis.variance_components import Scatter
+from posture_opt.diagnosis.scatter import Scatter
 from posture_opt.errors import InsufficientDataError
 
 Array = NDArray[np.float64]

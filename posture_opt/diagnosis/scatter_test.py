@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.mean_test import holm
-from posture_opt.diagnosis.variance_components import Scatter
+from posture_opt.diagnosis.scatter import Scatter
 
 Array = NDArray[np.float64]
 

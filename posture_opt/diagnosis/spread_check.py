@@ -8,34 +8,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.diagnosis.between_visits import COPY, Between, slides
+from posture_opt.diagnosis.between_visits import Between
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.coverage import Coverage
-from posture_opt.diagnosis.joint_noise import JointNoise, fit_scatter
-from posture_opt.diagnosis.joint_prediction import HeldOut, predict_elsewhere
+from posture_opt.diagnosis.joint_noise import JointNoise
+from posture_opt.diagnosis.joint_prediction import HeldOut
+from posture_opt.diagnosis.joint_scatter import joint_scatter, worth_showing
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.prediction import (
     Errors,
     Prediction,
     calibrated_prediction,
-    joint_columns,
     joint_errors,
     nominal_prediction,
 )
-from posture_opt.diagnosis.remaining import covariance_under, remaining_scatter, unseen_errors
+from posture_opt.diagnosis.remaining import covariance_under, remaining_scatter
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.scatter_test import ScatterTest
 from posture_opt.diagnosis.stated_scatter import RemainingScatter
 from posture_opt.diagnosis.validation import folds_of, groups_of
-from posture_opt.diagnosis.variance_components import Scatter, covariances
-from posture_opt.errors import InsufficientDataError
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.intp]
-
-_LEVER = 0.01  # of the longest lever
-_FEW = 4  # coordinates of scatter for each σ: with fewer, one for all joints is asked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +118,7 @@ def check_spread(
     }
     left = calibration.errors[np.ix_(rows, axes)]
     between = Between.of(used, calibration, errors)
-    noise, elsewhere = _joints(between, used, calibration, groups[rows])
+    noise, elsewhere = joint_scatter(between, used, calibration, groups[rows])
     return SpreadCheck(
         coverage=coverage,
         stated=bool(errors.factors),
@@ -133,7 +128,7 @@ def check_spread(
         left=float(np.sqrt(np.mean(left**2))),
         noise=noise,
         from_repeats=bool(len(between.scatter.freedom)),
-        shown=_shown(used, calibration.x, noise),
+        shown=worth_showing(used, calibration.x, noise),
         sigma=between.stated_sigma,
         elsewhere=elsewhere,
         odd=between.odd,
@@ -197,45 +192,12 @@ def _kept(calibration: Calibration) -> Codes:
     return np.setdiff1d(np.arange(len(calibration.residuals.data)), calibration.outliers)
 
 
-def _shown(residuals: Residuals, x: Array, noise: JointNoise | None) -> NDArray[np.bool_]:
-    lever = np.sqrt(np.mean(np.sum(joint_columns(residuals, x) ** 2, axis=1), axis=0))
-    moving = lever > _LEVER * np.where(slides(residuals), 0.0, lever.max())
-    return np.asarray(moving & (noise.determined if noise is not None else True))
-
-
 def _sigma(remaining: RemainingScatter, residuals: Residuals) -> Array:
     return np.array([remaining.sigma.get(name, 0.0) for name in joint_errors(residuals)])
 
 
 def _instrument(remaining: RemainingScatter, residuals: Residuals) -> float:
     return remaining.instrument if remaining.measured else residuals.sigma
-
-
-def _joints(
-    between: Between, used: Residuals, calibration: Calibration, groups: Codes
-) -> tuple[JointNoise | None, tuple[HeldOut, ...]]:
-    """σ of joints and instrument from repeats where there are any, else from what the calibration leaves.
-
-    There the uncertainty of its parameters is a known part of every error, which is no instrument's.
-    """
-    names = joint_errors(used)
-    if len(between.scatter.freedom):
-        scatter, codes, stated = between.scatter, np.arange(len(between.scatter.freedom)), between.covariances
-    else:
-        left, known, _ = unseen_errors(calibration)
-        scatter, codes = Scatter.of(left, joint_columns(used, calibration.x), known=known), groups
-        stated = None
-        if between.stated_sigma.any():
-            stated = covariances(scatter.columns, between.stated_sigma, used.sigma) + known
-    if not scatter.squares.max(initial=0.0) > COPY**2:
-        return None, ()
-    coordinates = float(scatter.freedom.sum()) * scatter.squares.shape[1]
-    equal = coordinates < _FEW * (len(names) + 1)
-    try:
-        noise = fit_scatter(scatter, names, used.sigma, True, equal, bool(len(between.scatter.freedom)))
-    except InsufficientDataError:
-        return None, ()
-    return noise, predict_elsewhere(scatter, names, codes, stated, used.sigma)
 
 
 def _noise_json(found: SpreadCheck) -> dict[str, Any] | None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.scatter import Scatter
+
 Array = NDArray[np.float64]
-Codes = NDArray[np.intp]
 
 _STEPS = 200  # of Fisher scoring; five to twenty settle it
 _SETTLED = 1e-8  # of log-likelihood: what a further step would gain
@@ -22,65 +23,6 @@ _PART = 0.05  # of an undetermined direction: a smaller part does not spoil a co
 _PLAIN = 200.0  # degrees of freedom: from there on the likelihood is quadratic in log σ
 _NEAR = 0.03  # of the root of χ²: how exactly the end of an interval is found
 _CHI2 = 3.841458820694124  # 95 % of χ² with one degree of freedom
-
-
-@dataclass(frozen=True, eq=False)
-class Scatter:
-    """What a Gaussian likelihood needs to know of errors that scatter about unknown or zero means.
-
-    Args:
-        columns: (G, d, n) ``∂x/∂joint`` at each posture.
-        squares: (G, d, d) sums of squares and products [m²].
-        freedom: (G,) of each: rows less one where the mean is unknown.
-        known: (G, d, d), or zero: a part of the covariance that is known beforehand [m²].
-    """
-
-    columns: Array
-    squares: Array
-    freedom: Array
-    known: Array = field(default_factory=lambda: np.zeros((1, 1, 1)))
-
-    @classmethod
-    def of(cls, errors: Array, columns: Array, groups: Codes | None = None, known: Array | None = None) -> Scatter:
-        """Of errors (N, d) about zero, or about the means of ``groups`` (N,): rows of one posture.
-
-        Within a group of one posture all contrasts have the same covariance, so that their squares are enough.
-        Groups of a single row say nothing about scatter and are left out. ``known`` (N, d, d) goes with errors about
-        zero.
-        """
-        if groups is None:
-            own = np.zeros((1, 1, 1)) if known is None else known
-            return cls(columns, errors[:, :, None] * errors[:, None, :], np.ones(len(errors)), own)
-        _, first, code, count = np.unique(groups, return_index=True, return_inverse=True, return_counts=True)
-        mean = _sums(errors, code, len(count)) / count[:, None]
-        centred = errors - mean[code]
-        squares = _sums(centred[:, :, None] * centred[:, None, :], code, len(count))
-        many = count > 1
-        return cls(columns[first[many]], squares[many], np.asarray(count[many] - 1.0))
-
-    def take(self, cases: Any) -> Scatter:
-        """Some of the postures."""
-        known = self.known[cases] if len(self.known) == len(self.freedom) > 1 else self.known
-        return Scatter(self.columns[cases], self.squares[cases], self.freedom[cases], known)
-
-    def log_likelihoods(self, covariance: Array) -> Array:
-        """(G,) log-likelihoods of normal scatter with covariances (G, d, d) or (d, d) [m²]."""
-        d = self.squares.shape[-1]
-        sizes = np.linalg.slogdet(covariance)[1] + d * np.log(2 * np.pi)
-        distance = np.sum(np.linalg.inv(covariance) * self.squares, axis=(-2, -1))
-        return np.asarray(-0.5 * (self.freedom * sizes + distance))
-
-
-def covariances(columns: Array, sigma: Array, instrument: float) -> Array:
-    """``s² I + J diag(σ²) Jᵀ`` (N, d, d) [m²]."""
-    scaled = columns * sigma
-    return np.asarray(scaled @ np.swapaxes(scaled, -1, -2) + instrument**2 * np.eye(columns.shape[1]))
-
-
-def _sums(values: Array, code: Codes, count: int) -> Array:
-    found = np.zeros((count, *values.shape[1:]))
-    np.add.at(found, code, values)
-    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,39 +159,44 @@ class Components:
 
         The root of the fall is nearly linear in the variance: regula falsi, with the Illinois rule, is quick.
         """
-        near = theta
+        near, enough = theta, float(np.sqrt(_CHI2))
 
         def beyond(value: float) -> float:
             nonlocal near
             start = near.copy()
             start[k] = value
             near, likelihood = self.maximise(start, held=k)
-            return float(np.sqrt(max(2 * (best - likelihood), 0.0)) - np.sqrt(_CHI2))
+            return float(np.sqrt(max(2 * (best - likelihood), 0.0)) - enough)
 
-        inside, low, step = float(theta[k]), -float(np.sqrt(_CHI2)), 2 * error
+        inside, low, step = float(theta[k]), -enough, 2 * error
         while True:
             outside = max(inside + side * step, 0.0)
             high = beyond(outside)
             if high > 0:
-                break
+                return _root(beyond, (inside, low), (outside, high))
             if outside == 0:
                 return 0.0
             inside, low, step = outside, high, 2 * step
-        former, middle = None, outside
-        for _ in range(_STEPS):
-            middle = (inside * high - outside * low) / (high - low)
-            found = beyond(middle)
-            if abs(found) < _NEAR:
-                break
-            kept = found > 0
-            if kept == former:  # twice on one side: the other end weighs half
-                low, high = (low / 2, high) if kept else (low, high / 2)
-            former = kept
-            if kept:
-                outside, high = middle, found
-            else:
-                inside, low = middle, found
-        return float(middle)
+
+
+def _root(function: Callable[[float], float], inside: tuple[float, float], outside: tuple[float, float]) -> float:
+    """Where a function crosses zero between two points (x, f(x)), f below zero at the first and above at the other."""
+    (a, low), (b, high) = inside, outside
+    former, middle = None, b
+    for _ in range(_STEPS):
+        middle = (a * high - b * low) / (high - low)
+        found = function(middle)
+        if abs(found) < _NEAR:
+            break
+        kept = found > 0
+        if kept == former:  # twice on one side: the other end weighs half
+            low, high = (low / 2, high) if kept else (low, high / 2)
+        former = kept
+        if kept:
+            b, high = middle, found
+        else:
+            a, low = middle, found
+    return float(middle)
 
 
 def _mean_square(scatter: Scatter) -> float:
