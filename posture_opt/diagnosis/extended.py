@@ -89,40 +89,56 @@ def fit_extended(residuals: Residuals, x0: Array, directions: Array, suspects: S
     tangents = Tangents(residuals, x0)
     m, g = len(residuals.data) * residuals.block, directions.shape[1]
     smooth = [(i, _effect(s).shape[0]) for i, s in enumerate(suspects) if _smooth(s.what)]
-    values = {i: float(getattr(suspects[i].what, name)) for i, name in smooth}
     current = list(suspects)
     x, theta = x0.copy(), np.zeros(sum(s.Z.shape[1] for s in suspects))
     if g + len(theta) == 0:
         variance = float(np.mean(residuals.whitened(x0)[:m] ** 2))
         return Extended(residuals, x, directions, (), theta, np.zeros((0, 0)), variance)
     for _ in range(4 if smooth else 1):
-        Z = np.concatenate([np.zeros((m, 0)), *(s.Z for s in current)], axis=1)
         shape_columns = _shape_columns(tangents, current, theta, smooth)
-
-        def function(z: Array, Z: Array = Z, extra: Array = shape_columns) -> tuple[Array, Array]:
-            r, J = residuals.both(x0 + directions @ z[:g])
-            linear = np.concatenate([Z, extra], axis=1)
-            r = r.copy()
-            r[:m] += linear @ z[g:]
-            wide = np.concatenate([linear, np.zeros((len(r) - m, linear.shape[1]))])
-            return r, np.concatenate([J @ directions, wide], axis=1)
-
-        start = np.concatenate([np.linalg.lstsq(directions, x - x0, rcond=None)[0], theta,
-                                np.zeros(shape_columns.shape[1])])  # fmt: skip
+        function = _Linear(residuals, x0, directions, np.concatenate([*(s.Z for s in current), shape_columns], axis=1))
+        away = np.linalg.lstsq(directions, x - x0, rcond=None)[0]
+        start = np.concatenate([away, theta, np.zeros(shape_columns.shape[1])])
         found = least_squares(function, start, tolerance=1e-4, max_steps=60)
-        x = x0 + directions @ found.x[:g]
+        x, steps = x0 + directions @ found.x[:g], found.x[g + len(theta) :]
         theta = found.x[g : g + len(theta)]
-        steps = found.x[g + len(theta) :]
-        if shape_columns.shape[1]:
-            for (i, name), step in zip(smooth, steps, strict=True):
-                limit = 0.02 if name == "cycles" else 0.3
-                factor = float(np.clip(step, -limit, limit))
-                values[i] = values[i] + factor * (1.0 if name == "cycles" else values[i])
-                what = reshaped(_effect(current[i]), name, values[i])
-                current[i] = Suspect(what, tangents.columns(what), current[i].searched)
+        if len(steps):
+            current = _reshaped(tangents, current, smooth, steps)
     if smooth:  # the last step of the shapes came after the rest: what hangs together closely would not fit any more
         x, theta = _settled(residuals, x, directions, current, theta)
     return Extended(residuals, x, directions, tuple(current), theta, found.covariance, found.variance)
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """Whitened residuals and their Jacobian at (geometry, coefficients of the ``columns`` (m, c))."""
+
+    residuals: Residuals
+    x0: Array
+    directions: Array
+    columns: Array
+
+    def __call__(self, z: Array) -> tuple[Array, Array]:
+        m, g = len(self.columns), self.directions.shape[1]
+        r, J = self.residuals.both(self.x0 + self.directions @ z[:g])
+        r = r.copy()
+        r[:m] += self.columns @ z[g:]
+        wide = np.concatenate([self.columns, np.zeros((len(r) - m, self.columns.shape[1]))])
+        return r, np.concatenate([J @ self.directions, wide], axis=1)
+
+
+def _reshaped(
+    tangents: Tangents, suspects: Sequence[Suspect], smooth: Sequence[tuple[int, str]], steps: Array
+) -> list[Suspect]:
+    """The suspects with their shapes moved by ``steps`` (of the cycles, else of the logarithm), not too far at once."""
+    moved = list(suspects)
+    for (i, name), step in zip(smooth, steps, strict=True):
+        cycles, value = name == "cycles", float(getattr(suspects[i].what, name))
+        limit = 0.02 if cycles else 0.3
+        value += float(np.clip(step, -limit, limit)) * (1.0 if cycles else value)
+        what = reshaped(_effect(suspects[i]), name, value)
+        moved[i] = Suspect(what, tangents.columns(what), suspects[i].searched)
+    return moved
 
 
 def _settled(
