@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from posture_opt.cli.main import main
+from posture_opt.diagnosis.duels import Duel, Duels
 from posture_opt.diagnosis.parting import ENOUGH, Pair, Parting, chance
 from tests.helpers.planar_2r import position
 
@@ -188,3 +190,9 @@ def test_nine_chances_in_ten() -> None:
     assert chance(ENOUGH) == pytest.approx(0.9, abs=1e-4)
     assert chance(3.5**2) == pytest.approx(0.5)
     assert chance(0.0) < 3e-4
+
+
+def test_every_two_of_an_effect_and_its_rivals_are_parted() -> None:
+    model = SimpleNamespace(suspects=[None] * 3)
+    duels = [Duel(place, None, np.zeros(1), 0.1) for place in (0, 2, 0)]  # type: ignore[arg-type]
+    assert Duels(None, model, tuple(duels)).bouts == [(0, 0, 3), (0, 0, 5), (0, 3, 5), (2, 2, 4)]  # type: ignore[arg-type]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,8 +91,17 @@ class Duels:
             at += len(places[-1])
         return np.concatenate(parts, axis=1), places
 
+    @cached_property
+    def bouts(self) -> list[tuple[int, int, int]]:
+        """Place of an effect, and any two of it and its rivals, as members: each of them could be the true one."""
+        n = len(self.model.suspects)
+        sides = {d.place: [d.place] for d in self.all}
+        for k, d in enumerate(self.all):
+            sides[d.place].append(n + k)
+        return [(place, *two) for place, members in sides.items() for two in combinations(members, 2)]
+
     def parting(self, problem: CalibrationProblem, rows: Measurements) -> tuple[Parting, Array]:
-        """What is to be parted, each duel from both sides, and λ (2 duels,) in the data."""
+        """What is to be parted, each bout from both sides, and λ (2 bouts,) in the data."""
         tangents = self.scene.tangents
         residuals, noise = tangents.residuals, np.sqrt(self.model.variance)
         D, places = self.columns(tangents)
@@ -101,23 +111,19 @@ class Duels:
         k = len(residuals.parameters)
         M = D.T @ D / noise**2
         M[:k, :k] += prior.T @ prior
-        pairs = [pair for d, _ in enumerate(self.all) for pair in self._pairs(d, k, places, M.shape[0])]
+        pairs = [self._pair(bout[0], *two, k, places) for bout in self.bouts for two in (bout[1:], bout[:0:-1])]
         now = Parting.of(pairs, M, A).strengths(Parting.of(pairs, M, A).information)
         spent = np.maximum(now - RIVALS, 0.0)
         pairs = [replace(pair, spent=float(s)) for pair, s in zip(pairs, spent, strict=True)]
         return Parting.of(pairs, M, A), now
 
-    def _pairs(self, duel: int, k: int, places: list[Codes], K: int) -> tuple[Pair, Pair]:
-        """The effect of the model taken for true, and its rival taken for true."""
-        own, n = self.all[duel].place, len(self.model.suspects)
-        others = [places[i] for i in range(n) if i != own]
-        made = []
-        for true, false in ((own, n + duel), (n + duel, own)):
-            theta = self.members[true][1]
-            signature = np.zeros(K)
-            signature[places[true][: len(theta)]] = theta
-            made.append(Pair(signature, np.concatenate([np.arange(k), *others, places[false]])))
-        return made[0], made[1]
+    def _pair(self, place: int, true: int, false: int, k: int, places: list[Codes]) -> Pair:
+        """One member taken for true and another fitted in its place, beside k parameters and the other effects."""
+        others = [places[i] for i in range(len(self.model.suspects)) if i != place]
+        theta = self.members[true][1]
+        signature = np.zeros(k + sum(map(len, places)))
+        signature[places[true][: len(theta)]] = theta
+        return Pair(signature, np.concatenate([np.arange(k), *others, places[false]]))
 
 
 def by_posture(suspect: Suspect) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,11 +19,13 @@ from posture_opt.diagnosis.split_candidates import further_rows
 from posture_opt.errors import InputError
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Steps = Sequence[tuple[int, Array]]
 
 POSTURES = 10  # in a plan; more measurements are rounds of them
 _LEAST = 5  # so that no single reading decides
 _MOST = 300  # measurements: what takes more is no matter of postures
-_PAIRS = 8  # that a plan is made for, the weakest
+_PAIRS, _TRIES = 12, 3  # that a plan is made for, the weakest, and how often those are added that it leaves weak
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +60,15 @@ class SplitPlan:
 
     Args:
         splits: by the place of the effect in the model, each of its rivals.
+        counts: by that place, measurements of the plan after which one of all these is left, with 90 %, whichever it
+            is; those left out that no postures part, and None where they part none.
         rows: what to measure, the most telling first; without any where no postures help.
         rounds: how often.
         sided: (n,) the joints whose side of arrival matters.
     """
 
     splits: Mapping[int, tuple[Split, ...]]
+    counts: Mapping[int, int | None]
     rows: Measurements
     rounds: int
     sided: tuple[int, ...]
@@ -83,14 +88,12 @@ class SplitPlan:
     def to_json(self, place: int) -> dict[str, Any]:
         """The entry ``split`` of an effect: its weakest rival sets the pace."""
         splits = self.splits[place]
-        possible = [s for s in splits if s.count is not None]
-        count = max((s.count or 0 for s in possible), default=0)
         return {
             "angle": min(s.angle for s in splits),
             "lambda_now": min(s.now for s in splits),
-            "lambda": min((s.then for s in possible), default=None),
-            "count": count or None,
-            "postures": self.postures(count),
+            "lambda": min((s.then for s in splits if s.count is not None), default=None),
+            "count": self.counts[place],
+            "postures": self.postures(self.counts[place] or 0),
             "rivals": [s.to_json() for s in splits],
         }
 
@@ -100,9 +103,10 @@ def split_plan(
 ) -> SplitPlan | None:
     """Postures that part the effects of a model from their rivals; None where nothing could be confused.
 
-    One list for all pairs: each posture in turn is the one after which the two that are hardest to tell apart are told
-    best, and then exchanged as long as that helps. Geometry is fitted anew in all of it, and is known beforehand to
-    10 mm and 1 deg only, so that postures far from the data do not promise too much.
+    One list for all pairs, those among the rivals of one effect too: each posture in turn is the one after which the
+    two that are hardest to tell apart are told best, and then exchanged as long as that helps. Geometry is fitted anew
+    in all of it, and is known beforehand to 10 mm and 1 deg only, so that postures far from the data do not promise
+    too much.
 
     Args:
         rivals: by the place of an effect in the model, the suspects that could stand for it.
@@ -115,35 +119,68 @@ def split_plan(
     except InputError:  # a slide without limits has no room to plan in
         return None
     parting, now = duels.parting(problem, rows)
-    far = parting.strengths(parting.after(range(len(rows)), _MOST / max(len(rows), 1)))
-    possible = far.reshape(-1, 2).min(axis=1) >= ENOUGH
-    sides = np.flatnonzero(np.repeat(possible, 2))
-    weakest = [int(k) for k in sides[np.argsort(now[sides])][:_PAIRS]]
-    chosen = parting.only(weakest).chosen(_LEAST, POSTURES) if weakest else []
+    far = _bouts(parting.strengths(parting.after(range(len(rows)), _MOST / max(len(rows), 1))))
+    possible = far >= ENOUGH
+    chosen = _chosen(parting, now, possible)
     steps = list(_steps(parting, chosen, possible)) if chosen else []
-    splits: dict[int, list[Split]] = {}
+    places = np.array([place for place, _, _ in duels.bouts])
+    splits = _splits(duels, now, steps, possible)
+    return SplitPlan(
+        splits=splits,
+        counts={place: _count(steps, places == place, possible) for place in splits},
+        rows=rows.take(np.array(chosen, dtype=np.intp)),
+        rounds=max(steps[-1][0] // len(chosen), 1) if steps else 1,
+        sided=duels.sided,
+    )
+
+
+def _splits(duels: Duels, now: Array, steps: Steps, possible: Mask) -> dict[int, tuple[Split, ...]]:
+    """By the place of each effect how it stands against its rivals."""
+    found: dict[int, tuple[Split, ...]] = {}
     for k, duel in enumerate(duels.all):
-        enough = [count for count, reached in steps if possible[k] and reached[k] >= ENOUGH]
-        least, then = float(now[2 * k : 2 * k + 2].min()), float(steps[-1][1][k]) if steps else 0.0
-        one = Split(duel.rival.kind, duel.rival.target, duel.angle, least, then, min(enough, default=None))
-        splits.setdefault(duel.place, []).append(one)
-    rounds = max(steps[-1][0] // len(chosen), 1) if steps else 1
-    found = {place: tuple(each) for place, each in splits.items()}
-    return SplitPlan(found, rows.take(np.array(chosen, dtype=np.intp)), rounds, duels.sided)
+        b = duels.bouts.index((duel.place, duel.place, len(duels.model.suspects) + k))
+        then = float(steps[-1][1][b]) if steps else 0.0
+        count = _count(steps, np.arange(len(possible)) == b, possible)
+        least = float(now[2 * b : 2 * b + 2].min())
+        one = Split(duel.rival.kind, duel.rival.target, duel.angle, least, then, count)
+        found[duel.place] = (*found.get(duel.place, ()), one)
+    return found
 
 
-def _steps(parting: Parting, chosen: list[int], possible: NDArray[np.bool_]) -> Iterator[tuple[int, Array]]:
-    """(how many measurements, λ of every duel) as the plan grows, posture by posture and then round by round."""
+def _chosen(parting: Parting, now: Array, possible: Mask) -> list[int]:
+    """Candidates for the bouts that are weakest now; if that leaves others weak, for these with them."""
+    sides = np.flatnonzero(np.repeat(possible, 2))
+    asked = [int(k) for k in sides[np.argsort(now[sides])][:_PAIRS]]
+    chosen: list[int] = []
+    for _ in range(_TRIES if asked else 0):
+        chosen = parting.only(asked).chosen(_LEAST, POSTURES)
+        reached = parting.strengths(parting.after(chosen))[sides]
+        weak = [int(k) for k in sides[np.argsort(reached)][: _PAIRS // 2] if k not in asked]
+        if not weak or reached.min() >= ENOUGH:
+            break
+        asked += weak
+    return chosen
+
+
+def _steps(parting: Parting, chosen: list[int], possible: Mask) -> Iterator[tuple[int, Array]]:
+    """(how many measurements, λ of every bout) as the plan grows, posture by posture and then round by round."""
     for n in range(min(_LEAST, len(chosen)), len(chosen) + 1):
-        reached = _duels(parting.strengths(parting.after(chosen[:n])))
+        reached = _bouts(parting.strengths(parting.after(chosen[:n])))
         yield n, reached
     for rounds in range(2, _MOST // len(chosen) + 1):
         if reached[possible].min() >= ENOUGH:
             return
-        reached = _duels(parting.strengths(parting.after(chosen, rounds)))
+        reached = _bouts(parting.strengths(parting.after(chosen, rounds)))
         yield rounds * len(chosen), reached
 
 
-def _duels(strengths: Array) -> Array:
-    """(duels,) the weaker of the two sides of each."""
+def _count(steps: Steps, asked: Mask, possible: Mask) -> int | None:
+    """How many measurements it takes for all bouts that are asked for and possible; None where none is, or too many."""
+    asked = asked & possible
+    enough = [count for count, reached in steps if asked.any() and reached[asked].min() >= ENOUGH]
+    return min(enough, default=None)
+
+
+def _bouts(strengths: Array) -> Array:
+    """(bouts,) the weaker of the two sides of each."""
     return np.asarray(np.maximum(strengths.reshape(-1, 2).min(axis=1), 0.0))

@@ -57,7 +57,7 @@ def _goals(goals: MeasuredGoals) -> str:
 
 
 def _table(head: str, choices: Mapping[str, Choice]) -> Table:
-    headers = (head, "missed there [mm]", "95 % below", "in the others [mm]", "the better one")
+    headers = (head, "missed there [mm]", "95 % below", "in the others [mm]", "better chosen")
     return Table(headers, tuple((MODELS[name], *_cells(choice)) for name, choice in choices.items()))
 
 

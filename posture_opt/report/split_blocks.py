@@ -37,7 +37,7 @@ def split_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
     if not len(plan.rows):
         text = "No posture, side of arrival or payload at hand tells these apart; only the measurements named above do."
         return (Block(_TITLE, (f"{text} {_READ}", pairs)),)
-    often = "" if plan.rounds == 1 else f", in {plan.rounds} rounds"
+    often = "" if plan.rounds == 1 else f" in {plan.rounds} rounds"
     items: list[str | Facts | Table] = [
         f"{count(len(plan.rows), 'posture')}{often} would tell, whichever of two is the true one; 'needed' says how "
         f"many measurements, from the first, it takes for nine chances in ten. {_READ}",
