@@ -196,3 +196,14 @@ def test_every_two_of_an_effect_and_its_rivals_are_parted() -> None:
     model = SimpleNamespace(suspects=[None] * 3)
     duels = [Duel(place, None, np.zeros(1), 0.1) for place in (0, 2, 0)]  # type: ignore[arg-type]
     assert Duels(None, model, tuple(duels)).bouts == [(0, 0, 3), (0, 0, 5), (0, 3, 5), (2, 2, 4)]  # type: ignore[arg-type]
+
+
+def test_columns_that_are_alike_do_no_harm(parting: tuple[np.ndarray, np.ndarray, Parting]) -> None:
+    D, A, question = parting
+    double = np.concatenate([D, D[:, :1] + 1e-13], axis=1), np.concatenate([A, A[:, :, :1]], axis=2)
+    own = np.zeros(7)
+    own[4] = 2.0
+    pair = Pair(own, np.array([0, 1, 2, 3, 5, 6]))
+    twin = Parting.of([pair], double[0].T @ double[0], double[1])
+    chosen = twin.chosen(2, 5)
+    assert twin.strengths(twin.after(chosen)) == pytest.approx(by_hand(D, A, chosen)[:1], rel=1e-4)

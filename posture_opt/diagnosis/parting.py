@@ -24,6 +24,7 @@ THRESHOLD = 3.5  # √λ that is seen every other time at the level of the whole
 ENOUGH = (THRESHOLD + 1.2816) ** 2
 """λ that is seen nine times in ten: 22.9."""
 _RIDGE = 1e-10  # of the information of an average design
+_ROUNDING = 1e-12  # of the largest eigenvalue of an information
 _TIES = 1e-2  # weight of the mean over the pairs beside the weakest one
 _SWEEPS = 2
 
@@ -116,21 +117,26 @@ class Parting:
         return int(np.argmax(worth))
 
 
-def _strength(pair: Pair, M: Array) -> tuple[float, Array]:
-    """λ, and the coefficients (r,) that reach for the signature."""
+def _strength(pair: Pair, M: Array) -> tuple[float, Array, Array]:
+    """λ, the coefficients (r,) that reach for the signature, and a root ``L`` (r, r), ``L Lᵀ = M_FF⁻¹``.
+
+    Columns that are alike to rounding, as of parameters that nothing tells apart, are held to what their information
+    could be at the least: its inverse stays positive.
+    """
     F, s = pair.fitted, pair.signature
+    values, vectors = np.linalg.eigh(M[np.ix_(F, F)])
+    L = vectors / np.sqrt(np.maximum(values, _ROUNDING * values[-1]))
     seen = M[F] @ s
-    beta = np.linalg.solve(M[np.ix_(F, F)], seen)
-    return max(float(s @ M @ s - seen @ beta), 0.0), np.asarray(beta)
+    reached = L.T @ seen
+    return max(float(s @ M @ s - reached @ reached), 0.0), np.asarray(L @ reached), np.asarray(L)
 
 
 def _strengths_with(pair: Pair, M: Array, A: Array) -> Array:
     """(N,) λ once each of the candidates A (N, b, K) is measured too."""
-    strength, beta = _strength(pair, M)
+    strength, beta, L = _strength(pair, M)
     strength -= pair.spent
     V = A[:, :, pair.fitted]
     d = A @ pair.signature - V @ beta
-    L = np.linalg.cholesky(np.linalg.inv(M[np.ix_(pair.fitted, pair.fitted)]))
     W = V @ L
     S = W @ np.swapaxes(W, 1, 2)
     S[:, range(S.shape[1]), range(S.shape[1])] += 1.0
