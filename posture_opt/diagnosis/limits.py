@@ -37,7 +37,6 @@ def not_looked_for(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str,
         have.add("gear_ratio")
     missing: dict[str, list[str]] = {}
     for kind in EFFECTS:
-        name = str(kind.model_fields["kind"].default)
-        for lacking in sorted((kind.needs | ({"gear_ratio"} if name == "gear_ripple" else frozenset())) - have):
-            missing.setdefault(lacking, []).append(name)
+        for lacking in sorted(kind.needs - have):
+            missing.setdefault(lacking, []).append(str(kind.model_fields["kind"].default))
     return {key: (*_LACKS[key], tuple(missing[key])) for key in _LACKS if key in missing}

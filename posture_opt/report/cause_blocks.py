@@ -10,7 +10,6 @@ from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.effect_rivals import splitting_measurement
 from posture_opt.report.effect_words import (
-    NOISES,
     cause_words,
     chance_words,
     main_size,
@@ -120,8 +119,8 @@ def _at_tool(diagnosed: Diagnosed, place: int) -> tuple[str, str]:
 
 def _brings(diagnosed: Diagnosed, finding: Finding) -> str:
     found = diagnosed.diagnosis
-    if finding.kind in NOISES:
-        return _covers(diagnosed) if finding.noise is not None and finding.noise.uneven else ""
+    if finding.noise is not None:
+        return _covers(diagnosed) if finding.noise.uneven else ""
     if finding.effect is None:
         return (
             f"the geometry takes {percent(finding.gain)} off the RMS of the arm as it stands: "

@@ -11,7 +11,7 @@ from posture_opt.diagnosis.instrument import position_sigma
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.cause_blocks import causes_block, confusion_block, cyclic_block
 from posture_opt.report.diagnosed import MODELS, Diagnosed
-from posture_opt.report.effect_words import NOISES, cause_words, main_size, short_words
+from posture_opt.report.effect_words import cause_words, main_size, short_words
 from posture_opt.report.extended_blocks import choice_block, choice_lead
 from posture_opt.report.goal_blocks import goals_block, goals_lead
 from posture_opt.report.open_blocks import absorbed_block, left_block, scores_block, unknowable_block
@@ -56,7 +56,7 @@ def diagnosis_report(problem: Problem, diagnosed: Diagnosed) -> Report:
 def answer(diagnosed: Diagnosed) -> tuple[str, ...]:
     """The verdict in one sentence, and what it brings in another."""
     found = diagnosed.diagnosis
-    geometry = [f for f in found.findings if f.effect is None and f.kind not in NOISES]
+    geometry = [f for f in found.findings if f.effect is None and f.noise is None]
     causes = [f for f in found.findings if f not in geometry] or geometry
     said = [_named(diagnosed, f) for f in causes[:_MOST_NAMES]]
     more = len(causes) - len(said)

@@ -65,7 +65,6 @@ _UMBRELLAS = {
     "field": "a wave over the workspace",
     "course": "the course of time",
 }
-NOISES = ("joint_noise", "range_noise", "stated_sigma", "outliers")
 UNLIKELY = 0.05
 """Family-wise p-value below which chance is no explanation."""
 
