@@ -7,7 +7,7 @@ from typing import Any
 
 import posture_opt as po
 from posture_opt.cli.options import Common
-from posture_opt.cli.output import Answer, progress_bar
+from posture_opt.cli.output import Answer, progress_bar, rendered
 
 
 def calibrated_batch(
@@ -20,11 +20,4 @@ def calibrated_batch(
         from posture_opt.report.batch_files import write_batch
 
         write_batch(folder, problem, data, found, common.plots)
-
-    def text() -> str:
-        from posture_opt.report.batch_report import batch_report
-        from posture_opt.report.text import render
-
-        return render(batch_report(problem, data, found))
-
-    return found.to_json, text
+    return found.to_json, rendered("batch_report", problem, data, found)

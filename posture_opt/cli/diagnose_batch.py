@@ -7,7 +7,7 @@ from typing import Any
 
 import posture_opt as po
 from posture_opt.cli.options import Common
-from posture_opt.cli.output import Answer, progress_bar
+from posture_opt.cli.output import Answer, progress_bar, rendered
 
 
 def diagnosed_batch(
@@ -20,11 +20,4 @@ def diagnosed_batch(
         from posture_opt.report.batch_diagnosis_report import write_batch_diagnosis
 
         write_batch_diagnosis(folder, problem, data, found, common.plots)
-
-    def text() -> str:
-        from posture_opt.report.batch_diagnosis_report import batch_diagnosis_report
-        from posture_opt.report.text import render
-
-        return render(batch_diagnosis_report(problem, data, found))
-
-    return found.to_json, text
+    return found.to_json, rendered("batch_diagnosis_report", problem, data, found)

@@ -12,7 +12,7 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
-from posture_opt.cli.output import output_folder, progress_bar, show
+from posture_opt.cli.output import output_folder, progress_bar, rendered, show
 from posture_opt.cli.request import corner, placed, requested_problem
 from posture_opt.errors import InputError, Issue
 from posture_opt.problem.problem import Problem
@@ -65,17 +65,12 @@ def _spread(problem: Problem, common: Common, where: dict[str, Any]) -> _Found:
     with progress_bar(common, "targets") as progress:
         found = po.map_targets(problem, **where, progress=progress)
 
-    def text() -> str:
-        from posture_opt.report.text import map_text
-
-        return map_text(problem, found)
-
     def write(folder: Path) -> None:
         from posture_opt.report.map_files import write_map
 
         write_map(folder, problem, found, common.plots)
 
-    return _Found(found.to_json, text, write)
+    return _Found(found.to_json, rendered("map_report", problem, found), write)
 
 
 def _accuracy(problem: Problem, data: Path | None, common: Common, where: dict[str, Any]) -> _Found:
@@ -83,17 +78,12 @@ def _accuracy(problem: Problem, data: Path | None, common: Common, where: dict[s
     with progress_bar(common, "targets") as progress:
         found = po.map_accuracy(problem, measured, **where, progress=progress)
 
-    def text() -> str:
-        from posture_opt.report.text import accuracy_text
-
-        return accuracy_text(problem, found)
-
     def write(folder: Path) -> None:
         from posture_opt.report.map_files import write_accuracy
 
         write_accuracy(folder, problem, found, common.plots)
 
-    return _Found(found.to_json, text, write)
+    return _Found(found.to_json, rendered("accuracy_report", problem, found), write)
 
 
 def _where(grid: str | None, low: str | None, high: str | None) -> dict[str, Any]:

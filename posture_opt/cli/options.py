@@ -34,7 +34,7 @@ def common_options(command: Command) -> Command:
         quiet, plots, debug = others.pop("quiet"), not others.pop("no_plots"), others.pop("debug")
         return command(*args, common=Common(out, as_json, seed, workers, quiet, plots, debug), **others)
 
-    return _add(
+    return add_options(
         with_common,
         click.option(
             "--out", type=click.Path(path_type=Path), metavar="DIR", help="Write JSON, figures and a report here."
@@ -52,7 +52,7 @@ def common_options(command: Command) -> Command:
 
 def problem_options(command: Command) -> Command:
     """Adds the options that name a robot and what is uncertain about it."""
-    return _add(
+    return add_options(
         command,
         click.option("--problem", metavar="FILE", help="Problem file (YAML), or the name of a built-in problem."),
         click.option("--robot", metavar="PRESET|URDF", help="A preset or a URDF file, in place of a problem file."),
@@ -66,7 +66,7 @@ def problem_options(command: Command) -> Command:
 
 def task_options(command: Command) -> Command:
     """Adds the options that name a task and its target."""
-    return _add(
+    return add_options(
         command,
         click.option("--task", metavar="KIND", help="insert, drill, probe, …: see the command 'list'."),
         click.option("--position", metavar="TEXT", help='Target in the world: "0.6 m, 0.2 m, 0.1 m".'),
@@ -78,10 +78,11 @@ def task_options(command: Command) -> Command:
 def posture_option(command: Command) -> Command:
     """Adds the option that names a posture."""
     help_text = 'Joint values in order, "90 deg, -180 deg", or by name, "joint1=90 deg, joint2=-180 deg".'
-    return _add(command, click.option("--posture", metavar="TEXT", required=True, help=help_text))
+    return add_options(command, click.option("--posture", metavar="TEXT", required=True, help=help_text))
 
 
-def _add(command: Command, *options: Callable[[Command], Command]) -> Command:
+def add_options(command: Command, *options: Callable[[Command], Command]) -> Command:
+    """A command with options, which its help lists in this order."""
     for option in reversed(options):  # click shows the option that is added last at first
         command = option(command)
     return command

@@ -10,6 +10,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -30,6 +31,17 @@ def show(common: Common, document: Callable[[], dict[str, Any]], text: Callable[
         click.echo(json_text(document()))
     elif not common.quiet:
         click.echo(text().rstrip("\n"))
+
+
+def rendered(report: str, *arguments: object) -> Callable[[], str]:
+    """What prints a report, ``posture_opt.report.REPORT.REPORT(*arguments)``, imported only when it is asked for."""
+
+    def text() -> str:
+        from posture_opt.report.text import render
+
+        return render(getattr(import_module(f"posture_opt.report.{report}"), report)(*arguments))
+
+    return text
 
 
 @contextmanager

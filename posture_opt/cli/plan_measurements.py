@@ -10,7 +10,7 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
-from posture_opt.cli.output import output_folder, progress_bar, show
+from posture_opt.cli.output import output_folder, progress_bar, rendered, show
 from posture_opt.cli.request import corner, height_of, placed, requested_problem
 from posture_opt.errors import InputError, Issue
 
@@ -58,12 +58,7 @@ def command(
 
             write_plan(folder, problem, plan, common.plots)
 
-    def text() -> str:
-        from posture_opt.report.text import plan_text
-
-        return plan_text(problem, plan)
-
-    show(common, plan.to_json, text)
+    show(common, plan.to_json, rendered("plan_report", problem, plan))
 
 
 def _box(low: str | None, high: str | None) -> Box | None:

@@ -8,7 +8,7 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, posture_option, problem_options
-from posture_opt.cli.output import output_folder, show
+from posture_opt.cli.output import output_folder, rendered, show
 from posture_opt.cli.request import placed, requested_posture, requested_problem
 
 
@@ -32,9 +32,4 @@ def command(common: Common, posture: str, n: int, adaptive: bool, **given: Any) 
 
             write_cloud(folder, problem, cloud, plots=common.plots)
 
-    def text() -> str:
-        from posture_opt.report.text import cloud_text
-
-        return cloud_text(problem, cloud)
-
-    show(common, cloud.to_json, text)
+    show(common, cloud.to_json, rendered("cloud_report", problem, cloud))

@@ -8,7 +8,7 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common
-from posture_opt.cli.output import output_folder, progress_bar, show
+from posture_opt.cli.output import output_folder, progress_bar, rendered, show
 from posture_opt.cli.request import placed, requested_problem
 from posture_opt.errors import NoSolutionError
 from posture_opt.problem.problem import Problem
@@ -48,7 +48,5 @@ def _solved(problem: Problem, common: Common) -> tuple[Solution, NoSolutionError
 
 
 def _text(problem: Problem, solution: Solution, explain: bool) -> str:
-    from posture_opt.report import text
-
-    report = text.solution_text(problem, solution)
-    return f"{report.rstrip()}\n\n{text.explain_text(problem, solution)}" if explain else report
+    report = rendered("solution_report", problem, solution)()
+    return f"{report.rstrip()}\n\n{rendered('explain_report', problem, solution)()}" if explain else report

@@ -8,7 +8,7 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, posture_option, problem_options
-from posture_opt.cli.output import output_folder, show
+from posture_opt.cli.output import output_folder, rendered, show
 from posture_opt.cli.request import placed, requested_posture, requested_problem
 
 
@@ -27,9 +27,4 @@ def command(common: Common, posture: str, **given: Any) -> None:
 
             write_spread(folder, problem, spread, plots=common.plots)
 
-    def text() -> str:
-        from posture_opt.report.text import spread_text
-
-        return spread_text(problem, spread)
-
-    show(common, spread.to_json, text)
+    show(common, spread.to_json, rendered("spread_report", problem, spread))

@@ -1,0 +1,77 @@
+"""What the commands on measurements share: their options, and which robots' data go with what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import click
+
+import posture_opt as po
+from posture_opt.cli.options import Command, Common, add_options, problem_options
+from posture_opt.cli.output import Answer, output_folder, show
+from posture_opt.cli.request import placed, requested_problem
+
+OfOne = Callable[[Path | None, Any, po.Measurements, po.Measurements | None], Answer]
+"""Folder, problem, measurements and test file of one robot -> what can be shown, its files written."""
+OfBatch = Callable[[Path | None, Any, po.Measurements], Answer]
+
+
+@dataclass(frozen=True)
+class Session:
+    """The measurements that are asked about, and how errors are predicted."""
+
+    data: Path
+    test: Path | None
+    refit_frames: bool
+    by: Any
+    folds: int
+    plan: bool
+
+
+def measured_options(command: Command) -> Command:
+    """Adds the argument DATA.csv and what goes with it, which the command gets as ``session``."""
+
+    @wraps(command)
+    def with_session(*args: Any, data: Path, test: Path | None, refit_frames: bool, **others: Any) -> Any:
+        by, folds, plan = others.pop("by"), others.pop("folds"), not others.pop("no_plan")
+        return command(*args, session=Session(data, test, refit_frames, by, folds, plan), **others)
+
+    own = add_options(
+        with_session,
+        click.argument("data", type=click.Path(path_type=Path), metavar="DATA.csv"),
+        click.option(
+            "--test", type=click.Path(path_type=Path), metavar="OTHER.csv", help="Another session, to be predicted."
+        ),
+        click.option("--refit-frames", is_flag=True, help="Fit base and tool again to the test file."),
+        click.option(
+            "--by",
+            type=click.Choice(["pose", "block", "place"]),
+            help="What the cross-validation leaves out together: a pose, a block of the workspace, a touched place.",
+        ),
+        click.option(
+            "--folds", type=click.IntRange(min=2), default=5, show_default=True, help="Of the cross-validation."
+        ),
+        click.option("--no-plan", is_flag=True, help="Do not plan the task anew with the arm that was found."),
+    )
+    return problem_options(own)
+
+
+def answer(common: Common, session: Session, given: dict[str, Any], of_one: OfOne, of_batch: OfBatch) -> None:
+    """Reads the measurements and shows what they say, those of one robot or those of several."""
+    if session.refit_frames and session.test is None:
+        raise click.UsageError("--refit-frames goes with --test.")
+    problem = requested_problem(**given)
+    with output_folder(common.out) as folder, placed(problem):
+        measured = po.read_measurements(session.data, problem)
+        if len(measured.robot_names) > 1:
+            if session.test is not None:
+                raise click.UsageError("--test goes with measurements of one robot, and the data are of several.")
+            document, text = of_batch(folder, problem, measured)
+        else:
+            other = None if session.test is None else po.read_measurements(session.test, problem)
+            document, text = of_one(folder, problem, measured, other)
+    show(common, document, text)
