@@ -117,7 +117,7 @@ def _chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
         yield chunk
 
 
-WEIGHTS = {"named": 0.62, "timed": 0.13, "nameless": 0.12, "periodic": 0.13}
+WEIGHTS = {"named": 0.66, "steps": 0.1, "nameless": 0.12, "periodic": 0.12}
 """Share of the level for each family of candidates: the thousands of frequencies must not drown the few names.
 
 Ten times the shapes cost a family ``log 10`` of evidence, half the level only ``log 2``: the few get most of it.

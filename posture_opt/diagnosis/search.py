@@ -104,9 +104,9 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
         start = tuple(i for i, f in enumerate(finalists) if any(f.what == c.what for c in chosen))
         best = [finalists[i] for i in best_set(pool, start, MOST) or _likeliest(pool, finalists, judged)]
         after, chance = judge(scene.ground(best), suspects, scene.tangents, scene.case)
-        chosen = _pruned(scene, chance, best)
-        if len(chosen) < len(best):
-            after, chance = judge(scene.ground(chosen), suspects, scene.tangents, scene.case)
+        while len(chosen := _pruned(scene, chance, best)) < len(best):
+            best = list(chosen)
+            after, chance = judge(scene.ground(best), suspects, scene.tangents, scene.case)
         key = tuple(sorted(str(s.what) for s in chosen))
         fresh = [j for j in after if j.p_value < FURTHER]
         if not fresh or key in seen or len(chosen) >= MOST:

@@ -24,7 +24,6 @@ class Drift(Effect):
     shape: ClassVar = ("constant",)
     shape_units: ClassVar = {"constant": "s"}
     needs: ClassVar = frozenset({"time"})
-    family: ClassVar = "timed"
     for_planning: ClassVar = False
 
     kind: Literal["drift"] = "drift"

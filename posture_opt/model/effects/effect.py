@@ -83,7 +83,7 @@ class Effect(AnyEffect):
     """Name and dimension of each linear parameter."""
     shape: ClassVar[tuple[str, ...]] = ()
     """Fields that enter in another way than linearly, found by a search."""
-    family: ClassVar[Literal["named", "timed", "periodic"]] = "named"
+    family: ClassVar[Literal["named", "steps", "periodic"]] = "named"
     """Whose share of the error level a diagnosis tests it with: what comes in many shapes is kept by itself."""
     limits: ClassVar[tuple[float, float]] = (-math.inf, math.inf)
     """What an only parameter can be [SI]."""

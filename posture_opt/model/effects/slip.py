@@ -33,7 +33,7 @@ class Slip(Effect):
     shape: ClassVar = ("moment",)
     shape_units: ClassVar = {"moment": "s"}
     needs: ClassVar = frozenset({"time"})
-    family: ClassVar = "timed"
+    family: ClassVar = "steps"
     for_planning: ClassVar = False
 
     kind: Literal["slip"] = "slip"
