@@ -250,17 +250,25 @@ def _lenient(pool: Pool, suspects: Sequence[Suspect]) -> Pool:
     return replace(pool, price=pool.price - np.maximum(less, 0.0))
 
 
+def _for_all(pool: Pool, suspects: Sequence[Suspect], members: Chosen) -> list[tuple[float, int]]:
+    """Names that alone could stand for all that was chosen."""
+    least = pool.criterion(members)
+    alone = ((value - least, only[0]) for value, only in pool.additions(())) if len(members) > 1 else ()
+    return [(more, i) for more, i in alone if more <= RIVALS and suspects[i].named]
+
+
 def _rivals(ground: Ground, finalists: list[Suspect], chosen: Sequence[Suspect]) -> tuple[tuple[Suspect, ...], ...]:
     everyone = _merged(list(finalists), list(chosen))
     pool = _pool(ground, everyone)
     lenient = _lenient(pool, everyone)
     place = {str(s.what): i for i, s in enumerate(everyone)}
     members = tuple(sorted(place[str(s.what)] for s in chosen))
+    for_all = _for_all(pool, everyone, members)
     result = []
     for s in chosen:
         found: dict[tuple[str, str], Suspect] = {}
         here = place[str(s.what)]
-        close = [*alternatives(pool, members, here, RIVALS), *alternatives(lenient, members, here, RIVALS)]
+        close = [*alternatives(pool, members, here, RIVALS), *alternatives(lenient, members, here, RIVALS), *for_all]
         for _, other in sorted(close):
             alike = np.linalg.norm(pool.bases[here].T @ pool.bases[other], 2) > ALIKE
             if alike and everyone[other].key != s.key:
