@@ -76,9 +76,9 @@ def test_what_is_hidden_in_the_loaded_arm_is_found_and_the_plan_with_it_hits() -
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_no_cause_is_made_up_where_the_joints_scatter(seed: int) -> None:
     # The scatter of the joints is some five times the instrument's noise here. The best candidate, a fast wave, comes
-    # by chance one time in 25 (4799 flips); with 299 of them some draws make it one in 200.
+    # by chance one time in 20 (4799 flips); with 299 of them some draws make it one in 200.
     problem = load_builtin("insert_planar_2r_measured")
     data = po.read_measurements(problems_folder() / "planar_2r_measured.csv", problem)
     found = search(scene_of(po.calibrate(problem, data), seed=seed))
     assert not found.chosen
-    assert found.judged[0].p_value == pytest.approx(0.043, rel=0.4)
+    assert 0.035 < found.judged[0].p_value < 0.1
