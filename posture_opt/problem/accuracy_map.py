@@ -15,7 +15,8 @@ from posture_opt.diagnosis.start import kabsch
 from posture_opt.problem.extension import moving_effects
 from posture_opt.problem.measured_errors import MeasuredErrors, measured_errors
 from posture_opt.problem.problem import Problem
-from posture_opt.selection.grid import Grid, Plane
+from posture_opt.selection.grid import Grid
+from posture_opt.selection.grid_wish import Plane
 from posture_opt.selection.multistart import Progress
 from posture_opt.selection.spots import Spot
 from posture_opt.selection.target_map import TargetMap, map_targets

@@ -12,7 +12,8 @@ import numpy as np
 from posture_opt.errors import NoSolutionError
 from posture_opt.model.arm import Arm
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.grid import Grid, GridWish, Plane, grid_of
+from posture_opt.selection.grid import Grid, grid_of
+from posture_opt.selection.grid_wish import GridWish, Plane
 from posture_opt.selection.map_search import best_places
 from posture_opt.selection.multistart import Progress
 from posture_opt.selection.programme import Programme
