@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,7 @@ from posture_opt.diagnosis.comparison import compare
 from posture_opt.diagnosis.instrument import readings
 from posture_opt.diagnosis.noise_suspects import uneven
 from posture_opt.errors import InputError
+from posture_opt.model import effects
 from posture_opt.model.effects import CATALOGUE, NOISES, Evidence, NoiseEffect, Rows
 from posture_opt.problem.calibrated import calibrated_problem
 from posture_opt.problem.schema import ProblemSpec
@@ -81,6 +83,18 @@ def test_every_identifier_of_the_catalogue_is_listed() -> None:
     assert {kind_of(cls) for cls in CATALOGUE} == IDENTIFIERS
     assert len(CATALOGUE) == len(IDENTIFIERS)
     assert set(ENTRIES) == {kind_of(cls) for cls in NOISES}
+
+
+def test_every_file_of_an_effect_is_listed_and_read_in_problem_files() -> None:
+    folder = Path(effects.__file__).parent
+    bases = {"__init__", "any_effect", "effect", "noise_effect"}
+    assert {cls.__module__.rpartition(".")[2] for cls in CATALOGUE} == {f.stem for f in folder.glob("*.py")} - bases
+    union, _ = get_args(effects.EffectSpec)
+    assert set(get_args(union)) == set(CATALOGUE)
+    for cls in CATALOGUE:
+        assert cls.model_config["frozen"]
+        assert cls.model_config["extra"] == "forbid"
+        assert cls.__doc__
 
 
 @every_kind
