@@ -199,7 +199,7 @@ def test_every_two_of_an_effect_and_its_rivals_are_parted() -> None:
 
 
 def test_columns_that_are_alike_do_no_harm(parting: tuple[np.ndarray, np.ndarray, Parting]) -> None:
-    D, A, question = parting
+    D, A, _ = parting
     double = np.concatenate([D, D[:, :1] + 1e-13], axis=1), np.concatenate([A, A[:, :, :1]], axis=2)
     own = np.zeros(7)
     own[4] = 2.0

@@ -67,7 +67,7 @@ _ALONE = {
     "joint_noise": "repeat each posture a few times, moving away between",
     "range_noise": "repeat postures near the instrument and far from it",
 }
-_PLAN = "measure postures that tell them apart: 'optimize-posture plan-measurements' proposes some"
+_PLAN = "measure postures that differ in what each of them hangs on"
 
 
 def splitting_measurement(cause: Cause, rival: Cause) -> str:
