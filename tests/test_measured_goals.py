@@ -85,6 +85,8 @@ def test_the_choice_of_the_arm_as_it_stands_is_counted_by_hand(
     assert found["missed"]["p95"] == pytest.approx(np.quantile(there, 0.95), rel=1e-4)
     assert found["missed_elsewhere"]["median"] == pytest.approx(np.median(elsewhere), rel=1e-4)
     assert found["better"] == pytest.approx(np.mean(there <= elsewhere))
+    assert found["success"] == pytest.approx(np.mean(there <= 0.5e-3))
+    assert 0 < found["success"] < goals["sent"]["extended"]["success"] == 1.0
 
 
 def test_sent_by_the_extended_arm_only_the_noise_is_missed(told: tuple[dict[str, Any], str]) -> None:

@@ -48,10 +48,15 @@ class Choice:
             better += bool(sizes[chosen] <= sizes.min())
         return cls(np.array(missed), np.array(elsewhere), better / len(goals))
 
-    def to_json(self) -> dict[str, Any]:
-        """Lengths [m]: median and what 95 % of the goals stay below."""
+    def hits(self, clearance: float) -> float:
+        """Share of the goals that are met within a clearance [m]."""
+        return float(np.mean(self.missed <= clearance))
+
+    def to_json(self, clearance: float | None = None) -> dict[str, Any]:
+        """Lengths [m]: median and what 95 % of the goals stay below; the share that meets the clearance."""
         return {
-            "missed": _quantiles(self.missed), "missed_elsewhere": _quantiles(self.elsewhere), "better": self.better
+            "missed": _quantiles(self.missed), "missed_elsewhere": _quantiles(self.elsewhere), "better": self.better,
+            "success": None if clearance is None else self.hits(clearance),
         }  # fmt: skip
 
 
@@ -68,6 +73,7 @@ class MeasuredGoals:
             arm misses there with the tool sent as ever; the model as it stands predicts no miss anywhere.
         anyhow: (G,) mean of what the arm as it stands misses over the postures of each goal [m].
         chance: share of the goals in which a blind choice is the better one.
+        clearance: of the task [m]; None without one.
     """
 
     goals: int
@@ -77,6 +83,7 @@ class MeasuredGoals:
     uncorrected: Mapping[str, Choice]
     anyhow: Floats
     chance: float
+    clearance: float | None = None
 
     @property
     def margin(self) -> float:
@@ -87,10 +94,10 @@ class MeasuredGoals:
         """The entry ``goals`` of ``posture`` in ``diagnosis.json``."""
         return {
             "goals": self.goals, "postures": self.postures, "within": self.within, "better_by_chance": self.chance,
-            "sent": {name: choice.to_json() for name, choice in self.sent.items()},
+            "sent": {name: choice.to_json(self.clearance) for name, choice in self.sent.items()},
             "uncorrected": {
                 "any_posture": _quantiles(self.anyhow),
-                **{name: choice.to_json() for name, choice in self.uncorrected.items()},
+                **{name: choice.to_json(self.clearance) for name, choice in self.uncorrected.items()},
             },
         }  # fmt: skip
 
@@ -122,6 +129,7 @@ def measured_goals(diagnosis: Diagnosis, models: Mapping[str, Problem]) -> Measu
         uncorrected={name: Choice.of(missed["nominal"], size, goals) for name, size in believed.items()},
         anyhow=np.array([np.mean([missed["nominal"][rows].mean() for rows in postures]) for postures in goals]),
         chance=float(np.mean([1 / len(postures) for postures in goals])),
+        clearance=task.clearance if task.within == "across" else None,
     )
 
 

@@ -46,7 +46,14 @@ def goals_block(goals: MeasuredGoals | None) -> tuple[Block, ...]:
     return (
         Block(
             _TITLE,
-            (sent, _table("sent by the model", goals.sent), _worth(goals), left, _left(goals), _told(goals)),
+            (
+                sent,
+                _table("sent by the model", goals.sent, goals.clearance),
+                _worth(goals),
+                left,
+                _left(goals),
+                _told(goals),
+            ),
         ),
     )
 
@@ -56,19 +63,24 @@ def _goals(goals: MeasuredGoals) -> str:
     return f"the {count(goals.goals, 'goal')} that were measured in {each}"
 
 
-def _table(head: str, choices: Mapping[str, Choice]) -> Table:
-    headers = (head, "missed there [mm]", "95 % below", "in the others [mm]", "better chosen")
-    return Table(headers, tuple((MODELS[name], *_cells(choice)) for name, choice in choices.items()))
+def _table(head: str, choices: Mapping[str, Choice], clearance: float | None) -> Table:
+    meets = [] if clearance is None else ["meets the clearance"]
+    headers = (head, "missed there [mm]", "95 % below", *meets, "in the others [mm]", "better chosen")
+    return Table(headers, tuple((MODELS[name], *_cells(choice, clearance)) for name, choice in choices.items()))
 
 
 def _left(goals: MeasuredGoals) -> Table:
-    table = _table("chosen with the model", goals.uncorrected)
-    blind = ("as it stands: any", *(_mm(goals.anyhow, q) for q in (0.5, 0.95)), "", percent(goals.chance))
+    table = _table("chosen with the model", goals.uncorrected, goals.clearance)
+    blank = [""] * (len(table.headers) - 4)
+    blind = ("as it stands: any", *(_mm(goals.anyhow, q) for q in (0.5, 0.95)), *blank, percent(goals.chance))
     return Table(table.headers, (blind, *table.rows))
 
 
-def _cells(choice: Choice) -> tuple[str, ...]:
-    return (_mm(choice.missed), _mm(choice.missed, 0.95), _mm(choice.elsewhere), percent(choice.better))
+def _cells(choice: Choice, clearance: float | None) -> tuple[str, ...]:
+    meets = [] if clearance is None else [percent(choice.hits(clearance))]
+    return (
+        _mm(choice.missed), _mm(choice.missed, 0.95), *meets, _mm(choice.elsewhere), percent(choice.better)
+    )  # fmt: skip
 
 
 def _worth(goals: MeasuredGoals) -> str:
