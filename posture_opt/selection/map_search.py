@@ -7,8 +7,9 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
+from posture_opt.selection.engine import Engine, Recipe
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.multistart import Engine, Progress, Recipe
+from posture_opt.selection.multistart import Progress
 from posture_opt.selection.neighbours import Pairs, agree, learn, try_around
 from posture_opt.selection.places import Place, explore
 

@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from posture_opt.selection.engine import Candidate, Engine
 from posture_opt.selection.feasible import TOLERANCE
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.multistart import Candidate, Engine, distinct, rank
+from posture_opt.selection.multistart import distinct, rank
 from posture_opt.selection.places import Place, batch_of, out_of_plane, place_among, scale_of, together
 
 Floats = np.ndarray

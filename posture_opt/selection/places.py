@@ -9,9 +9,10 @@ from typing import Literal
 
 import numpy as np
 
+from posture_opt.selection.engine import Candidate, Engine
 from posture_opt.selection.feasible import ROW_TOLERANCE, TOLERANCE, Wish
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.multistart import Candidate, Engine, median, rank
+from posture_opt.selection.multistart import median, rank
 
 Floats = np.ndarray
 Fate = Literal["feasible", "not reached", "requirement not met"]

@@ -13,12 +13,11 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.engine import Candidate, Engine
 from posture_opt.selection.feasible import TOLERANCE, InverseKinematics, axis_can_reach, wish_for
 from posture_opt.selection.goal import Goal
 from posture_opt.selection.infeasible import infeasible, inquire
 from posture_opt.selection.multistart import (
-    Candidate,
-    Engine,
     MapPolish,
     Progress,
     Search,

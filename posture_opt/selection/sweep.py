@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posture_opt.selection.engine import Candidate, Engine
 from posture_opt.selection.feasible import ROW_TOLERANCE, TOLERANCE, Wish
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.multistart import Candidate, Engine
 
 Floats = np.ndarray
 _SPINS = 120
