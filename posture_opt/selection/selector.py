@@ -6,16 +6,14 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
-from posture_opt.robot.robot import Robot
+from posture_opt.selection.alignment import Aligner
 from posture_opt.selection.engine import Candidate, Engine
-from posture_opt.selection.feasible import TOLERANCE, InverseKinematics, axis_can_reach, wish_for
 from posture_opt.selection.goal import Goal
+from posture_opt.selection.has_task import HasTask, sources_of, task_of
 from posture_opt.selection.infeasible import infeasible, inquire
 from posture_opt.selection.multistart import (
     MapPolish,
@@ -30,10 +28,7 @@ from posture_opt.selection.multistart import (
 from posture_opt.selection.programme import Alignment, Programme
 from posture_opt.selection.reach import PLANE_TOLERANCE, Reach
 from posture_opt.selection.solution import Alternative, Evidence, Solution, Status, critical_basis
-from posture_opt.selection.solvers import Solver
 from posture_opt.selection.sweep import Sweep, sweep
-from posture_opt.selection.tasks import Task
-from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
 
 Floats = np.ndarray
@@ -43,30 +38,12 @@ QUICK_STARTS = 48
 QUICK_POLISH = {"point": 1, "region": 4, "anywhere": 4}
 """Local solves of a repeated solve. At a point the freedom left is small, and screening finds the basin."""
 _SAME_OPTIMUM = 1e-4
-_TRIALS = 96
 _MOST_ALTERNATIVES = 8
 _ONE_ONLY = (
     "No random start met all requirements; one posture was found by relaxing them in turn. Whether a better one "
     "exists is not known."
 )
 _LINK_HEIGHT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
-
-
-class HasTask(Protocol):
-    """What a selection needs of a ``Problem``."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def robot(self) -> Robot: ...
-    @property
-    def sources(self) -> Sources: ...
-    @property
-    def task(self) -> Task | None: ...
-    @property
-    def solver(self) -> Solver: ...
-    @property
-    def notes(self) -> tuple[str, ...]: ...
 
 
 class PostureSelector:
@@ -83,48 +60,21 @@ class PostureSelector:
 
     def __init__(self, problem: HasTask, *, compiled: bool | None = None) -> None:
         self._problem, self._compiled = problem, compiled
-        self.task = _task(problem)
-        self.tool_point = ToolPoint.of(problem.robot, _sources(problem))
+        self.task = task_of(problem)
+        self.tool_point = ToolPoint.of(problem.robot, sources_of(problem))
         self.reach = Reach.of(problem.robot, self.task.tool_axis)
         self.goal = Goal.of(self.task, self.reach)
+        self._aligner = Aligner(problem.robot, self.task, self.reach, compiled)
         self._engines: dict[tuple[str, Alignment], Engine] = {}
         self.engine(self.goal).programme.check_axis(self.goal)
 
     def engine(self, goal: Goal) -> Engine:
         """The functions that solve goals of this kind; built on first use."""
-        key = goal.kind, self._alignment(goal)
+        key = goal.kind, self._aligner.at(goal)
         if key not in self._engines:
             programme = Programme(self._problem.robot, self.tool_point, self.task, self.reach, *key)
             self._engines[key] = Engine(programme, self._problem.solver, self._compiled)
         return self._engines[key]
-
-    def _alignment(self, goal: Goal) -> Alignment:
-        """Whether the tool axis is asked for, and what the arm can give at such a target."""
-        reach = self.reach
-        if self.task.axis == "free" or reach.axis_rank == 0:
-            return "free"
-        if reach.axis_freedom == 2 and reach.orients_at_point:
-            return "exact"
-        # Too few joints to turn the tool at will: it depends on direction and target, so try.
-        if reach.axis_rank == 1 and self._can_align(goal, 0.0):
-            return "exact"
-        if self._can_align(goal, reach.axis_slack / 2):
-            return "loose"
-        can_turn = goal.kind != "point" or reach.orients_at_point
-        return (
-            "loose"
-            if can_turn and axis_can_reach(self._problem.robot, self.task.tool_axis, goal, reach.axis_slack)
-            else "free"
-        )
-
-    def _can_align(self, goal: Goal, slack: float) -> bool:
-        rng, ik = np.random.default_rng(0), self._trial
-        wish = wish_for(goal, _TRIALS, True, rng, whole_box=True, slack_of_axis=slack)
-        return bool(np.min(ik.solve(ik.random_postures(_TRIALS, rng), wish, enough=1)[1]) < TOLERANCE)
-
-    @cached_property
-    def _trial(self) -> InverseKinematics:
-        return InverseKinematics(self._problem.robot, self.task.tool_axis, self.reach.directions, self._compiled)
 
     def solve(
         self,
@@ -193,19 +143,7 @@ class PostureSelector:
         # A solve that stalled is no optimum; it counts only where nothing better is known.
         ended = [c for c in feasible if c.optimal] or feasible[:1]
         optima = [ended[k] for k in distinct(np.array([c.q for c in ended]), self._problem.robot)]
-        same = [c for c in by_starts if c.objective <= best.objective + _SAME_OPTIMUM * max(abs(best.objective), 1e-9)]
-        evidence = Evidence(
-            starts=found.arrived,
-            tried=found.tried,
-            polished=found.polished,
-            converged=sum(c.optimal for c in by_starts),
-            distinct=len(optima),
-            hits=len(same),
-            sampled=found.sampled,
-            sweep=swept,
-            sweep_sigma=math.nan if swept is None else swept.best.sigma,
-            seconds=time.perf_counter() - began,
-        )
+        evidence = _evidence(found, swept, by_starts, best, len(optima), began)
 
         def ranked() -> tuple[Alternative, ...]:
             return self._alternatives(programme, found.goal, optima)
@@ -267,6 +205,25 @@ class PostureSelector:
         )
 
 
+def _evidence(
+    found: Search, swept: Sweep | None, feasible: Sequence[Candidate], best: Candidate, distinct: int, began: float
+) -> Evidence:
+    """What the search did; ``feasible`` are the answers that its starts led to."""
+    as_good = best.objective + _SAME_OPTIMUM * max(abs(best.objective), 1e-9)
+    return Evidence(
+        starts=found.arrived,
+        tried=found.tried,
+        polished=found.polished,
+        converged=sum(c.optimal for c in feasible),
+        distinct=distinct,
+        hits=sum(c.objective <= as_good for c in feasible),
+        sampled=found.sampled,
+        sweep=swept,
+        sweep_sigma=math.nan if swept is None else swept.best.sigma,
+        seconds=time.perf_counter() - began,
+    )
+
+
 def select_posture(
     problem: HasTask, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
 ) -> Solution:
@@ -283,19 +240,3 @@ def select_posture(
         InputError: no task, nothing uncertain, or a task that the arm cannot do.
     """
     return PostureSelector(problem, compiled=False).solve_thoroughly(seed=seed, workers=workers, progress=progress)
-
-
-def _task(problem: HasTask) -> Task:
-    if problem.task is None:
-        raise InputError(Issue("the problem states no task", ("task",), mend="add task: {kind: insert}"))
-    return problem.task
-
-
-def _sources(problem: HasTask) -> Sources:
-    # Stricter than for one posture: a spread of zero is an answer there, but no ground to choose by.
-    if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
-        mend = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
-        raise InputError(
-            Issue("nothing is uncertain, so no posture is better than another", ("uncertainty",), mend=mend)
-        )
-    return problem.sources

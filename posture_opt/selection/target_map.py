@@ -14,11 +14,12 @@ from posture_opt.model.arm import Arm
 from posture_opt.selection.goal import Goal
 from posture_opt.selection.grid import Grid, grid_of
 from posture_opt.selection.grid_wish import GridWish, Plane
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.map_search import best_places
 from posture_opt.selection.multistart import Progress
 from posture_opt.selection.programme import Programme
 from posture_opt.selection.reach import drawn_between
-from posture_opt.selection.selector import HasTask, PostureSelector
+from posture_opt.selection.selector import PostureSelector
 from posture_opt.selection.spots import Spot, spots_of
 
 Floats = np.ndarray

@@ -1,0 +1,52 @@
+"""``Aligner``: what an arm can give of the tool axis that a task asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.feasible import TOLERANCE, InverseKinematics, axis_can_reach, wish_for
+from posture_opt.selection.goal import Goal
+from posture_opt.selection.programme import Alignment
+from posture_opt.selection.reach import Reach
+from posture_opt.selection.tasks import Task
+
+_TRIALS = 96
+
+
+@dataclass(frozen=True)
+class Aligner:
+    """The arm and the axis that is asked of it; ``compiled`` as of the selector."""
+
+    robot: Robot
+    task: Task
+    reach: Reach
+    compiled: bool | None
+
+    def at(self, goal: Goal) -> Alignment:
+        """Whether the tool axis is asked for, and what the arm can give at such a target."""
+        reach = self.reach
+        if self.task.axis == "free" or reach.axis_rank == 0:
+            return "free"
+        if reach.axis_freedom == 2 and reach.orients_at_point:
+            return "exact"
+        # Too few joints to turn the tool at will: it depends on direction and target, so try.
+        if reach.axis_rank == 1 and self._can_align(goal, 0.0):
+            return "exact"
+        if self._can_align(goal, reach.axis_slack / 2):
+            return "loose"
+        can_turn = goal.kind != "point" or reach.orients_at_point
+        nearly = can_turn and axis_can_reach(self.robot, self.task.tool_axis, goal, reach.axis_slack)
+        return "loose" if nearly else "free"
+
+    def _can_align(self, goal: Goal, slack: float) -> bool:
+        rng, ik = np.random.default_rng(0), self._trial
+        wish = wish_for(goal, _TRIALS, True, rng, whole_box=True, slack_of_axis=slack)
+        return bool(np.min(ik.solve(ik.random_postures(_TRIALS, rng), wish, enough=1)[1]) < TOLERANCE)
+
+    @cached_property
+    def _trial(self) -> InverseKinematics:
+        return InverseKinematics(self.robot, self.task.tool_axis, self.reach.directions, self.compiled)
