@@ -18,11 +18,12 @@ import numpy as np
 from posture_opt.model.compiled import IPOPT_OPTIONS
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.engine import Engine
+from posture_opt.selection.evidence import Evidence
 from posture_opt.selection.feasible import ROW_TOLERANCE, TOLERANCE, InverseKinematics, Wish, unlimited
 from posture_opt.selection.goal import Goal
 from posture_opt.selection.multistart import Search
 from posture_opt.selection.nlp import Row
-from posture_opt.selection.solution import Evidence, Reason, Solution
+from posture_opt.selection.solution import Reason, Solution
 
 Floats = np.ndarray
 _STARTS = 200

@@ -12,6 +12,7 @@ import numpy as np
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.selection.alignment import Aligner
 from posture_opt.selection.engine import Candidate, Engine
+from posture_opt.selection.evidence import Evidence
 from posture_opt.selection.goal import Goal
 from posture_opt.selection.has_task import HasTask, sources_of, task_of
 from posture_opt.selection.infeasible import infeasible, inquire
@@ -27,7 +28,7 @@ from posture_opt.selection.multistart import (
 )
 from posture_opt.selection.programme import Alignment, Programme
 from posture_opt.selection.reach import PLANE_TOLERANCE, Reach
-from posture_opt.selection.solution import Alternative, Evidence, Solution, Status, critical_basis
+from posture_opt.selection.solution import Alternative, Solution, Status, critical_basis
 from posture_opt.selection.sweep import Sweep, sweep
 from posture_opt.uncertainty.tool_point import ToolPoint
 

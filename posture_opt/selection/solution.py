@@ -10,11 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from posture_opt.selection.evidence import Evidence
 from posture_opt.selection.floor import Floor, floor
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.multistart import Sampled
 from posture_opt.selection.programme import Programme
-from posture_opt.selection.sweep import Sweep
 from posture_opt.uncertainty.ball import radius_in_space
 from posture_opt.uncertainty.budget import Share, budgets
 from posture_opt.uncertainty.clearance import radius_for, success_probability
@@ -32,6 +31,10 @@ class Alternative:
     posture: dict[str, float]
     position: Floats
     sigma_max: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers, SI."""
+        return {"posture": self.posture, "position": self.position.tolist(), "sigma_max": self.sigma_max}
 
 
 @dataclass(frozen=True)
@@ -56,46 +59,15 @@ class Critical:
     worst_axis: Floats
     radius95: float
 
-
-@dataclass(frozen=True)
-class Evidence:
-    """How the answer was searched for.
-
-    Args:
-        tried: random postures that were led towards the target.
-        starts: those of them that arrived, with the tool axis as it should be.
-        polished: local solves; ``converged`` of them by the solver's own word.
-        distinct: different local optima among them; ``hits`` of the polished starts ended at the best one.
-        sampled: those of these that meet all further requirements too.
-        sweep: a systematic sweep beside the random starts, or None; ``sweep_sigma`` its best [m].
-        seconds: wall time.
-    """
-
-    starts: int
-    tried: int
-    polished: int
-    converged: int
-    distinct: int
-    hits: int
-    sampled: Sampled
-    sweep: Sweep | None
-    sweep_sigma: float
-    seconds: float
-
-    @property
-    def feasible(self) -> int:
-        """How many starts met every requirement."""
-        return len(self.sampled.Q)
-
-    @property
-    def typical(self) -> float:
-        """σ_max [m], median over the distinct feasible starts; NaN where there are none."""
-        return self.sampled.typical
-
-    @property
-    def worst(self) -> float:
-        """σ_max [m] of the worst feasible start; NaN where there are none."""
-        return self.sampled.worst
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers, SI."""
+        return {
+            "within": self.within,
+            "sigma_max": self.sigma_max,
+            "basis": self.basis.tolist(),
+            "covariance": self.covariance.tolist(),
+            "radius95": self.radius95,
+        }
 
 
 @dataclass(frozen=True)
@@ -220,34 +192,15 @@ class Solution:
             "covariance_first_order": spread.covariance_first_order.tolist(),
             "bias": spread.bias.tolist(),
             "method": spread.method,
-            "critical": {
-                "within": critical.within,
-                "sigma_max": critical.sigma_max,
-                "basis": critical.basis.tolist(),
-                "covariance": critical.covariance.tolist(),
-                "radius95": critical.radius95,
-                "sigma_along": self.sigma_along,
-            },
+            "critical": critical.to_json() | {"sigma_along": self.sigma_along},
             "success_probability": self.success_probability,
             "budget": [{"parameter": s.parameter, "share": s.share} for s in self.budget],
             "validity": spread.validity.to_json(),
-            "alternatives": [
-                {"posture": a.posture, "position": a.position.tolist(), "sigma_max": a.sigma_max}
-                for a in self.alternatives
-            ],
+            "alternatives": [alternative.to_json() for alternative in self.alternatives],
             "floor": self._floor_json(),
             "typical_sigma_max": finite_or_none(evidence.typical),
             "worst_sigma_max": finite_or_none(evidence.worst),
-            "solver": {
-                "starts": evidence.starts,
-                "feasible": evidence.feasible,
-                "tried": evidence.tried,
-                "polished": evidence.polished,
-                "converged": evidence.converged,
-                "distinct": evidence.distinct,
-                "hits": evidence.hits,
-                "seconds": evidence.seconds,
-            },
+            "solver": evidence.to_json(),
             "reasons": [vars(reason) for reason in self.reasons],
             "notes": list(self.notes),
         }
