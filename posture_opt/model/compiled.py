@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi
@@ -15,16 +15,9 @@ from posture_opt.errors import InputError, Issue, SolverError
 from posture_opt.model.c_source import c_source, c_text, row_function
 from posture_opt.model.toolchain import BuildError, Library, shared_library
 
-__all__ = ["IPOPT_OPTIONS", "BatchFunction", "c_source", "compiled_nlp"]
+__all__ = ["BatchFunction", "c_source", "library_of"]
 
 Array = npt.NDArray[np.float64]
-
-IPOPT_OPTIONS: dict[str, Any] = {
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",  # no banner
-    "print_time": False,
-    "calc_lam_p": False,  # the multipliers of the parameters cost one more evaluation and nobody reads them
-}
 
 _ROW = "posture_opt_row"
 _CHUNK = 256  # rows of one interpreted map: bounds its memory
@@ -79,7 +72,7 @@ class BatchFunction:
         self._names = [function.name_in(i) for i in range(function.n_in())]
         self._sizes = [function.numel_in(i) for i in range(function.n_in())]
         self._shapes = [_shape(function, i) for i in range(function.n_out())]
-        library, self.reason = _library(compiled, self._row.serialize, lambda: c_text([self._row]) + _BATCH_C)
+        library, self.reason = library_of(compiled, self._row.serialize, lambda: c_text([self._row]) + _BATCH_C)
         self.compiled = library is not None
         if library:
             self._row = casadi.external(_ROW, str(library.path))
@@ -212,43 +205,10 @@ def _integers(values: list[int]) -> ctypes.Array[ctypes.c_longlong]:
     return (ctypes.c_longlong * len(values))(*values)
 
 
-def compiled_nlp(
-    nlp: Mapping[str, Any],
-    options: Mapping[str, Any] | None = None,
-    *,
-    name: str = "solver",
-    compiled: bool | None = None,
-) -> casadi.Function:
-    """IPOPT on an NLP whose objective, constraints and derivatives are generated C.
-
-    The library is found by the NLP itself, so that a cached one costs neither derivatives nor code generation.
-
-    Args:
-        nlp: CasADi's ``x``, ``p``, ``f``, ``g``.
-        options: of ``nlpsol``, over :data:`IPOPT_OPTIONS`.
-        compiled: None compiles where a C compiler is found, else interprets; False never; True or an error.
-
-    Raises:
-        InputError: ``compiled=True`` and nothing could be compiled.
-    """
-    settings = {**IPOPT_OPTIONS, **(options or {})}
-    # Only these change the functions that IPOPT asks for; a new tolerance must not compile anew.
-    kept = ("ipopt.hessian_approximation",)
-    structure = {key: settings[key] for key in sorted(settings) if not key.startswith("ipopt.") or key in kept}
-    oracle = casadi.Function("nlp", dict(nlp), ["x", "p"], ["f", "g"])
-
-    def source() -> str:
-        solver = casadi.nlpsol("solver", "ipopt", dict(nlp), structure)
-        return c_text([solver.oracle(), *(solver.get_function(key) for key in solver.get_function())])
-
-    library, _ = _library(compiled, lambda: f"{oracle.serialize()}{structure}", source)
-    if library is None:
-        return casadi.nlpsol(name, "ipopt", dict(nlp), settings)
-    settings.pop("expand", None)
-    return casadi.nlpsol(name, "ipopt", str(library.path), settings)
-
-
-def _library(wanted: bool | None, identity: Callable[[], str], source: Callable[[], str]) -> tuple[Library | None, str]:
+def library_of(
+    wanted: bool | None, identity: Callable[[], str], source: Callable[[], str]
+) -> tuple[Library | None, str]:
+    """The compiled ``source``, found by its ``identity`` where it was compiled before; else None and why not."""
     if wanted is False:
         return None, "interpreted on request"
     try:

@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from posture_opt.model.compiled import IPOPT_OPTIONS
+from posture_opt.model.compiled_nlp import IPOPT_OPTIONS
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.engine import Engine
 from posture_opt.selection.evidence import Evidence
