@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import posture_opt as po
 from posture_opt.cli.main import main
 from posture_opt.diagnosis.duels import Duel, Duels
 from posture_opt.diagnosis.parting import ENOUGH, Pair, Parting, chance
@@ -79,15 +80,20 @@ def test_the_plan_that_is_measured_leaves_one_cause(narrow: Any, tmp_path: Path)
     stated = np.array([list(one["posture"].values()) for one in first["split"]["postures"]])
     assert q == pytest.approx(stated, abs=1e-4)  # to 0.01 deg
     rng = np.random.default_rng(5)
-    again, text, _ = diagnosed(tmp_path / "planned", np.concatenate([rows, measured(q, rng)]))
+    slip = rows[:1] + np.array([1.0, 0.0, 3.0, 0.0])  # a wrong reading, by 3 mm
+    again, text, _ = diagnosed(tmp_path / "planned", np.concatenate([rows, slip, measured(q, rng)]))
     assert [(e["kind"], e["confounded_with"]) for e in again["effects"] if e["kind"] == "joint_scale"] == [
         ("joint_scale", [])
     ]
     assert "split" not in again["effects"][0]
     assert "What to measure to tell them apart" not in text
     assert not (tmp_path / "planned" / "out" / "split_measurements.csv").exists()
-    # The far rows are all used, though a calibration that knows of no scale takes them for gross errors.
-    assert "Left out" not in text
+    # The far rows are all used, though a calibration that knows of no scale takes them for gross errors, as it
+    # does the one that is.
+    assert "as outliers, lines 102\n" in text
+    problem = po.load_problem(tmp_path / "planned" / "problem.yaml")
+    alone = po.calibrate(problem, po.read_measurements(tmp_path / "planned" / "data.csv", problem))
+    assert {100} < set(alone.outliers)
     assert again["effects"][0]["estimate"]["scale"]["value"] == pytest.approx(SCALE, rel=0.05)
     more = np.column_stack([rng.uniform(0.2, 0.8, len(q)), rng.uniform(-2.0, 2.0, len(q))])
     same, _, _ = diagnosed(tmp_path / "same", np.concatenate([rows, measured(more, rng)]))
