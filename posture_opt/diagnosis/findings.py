@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.extended import Extended
 from posture_opt.diagnosis.gains import Folds, HeldOut, held_out
 from posture_opt.diagnosis.geometry_names import GeometryCause
+from posture_opt.diagnosis.linear_model import LinearModel
 from posture_opt.diagnosis.noise_causes import NoiseCause
 from posture_opt.diagnosis.search import Verdict
 from posture_opt.diagnosis.second_session import Gain
@@ -64,8 +65,9 @@ def effect_findings(
     """The named effects of a search with their fitted sizes, and what the cross-validation loses without each."""
     named = [i for i, s in enumerate(found.chosen) if s.named]
     findings = []
+    about = LinearModel.of(model)
     for place, i in enumerate(named):
-        gain = Gain.of(whole.errors, held_out(model, parts, without=place).errors, groups)
+        gain = Gain.of(whole.errors, held_out(model, parts, place, about).errors, groups)
         rivals = tuple((r.kind, r.target) for r in found.rivals[i])
         fitted = _effect(model, place)
         findings.append(

@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.extended import Extended
+from posture_opt.diagnosis.linear_model import LinearModel
 from posture_opt.diagnosis.residuals import Residuals
 
 Array = NDArray[np.float64]
 Folds = Sequence[NDArray[np.intp]]
+
+_NONE = 1e-13  # of the information of all rows: what the rows that stay have less of they do not have at all
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +36,15 @@ class HeldOut:
         return float(np.sqrt(np.mean(np.sum(self.errors**2, axis=1))))
 
 
-def held_out(model: Extended, folds: Folds, without: int | None = None, shape: Array | None = None) -> HeldOut:
+def held_out(
+    model: Extended, folds: Folds, without: int | None = None, shape: Array | None = None,
+    about: LinearModel | None = None,
+) -> HeldOut:  # fmt: skip
     """Errors of a model refitted to the other rows of each fold, to first order about its estimate.
 
     About the estimate of all rows the model is linear to well below the noise: leaving a fold out moves a
-    parameter by a fraction of its standard error. Shapes stay where they are. ``without`` leaves one effect out.
+    parameter by a fraction of its standard error. Shapes stay where they are. ``without`` leaves one effect out;
+    ``about`` is the linear model where it is known.
     ``shape`` (N, axes, axes) is the covariance that noise gives the rows, up to a factor.
     """
     from scipy.special import gammaincinv
@@ -45,21 +52,20 @@ def held_out(model: Extended, folds: Folds, without: int | None = None, shape: A
     residuals = model.residuals
     block, axes = residuals.block, len(residuals.axes)
     N = len(residuals.data)
-    r, A = _linear(model, without)
+    linear = about or LinearModel.of(model)
+    r, kept = linear.without(without)
     errors, inside = np.zeros((N, 3)), np.zeros(N, dtype=bool)
     root = None if shape is None else np.asarray(np.linalg.cholesky(shape), dtype=float)
     for left_out in folds:
-        learn = np.setdiff1d(np.arange(N), left_out)
-        mine, theirs = _index(learn, block), _index(left_out, block)
-        extra = np.arange(N * block, len(r))
-        rows = np.concatenate([mine, extra])
-        step = np.linalg.lstsq(A[rows], -r[rows], rcond=1e-10)[0]
-        e = _positions(residuals, r[theirs] + A[theirs] @ step, left_out)
+        theirs = _index(left_out, block)
+        refitted = r + linear.U @ (linear.K[:, kept] @ _step(linear, r, kept, theirs))
+        e = _positions(residuals, refitted[theirs], left_out)
         errors[np.ix_(left_out, residuals.axes)] = e
-        taught = (r[mine] + A[mine] @ step).reshape(-1, block)[:, :axes] * residuals.sigma
+        learn = np.setdiff1d(np.arange(N), left_out)
+        taught = refitted[_index(learn, block)].reshape(-1, block)[:, :axes] * residuals.sigma
         if root is not None:
             e, taught = _rounded(root[left_out], e), _rounded(root[learn], taught)
-        freedom = max(len(taught) - A.shape[1] / 3, 1)
+        freedom = max(len(taught) - len(kept) / 3, 1)
         C = taught.T @ taught / freedom
         # An arm in its plane may have no error at all across it: C is singular there.
         squared = np.einsum("ni,ni->n", e @ np.linalg.pinv(C, rcond=1e-12, hermitian=True), e)
@@ -72,19 +78,17 @@ def _rounded(root: Array, e: Array) -> Array:
     return np.asarray(np.linalg.solve(root, e[:, :, None])[:, :, 0])
 
 
-def _linear(model: Extended, without: int | None) -> tuple[Array, Array]:
-    """Residuals (m,) at the estimate and their derivatives by geometry and effects."""
-    residuals = model.residuals
-    r, J = residuals.both(model.x)
-    rows = len(residuals.data) * residuals.block
-    parts = [s for i, s in enumerate(model.suspects) if i != without]
-    theta = [model.theta[part] for i, part in enumerate(model.slices) if i != without]
-    Z = np.concatenate([np.zeros((rows, 0)), *(s.Z for s in parts)], axis=1)
-    r = r.copy()
-    r[:rows] += Z @ np.concatenate([np.zeros(0), *theta])
-    wide = np.concatenate([Z, np.zeros((len(r) - rows, Z.shape[1]))])
-    scale = np.linalg.norm(wide, axis=0)
-    return r, np.concatenate([J @ model.directions, wide / np.where(scale > 0, scale, 1.0)], axis=1)
+def _step(linear: LinearModel, r: Array, kept: NDArray[np.intp], left_out: NDArray[np.intp]) -> Array:
+    """The least squares step of columns ``kept`` for all residuals (m,) but those left out.
+
+    In the orthonormal basis U of all rows, those that stay have the normal matrix ``I - FᵀF = V diag(e) Vᵀ`` where F
+    is what U has in the rows left out: ``diag(√e) Vᵀ K`` stands for the columns in the rows that stay.
+    """
+    F, K = linear.U[left_out], linear.K[:, kept]
+    values, V = np.linalg.eigh(np.eye(F.shape[1]) - F.T @ F)
+    V, root = V[:, values > _NONE], np.sqrt(values[values > _NONE])
+    slope = V.T @ (linear.U.T @ r - F.T @ r[left_out])
+    return np.asarray(np.linalg.lstsq(root[:, None] * (V.T @ K), -slope / root, rcond=1e-10)[0])
 
 
 def _index(rows: NDArray[np.intp], block: int) -> NDArray[np.intp]:

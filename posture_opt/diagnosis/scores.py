@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 
 ABSORBED = 0.02  # share of a column's length that must survive the projection off the geometry
 _CHUNK = 4_000_000  # numbers of one block of columns
+_SPREAD = 32  # frequencies about each one whose sine is taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,14 +23,22 @@ class Ground:
         e: (m,) residuals, orthogonal to Q.
         flipped: (m, 1 + B) the residuals, and B copies with the signs of whole groups flipped, leverage-corrected
             and orthogonal to Q again.
+        count: the number of residuals, more than m where they are told by their coordinates in a few directions.
+        design: so many residuals tell as much as one alone would, as neighbouring postures err alike; those of the
+            flipped copies do not.
     """
 
     Q: Array
     e: Array
     flipped: Array
+    count: int
+    design: float = 1.0
 
     @classmethod
-    def of(cls, r: Array, columns: Array, groups: NDArray[np.intp], flips: int, seed: int) -> Ground:
+    def of(
+        cls, r: Array, columns: Array, groups: NDArray[np.intp], flips: int, seed: int, count: int = 0,
+        design: float = 1.0,
+    ) -> Ground:  # fmt: skip
         """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual."""
         Q = orthonormal(columns)
         e = r - Q @ (Q.T @ r)
@@ -38,12 +47,17 @@ class Ground:
         signs = rng.choice([-1.0, 1.0], size=(int(groups.max(initial=0)) + 1, flips))[groups]
         drawn = signs * (e / np.sqrt(1 - leverage))[:, None]
         drawn -= Q @ (Q.T @ drawn)
-        return cls(Q, e, np.concatenate([e[:, None], drawn], axis=1))
+        return cls(Q, e, np.concatenate([e[:, None], drawn], axis=1), count or len(r), design)
 
     @property
     def freedom(self) -> int:
         """Degrees of freedom of the residuals."""
-        return len(self.e) - int(self.Q.shape[1])
+        return self.count - int(self.Q.shape[1])
+
+    @property
+    def effective(self) -> float:
+        """Degrees of freedom of as many independent residuals as tell the same."""
+        return self.freedom / self.design
 
     @property
     def rss(self) -> Array:
@@ -74,7 +88,7 @@ def surviving(ground: Ground, Z: Array) -> tuple[Array, float]:
     return np.asarray(U[:, s > max(ABSORBED, 1e-6 * float(s[0]))]), rho
 
 
-def log_p(explained: Array, rss: Array, size: int | Array, freedom: int) -> Array:
+def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Array) -> Array:
     """Logarithm of the p-value of the F test of ``size`` directions that explain so much of ``rss``."""
     from scipy.special import fdtrc
 
@@ -89,19 +103,35 @@ def log_p(explained: Array, rss: Array, size: int | Array, freedom: int) -> Arra
     return np.where(np.isfinite(exact) & (exact > -650), exact, tail)
 
 
-def explained(ground: Ground, bases: Sequence[Array]) -> Array:
-    """(candidates, 1 + B) sum of squares that each candidate explains of each column of residuals."""
-    sizes = [basis.shape[1] for basis in bases]
-    result = np.zeros((len(bases), ground.flipped.shape[1]))
-    start = 0
+def explained(ground: Ground, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:
+    """What the ground leaves of candidates (each (m, k)): shares ρ, numbers of directions, and what they explain.
+
+    As `surviving` has it, and from the inner products alone. Shapes (candidates,), (candidates,) and
+    (candidates, 1 + B); what a candidate explains is a sum of squares of each column of residuals.
+    """
+    sizes = [Z.shape[1] for Z in candidates]
+    rho, kept = np.zeros(len(sizes)), np.zeros(len(sizes), dtype=int)
+    gains = np.zeros((len(sizes), ground.flipped.shape[1]))
     for chunk in _chunks(sizes, len(ground.e)):
-        stacked = np.concatenate([bases[i] for i in chunk], axis=1)
-        scores = (stacked.T @ ground.flipped) ** 2
+        Z = np.concatenate([candidates[i] for i in chunk], axis=1)
+        cross, scores = ground.Q.T @ Z, Z.T @ ground.flipped
         edges = np.cumsum([0, *(sizes[i] for i in chunk)])
-        for row, i in enumerate(chunk):
-            result[i] = scores[edges[row] : edges[row + 1]].sum(axis=0)
-        start += len(chunk)
-    return result
+        for i, first, last in zip(chunk, edges[:-1], edges[1:], strict=True):
+            own = slice(first, last)
+            gram = Z[:, own].T @ Z[:, own]
+            norms = np.sqrt(np.diag(gram))
+            norms = np.where(norms > 0, norms, 1.0)
+            rest = (gram - cross[:, own].T @ cross[:, own]) / np.outer(norms, norms)
+            rho[i] = np.sqrt(max(np.diag(rest).max(initial=0.0), 0.0))
+            if rho[i] < ABSORBED:
+                continue
+            values, vectors = np.linalg.eigh(rest)
+            s = np.sqrt(np.maximum(values, 0.0))
+            clear = s > max(ABSORBED, 1e-6 * float(s[-1]))
+            kept[i] = int(clear.sum())
+            parts = vectors[:, clear].T @ (scores[own] / norms[:, None])
+            gains[i] = np.sum(parts**2 / values[clear, None], axis=0)
+    return rho, kept, gains
 
 
 def _chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
@@ -157,14 +187,33 @@ def scan_frequencies(
     observed, most = np.zeros(len(cycles)), np.zeros(series.shape[1] - 1)
     step = max(1, _CHUNK // (2 * N))
     for first in range(0, len(cycles), step):
-        part = cycles[first : first + step]
-        S, C = np.sin(np.outer(q, part)), np.cos(np.outer(q, part))
+        S, C = waves(q, cycles[first : first + step])
         gram = _gram(S, C, square, basis)
         bs, bc = S.T @ series, C.T @ series
         gain = _two_columns(gram, bs, bc)
         observed[first : first + step] = gain[:, 0]
         most = np.maximum(most, gain[:, 1:].max(axis=0))
     return observed, most
+
+
+def waves(q: Array, cycles: Array) -> tuple[Array, Array]:
+    """(N, K) sines and cosines of so many cycles a turn, evenly spaced ones by the addition theorem, thirty at a time.
+
+    A sine takes as long as fifty multiplications.
+    """
+    if len(cycles) <= _SPREAD or not np.allclose(np.diff(cycles), cycles[1] - cycles[0], rtol=1e-9, atol=1e-12):
+        angle = np.outer(q, cycles)
+        return np.sin(angle), np.cos(angle)
+    fine = np.outer(q, cycles[:_SPREAD] - cycles[0])
+    s, c = np.sin(fine), np.cos(fine)
+    S, C = np.empty((len(q), len(cycles))), np.empty((len(q), len(cycles)))
+    for first in range(0, len(cycles), _SPREAD):
+        own = slice(first, min(first + _SPREAD, len(cycles)))
+        count = own.stop - first
+        s0, c0 = np.sin(cycles[first] * q)[:, None], np.cos(cycles[first] * q)[:, None]
+        S[:, own] = s0 * c[:, :count] + c0 * s[:, :count]
+        C[:, own] = c0 * c[:, :count] - s0 * s[:, :count]
+    return S, C
 
 
 def _gram(S: Array, C: Array, square: Array, basis: Array) -> tuple[Array, Array, Array]:

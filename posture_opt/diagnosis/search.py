@@ -37,6 +37,8 @@ class Scene:
         r: (m,) whitened residuals.
         G: (m, k) columns of the geometry that the data determine.
         groups: (m,) the pose of every residual.
+        count: the number of residuals, more than m in a `reduced` scene.
+        design: so many residuals tell as much as one alone would, as neighbouring postures err alike.
     """
 
     tangents: Tangents
@@ -46,11 +48,30 @@ class Scene:
     groups: NDArray[np.intp]
     flips: int = 299
     seed: int = 0
+    count: int = 0
+    design: float = 1.0
 
     def ground(self, chosen: Sequence[Suspect] = (), flips: int | None = None) -> Ground:
         """What is left after the geometry and the chosen suspects."""
         columns = np.concatenate([self.G, *(s.Z for s in chosen)], axis=1)
-        return Ground.of(self.r, columns, self.groups, self.flips if flips is None else flips, self.seed)
+        flips = self.flips if flips is None else flips
+        return Ground.of(self.r, columns, self.groups, flips, self.seed, self.count, self.design)
+
+    def reduced(self, members: Sequence[Suspect]) -> tuple[Scene, list[Suspect]]:
+        """The same scene and members in coordinates of the space that geometry and members span.
+
+        One more coordinate stands for all that lies outside; what members are worth given each other is the same.
+        """
+        columns = np.concatenate([self.G, *(s.Z for s in members)], axis=1)
+        Q, R = np.linalg.qr(columns)
+        inside = Q.T @ self.r
+        r = np.r_[inside, np.linalg.norm(self.r - Q @ inside)]
+        R = np.concatenate([R, np.zeros((1, R.shape[1]))])
+        edges = np.cumsum([self.G.shape[1], *(s.Z.shape[1] for s in members)])
+        parts = [replace(s, Z=R[:, a:b]) for s, a, b in zip(members, edges[:-1], edges[1:], strict=True)]
+        groups = np.zeros(len(r), dtype=np.intp)
+        count = self.count or len(self.r)
+        return replace(self, r=r, G=R[:, : self.G.shape[1]], groups=groups, flips=0, count=count), parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +134,7 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
             break
         seen.add(key)
         finalists = _merged(finalists, _finalists(scene, scene.ground(chosen), fresh))
-    chosen = tuple(sorted(chosen, key=lambda s: -_weight(scene, chosen, s)[1]))
-    weights = [_weight(scene, chosen, s) for s in chosen]
+    chosen, weights = _weighed(scene, chosen)
     p_values = tuple(chance.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True))
     if len(chosen) == 1:  # what is left once it is gone says less of chance than the data as they are
         p_values = (max(p_values[0], first.family_wise(weights[0][0], chosen[0].family)),)
@@ -193,7 +213,7 @@ def _pool(ground: Ground, suspects: Sequence[Suspect]) -> Pool:
     # Two shapes of one cause exclude each other; lines of one joint do not, unless they are the same line.
     codes: dict[object, int] = {}
     rivals = [codes.setdefault(_exclusive(s), len(codes)) for s in suspects]
-    return Pool(bases, ground.e, ground.freedom, np.array(price), np.array(rivals))
+    return Pool(bases, ground.e, ground.effective, np.array(price), np.array(rivals))
 
 
 def _price(ground: Ground, suspect: Suspect, basis: Array) -> float:
@@ -203,8 +223,8 @@ def _price(ground: Ground, suspect: Suspect, basis: Array) -> float:
     group's size would charge, ``1 + log(T / k)`` each for an evidence T of k parameters (George, Foster 2000).
     """
     k = basis.shape[1]
-    evidence = float(np.sum((basis.T @ ground.e) ** 2)) / (float(ground.rss[0]) / ground.freedom)
-    each = min(np.log(ground.freedom), 1 + np.log(max(evidence / max(k, 1), 1.0)) if k > LARGE else np.inf)
+    evidence = float(np.sum((basis.T @ ground.e) ** 2)) / (float(ground.rss[0]) / ground.effective)
+    each = min(np.log(ground.effective), 1 + np.log(max(evidence / max(k, 1), 1.0)) if k > LARGE else np.inf)
     return float(k * each + 2 * np.log(suspect.searched) + ANOTHER + (0.0 if suspect.named else NAMELESS))
 
 
@@ -223,22 +243,33 @@ def _weight(scene: Scene, chosen: Sequence[Suspect], member: Suspect) -> tuple[f
     if not basis.shape[1]:
         return 0.0, 0.0
     gain, rss = float(np.sum((basis.T @ ground.e) ** 2)), float(ground.rss[0])
-    p = float(log_p(np.array([gain]), np.array([rss]), basis.shape[1], ground.freedom)[0])
-    m = ground.freedom
+    p = float(log_p(np.array([gain]), np.array([rss]), basis.shape[1], ground.effective)[0])
+    m = ground.effective
     lost = -m * np.log(max(1 - gain / rss, 1e-300)) - _price(ground, member, basis)
     return p, float(lost)
 
 
+def _weighed(scene: Scene, chosen: Sequence[Suspect]) -> tuple[tuple[Suspect, ...], list[tuple[float, float]]]:
+    """The members, the weightiest first, and the weight of each."""
+    small, members = scene.reduced(chosen)
+    weights = [_weight(small, members, s) for s in members]
+    order = sorted(range(len(members)), key=lambda i: -weights[i][1])
+    return tuple(chosen[i] for i in order), [weights[i] for i in order]
+
+
 def _pruned(scene: Scene, chance: Chance, chosen: list[Suspect]) -> tuple[Suspect, ...]:
     """Without the members that are no longer significant given the others, the least first."""
-    while chosen:
-        weights = [_weight(scene, chosen, s) for s in chosen]
-        p_values = [chance.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True)]
-        worst = max(range(len(chosen)), key=lambda i: (p_values[i], weights[i][0]))
-        if p_values[worst] < (FIRST if len(chosen) == 1 else FURTHER):
+    small, members = scene.reduced(chosen)
+    kept = list(range(len(chosen)))
+    while kept:
+        rest = [members[i] for i in kept]
+        weights = [_weight(small, rest, s) for s in rest]
+        p_values = [chance.family_wise(p, s.family) for (p, _), s in zip(weights, rest, strict=True)]
+        worst = max(range(len(rest)), key=lambda i: (p_values[i], weights[i][0]))
+        if p_values[worst] < (FIRST if len(rest) == 1 else FURTHER):
             break
-        chosen = [s for i, s in enumerate(chosen) if i != worst]
-    return tuple(chosen)
+        del kept[worst]
+    return tuple(chosen[i] for i in kept)
 
 
 def _lenient(pool: Pool, suspects: Sequence[Suspect]) -> Pool:

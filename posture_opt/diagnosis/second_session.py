@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.comparison import check_other, frames_again
 from posture_opt.diagnosis.cross_validation import position_errors
 from posture_opt.diagnosis.extended import Extended
+from posture_opt.diagnosis.linear_model import LinearModel
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.residuals import Residuals
@@ -116,8 +116,9 @@ def second_session(
         "extended": sight.errors(extended.x, [extended.suspects[i] for i in kept], [theta[i] for i in kept]),
     }
     gains: list[Gain | None] = [None] * len(extended.suspects)
+    about = LinearModel.of(extended)
     for i in kept:
-        gains[i] = Gain.of(errors["extended"], _without(sight, extended, i), other.pose)
+        gains[i] = Gain.of(errors["extended"], _without(sight, extended, about, i), other.pose)
     models = {name: Statistics.of(e, other.pose) for name, e in errors.items()}
     gain = Gain.of(errors["extended"], errors["calibrated"], other.pose)
     unstated = _unstated(extended.residuals.data, other, [extended.suspects[i].what for i in kept], problem.robot)
@@ -179,23 +180,10 @@ def _about_points(shift: Array, data: Measurements) -> Array:
     return shift
 
 
-def _without(sight: _Sight, model: Extended, left_out: int) -> Array:
+def _without(sight: _Sight, model: Extended, about: LinearModel, left_out: int) -> Array:
     """(N, 3) errors on the other file of the model that is fitted, to first order, without one effect."""
-    residuals = model.residuals
-    rows = len(residuals.data) * residuals.block
-    others = [i for i in range(len(model.suspects)) if i != left_out]
-    Z = np.concatenate([np.zeros((rows, 0)), *(model.suspects[i].Z for i in others)], axis=1)
-    theta = np.concatenate([np.zeros(0), *(model.theta[model.slices[i]] for i in others)])
-    r, J = residuals.both(model.x)
-    r = r.copy()
-    r[:rows] += Z @ theta
-    A = np.concatenate([J @ model.directions, np.concatenate([Z, np.zeros((len(r) - rows, Z.shape[1]))])], axis=1)
-    scale = np.linalg.norm(A, axis=0)
-    scale = np.where(scale > 0, scale, 1.0)
-    step = np.linalg.lstsq(A / scale, -r, rcond=1e-10)[0] / scale
+    step = about.refitted(left_out)
     g = model.directions.shape[1]
-    x, theta = model.x + model.directions @ step[:g], theta + step[g:]
-    edges = np.cumsum([0, *(model.suspects[i].Z.shape[1] for i in others)])
-    parts = [theta[a:b] for a, b in pairwise(edges)]
-    chosen = [k for k, i in enumerate(others) if _lasting(model.suspects[i])]
-    return sight.errors(x, [model.suspects[others[k]] for k in chosen], [parts[k] for k in chosen])
+    x, theta = model.x + model.directions @ step[:g], model.theta + step[g:]
+    chosen = [i for i, s in enumerate(model.suspects) if i != left_out and _lasting(s)]
+    return sight.errors(x, [model.suspects[i] for i in chosen], [theta[model.slices[i]] for i in chosen])

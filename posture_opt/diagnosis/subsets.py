@@ -22,7 +22,7 @@ class Pool:
 
     Args:
         bases: each (m, k) orthonormal.
-        e: (m,) residuals after the ground, with ``freedom`` degrees of freedom.
+        e: (m,) residuals after the ground, with ``freedom`` (effective) degrees of freedom.
         price: (candidates,) added to the criterion for each chosen one: for its parameters, for a grid that was
             searched, for having no name.
         rivals: (candidates,) candidates of equal code exclude each other.
@@ -30,7 +30,7 @@ class Pool:
 
     bases: Sequence[Array]
     e: Array
-    freedom: int
+    freedom: float
     price: Array
     rivals: NDArray[np.intp]
 

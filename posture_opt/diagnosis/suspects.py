@@ -56,13 +56,12 @@ class Suspect:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A suspect after the ground: basis of what is left of it, share ρ that is left, and its F test.
+    """A suspect after the ground: the share ρ that is left of it, and its F test.
 
     ``share`` is the part of the sum of squares that it explains, ``p_value`` family-wise.
     """
 
     suspect: Suspect
-    basis: Array
     rho: float
     log_p: float
     p_value: float
@@ -125,32 +124,36 @@ def unknown_masses(tangents: Tangents, case: Case) -> list[Effect]:
     return effects
 
 
-def judge(ground: Ground, suspects: Sequence[Suspect], tangents: Tangents, case: Case) -> tuple[list[Judged], Chance]:
-    """The best of every kind and target on this ground, the least p-value first, and what chance can do."""
-    bases = [surviving(ground, s.Z) for s in suspects]
-    alive = [i for i, (basis, _) in enumerate(bases) if basis.shape[1]]
-    gains = explained(ground, [bases[i][0] for i in alive])
-    gains = _possible(ground, [suspects[i] for i in alive], gains)
-    sizes = np.array([bases[i][0].shape[1] for i in alive])
+def judge(
+    ground: Ground, suspects: Sequence[Suspect], tangents: Tangents, case: Case, known: Chance | None = None
+) -> tuple[list[Judged], Chance]:
+    """The best of every kind and target on this ground, the least p-value first, and what chance can do.
+
+    ``known`` is what chance can do where it need not be drawn again.
+    """
+    rho, sizes, gains = explained(ground, [s.Z for s in suspects])
+    alive = [int(i) for i in np.flatnonzero(sizes)]
+    sizes, gains = sizes[alive], _possible(ground, [suspects[i] for i in alive], gains[alive])
     rss = ground.rss
-    values = log_p(gains, rss[None, :], sizes[:, None], ground.freedom) if alive else np.zeros((0, len(rss)))
+    freedom = np.r_[ground.effective, np.full(len(rss) - 1, ground.freedom)]
+    values = log_p(gains, rss[None, :], sizes[:, None], freedom[None, :]) if alive else np.zeros((0, len(rss)))
     cyclic, lowest = _cyclic(ground, tangents, case)
     families = np.array([suspects[i].family for i in alive])
     least = {family: _least(values[families == family]) for family in WEIGHTS}
     least[CyclicError.family] = np.minimum(least[CyclicError.family], lowest)
-    chance = Chance(least)
+    chance = known or Chance(least)
     found: dict[tuple[str, str], Judged] = {}
     for row, i in enumerate(alive):
         p, suspect = float(values[row, 0]), suspects[i]
         if suspect.key not in found or p < found[suspect.key].log_p:
             share = float(gains[row, 0] / rss[0])
-            found[suspect.key] = Judged(suspect, *bases[i], p, chance.family_wise(p, suspect.family), share)
+            found[suspect.key] = Judged(suspect, float(rho[i]), p, chance.family_wise(p, suspect.family), share)
     judged = list(found.values())
     for suspect, p in cyclic:
-        basis, rho = surviving(ground, suspect.Z)
+        basis, left = surviving(ground, suspect.Z)
         if basis.shape[1]:
             share = float(np.sum((basis.T @ ground.e) ** 2) / rss[0])
-            judged.append(Judged(suspect, basis, rho, p, chance.family_wise(p, suspect.family), share))
+            judged.append(Judged(suspect, left, p, chance.family_wise(p, suspect.family), share))
     return sorted(judged, key=lambda j: (j.p_value, j.log_p)), chance
 
 
@@ -199,7 +202,7 @@ def _cyclic(ground: Ground, tangents: Tangents, case: Case) -> tuple[list[tuple[
         lowest = np.minimum(lowest, log_p(most, rss[1:], 2, ground.freedom))
         for k in _peaks(gains):
             effect = CyclicError(joint=name, cycles=float(cycles[k]))
-            p = float(log_p(gains[k : k + 1], rss[:1], 2, ground.freedom)[0])
+            p = float(log_p(gains[k : k + 1], rss[:1], 2, ground.effective)[0])
             found.append((Suspect(effect, tangents.columns(effect), len(cycles) / OVERSAMPLING), p))
     return found, lowest
 
