@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.scene import scene_of
-from posture_opt.diagnosis.search import Scene, Verdict, search, still_nameless
+from posture_opt.diagnosis.scene import Scene, scene_of
+from posture_opt.diagnosis.search import Verdict, search, still_nameless
 from posture_opt.diagnosis.suspects import Suspect
 from posture_opt.diagnosis.umbrellas import Umbrella
 from posture_opt.model.effects.cyclic_error import CyclicError

@@ -22,8 +22,9 @@ from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.readmission import readmitted
-from posture_opt.diagnosis.scene import frame_directions, points_of, scene_of
-from posture_opt.diagnosis.search import Scene, Verdict, search, still_nameless, with_names
+from posture_opt.diagnosis.scene import Scene, frame_directions, points_of, scene_of
+from posture_opt.diagnosis.search import Verdict, still_nameless, with_names
+from posture_opt.diagnosis.search_alike import find
 from posture_opt.diagnosis.second_session import Gain, SecondSession, second_session
 from posture_opt.diagnosis.split import SplitPlan, split_plan
 from posture_opt.diagnosis.stages import Stages
@@ -197,12 +198,12 @@ def diagnose(
     calibration = calibrate(problem, data, folds=folds, by=by, progress=stages.next())
     draws = flips or (FLIPS if len(data) < MANY else FEW)
     scene = scene_of(calibration, draws, seed)
-    found = search(scene, stages.rounds(stages.next()))
+    found = find(scene, calibration.design > 1, stages.rounds(stages.next()))
     stages.next()
     wider = readmitted(calibration, found)
     if len(wider.outliers) < len(calibration.outliers):
         calibration, scene = wider, scene_of(wider, draws, seed)
-        found = search(scene)
+        found = find(scene, calibration.design > 1)
     residuals = scene.tangents.residuals
     names = with_names(scene, found) if not all(s.named for s in found.chosen) else found
     nameless = tuple(s.what for s in still_nameless(scene, found, names) if isinstance(s.what, Umbrella))

@@ -67,7 +67,7 @@ def effect_findings(
     findings = []
     about = LinearModel.of(model)
     for place, i in enumerate(named):
-        gain = Gain.of(whole.errors, held_out(model, parts, place, about).errors, groups)
+        gain = Gain.of(whole.errors, held_out(model, parts, place, about=about).errors, groups)
         rivals = tuple((r.kind, r.target) for r in found.rivals[i])
         fitted = _effect(model, place)
         findings.append(

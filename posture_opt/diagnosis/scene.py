@@ -2,15 +2,65 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.identifiability import identify
-from posture_opt.diagnosis.search import Scene
+from posture_opt.diagnosis.scores import Ground
+from posture_opt.diagnosis.suspects import Suspect
 from posture_opt.diagnosis.tangents import Tangents, case_of
+from posture_opt.model.effects import Case
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The residuals of a calibrated arm with what could explain them.
+
+    Args:
+        r: (m,) whitened residuals.
+        G: (m, k) columns of the geometry that the data determine.
+        groups: (m,) the pose of every residual.
+        count: the number of residuals, more than m in a `reduced` scene.
+        design: so many residuals tell as much as one alone would, as neighbouring postures err alike.
+    """
+
+    tangents: Tangents
+    case: Case
+    r: Array
+    G: Array
+    groups: NDArray[np.intp]
+    flips: int = 299
+    seed: int = 0
+    count: int = 0
+    design: float = 1.0
+
+    def ground(self, chosen: Sequence[Suspect] = (), flips: int | None = None) -> Ground:
+        """What is left after the geometry and the chosen suspects."""
+        columns = np.concatenate([self.G, *(s.Z for s in chosen)], axis=1)
+        flips = self.flips if flips is None else flips
+        return Ground.of(self.r, columns, self.groups, flips, self.seed, self.count, self.design)
+
+    def reduced(self, members: Sequence[Suspect]) -> tuple[Scene, list[Suspect]]:
+        """The same scene and members in coordinates of the space that geometry and members span.
+
+        One more coordinate stands for all that lies outside; what members are worth given each other is the same.
+        """
+        columns = np.concatenate([self.G, *(s.Z for s in members)], axis=1)
+        Q, R = np.linalg.qr(columns)
+        inside = Q.T @ self.r
+        r = np.r_[inside, np.linalg.norm(self.r - Q @ inside)]
+        R = np.concatenate([R, np.zeros((1, R.shape[1]))])
+        edges = np.cumsum([self.G.shape[1], *(s.Z.shape[1] for s in members)])
+        parts = [replace(s, Z=R[:, a:b]) for s, a, b in zip(members, edges[:-1], edges[1:], strict=True)]
+        groups = np.zeros(len(r), dtype=np.intp)
+        count = self.count or len(self.r)
+        return replace(self, r=r, G=R[:, : self.G.shape[1]], groups=groups, flips=0, count=count), parts
 
 
 def scene_of(calibration: Calibration, flips: int = 299, seed: int = 0) -> Scene:

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.scene import Scene
 from posture_opt.diagnosis.scores import Chance, Ground, log_p, surviving
 from posture_opt.diagnosis.shapes import refined
 from posture_opt.diagnosis.subsets import Chosen, Pool, alternatives, best_set
 from posture_opt.diagnosis.suspects import Judged, Suspect, absorbed, catalogue, judge
-from posture_opt.diagnosis.tangents import Tangents
-from posture_opt.model.effects import Case
 
 Array = NDArray[np.float64]
 
@@ -30,51 +29,6 @@ CLOSE, MORE, STEADY = 8.0, 4, 2000  # within this factor of the level so many ti
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """The residuals of a calibrated arm with what could explain them.
-
-    Args:
-        r: (m,) whitened residuals.
-        G: (m, k) columns of the geometry that the data determine.
-        groups: (m,) the pose of every residual.
-        count: the number of residuals, more than m in a `reduced` scene.
-        design: so many residuals tell as much as one alone would, as neighbouring postures err alike.
-    """
-
-    tangents: Tangents
-    case: Case
-    r: Array
-    G: Array
-    groups: NDArray[np.intp]
-    flips: int = 299
-    seed: int = 0
-    count: int = 0
-    design: float = 1.0
-
-    def ground(self, chosen: Sequence[Suspect] = (), flips: int | None = None) -> Ground:
-        """What is left after the geometry and the chosen suspects."""
-        columns = np.concatenate([self.G, *(s.Z for s in chosen)], axis=1)
-        flips = self.flips if flips is None else flips
-        return Ground.of(self.r, columns, self.groups, flips, self.seed, self.count, self.design)
-
-    def reduced(self, members: Sequence[Suspect]) -> tuple[Scene, list[Suspect]]:
-        """The same scene and members in coordinates of the space that geometry and members span.
-
-        One more coordinate stands for all that lies outside; what members are worth given each other is the same.
-        """
-        columns = np.concatenate([self.G, *(s.Z for s in members)], axis=1)
-        Q, R = np.linalg.qr(columns)
-        inside = Q.T @ self.r
-        r = np.r_[inside, np.linalg.norm(self.r - Q @ inside)]
-        R = np.concatenate([R, np.zeros((1, R.shape[1]))])
-        edges = np.cumsum([self.G.shape[1], *(s.Z.shape[1] for s in members)])
-        parts = [replace(s, Z=R[:, a:b]) for s, a, b in zip(members, edges[:-1], edges[1:], strict=True)]
-        groups = np.zeros(len(r), dtype=np.intp)
-        count = self.count or len(self.r)
-        return replace(self, r=r, G=R[:, : self.G.shape[1]], groups=groups, flips=0, count=count), parts
-
-
-@dataclass(frozen=True, eq=False)
 class Verdict:
     """What a search found.
 
@@ -86,6 +40,8 @@ class Verdict:
         judged: every candidate on the geometry alone.
         left: the best candidate on all that was chosen.
         absorbed: named suspects that the geometry alone could stand for, with the share of their trace that is left.
+        design: so many residuals tell as much as one alone would, as neighbouring postures err alike.
+        names: what names alone make of the residuals, where that was looked for first.
     """
 
     chosen: tuple[Suspect, ...]
@@ -96,6 +52,8 @@ class Verdict:
     chance: Chance
     left: Judged | None
     absorbed: tuple[tuple[Suspect, float], ...] = ()
+    design: float = 1.0
+    names: Verdict | None = None
 
     @property
     def confused(self) -> dict[int, tuple[Suspect, ...]]:
@@ -116,16 +74,16 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
     if not judged or judged[0].p_value >= FIRST:
         return Verdict((), (), (), (), tuple(judged), chance, judged[0] if judged else None, hidden)
     first = chance
-    finalists = _finalists(scene, base, judged)
+    finalists = finalists_of(scene, base, judged)
     chosen: tuple[Suspect, ...] = ()
     seen: set[tuple[str, ...]] = set()
     while True:
         tell()
-        pool = _pool(base, finalists)
+        pool = pool_of(base, finalists)
         start = tuple(i for i, f in enumerate(finalists) if any(f.what == c.what for c in chosen))
         best = [finalists[i] for i in best_set(pool, start, MOST) or _likeliest(pool, finalists, judged)]
         after, chance = judge(scene.ground(best), suspects, scene.tangents, scene.case)
-        while len(chosen := _pruned(scene, chance, best)) < len(best):
+        while len(chosen := pruned(scene, chance, best)) < len(best):
             best = list(chosen)
             after, chance = judge(scene.ground(best), suspects, scene.tangents, scene.case)
         key = tuple(sorted(str(s.what) for s in chosen))
@@ -133,8 +91,8 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
         if not fresh or key in seen or len(chosen) >= MOST:
             break
         seen.add(key)
-        finalists = _merged(finalists, _finalists(scene, scene.ground(chosen), fresh))
-    chosen, weights = _weighed(scene, chosen)
+        finalists = merged(finalists, finalists_of(scene, scene.ground(chosen), fresh))
+    chosen, weights = weighed(scene, chosen)
     p_values = tuple(chance.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True))
     if len(chosen) == 1:  # what is left once it is gone says less of chance than the data as they are
         p_values = (max(p_values[0], first.family_wise(weights[0][0], chosen[0].family)),)
@@ -144,7 +102,7 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
         chosen,
         p_values,
         tuple(w for _, w in weights),
-        _rivals(base, finalists, chosen),
+        rivals_of(base, finalists, chosen),
         tuple(judged),
         chance,
         after[0] if after else None,
@@ -168,6 +126,8 @@ def with_names(scene: Scene, found: Verdict) -> Verdict:
     Where they explain nearly as much, as of real arms whose errors are no exact sines, they are the better model:
     they say where to look and can be planned with. The verdict stays that something is left without a name.
     """
+    if found.names is not None:
+        return found.names
     names = search(scene, nameless=False)
     rest, least = (float(scene.ground(v.chosen, flips=0).rss[0]) for v in (names, found))
     whole = float(scene.ground(flips=0).rss[0])
@@ -179,11 +139,12 @@ def still_nameless(scene: Scene, found: Verdict, names: Verdict) -> tuple[Suspec
     curves = tuple(s for s in found.chosen if not s.named)
     if names is found:
         return curves
+    scene = replace(scene, design=found.design)
     beside = ((s, _weight(scene, [*names.chosen, s], s)[0]) for s in curves)
     return tuple(s for s, p in beside if found.chance.family_wise(p, s.family) < FURTHER) or curves
 
 
-def _finalists(scene: Scene, ground: Ground, judged: Sequence[Judged]) -> list[Suspect]:
+def finalists_of(scene: Scene, ground: Ground, judged: Sequence[Judged]) -> list[Suspect]:
     """The candidates that stay in the running, those with a searched shape at their best."""
     leading = judged[0].log_p
     return [
@@ -202,12 +163,12 @@ def _likeliest(pool: Pool, finalists: list[Suspect], judged: Sequence[Judged]) -
     return next(only for _, only in pool.additions(()) if finalists[only[0]].key in sure)
 
 
-def _merged(former: list[Suspect], new: list[Suspect]) -> list[Suspect]:
+def merged(former: list[Suspect], new: list[Suspect]) -> list[Suspect]:
     known = {str(s.what) for s in former}
     return [*former, *(s for s in new if str(s.what) not in known)]
 
 
-def _pool(ground: Ground, suspects: Sequence[Suspect]) -> Pool:
+def pool_of(ground: Ground, suspects: Sequence[Suspect]) -> Pool:
     bases = [surviving(ground, s.Z)[0] for s in suspects]
     price = [_price(ground, s, basis) for s, basis in zip(suspects, bases, strict=True)]
     # Two shapes of one cause exclude each other; lines of one joint do not, unless they are the same line.
@@ -249,7 +210,7 @@ def _weight(scene: Scene, chosen: Sequence[Suspect], member: Suspect) -> tuple[f
     return p, float(lost)
 
 
-def _weighed(scene: Scene, chosen: Sequence[Suspect]) -> tuple[tuple[Suspect, ...], list[tuple[float, float]]]:
+def weighed(scene: Scene, chosen: Sequence[Suspect]) -> tuple[tuple[Suspect, ...], list[tuple[float, float]]]:
     """The members, the weightiest first, and the weight of each."""
     small, members = scene.reduced(chosen)
     weights = [_weight(small, members, s) for s in members]
@@ -257,7 +218,7 @@ def _weighed(scene: Scene, chosen: Sequence[Suspect]) -> tuple[tuple[Suspect, ..
     return tuple(chosen[i] for i in order), [weights[i] for i in order]
 
 
-def _pruned(scene: Scene, chance: Chance, chosen: list[Suspect]) -> tuple[Suspect, ...]:
+def pruned(scene: Scene, chance: Chance, chosen: list[Suspect]) -> tuple[Suspect, ...]:
     """Without the members that are no longer significant given the others, the least first."""
     small, members = scene.reduced(chosen)
     kept = list(range(len(chosen)))
@@ -288,9 +249,9 @@ def _for_all(pool: Pool, suspects: Sequence[Suspect], members: Chosen) -> list[t
     return [(more, i) for more, i in alone if more <= RIVALS and suspects[i].named]
 
 
-def _rivals(ground: Ground, finalists: list[Suspect], chosen: Sequence[Suspect]) -> tuple[tuple[Suspect, ...], ...]:
-    everyone = _merged(list(finalists), list(chosen))
-    pool = _pool(ground, everyone)
+def rivals_of(ground: Ground, finalists: list[Suspect], chosen: Sequence[Suspect]) -> tuple[tuple[Suspect, ...], ...]:
+    everyone = merged(list(finalists), list(chosen))
+    pool = pool_of(ground, everyone)
     lenient = _lenient(pool, everyone)
     place = {str(s.what): i for i, s in enumerate(everyone)}
     members = tuple(sorted(place[str(s.what)] for s in chosen))

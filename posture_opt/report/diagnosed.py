@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.findings import Finding
     from posture_opt.diagnosis.measurements import Measurements
     from posture_opt.diagnosis.residuals import Residuals
-    from posture_opt.diagnosis.search import Scene
+    from posture_opt.diagnosis.scene import Scene
     from posture_opt.problem.measured_goals import MeasuredGoals
     from posture_opt.problem.problem import Problem
     from posture_opt.problem.replanned import Replanned
