@@ -15,8 +15,9 @@ from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.parting import Pair, Parting
 from posture_opt.diagnosis.plan_stages import Beforehand
+from posture_opt.diagnosis.scene import Scene
 from posture_opt.diagnosis.scores import orthonormal
-from posture_opt.diagnosis.search import RIVALS, Scene
+from posture_opt.diagnosis.search import RIVALS
 from posture_opt.diagnosis.suspects import Suspect
 from posture_opt.diagnosis.tangents import Tangents
 from posture_opt.model.effects import Effect

@@ -14,7 +14,7 @@ from posture_opt.diagnosis.extended import Extended
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.parting import ENOUGH, Parting, chance
-from posture_opt.diagnosis.search import Scene
+from posture_opt.diagnosis.scene import Scene
 from posture_opt.diagnosis.split_candidates import further_rows
 from posture_opt.errors import InputError
 
