@@ -151,19 +151,20 @@ class _Sight:
 
     def errors(self, x: Array, suspects: Sequence[Suspect], theta: Sequence[Array]) -> Array:
         """(N, 3) [m] of geometry ``x`` with effects."""
-        residuals, shift = self.residuals, self._shift(x, suspects, theta)
+        residuals, shift = self.residuals, self._shift(*self._stood(self.residuals, x), suspects, theta)
         if residuals.data.position is not None:
             # What the effects add to the model is taken off the measured points instead.
             moved = np.where(residuals.data.measured_axes, residuals.data.position - shift, residuals.data.position)
             residuals = replace(residuals, data=replace(residuals.data, position=moved))
-            return self._predicted(residuals, x)
-        return self._predicted(residuals, x) + _about_points(shift, residuals.data)
+            return position_errors(*self._stood(residuals, x))
+        return position_errors(*self._stood(residuals, x)) + _about_points(shift, residuals.data)
 
-    def _predicted(self, residuals: Residuals, x: Array) -> Array:
-        return position_errors(*(frames_again(residuals, x) if self.refit else (residuals, x)))
+    def _stood(self, residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
+        """The arm as it stood in the other session."""
+        return frames_again(residuals, x) if self.refit else (residuals, x)
 
-    def _shift(self, x: Array, suspects: Sequence[Suspect], theta: Sequence[Array]) -> Array:
-        residuals = self.residuals
+    def _shift(self, residuals: Residuals, x: Array, suspects: Sequence[Suspect], theta: Sequence[Array]) -> Array:
+        """(N, 3) [m] what effects add, along the axes of a world in which the base may stand elsewhere by now."""
         shift = np.zeros((len(residuals.data), 3))
         tangents = Tangents(residuals, x)
         for suspect, values in zip(suspects, theta, strict=True):
