@@ -66,22 +66,13 @@ def _assemble(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Fa
     line = cells.line
     q = np.column_stack([_present(cells.number(name)) for name in robot.joint_names])
     _check_limits(q, robot, columns, line, faults)
+    _check_payload(cells, faults)
     pose, goal = cells.code("pose"), cells.code("goal")
     poses = pose[0] if pose else _codes_of_rows(q)
     nobody: tuple[Codes, tuple[str, ...]] = (np.zeros(len(q), dtype=np.intp), ())
     target, robots, point = (cells.code(name) or nobody for name in ("target", "robot", "point"))
     measured = np.array([axis in columns for axis in AXES])
-    side, length = _approach(q, robots[0])
-    given = False
-    for j, name in enumerate(robot.joint_names):
-        stated = cells.number(f"{name}.approach")
-        if stated is not None:
-            side[:, j] = np.where(np.isnan(stated), side[:, j], stated)
-            given = True
-    payload = cells.number("payload")
-    if payload is not None:
-        for row in np.flatnonzero(payload < 0):
-            faults.add("a payload is not negative", "payload", payload[row], "write 0 or more", int(line[row]))
+    side, length, given = _sides(cells, q, robots[0], robot)
     return Measurements(
         joint_names=robot.joint_names,
         q=q,
@@ -98,7 +89,7 @@ def _assemble(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Fa
         point_names=point[1],
         approach=side,
         approach_length=length,
-        payload=payload,
+        payload=cells.number("payload"),
         temperature=cells.number("temperature"),
         time=cells.number("time"),
         line=line,
@@ -107,6 +98,23 @@ def _assemble(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Fa
         goal_given=goal is not None,
         approach_given=given,
     )
+
+
+def _check_payload(cells: Cells, faults: Faults) -> None:
+    payload = cells.number("payload")
+    if payload is not None:
+        for row in np.flatnonzero(payload < 0):
+            faults.add("a payload is not negative", "payload", payload[row], "write 0 or more", int(cells.line[row]))
+
+
+def _sides(cells: Cells, q: Floats, robots: Codes, robot: Robot) -> tuple[Floats, Floats, bool]:
+    """Side and length (N, n) of the last moves, and whether the file states any side: what it states counts."""
+    side, length = _approach(q, robots)
+    stated = {j: cells.number(f"{name}.approach") for j, name in enumerate(robot.joint_names)}
+    given = {j: values for j, values in stated.items() if values is not None}
+    for j, values in given.items():
+        side[:, j] = np.where(np.isnan(values), side[:, j], values)
+    return side, length, bool(given)
 
 
 def _present(values: Floats | None) -> Floats:
