@@ -148,27 +148,8 @@ def build_problem(
     Raises:
         InputError: everything wrong with the document, each with file, line and key.
     """
-    issues = list(document.issues)
-    data, broken = _sections(document, issues)
-    spec = ProblemSpec.model_validate(data) if "robot" in data else None
-    robot, sources, texts = None, None, attached or {}
-    if spec is not None:
-        robot = _collect(issues, "robot", lambda: spec.robot.build(folder))
-    if spec is not None and robot is not None:
-        plain = robot
-        robot = _collect(issues, "", lambda: extended_robot(plain, spec.effects, spec.task))
-    if spec is not None and robot is not None and "uncertainty" not in broken:
-        sources = _collect(issues, "uncertainty", lambda: spec.uncertainty.build(robot, folder, texts))
-        if sources is not None and spec.effects:
-            extended, stated = robot, sources
-            sources = _collect(issues, "", lambda: _with_effects(spec, extended, stated, folder, texts))
-    elif "uncertainty" in data:
-        uncertainty = UncertaintySpec.model_validate(data["uncertainty"])
-        _collect(issues, "uncertainty", uncertainty.check)
-    _refuse(issues, document)
-    assert spec is not None
-    assert robot is not None
-    assert sources is not None
+    texts = attached or {}
+    spec, robot, sources = _parts(document, folder, texts)
     return Problem(
         name=spec.name or name,
         robot=robot,
@@ -191,6 +172,32 @@ def build_problem(
         attached=texts,
         header=header,
     )
+
+
+def _parts(document: Document, folder: Path, texts: Mapping[str, str]) -> tuple[ProblemSpec, Robot, Sources]:
+    """What the document says, the robot with its effects, and what is uncertain of it; all issues at once."""
+    issues = list(document.issues)
+    data, broken = _sections(document, issues)
+    spec = ProblemSpec.model_validate(data) if "robot" in data else None
+    robot, sources = None, None
+    if spec is not None:
+        robot = _collect(issues, "robot", lambda: spec.robot.build(folder))
+    if spec is not None and robot is not None:
+        plain = robot
+        robot = _collect(issues, "", lambda: extended_robot(plain, spec.effects, spec.task))
+    if spec is not None and robot is not None and "uncertainty" not in broken:
+        sources = _collect(issues, "uncertainty", lambda: spec.uncertainty.build(robot, folder, texts))
+        if sources is not None and spec.effects:
+            extended, stated = robot, sources
+            sources = _collect(issues, "", lambda: _with_effects(spec, extended, stated, folder, texts))
+    elif "uncertainty" in data:
+        uncertainty = UncertaintySpec.model_validate(data["uncertainty"])
+        _collect(issues, "uncertainty", uncertainty.check)
+    _refuse(issues, document)
+    assert spec is not None
+    assert robot is not None
+    assert sources is not None
+    return spec, robot, sources
 
 
 def _with_effects(
