@@ -12,33 +12,23 @@ from click.testing import CliRunner, Result
 
 from posture_opt.cli.main import main
 from tests.helpers.planar_2r import position
+from tests.helpers.planar_files import PLANAR, write
 
 JACOBI = Path(__file__).parents[2] / "shared" / "data" / "jacobi_ur5"
-HEAD = "joint1 [deg], joint2 [deg], x [mm], y [mm]"
 LONGER = 3e-3  # m: what the second link has more than the problem file says
 NOISE = 2e-5  # m, of each measured coordinate
 OUTLIER = 7  # the row that the instrument got wrong by 50 mm; its line is two more
-PROBLEM = """
-name: Planar arm
-robot:
-  kind: dh
-  joints:
-    - {name: joint1, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
-    - {name: joint2, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
-uncertainty:
+PROBLEM = (
+    PLANAR
+    + """uncertainty:
   sigma: {joint1.theta: 1 mrad, joint2.theta: 1 mrad, joint2.a: 10 mm, tool.x: 0.01 mm, tool.y: 0.01 mm}
   measurement: {position: 0.02 mm}
 """
+)
 
 
 def run(*words: object) -> Result:
     return CliRunner().invoke(main, ["calibrate", *map(str, words)])
-
-
-def write(file: Path, q: np.ndarray, points: np.ndarray, head: str = HEAD) -> None:
-    np.savetxt(
-        file, np.column_stack([np.degrees(q), 1e3 * points]), fmt="%.9f", delimiter=",", header=head, comments=""
-    )
 
 
 @pytest.fixture(scope="module")

@@ -29,20 +29,12 @@ from posture_opt.report.effect_rivals import splitting_measurement
 from posture_opt.report.effect_words import amplitude, cause_words, chance_words, size_words
 from posture_opt.report.text import render
 from tests.helpers.planar_2r import position
+from tests.helpers.planar_files import PLANAR, write
 
 NOISE = 2e-5  # m, of each measured coordinate
 CYCLES, SINE, COSINE = 12.0, 1.2e-4, 0.9e-4  # of joint1: rad
 DRIFT = 3e-4  # m, in x, from the first row to the last
-HEAD = "joint1 [deg], joint2 [deg], x [mm], y [mm]"
-PROBLEM = """
-name: Planar arm
-robot:
-  kind: dh
-  joints:
-    - {name: joint1, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
-    - {name: joint2, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
-uncertainty: {measurement: {position: 0.02 mm}}
-"""
+PROBLEM = PLANAR + "uncertainty: {measurement: {position: 0.02 mm}}\n"
 FIGURES = {"diagnosis_errors", "diagnosis_scores", "diagnosis_curves", "diagnosis_periodogram"}
 
 
@@ -54,13 +46,6 @@ def wavy(q: np.ndarray) -> np.ndarray:
     """The joints that an arm reaches whose first gear has a cyclic error."""
     wave = SINE * np.sin(CYCLES * q[:, 0]) + COSINE * np.cos(CYCLES * q[:, 0])
     return q + np.stack([wave, np.zeros(len(q))], axis=1)
-
-
-def write(file: Path, q: np.ndarray, points: np.ndarray, time: np.ndarray | None = None) -> None:
-    columns, head = [np.degrees(q), 1e3 * points], HEAD
-    if time is not None:
-        columns, head = [*columns, time[:, None]], f"{HEAD}, time [s]"
-    np.savetxt(file, np.column_stack(columns), fmt="%.9f", delimiter=",", header=head, comments="")
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +61,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write(place / "few.csv", q[:2], points[:2])
     time = np.linspace(0.0, 3600.0, 90)
     creep = np.stack([DRIFT * time / 3600, np.zeros(90)], axis=1)
-    write(place / "creeping.csv", q[:90], position(q[:90]) + noise[:90] + creep, time)
-    write(place / "later.csv", q[90:], position(q[90:]) + noise[90:], time[:50])
+    write(place / "creeping.csv", q[:90], position(q[:90]) + noise[:90] + creep, time=("s", time))
+    write(place / "later.csv", q[90:], position(q[90:]) + noise[90:], time=("s", time[:50]))
     (place / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
     return place
 
@@ -229,9 +214,8 @@ def test_what_the_test_file_leaves_unsaid_is_told(folder: Path) -> None:
     rng = np.random.default_rng(3)
     q, warmth = rng.uniform(-2.5, 2.5, (90, 2)), rng.uniform(0.0, 10.0, 90)
     turned = q + np.stack([2e-5 * warmth, np.zeros(90)], axis=1)
-    table = np.column_stack([np.degrees(q), 1e3 * (position(turned) + rng.normal(0, NOISE, (90, 2))), 20 + warmth])
-    head = f"{HEAD}, temperature [degC]"
-    np.savetxt(folder / "warm.csv", table, fmt="%.9f", delimiter=",", header=head, comments="")
+    points = position(turned) + rng.normal(0, NOISE, (90, 2))
+    write(folder / "warm.csv", q, points, temperature=("degC", 20 + warmth))
     data, silent = (po.read_measurements(folder / name, problem) for name in ("warm.csv", "other.csv"))
     found = po.diagnose(problem, data, test=silent)
     assert found.effects[0].kind == "thermal_offset"

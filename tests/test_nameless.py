@@ -14,6 +14,7 @@ from posture_opt.diagnosis.suspects import Suspect
 from posture_opt.diagnosis.umbrellas import Umbrella
 from posture_opt.model.effects.cyclic_error import CyclicError
 from tests.helpers.planar_2r import position
+from tests.helpers.planar_files import write
 
 NOISE = 2e-5  # m
 PROBLEM = {
@@ -35,9 +36,8 @@ def dented(tmp_path_factory: pytest.TempPathFactory) -> tuple[po.Problem, po.Mea
     rng = np.random.default_rng(10)
     q = rng.uniform(-2.5, 2.5, (120, 2))
     true = q + np.stack([dent(q[:, 0], 0.7), dent(q[:, 1], -0.4)], axis=1)
-    table = np.column_stack([np.degrees(q), 1e3 * (position(true) + rng.normal(0, NOISE, q.shape))])
     file = tmp_path_factory.mktemp("dented") / "data.csv"
-    np.savetxt(file, table, "%.9f", ",", header="joint1 [deg], joint2 [deg], x [mm], y [mm]", comments="")
+    write(file, q, position(true) + rng.normal(0, NOISE, q.shape))
     problem = po.problem_from_dict(PROBLEM)
     return problem, po.read_measurements(file, problem)
 
