@@ -22,7 +22,7 @@ from posture_opt.model.effects import NoiseEffect, Outliers, Rows
 
 Array = NDArray[np.float64]
 
-LEVEL, BESIDE = 0.004, 0.001  # of the 5 % for the whole verdict; beside a cause that is named already
+LEVEL, BESIDE = 0.002, 0.001  # of the 5 % for the whole verdict; beside a cause that is named already
 _STATED, _TASTE = 0.002, 1.2  # a stated σ is true enough within this factor: less is not worth a word
 _RIVALS = 6.0
 _DOUBTFUL = 0.05  # structure that may be left swells the residuals as a σ does that is stated too small

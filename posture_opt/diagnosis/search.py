@@ -16,7 +16,7 @@ from posture_opt.diagnosis.suspects import Judged, Suspect, absorbed, catalogue,
 
 Array = NDArray[np.float64]
 
-FIRST = 0.03  # of the 5 % for the whole verdict: the first effect; the rest is left to noise and lack of fit
+FIRST = 0.028  # of the 5 % for the whole verdict: the first effect; the rest is left to noise and lack of fit
 FURTHER = 0.006  # every effect after the first
 ALIKE = 0.5  # cosine of the least angle between what two causes do: what is less alike stands for nothing else
 RIVALS = 6.0  # of the criterion: within it, two causes cannot be told apart
@@ -63,7 +63,7 @@ class Verdict:
 
 
 def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: bool = True) -> Verdict:
-    """The effects in the residuals, with the family-wise error of the first at 3 %; tells each round that is done.
+    """The effects in the residuals, with the family-wise error of the first at 2.8 %; tells each round that is done.
 
     Without ``nameless`` only effects with a name stand to be chosen, and none that takes any smooth shape.
     """
@@ -83,7 +83,7 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
         start = tuple(i for i, f in enumerate(finalists) if any(f.what == c.what for c in chosen))
         best = [finalists[i] for i in best_set(pool, start, MOST) or _likeliest(pool, finalists, judged)]
         after, chance = judge(scene.ground(best), suspects, scene.tangents, scene.case)
-        while len(chosen := pruned(scene, chance, best)) < len(best):
+        while len(chosen := pruned(scene, chance, best, first)) < len(best):
             best = list(chosen)
             after, chance = judge(scene.ground(best), suspects, scene.tangents, scene.case)
         key = tuple(sorted(str(s.what) for s in chosen))
@@ -92,12 +92,12 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
             break
         seen.add(key)
         finalists = merged(finalists, finalists_of(scene, scene.ground(chosen), fresh))
+    if not chosen:  # all that stood together fell; one alone comes by chance too rarely for nothing to be named
+        chosen = tuple(finalists[i] for i in _likeliest(pool, finalists, judged))
+        after, chance = judge(scene.ground(chosen), suspects, scene.tangents, scene.case)
     chosen, weights = weighed(scene, chosen)
-    p_values = tuple(chance.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True))
-    if len(chosen) == 1:  # what is left once it is gone says less of chance than the data as they are
-        p_values = (max(p_values[0], first.family_wise(weights[0][0], chosen[0].family)),)
-        if p_values[0] >= FIRST:
-            return Verdict((), (), (), (), tuple(judged), first, judged[0], hidden)
+    given = first if len(chosen) == 1 else chance
+    p_values = tuple(given.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True))
     return Verdict(
         chosen,
         p_values,
@@ -218,14 +218,18 @@ def weighed(scene: Scene, chosen: Sequence[Suspect]) -> tuple[tuple[Suspect, ...
     return tuple(chosen[i] for i in order), [weights[i] for i in order]
 
 
-def pruned(scene: Scene, chance: Chance, chosen: list[Suspect]) -> tuple[Suspect, ...]:
-    """Without the members that are no longer significant given the others, the least first."""
+def pruned(scene: Scene, chance: Chance, chosen: list[Suspect], alone: Chance | None = None) -> tuple[Suspect, ...]:
+    """Without the members that are no longer significant given the others, the least first.
+
+    ``alone`` is what chance can do without any of them, for the last one that is left.
+    """
     small, members = scene.reduced(chosen)
     kept = list(range(len(chosen)))
     while kept:
         rest = [members[i] for i in kept]
         weights = [_weight(small, rest, s) for s in rest]
-        p_values = [chance.family_wise(p, s.family) for (p, _), s in zip(weights, rest, strict=True)]
+        given = (alone or chance) if len(rest) == 1 else chance
+        p_values = [given.family_wise(p, s.family) for (p, _), s in zip(weights, rest, strict=True)]
         worst = max(range(len(rest)), key=lambda i: (p_values[i], weights[i][0]))
         if p_values[worst] < (FIRST if len(rest) == 1 else FURTHER):
             break

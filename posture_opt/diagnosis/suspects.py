@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 PEAKS = 4  # frequencies a joint that stay in the running
 _COUNTED = 50  # shapes of one cause that are compared: more of them, closer together, count no more
+_SHAPES = 8.0  # how much a shape that is fitted counts at least: it is a parameter too
 _ALIKE = 0.05  # singular value of unit columns: below, two point masses cannot be told apart
 
 
@@ -77,7 +78,7 @@ def catalogue(tangents: Tangents, case: Case) -> list[Suspect]:
     shapes: dict[tuple[str, str], list[Array]] = {}
     for e, Z in named:
         shapes.setdefault((e.kind, e.target), []).append(Z)
-    searched = {key: independent(own) for key, own in shapes.items()}
+    searched = {key: max(independent(own), min(len(own), _SHAPES)) for key, own in shapes.items()}
     nameless = list(umbrellas(tangents, case))
     grids = Counter((u.kind, u.target) for u, _ in nameless)
     return [
