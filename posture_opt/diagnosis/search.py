@@ -42,6 +42,7 @@ class Verdict:
         absorbed: named suspects that the geometry alone could stand for, with the share of their trace that is left.
         design: so many residuals tell as much as one alone would, as neighbouring postures err alike.
         names: what names alone make of the residuals, where that was looked for first.
+        at_first: what chance can do to the data as they are, as ``judged`` has it; where None, ``chance`` is that.
     """
 
     chosen: tuple[Suspect, ...]
@@ -54,6 +55,7 @@ class Verdict:
     absorbed: tuple[tuple[Suspect, float], ...] = ()
     design: float = 1.0
     names: Verdict | None = None
+    at_first: Chance | None = None
 
     @property
     def confused(self) -> dict[int, tuple[Suspect, ...]]:
@@ -107,6 +109,7 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
         chance,
         after[0] if after else None,
         hidden,
+        at_first=first,
     )
 
 

@@ -14,6 +14,7 @@ from posture_opt.report.effect_words import (
     chance_words,
     main_size,
     odds,
+    plus_minus,
     short_words,
     size_words,
 )
@@ -27,6 +28,7 @@ _PAIRS, _SPLITS = 4, 8  # of causes that could be confused, and of measurements 
 _FULL = 4  # effects that are told in full; lighter ones stand in a table
 _OF_ARM = "it spreads the tool point from visit to visit, and stands under effects in extended.yaml"
 _OF_MEASUREMENT = "left out, as it is of the measurement and not of the arm"
+_VAGUE = 10.0  # times the standard error among what the data tell: the rest is open
 _LISTED = 5  # geometric parameters that are farthest off, for their errors
 
 
@@ -83,14 +85,20 @@ def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
     if finding.effect is not None and finding.effect.name in stays and not finding.effect.for_planning:
         rows.append(("Planning", "kept, as asked for: the 'time' of the task says when it is done"))
     elif finding.effect is not None and not finding.effect.for_planning:
-        whose = "the instrument's" if finding.kind == "instrument_field" else "this session's"
-        rows.append(("Planning", f"left out, as it is {whose} and not the arm's"))
+        rows.append(("Planning", _left_out(finding)))
     if finding.noise is not None:
         rows.append(("Planning", _OF_ARM if finding.noise.of_arm else _OF_MEASUREMENT))
     if finding.confounded_with:
         others = ", ".join(dict.fromkeys(short_words(*rival) for rival in finding.confounded_with))
         rows.append(("Could be", f"{others} instead: see below"))
     return rows
+
+
+def _left_out(finding: Finding) -> str:
+    if finding.kind == "slip":
+        return "left out: planned for the arm as it was before; undo the slip, or measure anew, before you use that"
+    whose = "the instrument's" if finding.kind == "instrument_field" else "this session's"
+    return f"left out, as it is {whose} and not the arm's"
 
 
 def _loads(diagnosed: Diagnosed, place: int) -> list[tuple[str, str]]:
@@ -149,16 +157,21 @@ def _covers(diagnosed: Diagnosed) -> str:
 
 
 def _geometry(diagnosed: Diagnosed) -> list[tuple[str, str]]:
-    calibration = diagnosed.diagnosis.calibration
+    """The surest parameters of the arm with its effects, with their standard errors."""
+    calibration, model = diagnosed.diagnosis.calibration, diagnosed.diagnosis.model
+    D = model.directions
+    g = D.shape[1]
+    std = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", D, model.covariance[:g, :g], D), 0.0))
     far = [
-        (abs(float(z)), p.name, float(x), p.unit)
-        for p, x, z in zip(calibration.parameters, calibration.x, calibration.z, strict=True)
-        if p.group == "geometry" and np.isfinite(z)
+        (abs(float(x / s)), p.name, float(x), float(s), p.unit)
+        for p, x, s, whole in zip(calibration.parameters, model.x, std, calibration.std, strict=True)
+        if p.group == "geometry"
+        and 0 < whole < _VAGUE * s  # what the data leave open has a small part in what they tell
     ]
     far.sort(reverse=True)
     units = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm")}
-    texts = [f"{name} {number(x * units[unit][0], 2)} {units[unit][1]}" for _, name, x, unit in far[:_LISTED]]
-    return [("Surest", f"{', '.join(texts)}; 'optimize-posture calibrate' lists them all")] if texts else []
+    texts = [f"{name} {plus_minus(x, s, *units[unit])}" for _, name, x, s, unit in far[:_LISTED]]
+    return [("Surest", f"{', '.join(texts)}; 'corrections' of extended.yaml holds them all")] if texts else []
 
 
 def cyclic_block(diagnosed: Diagnosed) -> tuple[Block, ...]:

@@ -143,7 +143,7 @@ def size_words(
     if finding.kind == "instrument_field":
         return [("size", f"{len(estimate)} coefficients, see the JSON document")]
     if not timed and "moment" in estimate:
-        rows.append(("at", f"row {estimate.pop('moment')[0] + 1:.0f}, as no times are logged"))
+        rows.append(("at", f"row {math.ceil(estimate.pop('moment')[0]) + 1}, as no times are logged"))
     if not timed and "constant" in estimate:
         rows.append(("two thirds of it after", f"{estimate.pop('constant')[0]:.0f} rows, as no times are logged"))
     return rows + [_SIZES.get(name, _by_unit)(name, *entry) for name, entry in estimate.items()]

@@ -15,6 +15,7 @@ from posture_opt.report.figures.residuals import _settled, chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, legend_below, new_figure, styled
 
 if TYPE_CHECKING:
+    from posture_opt.diagnosis.scores import Chance
     from posture_opt.diagnosis.suspects import Judged
 
 Floats = NDArray[np.float64]
@@ -90,16 +91,17 @@ def _course(lengths: Floats) -> tuple[Floats, Floats]:
 def evidence(diagnosed: Diagnosed) -> list[tuple[Judged, float]]:
     """Every candidate with the logarithm of its p-value over that which the best one has by chance, the most first."""
     judged = diagnosed.diagnosis.search.judged
-    lines = {family: critical_log_p(diagnosed, family) for family in {j.suspect.family for j in judged}}
+    found = diagnosed.diagnosis.search
+    chance = found.at_first or found.chance
+    lines = {family: critical_log_p(chance, family) for family in {j.suspect.family for j in judged}}
     pairs = [(j, max(j.log_p / lines[j.suspect.family], 0.0)) for j in judged]
     return sorted(pairs, key=lambda pair: -pair[1])
 
 
-def critical_log_p(diagnosed: Diagnosed, family: str) -> float:
+def critical_log_p(chance: Chance, family: str) -> float:
     """The log p-value that a candidate of a family needs to be more than chance, the whole search counted in."""
     from posture_opt.diagnosis.search import FIRST
 
-    chance = diagnosed.diagnosis.search.chance
     low, high = -60.0, -1e-6
     for _ in range(50):
         middle = (low + high) / 2

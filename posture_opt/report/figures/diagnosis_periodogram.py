@@ -30,7 +30,7 @@ def plot_periodogram(diagnosed: Diagnosed) -> Figure:
     joints = diagnosed.cyclic_joints[:_MOST]
     scene, model = diagnosed.scene, diagnosed.diagnosis.model
     chosen = list(model.suspects)
-    line = critical_log_p(diagnosed, CyclicError.family)
+    line = critical_log_p(diagnosed.diagnosis.search.chance, CyclicError.family)
     figure = new_figure(9.0, 0.9 + 2.2 * len(joints))
     grid = figure.subplots(len(joints), 1, squeeze=False, sharex=True).ravel()
     after = scene.ground(chosen, flips=0)
