@@ -17,11 +17,12 @@ def nearest(word: str, known: Iterable[str]) -> str:
 def nearest_file(path: Path) -> str:
     """The path beside ``path`` whose name is written most like its name; empty where none is like it."""
     try:
-        names = [entry.name for entry in path.parent.iterdir()]
+        names = {entry.stem: entry.name for entry in path.parent.iterdir()}
     except OSError:
         return ""
-    name = nearest(path.name, names)
-    return str(path.parent / name) if name else ""
+    # Without their endings: '.csv' alone makes any two names alike.
+    stem = nearest(path.stem, names)
+    return str(path.parent / names[stem]) if stem else ""
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -111,6 +111,9 @@ def _number(cell: Any, line: int, column: Column, optional: bool, faults: Faults
     except ValueError:
         message = f"'{text[:40]}' is not a number"
     mend = "leave out the row"
+    if optional:  # a side
+        faults.add(f"'{text[:40]}' is no side", column.name, cell, "write 1 or -1", line)
+        return math.nan
     if text[:1].isdigit() or text[:1] in "+-.":
         mend = "write a decimal point" if "," in text else "the unit stands in the header, the cell is a plain number"
     faults.add(message, column.name, cell, mend, line)
