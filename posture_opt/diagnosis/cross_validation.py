@@ -70,8 +70,6 @@ def _inside(rest: Residuals, errors: Array, taught: Array, x: Array, found: Esti
     They hold the scatter of those, and what is not known of the parameters; Hotelling's distribution, as the scatter
     itself is estimated.
     """
-    from scipy.special import fdtri
-
     e, d = errors[:, rest.axes], len(rest.axes)
     frames = sum(p.group != "geometry" for p in rest.parameters)
     fitted = frames if found is None else len(found.fit.x)
@@ -79,15 +77,23 @@ def _inside(rest: Residuals, errors: Array, taught: Array, x: Array, found: Esti
     C = np.broadcast_to(taught.T @ taught / free, (len(e), d, d))
     if found is not None:
         J = rest.both(x)[1][: len(e) * rest.block].reshape(len(e), rest.block, -1)[:, :d] * rest.sigma
-        J = _about_points(rest, J)
+        J = about_points(rest, J)
         C = C + J @ found.covariance @ np.swapaxes(J, -1, -2)
+    return in_regions(e, C, free)
+
+
+def in_regions(e: Array, C: Array, free: float) -> NDArray[np.bool_]:
+    """(n,) whether errors e (n, d) lie in 95 % regions of covariances C (n, d, d) told by ``free`` other errors."""
+    from scipy.special import fdtri
+
+    d = e.shape[1]
     # An arm measured in space may have no error at all across its plane: C is singular there.
     inverse = np.linalg.pinv(C, rcond=1e-12, hermitian=True)
     squared = np.einsum("ni,nij,nj->n", e, inverse, e)
     return np.asarray(squared <= d * free / (free - d + 1) * fdtri(d, free - d + 1, 0.95))
 
 
-def _about_points(residuals: Residuals, rows: Array) -> Array:
+def about_points(residuals: Residuals, rows: Array) -> Array:
     """Rows (N, …) less the mean over the touches of the same point."""
     if residuals.data.position is not None:
         return rows
@@ -102,7 +108,7 @@ def position_errors(residuals: Residuals, x: Array) -> Array:
     """Position errors (N, 3) [m]; of touched points, about the mean of each point, which no one knows otherwise."""
     error = residuals.error(x)
     if residuals.data.position is None:
-        return _about_points(residuals, error)
+        return about_points(residuals, error)
     error[:, ~residuals.data.measured_axes] = 0.0
     return error
 

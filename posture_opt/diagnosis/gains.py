@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.cross_validation import about_points, in_regions
 from posture_opt.diagnosis.extended import Extended
 from posture_opt.diagnosis.linear_model import LinearModel
 from posture_opt.diagnosis.residuals import Residuals
@@ -22,8 +23,9 @@ _NONE = 1e-13  # of the information of all rows: what the rows that stay have le
 class HeldOut:
     """Position errors (N, 3) [m] of every row by a model that has not seen its group, and whether they were expected.
 
-    ``inside`` (N,): in the 95 % region that the covariance of the errors taught by the other rows predicts; where noise
-    is not the same at all rows, in the ``shape`` (N, axes, axes) that it has at each.
+    ``inside`` (N,): in the 95 % region that the errors of the other rows lead one to expect, and what these leave
+    unknown of the parameters; where noise is not the same at all rows, in the ``shape`` (N, axes, axes) that it has at
+    each.
     """
 
     errors: Array
@@ -47,48 +49,65 @@ def held_out(
     ``about`` is the linear model where it is known.
     ``shape`` (N, axes, axes) is the covariance that noise gives the rows, up to a factor.
     """
-    from scipy.special import gammaincinv
-
     residuals = model.residuals
-    block, axes = residuals.block, len(residuals.axes)
-    N = len(residuals.data)
+    N, block = len(residuals.data), residuals.block
     linear = about or LinearModel.of(model)
     r, kept = linear.without(without)
     errors, inside = np.zeros((N, 3)), np.zeros(N, dtype=bool)
     root = None if shape is None else np.asarray(np.linalg.cholesky(shape), dtype=float)
     for left_out in folds:
         theirs = _index(left_out, block)
-        refitted = r + linear.U @ (linear.K[:, kept] @ _step(linear, r, kept, theirs))
+        step, spread = _step(linear, r, kept, theirs)
+        refitted = r + linear.U @ (linear.K[:, kept] @ step)
         e = _positions(residuals, refitted[theirs], left_out)
         errors[np.ix_(left_out, residuals.axes)] = e
-        learn = np.setdiff1d(np.arange(N), left_out)
-        taught = refitted[_index(learn, block)].reshape(-1, block)[:, :axes] * residuals.sigma
-        if root is not None:
-            e, taught = _rounded(root[left_out], e), _rounded(root[learn], taught)
-        freedom = max(len(taught) - len(kept) / 3, 1)
-        C = taught.T @ taught / freedom
-        # An arm in its plane may have no error at all across it: C is singular there.
-        squared = np.einsum("ni,ni->n", e @ np.linalg.pinv(C, rcond=1e-12, hermitian=True), e)
-        inside[left_out] = squared <= 2 * gammaincinv(axes / 2, 0.95)
+        told = linear.U @ (linear.K[:, kept] @ spread)
+        inside[left_out] = in_regions(e, *_expected(residuals, refitted, told, left_out, root))
     return HeldOut(errors, inside, shape)
 
 
-def _rounded(root: Array, e: Array) -> Array:
-    """Errors (n, d) in units of their own covariance ``root rootᵀ`` (n, d, d)."""
-    return np.asarray(np.linalg.solve(root, e[:, :, None])[:, :, 0])
+def _expected(
+    residuals: Residuals, r: Array, told: Array, left_out: NDArray[np.intp], root: Array | None
+) -> tuple[Array, float]:
+    """Covariance (n, axes, axes) [m²] of the errors of n rows left out, and how many others it is told by.
+
+    Noise as the other rows have it, and the error of the parameters fitted to them: the leverage of a row. A parameter
+    takes from each coordinate what its leverage there is.
+
+    Args:
+        r: (m,) residuals by the refitted model.
+        told: (m, p) columns for parameters of variance one each, for residuals of variance one.
+        root: (N, axes, axes) of the covariance of noise, up to a factor, where it is not the same at all rows.
+    """
+    N, block, d = len(residuals.data), residuals.block, len(residuals.axes)
+    learn = np.setdiff1d(np.arange(N), left_out)
+    taught = r[: N * block].reshape(N, block)[learn, :d] * residuals.sigma
+    rows = told[: N * block].reshape(N, block, -1)[:, :d]
+    free = max(len(learn) - float(np.sum(rows[learn] ** 2)) / d, d + 1.0)
+    if root is not None:
+        taught = np.asarray(np.linalg.solve(root[learn], taught[:, :, None])[:, :, 0])
+    C = np.broadcast_to(taught.T @ taught / free, (len(left_out), d, d))
+    if root is not None:
+        C = root[left_out] @ C @ np.swapaxes(root[left_out], -1, -2)
+    others = np.delete(r, _index(left_out, block))
+    variance = float(others @ others) / max(len(others) - told.shape[1], 1)
+    L = about_points(residuals.take(left_out), rows[left_out]) * residuals.sigma
+    return C + variance * L @ np.swapaxes(L, -1, -2), free
 
 
-def _step(linear: LinearModel, r: Array, kept: NDArray[np.intp], left_out: NDArray[np.intp]) -> Array:
+def _step(linear: LinearModel, r: Array, kept: NDArray[np.intp], left_out: NDArray[np.intp]) -> tuple[Array, Array]:
     """The least squares step of columns ``kept`` for all residuals (m,) but those left out.
 
     In the orthonormal basis U of all rows, those that stay have the normal matrix ``I - FᵀF = V diag(e) Vᵀ`` where F
-    is what U has in the rows left out: ``diag(√e) Vᵀ K`` stands for the columns in the rows that stay.
+    is what U has in the rows left out: ``diag(√e) Vᵀ K`` stands for the columns in the rows that stay. Beside the step
+    its root of the covariance (k, p), for residuals of variance one.
     """
     F, K = linear.U[left_out], linear.K[:, kept]
     values, V = np.linalg.eigh(np.eye(F.shape[1]) - F.T @ F)
     V, root = V[:, values > _NONE], np.sqrt(values[values > _NONE])
     slope = V.T @ (linear.U.T @ r - F.T @ r[left_out])
-    return np.asarray(np.linalg.lstsq(root[:, None] * (V.T @ K), -slope / root, rcond=1e-10)[0])
+    spread = np.linalg.pinv(root[:, None] * (V.T @ K), rcond=1e-10)
+    return np.asarray(spread @ (-slope / root)), np.asarray(spread)
 
 
 def _index(rows: NDArray[np.intp], block: int) -> NDArray[np.intp]:
