@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
@@ -17,12 +17,13 @@ from posture_opt.diagnosis.extended import Extended, fit_extended
 from posture_opt.diagnosis.findings import Finding, Progress, effect_findings, geometry_finding, noise_finding
 from posture_opt.diagnosis.gains import HeldOut, held_out
 from posture_opt.diagnosis.geometry_names import geometry_causes
+from posture_opt.diagnosis.lasting import lasting
 from posture_opt.diagnosis.limits import unknowable
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.readmission import readmitted
-from posture_opt.diagnosis.scene import Scene, frame_directions, points_of, scene_of
+from posture_opt.diagnosis.scene import frame_directions, points_of, scene_of
 from posture_opt.diagnosis.search import Verdict, still_nameless, with_names
 from posture_opt.diagnosis.search_alike import find
 from posture_opt.diagnosis.second_session import Gain, SecondSession, second_session
@@ -210,8 +211,6 @@ def diagnose(
     named = [s for s in names.chosen if isinstance(s.what, Effect)]
     directions = calibration.identifiability.directions
     model = fit_extended(residuals, calibration.x, directions, named)
-    lasting = _lasting(model, scene, calibration)
-    planned = _lasting(model, scene, calibration, with_time) if with_time else lasting
     everything = scene.ground(found.chosen)
     left = adequacy(everything, residuals.data, points_of(scene), residuals.block)
     closed = 0.0 if nameless else left.p_value
@@ -237,29 +236,10 @@ def diagnose(
     statistics = {name: Statistics.of(h.errors, groups) for name, h in held.items()}
     other = None
     if test is not None:
-        seen = second_session(problem, test, calibration.x_nominal, base, lasting, refit_frames=refit_frames)
-        other = _of_all(seen, named)
+        other = second_session(problem, test, calibration.x_nominal, base, model, refit_frames=refit_frames)
     stages.end()
     return Diagnosis(
-        outcome, findings, problem, calibration, statistics, held, model, planned, found, nameless, left,
-        groups_by, groups, names.confused, other,
+        outcome, findings, problem, calibration, statistics, held, model, lasting(model, with_time), found, nameless,
+        left, groups_by, groups, names.confused, other,
         (*calibration.notes, *(() if other is None else other.notes)),
     )  # fmt: skip
-
-
-def _lasting(model: Extended, scene: Scene, calibration: Calibration, with_time: bool = False) -> Extended:
-    """The model without what belongs to its session; frames and lengths are other ones then."""
-    stays = [
-        s for s in model.suspects
-        if isinstance(s.what, Effect) and (s.what.for_planning or (with_time and "time" in s.what.needs))
-    ]  # fmt: skip
-    if len(stays) == len(model.suspects):
-        return model
-    return fit_extended(scene.tangents.residuals, calibration.x, calibration.identifiability.directions, stays)
-
-
-def _of_all(other: SecondSession, named: Sequence[Suspect]) -> SecondSession:
-    """The gains on the other file in the order of all effects; those of time have none there."""
-    gains = iter(other.gains)
-    each = (next(gains) if isinstance(s.what, Effect) and s.what.for_planning else None for s in named)
-    return replace(other, gains=tuple(each))

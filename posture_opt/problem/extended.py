@@ -178,7 +178,7 @@ def _header(diagnosis: Diagnosis, scatter: RemainingScatter) -> tuple[str, ...]:
     named = [f for f in diagnosis.findings if f.effect is not None or (f.noise is not None and f.noise.of_arm)]
     named_text = ", ".join(f"{f.kind} of {f.target}" for f in named) or "no effect"
     stays = {effect.name for effect in diagnosis.lasting.effects()}
-    left = [effect.name for effect in diagnosis.model.effects() if effect.name not in stays]
+    left = [effect for effect in diagnosis.model.effects() if effect.name not in stays]
     read = [f.noise.name for f in diagnosis.findings if f.noise is not None and not f.noise.of_arm]
     lines = [
         f"Extended by what {Path(data.file).name or 'a table'} ({len(data)} rows) says of the arm: {named_text}.",
@@ -187,7 +187,8 @@ def _header(diagnosis: Diagnosis, scatter: RemainingScatter) -> tuple[str, ...]:
         f"{scatter.note[:1].upper()}{scatter.note[1:]}.",
     ]
     if left:
-        lines.append(f"Left out, as it belongs to its session: {', '.join(left)}.")
+        before = "; the arm is as it was before" if any("time" in effect.needs for effect in left) else ""
+        lines.append(f"Left out, as it belongs to its session: {', '.join(e.name for e in left)}{before}.")
     if read:
         lines.append(f"Left out, as it is of the measurement and not of the arm: {', '.join(read)}.")
     return tuple(lines)
