@@ -16,7 +16,7 @@ from posture_opt.diagnosis.suspects import Judged, Suspect, absorbed, catalogue,
 
 Array = NDArray[np.float64]
 
-FIRST = 0.028  # of the 5 % for the whole verdict: the first effect; the rest is left to noise and lack of fit
+FIRST = 0.015  # of the 5 % for the whole verdict: the first effect; the rest is left to noise and lack of fit
 FURTHER = 0.006  # every effect after the first
 ALIKE = 0.5  # cosine of the least angle between what two causes do: what is less alike stands for nothing else
 RIVALS = 6.0  # of the criterion: within it, two causes cannot be told apart
@@ -65,7 +65,7 @@ class Verdict:
 
 
 def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: bool = True) -> Verdict:
-    """The effects in the residuals, with the family-wise error of the first at 2.8 %; tells each round that is done.
+    """The effects in the residuals, with the family-wise error of the first at 1.5 %; tells each round that is done.
 
     Without ``nameless`` only effects with a name stand to be chosen, and none that takes any smooth shape.
     """
