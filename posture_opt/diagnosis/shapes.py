@@ -10,11 +10,13 @@ from posture_opt.diagnosis.suspects import Suspect
 from posture_opt.diagnosis.tangents import Tangents
 from posture_opt.diagnosis.umbrellas import Umbrella, between
 from posture_opt.model.effects import Effect
+from posture_opt.model.effects.slip import STEPS, Slip
 
 Array = NDArray[np.float64]
 
 _RANGE = {"travel": 1.6, "constant": 1.6}  # factor either way on a geometric grid
 _EVALUATIONS = 16
+_TRIED = 24  # moments of a slip at the least, where there are so many
 
 
 def refined(tangents: Tangents, ground: Ground, suspect: Suspect) -> Suspect:
@@ -22,7 +24,9 @@ def refined(tangents: Tangents, ground: Ground, suspect: Suspect) -> Suspect:
     effect = suspect.what
     if isinstance(effect, Umbrella):
         return _between(tangents, ground, suspect, effect)
-    if not effect.shape or effect.target == "linear" or effect.kind == "slip":
+    if isinstance(effect, Slip):
+        return _moment(tangents, ground, suspect, effect)
+    if not effect.shape or effect.target == "linear":
         return suspect
     name = effect.shape[0]
     if name == "lsb":
@@ -33,9 +37,7 @@ def refined(tangents: Tangents, ground: Ground, suspect: Suspect) -> Suspect:
     low, high = _bracket(tangents, effect, name, value)
 
     def loss(trial: float) -> float:
-        Z = tangents.columns(reshaped(effect, name, trial))
-        basis, _ = surviving(ground, Z)
-        return -float(np.sum((basis.T @ ground.e) ** 2))
+        return -_gain(ground, tangents.columns(reshaped(effect, name, trial)))
 
     found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"maxiter": _EVALUATIONS})
     if found.fun >= loss(value):
@@ -46,7 +48,36 @@ def refined(tangents: Tangents, ground: Ground, suspect: Suspect) -> Suspect:
 
 def _between(tangents: Tangents, ground: Ground, suspect: Suspect, umbrella: Umbrella) -> Suspect:
     near = [suspect, *(Suspect(u, Z, suspect.searched) for u, Z in between(tangents, umbrella))]
-    return max(near, key=lambda s: float(np.sum((surviving(ground, s.Z)[0].T @ ground.e) ** 2)))
+    return max(near, key=lambda s: _gain(ground, s.Z))
+
+
+def _moment(tangents: Tangents, ground: Ground, suspect: Suspect, slip: Slip) -> Suspect:
+    """The slip between the two rows, no further off than the next moments of the grid, where it explains most.
+
+    Any moment between two rows is the same column. Where rows are many, some are tried first, and then those beside
+    the best of them: what a slip explains falls off to both sides of its moment.
+    """
+    times = np.unique(np.asarray(tangents.site.inputs.time, dtype=float))
+    step = float(np.ptp(times)) / STEPS
+    near = (times[:-1] < slip.moment + step) & (times[1:] > slip.moment - step)
+    between_rows = ((times[:-1] + times[1:]) / 2)[near]
+
+    def gain(k: int) -> float:
+        return _gain(ground, tangents.columns(reshaped(slip, "moment", float(between_rows[k]))))
+
+    count = len(between_rows)
+    stride = max(count // _TRIED, 1)
+    some = max(range(stride // 2, count, stride), key=gain)
+    best = max(range(max(some - stride + 1, 0), min(some + stride, count)), key=gain)
+    if gain(best) < _gain(ground, suspect.Z):
+        return suspect
+    better = reshaped(slip, "moment", float(between_rows[best]))
+    return Suspect(better, tangents.columns(better), suspect.searched)
+
+
+def _gain(ground: Ground, Z: Array) -> float:
+    """What columns (m, k) explain of the ground's residuals."""
+    return float(np.sum((surviving(ground, Z)[0].T @ ground.e) ** 2))
 
 
 def _bracket(tangents: Tangents, effect: Effect, name: str, value: float) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from posture_opt.robot.robot import Robot
 from posture_opt.units import Time
 
 _Way = Literal["shift", "slide", "settle"]
-_STEPS = 150  # moments at which a slip is looked for
+STEPS = 150  # moments at which a slip is looked for
 _AXES = np.eye(3)
 _WAYS: dict[_Way, tuple[str, ...]] = {
     "shift": ("x", "y", "z"),
@@ -68,7 +68,7 @@ class Slip(Effect):
     def candidates(cls, case: Case) -> Sequence[Effect]:
         if not cls.needs <= case.inputs or case.duration <= 0:
             return []
-        moments = case.duration * (np.arange(_STEPS) + 0.5) / _STEPS
+        moments = case.duration * (np.arange(STEPS) + 0.5) / STEPS
         joints = [cls(of=name, moment="0 s") for name in case.moving("revolute")]
         bases = [cls(of="base", moment="0 s", way=way) for way in _WAYS]
         return [one.model_copy(update={"moment": t}) for one in (*joints, *bases) for t in moments.tolist()]
