@@ -1,4 +1,8 @@
-"""What a model gains where it has not seen the data: cross-validation of arms with and without effects."""
+"""What a model gains where it has not seen the data: cross-validation of arms with and without effects.
+
+Every fold fits geometry and the sizes of effects anew. The effects themselves were chosen on all rows: that choice is
+not repeated, which flatters the gain of effects near the level by three or four points.
+"""
 
 from __future__ import annotations
 

@@ -68,7 +68,8 @@ class MeasuredGoals:
         goals: how many; ``postures`` in all of them.
         within: the part of an error that counts: ``across`` the task's direction, ``along`` it, or ``all``.
         sent: by model, the posture in which it predicts the least scatter, with the tool sent there by this model:
-            what is missed is what the model gets wrong of rows that it has not seen.
+            what is missed is what the model gets wrong of rows that it has not seen; the effects
+            themselves were chosen on all rows.
         uncorrected: by model, the posture in which it predicts the arm as it stands to miss by least, and what the
             arm misses there with the tool sent as ever; the model as it stands predicts no miss anywhere.
         anyhow: (G,) mean of what the arm as it stands misses over the postures of each goal [m].

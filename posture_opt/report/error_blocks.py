@@ -13,6 +13,7 @@ from posture_opt.report.units_text import decimals_of, fixed, number, percent
 if TYPE_CHECKING:
     from posture_opt.diagnosis.validation import Statistics
 
+_CHOSEN = "Their sizes were fitted anew in each round; the effects themselves were chosen on all rows."
 _LEFT_OUT = {
     "pose": "its pose",
     "block": "its block of the workspace",
@@ -61,8 +62,10 @@ def _gain_text(diagnosed: Diagnosed) -> str:
     gain = diagnosed.diagnosis.gain
     span = f"{percent(gain.low)} to {percent(gain.high)} with 95 % confidence"
     if gain.low > 0:
-        return f"The effects take {percent(gain.value)} off the RMS of the calibrated arm ({span})."
-    return f"The effects bring no sure gain over the calibrated arm: {percent(gain.value)} off its RMS ({span})."
+        text = f"The effects take {percent(gain.value)} off the RMS of the calibrated arm ({span})."
+    else:
+        text = f"The effects bring no sure gain over the calibrated arm: {percent(gain.value)} off its RMS ({span})."
+    return f"{text} {_CHOSEN}"
 
 
 def _cells(name: str, s: Statistics, inside: float) -> tuple[str, ...]:
