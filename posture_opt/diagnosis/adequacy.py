@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.scores import Ground, tail
+from posture_opt.diagnosis.visits import stays
 
 Array = NDArray[np.float64]
 
@@ -40,22 +41,42 @@ def adequacy(ground: Ground, data: Measurements, points: Array, block: int) -> A
 
 
 def _lack_of_fit(ground: Ground, data: Measurements, block: int) -> float:
-    """F test of the scatter about the model against the scatter between repeats of one pose."""
+    """F test of the scatter about the model against the scatter between visits of one pose with one target.
+
+    Readings of one visit share the joints' scatter, so they count by their mean: against the instrument alone every
+    arm would look wrong. A mean of more readings is surer where the instrument scatters most, and no surer where the
+    joints do; which it is nobody knows, so the p-value is the larger of both.
+    """
     from scipy.special import fdtrc
 
-    e = ground.e.reshape(-1, block)
-    codes, counts = (
-        np.unique(data.pose, return_inverse=True)[1],
-        np.bincount(np.unique(data.pose, return_inverse=True)[1]),
-    )
-    pure_freedom = int((counts - 1).sum()) * block
-    freedom = ground.freedom - pure_freedom
+    visit = stays(data)
+    cell, first, size = _groups(visit, data.target)
+    code, _, visits = _groups(data.pose[first], data.target[first])
+    # The targets of one visit share its scatter too: so many residuals tell as much as one.
+    shared = len(size) / (visit[-1] + 1)
+    pure_freedom = int((visits - 1).sum()) * block / shared
+    freedom = (len(size) * block - ground.Q.shape[1]) / shared - pure_freedom
     if pure_freedom < 12 or freedom < 1:
         return 1.0
-    means = np.stack([np.bincount(codes, e[:, k]) / counts for k in range(block)], axis=1)
-    pure = float(np.sum((e - means[codes]) ** 2))
-    left = float(np.sum(e**2)) - pure
-    return float(fdtrc(freedom, pure_freedom, (left / freedom) / max(pure / pure_freedom, 1e-300)))
+    e = _means(ground.e.reshape(-1, block), cell, np.ones(len(cell)))
+    ratios = []
+    for weights in (size.astype(float), np.ones(len(size))):
+        pure = float(np.sum(weights[:, None] * (e - _means(e, code, weights)[code]) ** 2))
+        left = float(np.sum(weights[:, None] * e**2)) - pure
+        ratios.append((left / freedom) / max(pure / pure_freedom, 1e-300))
+    return float(fdtrc(freedom, pure_freedom, max(min(ratios), 0.0)))
+
+
+def _groups(*codes: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """(N,) the group of rows that agree in all codes, and of each group its first row and how many it has."""
+    found = np.unique(np.column_stack(codes), axis=0, return_index=True, return_inverse=True, return_counts=True)
+    return found[2].ravel(), found[1], found[3]
+
+
+def _means(e: Array, code: NDArray[np.intp], weights: Array) -> Array:
+    """(G, block) weighted means of rows (N, block) of one code."""
+    total = np.bincount(code, weights)
+    return np.stack([np.bincount(code, weights * column) / total for column in e.T], axis=1)
 
 
 def _structure(ground: Ground, data: Measurements, points: Array, block: int) -> tuple[float, str]:

@@ -1,4 +1,4 @@
-"""Which rows revisit one posture."""
+"""Which rows belong to one visit, and which revisit one posture."""
 
 from __future__ import annotations
 
@@ -38,6 +38,16 @@ def revisits(data: Measurements, slides: NDArray[np.bool_]) -> Codes:
     first = np.full(own.max() + 1, -1)
     first[own[::-1]] = merged[::-1]
     return np.asarray(np.unique(first[own], return_inverse=True)[1], dtype=np.intp)
+
+
+def stays(data: Measurements) -> Codes:
+    """(N,) the visit of each row, counted from 0: rows that follow each other at one pose, whatever their target.
+
+    The arm has not moved between them, so that one draw of the joints' scatter is in all of them.
+    """
+    sides = data.approach if data.approach_given else np.zeros((len(data), 0))
+    place = np.column_stack([data.pose, data.robot, sides])
+    return np.asarray(np.cumsum(np.any(np.diff(place, axis=0, prepend=place[:1]) != 0, axis=1)), dtype=np.intp)
 
 
 def rows_of(codes: Codes) -> list[Codes]:

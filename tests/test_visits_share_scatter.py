@@ -1,0 +1,68 @@
+"""Rows of one visit share the joints' scatter: they are no repeats, and no independent witnesses of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+import posture_opt as po
+from posture_opt.diagnosis import noise_causes
+from posture_opt.diagnosis.adequacy import adequacy
+from posture_opt.diagnosis.calibrating import calibrate
+from posture_opt.diagnosis.extended import fit_extended
+from posture_opt.diagnosis.noise_suspects import stated_sigma
+from posture_opt.diagnosis.scene import scene_of
+from posture_opt.diagnosis.scores import Ground
+
+RR = """
+robot:
+  kind: dh
+  joints:
+    - {name: joint1, a: 500 mm}
+    - {name: joint2, a: 400 mm}
+task: {kind: insert, direction: [0, 1, 0], position: [0.5 m, 0.4 m, 0 m]}
+"""
+
+
+def lack_of_fit(seed: int, passes: int, readings: int, targets: int, wrong: float = 0.0) -> float:
+    """Of visits that scatter by 5 about a model that is ``wrong`` at each of 40 poses, by 1 from row to row."""
+    rng = np.random.default_rng(seed)
+    order = np.tile(np.repeat(np.arange(40), readings * targets), passes)
+    visit = np.repeat(np.arange(40 * passes), readings * targets)
+    q = rng.uniform(-2, 2, (40, 2))[order]
+    table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": rng.normal(size=len(q)), "y [m]": 0.0 * order}
+    table["target"] = np.tile(np.arange(targets), len(q) // targets).astype(str)
+    data = po.read_measurements(pd.DataFrame(table), po.problem_from_dict(yaml.safe_load(RR)))
+    e = 5 * rng.normal(size=(visit.max() + 1, 2))[visit] + rng.normal(size=(len(q), 2))
+    e += wrong * rng.normal(size=(40, 2))[order]
+    ground = Ground.of(e.ravel(), rng.normal(size=(e.size, 4)), np.repeat(order, 2), 19, 0)
+    return adequacy(ground, data, np.column_stack([q, order]), 2).lack_of_fit
+
+
+@pytest.mark.parametrize(("readings", "targets"), [(3, 1), (1, 2), (2, 2)])
+def test_readings_and_targets_of_one_visit_are_no_repeats(readings: int, targets: int) -> None:
+    assert lack_of_fit(1, 1, readings, targets) == 1.0
+    # Visits with others between them are: right models pass, wrong ones do not.
+    assert min(lack_of_fit(seed, 3, readings, targets) for seed in range(4)) > 0.01
+    assert lack_of_fit(1, 3, readings, targets, wrong=15.0) < 1e-3
+
+
+def test_a_scatter_of_nothing_leaves_the_residual_variance_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """24 residuals and some 5 unknowns: leverage taken off twice would swell the variance by a fourth."""
+    seen = []
+    monkeypatch.setattr(noise_causes, "stated_sigma", lambda *given: seen.append(given[0]) or stated_sigma(*given))
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-2, 2, (12, 2))
+    first, both = q[:, 0], q.sum(axis=1)
+    p = 0.5001 * np.stack([np.cos(first), np.sin(first)], 1) + 0.4 * np.stack([np.cos(both), np.sin(both)], 1)
+    p += rng.normal(0, 2e-5, p.shape)
+    table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
+    for scatter in ({}, {"joint1.theta": "1e-9 mrad"}):
+        document = yaml.safe_load(RR) | {"uncertainty": {"measurement": {"position": "0.02 mm"}, "scatter": scatter}}
+        stated = po.problem_from_dict(document)
+        calibration = calibrate(stated, po.read_measurements(pd.DataFrame(table), stated), folds=2)
+        model = fit_extended(calibration.residuals, calibration.x, calibration.identifiability.directions, [])
+        noise_causes.noise_causes(stated, calibration, model, scene_of(calibration, 9).ground(), 1.0, 0)
+    assert seen[1] == pytest.approx(seen[0], rel=0.1)
