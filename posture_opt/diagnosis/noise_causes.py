@@ -57,7 +57,8 @@ def noise_causes(
     if position_sigma(problem, residuals.data) and not found and closed >= _DOUBTFUL:
         squares = e**2
         kurtosis = float(np.mean(squares**2) / np.mean(squares) ** 2 - 3)
-        variance = float(np.sum(squares)) / ground.freedom if whole else float(ground.rss[0]) / ground.freedom
+        # Standardised residuals have their leverage back already.
+        variance = float(np.mean(squares)) if whole else float(ground.rss[0]) / ground.freedom
         suspect = stated_sigma(variance, ground.freedom, kurtosis)
         if suspect.p_value < _STATED and abs(np.log(suspect.size)) > np.log(_TASTE):
             found.append(NoiseCause(suspect.named(), suspect.estimate, suspect.p_value))
