@@ -8,13 +8,15 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.diagnosis import noise_causes
+from posture_opt.diagnosis import noise_causes, noise_suspects
 from posture_opt.diagnosis.adequacy import adequacy
 from posture_opt.diagnosis.calibrating import calibrate
 from posture_opt.diagnosis.extended import fit_extended
-from posture_opt.diagnosis.noise_suspects import stated_sigma
+from posture_opt.diagnosis.noise_suspects import stated_sigma, uneven
 from posture_opt.diagnosis.scene import scene_of
 from posture_opt.diagnosis.scores import Ground
+from posture_opt.diagnosis.visit_noise import whitened
+from posture_opt.model.effects import Rows
 
 RR = """
 robot:
@@ -66,3 +68,27 @@ def test_a_scatter_of_nothing_leaves_the_residual_variance_as_it_is(monkeypatch:
         model = fit_extended(calibration.residuals, calibration.x, calibration.identifiability.directions, [])
         noise_causes.noise_causes(stated, calibration, model, scene_of(calibration, 9).ground(), 1.0, 0)
     assert seen[1] == pytest.approx(seen[0], rel=0.1)
+
+
+def test_rows_of_one_visit_are_no_independent_witnesses_of_a_noisy_joint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """40 sets of 30 visits, four readings each that repeat what the visit was off by, anywhere: 5 % are below 5 %."""
+    monkeypatch.setattr(noise_suspects, "_DRAWS", 99)
+    rng, visits = np.random.default_rng(5), np.repeat(np.arange(30), 4)
+    robot = po.problem_from_dict(yaml.safe_load(RR)).robot
+    p = []
+    for seed in range(40):
+        e = rng.normal(size=(30, 2))[visits] + 0.1 * rng.normal(size=(120, 2))
+        rows = Rows(robot, rng.normal(size=(2, 30, 2))[:, visits], None, 2e-5, visits)
+        p.append(uneven(e, rows, seed)[0].p_value)
+    assert np.sum(np.array(p) < 0.05) <= 6
+
+
+def test_stated_scatter_of_a_joint_is_taken_off_whole_visits() -> None:
+    rng, visits = np.random.default_rng(6), np.array([0, 0, 0, 1, 2, 2])
+    S, own = rng.normal(size=(6, 2, 2)), rng.uniform(1, 2, (6, 2))
+    shared = np.where(visits[:, None] == visits, 1.0, 0.0).repeat(2, axis=0).repeat(2, axis=1)
+    covariance = np.diag(own.ravel()) + shared * (S.reshape(12, 2) @ S.reshape(12, 2).T)
+    e = rng.normal(size=(6, 2))
+    found, columns = whitened(e, np.stack([e, 2 * e]), S, visits, own)
+    assert np.sum(found**2) == pytest.approx(e.ravel() @ np.linalg.solve(covariance, e.ravel()))
+    np.testing.assert_allclose(columns, np.stack([found, 2 * found]))

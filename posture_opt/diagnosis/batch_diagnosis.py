@@ -17,6 +17,7 @@ from posture_opt.diagnosis.noise_suspects import standardised
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.scene import scene_of
 from posture_opt.diagnosis.validation import By
+from posture_opt.diagnosis.visits import stays
 from posture_opt.model.effects import CorrelatedLengths, Rows
 
 
@@ -108,8 +109,10 @@ def _noise(problem: CalibrationProblem, batch: Batch, seed: int) -> list[NoiseCa
         position = scene.tangents.residuals.data.position
         ranges = np.zeros(len(e)) if position is None else np.linalg.norm(position, axis=1)
         e, columns, _ = as_stated(problem, scene.tangents.residuals, e, scene.tangents.joints)
-        parts.append((e, columns, ranges))
+        parts.append((e, columns, ranges, stays(scene.tangents.residuals.data)))
     e = np.concatenate([p[0] for p in parts])
     columns = np.concatenate([p[1] for p in parts], axis=1)
     sigma = batch.calibrations[0].residuals.sigma
-    return uneven_noise(e, Rows(problem.robot, columns, np.concatenate([p[2] for p in parts]), sigma), seed)
+    first = np.cumsum([0, *(len(p[3]) for p in parts[:-1])])
+    visits = np.concatenate([start + p[3] for start, p in zip(first, parts, strict=True)])
+    return uneven_noise(e, Rows(problem.robot, columns, np.concatenate([p[2] for p in parts]), sigma, visits), seed)

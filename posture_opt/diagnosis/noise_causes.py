@@ -18,6 +18,8 @@ from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.scores import Ground
 from posture_opt.diagnosis.stated_scatter import joint_errors
 from posture_opt.diagnosis.tangents import Tangents
+from posture_opt.diagnosis.visit_noise import whitened
+from posture_opt.diagnosis.visits import stays
 from posture_opt.model.effects import NoiseEffect, Outliers, Rows
 
 Array = NDArray[np.float64]
@@ -52,7 +54,8 @@ def noise_causes(
     columns = Tangents(residuals, model.x).joints
     e, columns, whole = as_stated(problem, residuals, e, columns)
     level = BESIDE if model.suspects else LEVEL
-    found = uneven_noise(e, Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma), seed, level)
+    rows = Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma, stays(residuals.data))
+    found = uneven_noise(e, rows, seed, level)
     found += [] if closed < UNCLEAR else _outliers(calibration, model, bool(found))
     if position_sigma(problem, residuals.data) and not found and closed >= _DOUBTFUL:
         squares = e**2
@@ -111,9 +114,7 @@ def as_stated(
     S = np.moveaxis(columns, 0, 2) * sigma
     instrument = np.ones(e.shape)
     instrument[:, : len(residuals.axes)] = own[:, None] ** 2
-    L = np.linalg.cholesky(np.eye(e.shape[1]) * instrument[:, None, :] + S @ np.swapaxes(S, 1, 2))
-    whitened = np.linalg.solve(L, np.concatenate([e[:, :, None], np.moveaxis(columns, 0, 2)], axis=2))
-    return whitened[:, :, 0], np.moveaxis(whitened[:, :, 1:], 2, 0), True
+    return *whitened(e, columns, S, stays(residuals.data), instrument), True
 
 
 def _outliers(calibration: Calibration, model: Extended, other: bool) -> list[NoiseCause]:

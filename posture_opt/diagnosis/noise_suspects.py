@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.scores import tail
+from posture_opt.diagnosis.visit_noise import chance_sets
 from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, StatedSigma
 
 Array = NDArray[np.float64]
@@ -55,18 +56,13 @@ def standardised(e: Array, leverage: Array) -> Array:
 def uneven(e: Array, rows: Rows, seed: int) -> list[NoiseSuspect]:
     """Every joint, and the range, as the cause of noise that is not the same everywhere.
 
-    The null lets the residuals of a row point anywhere and rows change places, so that heavy tails alone raise
-    no alarm: each draw turns every residual at random and shuffles the rows.
+    The null lets the residuals of a visit point anywhere and visits change places, so that heavy tails alone raise
+    no alarm: each draw turns every visit at random and shuffles them.
 
     Args:
         e: (N, d) standardised residuals.
     """
-    rng = np.random.default_rng(seed)
-    N, d = e.shape
-    lengths = np.linalg.norm(e, axis=1)
-    drawn = rng.standard_normal((_DRAWS, N, d))
-    drawn *= (lengths[_shuffles(rng, N)] / np.linalg.norm(drawn, axis=2))[:, :, None]
-    sets = np.concatenate([e[None], drawn])
+    sets = np.concatenate([e[None], chance_sets(e, rows.visits, _DRAWS, np.random.default_rng(seed))])
     patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
     if not patterns:
         return []
@@ -79,10 +75,6 @@ def uneven(e: Array, rows: Rows, seed: int) -> list[NoiseSuspect]:
         named = partial(pattern.named, value, s2, std)
         suspects.append(NoiseSuspect(pattern.kind, pattern.target, ratio, p, pattern.quantity, size, std, named))
     return sorted(suspects, key=lambda s: -s.ratio)
-
-
-def _shuffles(rng: np.random.Generator, N: int) -> NDArray[np.intp]:
-    return np.argsort(rng.random((_DRAWS, N)), axis=1)
 
 
 def _ratio(sets: Array, pattern: Pattern) -> tuple[Array, float, float]:

@@ -25,12 +25,15 @@ class Rows:
         levers: (n, N, d) shift of the measured coordinates per unit of each joint, in units of ``sigma``.
         ranges: (N,) distance of the measured points from the instrument [m]; ``None`` where none is known.
         sigma: the instrument's σ of a coordinate as stated [m].
+        visits: (N,) which rows were measured at one visit, so that they share the joints' scatter; ``None`` if
+            each row is a visit of its own.
     """
 
     robot: Robot
     levers: Array
     ranges: Array | None
     sigma: float
+    visits: NDArray[np.intp] | None = None
 
 
 class Pattern(ABC):
