@@ -14,7 +14,7 @@ from posture_opt.diagnosis.chart import Chart
 from posture_opt.diagnosis.clusters import clustered_covariance
 from posture_opt.diagnosis.comparison import compare, fit_frames, held_length
 from posture_opt.diagnosis.cross_validation import Predicted, position_errors, predict, tested
-from posture_opt.diagnosis.estimation import Estimate, estimate
+from posture_opt.diagnosis.estimation import Beforehand, Estimate, estimate
 from posture_opt.diagnosis.knowledge import Knowledge, determine, unseen
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.parameters import CalibrationProblem
@@ -160,8 +160,17 @@ def _assembled(
         prior=known.stated,
         unseen=chart.told_size(found.x, unseen(residuals, known, found, fitted.held)),
         design=known.design,
+        beforehand=_beforehand(chart, known, found),
         notes=notes,
     )
+
+
+def _beforehand(chart: Chart, known: Knowledge, found: Estimate) -> Beforehand | None:
+    """What was known of the parameters of the file beside the data, where σ's are stated."""
+    if known.prior is None or not np.isfinite(known.stated).any():
+        return None
+    # The prior needs no turning: frames that may be locked are free, and have none.
+    return Beforehand(chart.told_steps(found.x, known.directions), known.prior, found.weight)
 
 
 def _teller(progress: Progress | None, total: int) -> Callable[[], None]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.estimation import Beforehand
 from posture_opt.diagnosis.identifiability import Identifiability
 from posture_opt.diagnosis.parameters import Parameter
 from posture_opt.diagnosis.residuals import Residuals
@@ -41,6 +42,7 @@ class Calibration:
         prior: (k,) the stated σ of each parameter that counts as knowledge [rad, m]; NaN where there is none.
         unseen: (k,) part of the standard errors that combinations leave which nothing tells [rad, m].
         design: how many rows tell as much as one alone would, as neighbouring postures err alike.
+        beforehand: what the fit went by besides the data, where σ's of parameters are stated.
         notes: sentences for the report.
     """
 
@@ -65,6 +67,7 @@ class Calibration:
     prior: Array
     unseen: Array
     design: float = 1.0
+    beforehand: Beforehand | None = None
     notes: tuple[str, ...] = ()
 
     @property

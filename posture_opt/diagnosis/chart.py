@@ -61,6 +61,10 @@ class Chart:
             x[at] = [angles[turn] - nominal[f"{frame}.{turn}"] for turn in _TURNS]
         return x
 
+    def told_steps(self, x: Array, directions: Array) -> Array:
+        """Steps (k, r) of ``given`` from those of ``fitted``."""
+        return np.asarray(self._rates(x) @ directions) if self.locked else directions
+
     def told_covariance(self, x: Array, covariance: Array) -> Array:
         """Covariance (k, k) of ``given`` at ``fitted``'s deviations ``x``."""
         G = self._rates(x)

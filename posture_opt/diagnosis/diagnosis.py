@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.adequacy import LEVEL, Adequacy, adequacy
 from posture_opt.diagnosis.calibrating import calibrate
 from posture_opt.diagnosis.calibration import Calibration
-from posture_opt.diagnosis.extended import Extended, fit_extended
+from posture_opt.diagnosis.extended import Extended, fit_calibrated, fit_extended
 from posture_opt.diagnosis.findings import Finding, Progress, effect_findings, geometry_finding, noise_finding
 from posture_opt.diagnosis.gains import HeldOut, held_out
 from posture_opt.diagnosis.geometry_names import geometry_causes
@@ -209,19 +209,19 @@ def diagnose(
     names = with_names(scene, found) if not all(s.named for s in found.chosen) else found
     nameless = tuple(s.what for s in still_nameless(scene, found, names) if isinstance(s.what, Umbrella))
     named = [s for s in names.chosen if isinstance(s.what, Effect)]
-    directions = calibration.identifiability.directions
-    model = fit_extended(residuals, calibration.x, directions, named)
+    model = fit_calibrated(residuals, calibration, named)
     everything = scene.ground(found.chosen)
     left = adequacy(everything, residuals.data, points_of(scene), residuals.block)
     closed = 0.0 if nameless else left.p_value
     unclear = closed < LEVEL
     noise = noise_causes(problem, calibration, model, everything, closed, seed)
     known = frame_directions(calibration)
-    geometry = geometry_causes(residuals, calibration.x_nominal, known, model, named)
+    full = _of_data(model, calibration)
+    geometry = geometry_causes(residuals, calibration.x_nominal, known, full, named)
     groups_by: By = by or calibration.by
     groups = groups_of(residuals.data, groups_by, folds)
     parts = folds_of(groups, folds, groups_by)
-    base = fit_extended(residuals, calibration.x, directions, [])
+    base = fit_calibrated(residuals, calibration, [])
     tell = stages.next()
     stands = fit_extended(residuals, calibration.x_nominal, known, [])
     models = {"nominal": stands, "calibrated": base, "extended": model}
@@ -243,3 +243,11 @@ def diagnose(
         left, groups_by, groups, names.confused, other,
         (*calibration.notes, *(() if other is None else other.notes)),
     )  # fmt: skip
+
+
+def _of_data(model: Extended, calibration: Calibration) -> Extended:
+    """The model as the data alone tell it: by them geometry is judged a cause, whatever is stated of it."""
+    if not len(model.known):
+        return model
+    directions = calibration.identifiability.directions
+    return fit_extended(model.residuals, calibration.x, directions, model.suspects)

@@ -12,8 +12,8 @@ from posture_opt.diagnosis.residuals import Residuals
 
 Array = NDArray[np.float64]
 
-_ROUNDS = 8  # of leaving out and taking back outliers; on real data two or three settle it
-_FAIR = 0.01  # of the weight of a prior: it settles faster than its own uncertainty matters
+ROUNDS = 8  # of leaving out and taking back outliers; on real data two or three settle it
+FAIR = 0.01  # of the weight of a prior: it settles faster than its own uncertainty matters
 _HELD = 1e-8  # of a variance, in correlations: a ten-thousandth of a standard deviation is as good as nothing
 _SURE = 1e-10  # rad, m: nothing is known better
 _OFFSET = 1e-3  # of a standard error: how near to the minimum is near enough
@@ -48,6 +48,18 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
+class Beforehand:
+    """What a fit goes by besides the data: the steps (k, r) of the geometry that it fits, and a prior with its weight.
+
+    ``weight`` is the standard deviation that weighs the prior, in units of the instrument's; a first guess of it.
+    """
+
+    directions: Array
+    prior: Prior
+    weight: float
+
+
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """Deviations ``x`` (k,) with their covariance, and the rows (N,) that were kept."""
 
@@ -69,7 +81,7 @@ class Estimate:
     def notes(self) -> tuple[str, ...]:
         """Sentences on what did not come to rest."""
         stopped = f"the fit had not come to rest after {self.fit.steps} steps: its estimates and errors are provisional"
-        changing = f"which rows are outliers still changed after {_ROUNDS} rounds: look at those that are listed"
+        changing = f"which rows are outliers still changed after {ROUNDS} rounds: look at those that are listed"
         return (stopped,) * (not self.fit.converged) + (changing,) * (not self.settled)
 
 
@@ -88,7 +100,7 @@ def estimate(
     n = len(residuals.data)
     kept, z = np.ones(n, dtype=bool), np.zeros(directions.shape[1]) if near is None else near
     studentised, settled = np.zeros(n), False
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         used = residuals.take(np.flatnonzero(kept)) if not kept.all() else residuals
         found = least_squares(_function(used, x0, directions, prior, weight), z, tolerance=_OFFSET, max_steps=100)
         z = found.x
@@ -99,13 +111,13 @@ def estimate(
             break
         r, J = residuals.both(x)
         rows = n * residuals.block
-        known = _known(prior, weight, directions)
+        known = known_rows(prior, weight, directions)
         gross, studentised = outlying(r[:rows], reduced(J[:rows], directions), residuals.block, known)
         gross = gross if robust else np.zeros(n, dtype=bool)
-        variance = _variance(found, known)
+        variance = variance_of(found, known)
         # A prior that was weighed with the variance of a fit to outliers would be many times too sure of itself.
         fair = np.sqrt(design * variance) if prior is not None else 0.0
-        settled = np.array_equal(~gross, kept) and abs(weight - fair) <= _FAIR * fair
+        settled = np.array_equal(~gross, kept) and abs(weight - fair) <= FAIR * fair
         kept, weight = ~gross, fair
         if settled:
             break
@@ -114,13 +126,13 @@ def estimate(
     return Estimate(x, covariance, kept, studentised, variance, found, settled, weight)
 
 
-def _known(prior: Prior | None, weight: float, directions: Array) -> Array:
+def known_rows(prior: Prior | None, weight: float, directions: Array) -> Array:
     """The prior as further rows of the Jacobian."""
     rows = np.zeros((0, directions.shape[1]))
     return rows if prior is None else np.asarray(weight * prior.matrix(len(directions)) @ directions)
 
 
-def _variance(found: Fit, known: Array) -> float:
+def variance_of(found: Fit, known: Array) -> float:
     """Residual variance of the measurements: what a wrong prior costs is no noise of theirs."""
     measured = found.residuals[: len(found.residuals) - len(known)]
     by_prior = float(np.sum((known @ np.linalg.pinv(found.R, rcond=1e-14)) ** 2))

@@ -9,6 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.calibration import Calibration
+from posture_opt.diagnosis.estimation import FAIR, ROUNDS, known_rows, variance_of
 from posture_opt.diagnosis.fit import least_squares
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.shapes import reshaped
@@ -31,6 +33,7 @@ class Extended:
         suspects: the effects, columns as of ``residuals``; ``theta`` in their order, one parameter after the other.
         covariance: of (g directions, theta, shapes) in that order, residual variance included.
         variance: residual variance in units of the instrument's.
+        known: (p, k) weighted rows ``known @ x`` that the fit had of stated σ's besides the measurements.
     """
 
     residuals: Residuals
@@ -40,6 +43,7 @@ class Extended:
     theta: Array
     covariance: Array
     variance: float
+    known: Array
 
     @property
     def columns(self) -> Array:
@@ -81,11 +85,32 @@ class Extended:
         return np.asarray(self.residuals.whitened(self.x)[:rows] + self.columns @ self.theta)
 
 
-def fit_extended(residuals: Residuals, x0: Array, directions: Array, suspects: Sequence[Suspect]) -> Extended:
+def fit_calibrated(residuals: Residuals, calibration: Calibration, suspects: Sequence[Suspect]) -> Extended:
+    """The arm with effects as `calibrate` fits it without: what is known of it beforehand weighs as much here."""
+    known = calibration.beforehand
+    if known is None:
+        return fit_extended(residuals, calibration.x, calibration.identifiability.directions, suspects)
+    weight = known.weight
+    for _ in range(ROUNDS):
+        rows = known_rows(known.prior, weight, np.eye(len(calibration.x)))
+        found = fit_extended(residuals, calibration.x, known.directions, suspects, rows)
+        # What effects explain makes data worth more than they were to the calibration.
+        fair = float(np.sqrt(calibration.design * found.variance))
+        if abs(weight - fair) <= FAIR * fair:
+            break
+        weight = fair
+    return found
+
+
+def fit_extended(
+    residuals: Residuals, x0: Array, directions: Array, suspects: Sequence[Suspect], known: Array | None = None
+) -> Extended:
     """Least squares in geometry, effects and shapes; effects act to first order, as they are small.
 
-    The second order of a joint error of 1 mrad at 1 m is half a micrometre.
+    The second order of a joint error of 1 mrad at 1 m is half a micrometre. ``known`` (p, k) are weighted rows of a
+    prior of the geometry.
     """
+    known = np.zeros((0, len(x0))) if known is None else known
     tangents = Tangents(residuals, x0)
     m, g = len(residuals.data) * residuals.block, directions.shape[1]
     smooth = [(i, _effect(s).shape[0]) for i, s in enumerate(suspects) if _smooth(s.what)]
@@ -93,10 +118,11 @@ def fit_extended(residuals: Residuals, x0: Array, directions: Array, suspects: S
     x, theta = x0.copy(), np.zeros(sum(s.Z.shape[1] for s in suspects))
     if g + len(theta) == 0:
         variance = float(np.mean(residuals.whitened(x0)[:m] ** 2))
-        return Extended(residuals, x, directions, (), theta, np.zeros((0, 0)), variance)
+        return Extended(residuals, x, directions, (), theta, np.zeros((0, 0)), variance, known)
     for _ in range(4 if smooth else 1):
         shape_columns = _shape_columns(tangents, current, theta, smooth)
-        function = _Linear(residuals, x0, directions, np.concatenate([*(s.Z for s in current), shape_columns], axis=1))
+        columns = np.concatenate([*(s.Z for s in current), shape_columns], axis=1)
+        function = _Linear(residuals, x0, directions, columns, known)
         away = np.linalg.lstsq(directions, x - x0, rcond=None)[0]
         start = np.concatenate([away, theta, np.zeros(shape_columns.shape[1])])
         found = least_squares(function, start, tolerance=1e-4, max_steps=60)
@@ -105,26 +131,41 @@ def fit_extended(residuals: Residuals, x0: Array, directions: Array, suspects: S
         if len(steps):
             current = _reshaped(tangents, current, smooth, steps)
     if smooth:  # the last step of the shapes came after the rest: what hangs together closely would not fit any more
-        x, theta = _settled(residuals, x, directions, current, theta)
-    return Extended(residuals, x, directions, tuple(current), theta, found.covariance, found.variance)
+        x, theta = _settled(
+            _Linear(residuals, x, directions, np.concatenate([s.Z for s in current], axis=1), known), theta
+        )
+    variance, covariance = found.variance, found.covariance
+    if len(known):
+        wide = np.concatenate([known @ directions, np.zeros((len(known), len(found.x) - g))], axis=1)
+        variance = variance_of(found, wide)
+        covariance = covariance * (variance / found.variance)
+    return Extended(residuals, x, directions, tuple(current), theta, covariance, variance, known)
 
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """Whitened residuals and their Jacobian at (geometry, coefficients of the ``columns`` (m, c))."""
+    """Whitened residuals and their Jacobian at (geometry, coefficients of the ``columns`` (m, c)), prior at the end."""
 
     residuals: Residuals
     x0: Array
     directions: Array
     columns: Array
+    known: Array
 
     def __call__(self, z: Array) -> tuple[Array, Array]:
         m, g = len(self.columns), self.directions.shape[1]
-        r, J = self.residuals.both(self.x0 + self.directions @ z[:g])
-        r = r.copy()
+        r, J = with_known(self.residuals, self.x0 + self.directions @ z[:g], self.known)
         r[:m] += self.columns @ z[g:]
         wide = np.concatenate([self.columns, np.zeros((len(r) - m, self.columns.shape[1]))])
         return r, np.concatenate([J @ self.directions, wide], axis=1)
+
+
+def with_known(residuals: Residuals, x: Array, known: Array) -> tuple[Array, Array]:
+    """Whitened residuals and their Jacobian at ``x`` with those of a prior ``known`` (p, k) at the end."""
+    r, J = residuals.both(x)
+    if not len(known):
+        return r.copy(), J
+    return np.concatenate([r, known @ x]), np.concatenate([J, known])
 
 
 def _reshaped(
@@ -141,19 +182,14 @@ def _reshaped(
     return moved
 
 
-def _settled(
-    residuals: Residuals, x: Array, directions: Array, suspects: Sequence[Suspect], theta: Array
-) -> tuple[Array, Array]:
+def _settled(function: _Linear, theta: Array) -> tuple[Array, Array]:
     """Geometry and effects with the shapes as they are: one step to the minimum, next to which they stand."""
-    m, g = len(residuals.data) * residuals.block, directions.shape[1]
-    r, J = residuals.both(x)
-    Z = np.concatenate([s.Z for s in suspects], axis=1)
-    wide = np.concatenate([Z, np.zeros((len(r) - m, Z.shape[1]))])
-    A = np.concatenate([J @ directions, wide], axis=1)
+    g = function.directions.shape[1]
+    r, A = function(np.r_[np.zeros(g), theta])
     scale = np.linalg.norm(A, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
-    step = np.linalg.lstsq(A / scale, -(r + wide @ theta), rcond=1e-10)[0] / scale
-    return x + directions @ step[:g], theta + step[g:]
+    step = np.linalg.lstsq(A / scale, -r, rcond=1e-10)[0] / scale
+    return function.x0 + function.directions @ step[:g], theta + step[g:]
 
 
 def _effect(suspect: Suspect) -> Effect:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.diagnosis.extended import Extended
+from posture_opt.diagnosis.extended import Extended, with_known
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.intp]
@@ -20,7 +20,7 @@ class LinearModel:
     """Residuals ``r + U K z`` for steps z of geometry and effects; every refit happens in the few coordinates K.
 
     Args:
-        r: (m,) residuals at the estimate, those of known distances at the end.
+        r: (m,) residuals at the estimate, those of known distances and of stated σ's at the end.
         U: (m, p) orthonormal basis of all columns, ``K`` (p, k) the columns in it.
         scale: (k,) by which the columns of effects were divided.
         owner: (k,) the effect that a column belongs to; -1 for geometry.
@@ -38,9 +38,8 @@ class LinearModel:
     def of(cls, model: Extended) -> LinearModel:
         """Of a model at its estimate."""
         residuals = model.residuals
-        r, J = residuals.both(model.x)
+        r, J = with_known(residuals, model.x, model.known)
         rows, g = len(residuals.data) * residuals.block, model.directions.shape[1]
-        r = r.copy()
         r[:rows] += model.columns @ model.theta
         wide = np.concatenate([model.columns, np.zeros((len(r) - rows, len(model.theta)))])
         norms = np.linalg.norm(wide, axis=0)

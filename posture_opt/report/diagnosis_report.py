@@ -109,7 +109,7 @@ def data_block(problem: Problem, diagnosed: Diagnosed) -> Block:
         ("File", Path(data.file).name or "table"),
         ("Rows", f"{len(data)} in {count(len(np.unique(data.pose)), 'pose')}"),
         ("Instrument", touched if data.position is None else stated),
-        ("Geometry", f"{found.calibration.identifiability.rank} combinations of parameters are fitted in every model"),
+        ("Geometry", f"{found.model.directions.shape[1]} combinations of parameters are fitted in every model"),
         *(
             [("Left out", f"as outliers, lines {', '.join(map(str, gone[:10]))}{' …' * (len(gone) > 10)}")]
             if gone
