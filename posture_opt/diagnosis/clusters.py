@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.diagnosis.estimation import Estimate, Prior
+from posture_opt.diagnosis.estimation import Estimate, Prior, known_rows
 from posture_opt.diagnosis.fit import reduced, triangular
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.validation import blocks
@@ -55,17 +55,30 @@ def clustered_covariance(residuals: Residuals, found: Estimate, directions: Arra
     used = residuals.take(np.flatnonzero(found.kept))
     r, J = used.both(found.x)
     measured = len(used.data) * used.block
-    inverse = np.asarray(np.linalg.pinv(found.fit.R, rcond=1e-14), dtype=float)
-    Q = reduced(J[:measured], directions @ inverse)
-    sums = _sums(Q * r[:measured, None], used)
-    G = len(np.unique(neighbours(used)))
-    M = sums.T @ sums * G / (G - 1) if G > 1 else np.zeros((Q.shape[1],) * 2)
-    if prior is not None:
-        known = prior.matrix(len(found.x)) @ directions @ inverse
-        M = M + found.weight**2 * known.T @ known
+    known = known_rows(prior, found.weight, directions)
+    C = clustered(
+        used, r[:measured], reduced(J[:measured], directions), found.fit.R, found.variance, known, found.weight
+    )
+    return np.asarray(directions @ C @ directions.T)
+
+
+def clustered(
+    residuals: Residuals, r: Array, A: Array, R: Array, variance: float, known: Array, weight: float
+) -> Array:  # fmt: skip
+    """The same (p, p) of a fit with residuals r (m,), Jacobian A (m, p) and its triangular factor R (p, p).
+
+    ``known`` (n, p) are the rows of a prior, whose residuals are as large as their ``weight``.
+    """
+    scale = np.linalg.norm(R, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    P = np.asarray(np.linalg.pinv(R / scale, rcond=1e-14) / scale[:, None], dtype=float)
+    sums = _sums(reduced(A, P) * r[:, None], residuals)
+    G = len(np.unique(neighbours(residuals)))
+    M = sums.T @ sums * G / (G - 1) if G > 1 else np.zeros((len(P),) * 2)
+    KP = known @ P
+    M = M + weight**2 * KP.T @ KP
     values, vectors = np.linalg.eigh(M)
-    M = (vectors * np.maximum(values, found.variance)) @ vectors.T
-    P = directions @ inverse
+    M = (vectors * np.maximum(values, variance)) @ vectors.T
     return np.asarray(P @ M @ P.T)
 
 

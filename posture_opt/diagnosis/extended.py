@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.calibration import Calibration
+from posture_opt.diagnosis.clusters import clustered, design_effect
 from posture_opt.diagnosis.estimation import FAIR, ROUNDS, known_rows, variance_of
-from posture_opt.diagnosis.fit import least_squares
+from posture_opt.diagnosis.fit import Fit, least_squares
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.shapes import reshaped
 from posture_opt.diagnosis.suspects import Suspect
@@ -34,6 +35,7 @@ class Extended:
         covariance: of (g directions, theta, shapes) in that order, residual variance included.
         variance: residual variance in units of the instrument's.
         known: (p, k) weighted rows ``known @ x`` that the fit had of stated σ's besides the measurements.
+        design: how many rows tell as much as one alone would, as neighbouring postures err alike.
     """
 
     residuals: Residuals
@@ -44,6 +46,7 @@ class Extended:
     covariance: Array
     variance: float
     known: Array
+    design: float = 1.0
 
     @property
     def columns(self) -> Array:
@@ -93,9 +96,9 @@ def fit_calibrated(residuals: Residuals, calibration: Calibration, suspects: Seq
     weight = known.weight
     for _ in range(ROUNDS):
         rows = known_rows(known.prior, weight, np.eye(len(calibration.x)))
-        found = fit_extended(residuals, calibration.x, known.directions, suspects, rows)
+        found = fit_extended(residuals, calibration.x, known.directions, suspects, rows, weight)
         # What effects explain makes data worth more than they were to the calibration.
-        fair = float(np.sqrt(calibration.design * found.variance))
+        fair = float(np.sqrt(found.design * found.variance))
         if abs(weight - fair) <= FAIR * fair:
             break
         weight = fair
@@ -103,12 +106,13 @@ def fit_calibrated(residuals: Residuals, calibration: Calibration, suspects: Seq
 
 
 def fit_extended(
-    residuals: Residuals, x0: Array, directions: Array, suspects: Sequence[Suspect], known: Array | None = None
-) -> Extended:
+    residuals: Residuals, x0: Array, directions: Array, suspects: Sequence[Suspect], known: Array | None = None,
+    weight: float = 1.0,
+) -> Extended:  # fmt: skip
     """Least squares in geometry, effects and shapes; effects act to first order, as they are small.
 
-    The second order of a joint error of 1 mrad at 1 m is half a micrometre. ``known`` (p, k) are weighted rows of a
-    prior of the geometry.
+    The second order of a joint error of 1 mrad at 1 m is half a micrometre. ``known`` (p, k) are rows of a prior
+    of the geometry, times the standard deviation ``weight``.
     """
     known = np.zeros((0, len(x0))) if known is None else known
     tangents = Tangents(residuals, x0)
@@ -134,12 +138,23 @@ def fit_extended(
         x, theta = _settled(
             _Linear(residuals, x, directions, np.concatenate([s.Z for s in current], axis=1), known), theta
         )
-    variance, covariance = found.variance, found.covariance
-    if len(known):
-        wide = np.concatenate([known @ directions, np.zeros((len(known), len(found.x) - g))], axis=1)
-        variance = variance_of(found, wide)
-        covariance = covariance * (variance / found.variance)
-    return Extended(residuals, x, directions, tuple(current), theta, covariance, variance, known)
+    variance, covariance, design = _errors(function, found, weight)
+    return Extended(residuals, x, directions, tuple(current), theta, covariance, variance, known, design)
+
+
+def _errors(function: _Linear, found: Fit, weight: float) -> tuple[float, Array, float]:
+    """Residual variance, covariance of all that was fitted, and design effect of what is left."""
+    residuals, known = function.residuals, function.known
+    wide = np.zeros((len(known), len(found.x)))
+    wide[:, : function.directions.shape[1]] = known @ function.directions
+    variance = variance_of(found, wide) if len(known) else found.variance
+    A = function(found.x)[1][: len(function.columns)]
+    r = found.residuals[: len(A)]
+    norms = np.linalg.norm(A, axis=0)
+    design = design_effect(residuals, r, A / np.where(norms > 0, norms, 1.0))
+    if design > 1:
+        return variance, clustered(residuals, r, A, found.R, variance, wide, weight), design
+    return variance, found.covariance * (variance / found.variance if len(known) else 1.0), design
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,9 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration:
     errors = calibration.errors.copy()
     kept = np.setdiff1d(np.arange(len(errors)), calibration.outliers)
     errors[kept] = diagnosis.held["extended"].errors
-    return replace(calibration, x=model.x, covariance=covariance, errors=errors, variance=model.variance)
+    # Sums over blocks hold what each row makes of the estimate, and no model of single rows may stand in for them.
+    design = max(calibration.design, model.design)
+    return replace(calibration, x=model.x, covariance=covariance, errors=errors, variance=model.variance, design=design)
 
 
 def models_of(problem: Problem, diagnosis: Diagnosis, extended: Problem) -> dict[str, Problem]:
