@@ -1,4 +1,4 @@
-"""The part of a fitted arm that outlasts its session: nothing of a drift or a slip may get into it."""
+"""The part of a fitted arm that outlasts its session: nothing of a drift gets into it, and it is as sure as it is."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ NOISE = 2e-5  # m, of each measured coordinate
 SINE, SHIFT, STEP = 1e-4, 1e-4, 3e-4  # rad of joint1's gear; m in x and y; rad of joint1
 ECCENTRIC = GearEccentricity(joint="joint1")
 TIMED = {"drift": Drift(course="exponential", constant="300 s"), "slip": Slip(of="joint1", moment="705 s")}
+WAVE = np.array([0.55e-4, 0.23e-4, 20.3])  # rad, rad of joint1; cycles a turn
 PROBLEM = PLANAR + "uncertainty: {measurement: {position: 0.02 mm}}\n"
 
 
@@ -70,3 +71,43 @@ def test_the_file_says_what_the_report_says(tmp_path: Path) -> None:
     assert effect.values == pytest.approx([said["sin"][0], said["cos"][0]], abs=1e-12)
     sigma = dict(zip(found.extended.sources.names, found.extended.sources.sigma, strict=True))
     assert sigma["gear_eccentricity(joint1).sin"] == pytest.approx(said["sin"][1], rel=1e-6)
+
+
+def wavy(q: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Points (N, 2) of an arm with offsets of joints [rad] and links [m], sine, cosine and cycles ``z`` (7,)."""
+    wave = z[4] * np.sin(z[6] * q[:, 0]) + z[5] * np.cos(z[6] * q[:, 0])
+    return position(q + z[:2] + np.stack([wave, 0 * wave], axis=1), 1 + z[2:4])
+
+
+def correction(q: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """The gradients (N, 3) of a wave by sine, cosine and cycles."""
+    s, c = np.sin(z[6] * q), np.cos(z[6] * q)
+    return np.stack([s, c, q * (z[4] * c - z[5] * s)], axis=1)
+
+
+def test_a_wave_is_exported_as_sure_as_it_is_with_its_cycles_held(tmp_path: Path) -> None:
+    """Against the linear errors of all seven unknowns together, by differences of the arm by hand."""
+    rng = np.random.default_rng(3)
+    q = np.column_stack([rng.uniform(0.5, 2.5, 150), rng.uniform(-2.5, 2.5, 150)])
+    z = np.r_[np.zeros(4), WAVE]
+    steps = np.diag([1e-6] * 6 + [1e-4])
+    J = np.stack([(wavy(q, z + h) - wavy(q, z - h)).ravel() / (2 * h.sum()) for h in steps], axis=1)
+    C = NOISE**2 * np.linalg.inv(J.T @ J)[4:, 4:]
+    write(tmp_path / "data.csv", q, wavy(q, z) + rng.normal(0, NOISE, q.shape))
+    (tmp_path / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
+    problem = po.load_problem(tmp_path / "problem.yaml")
+    found = po.diagnose(problem, po.read_measurements(tmp_path / "data.csv", problem), flips=49, folds=2)
+    (effect,) = found.extended.effects
+    assert effect.kind == "cyclic_error"
+    own = [found.extended.sources.names.index(f"{effect.name}.{name}") for name in ("sin", "cos")]
+    held = found.extended.sources.covariance[np.ix_(own, own)]
+
+    def sigma(at: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+        G = correction(at, z)[:, : len(covariance)]
+        return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", G, covariance, G)))
+
+    middle = np.linspace(1.2, 1.8, 13)  # at the edges the cycles' error is more than sine and cosine can say
+    ratio = sigma(middle, held) / sigma(middle, C)
+    assert np.all(np.abs(ratio - 1) < 0.25)  # residual variance of 300 numbers, and the amplitude's own error
+    claimed, true = (np.linalg.norm(sigma(middle, part)) for part in (C[:2, :2], C))
+    assert claimed > 1.8 * true  # by sine and cosine with the error of the cycles in them

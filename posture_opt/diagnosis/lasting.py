@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.diagnosis.extended import Extended
+from posture_opt.diagnosis.extended import Extended, shape_column
+from posture_opt.diagnosis.tangents import Tangents
 from posture_opt.model.effects import Effect
 
 Array = NDArray[np.float64]
@@ -38,3 +39,21 @@ def _part(model: Extended, places: list[int]) -> Extended:
         theta=model.theta[theta],
         covariance=model.covariance[np.ix_(kept, kept)],
     )
+
+
+def covariance_at_shapes(model: Extended) -> Array:
+    """Covariance (directions, theta) of effects whose shapes are held where they were found.
+
+    The covariance of the estimate lets the shapes go: sine and cosine then lean on cycles that may differ too, and are
+    less certain than their sum ever is in the data. Who holds the shape takes ``A C Aᵀ`` with ``A = [I, B⁺D]``: what an
+    error of the shape does to the data, D, as far as the columns B of the effect can express it.
+    """
+    g, t = model.directions.shape[1], len(model.theta)
+    A = np.eye(g + t, len(model.covariance))
+    tangents = Tangents(model.residuals, model.x)
+    for column, i in enumerate(model.shape_std, start=g + t):
+        suspect, part = model.suspects[i], model.slices[i]
+        D = shape_column(tangents, suspect, model.theta[part])
+        if D.shape[1]:
+            A[g + part.start : g + part.stop, column] = np.linalg.lstsq(suspect.Z, D[:, 0], rcond=None)[0]
+    return np.asarray(A @ model.covariance @ A.T)

@@ -11,6 +11,7 @@ import numpy as np
 
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.diagnosis import Diagnosis
+from posture_opt.diagnosis.lasting import covariance_at_shapes
 from posture_opt.diagnosis.remaining import remaining_scatter
 from posture_opt.diagnosis.stated_scatter import RemainingScatter
 from posture_opt.diagnosis.tangents import gravity_of
@@ -128,17 +129,18 @@ def _with_effects(
 ) -> Sources:
     """The sources of the geometry with those of the effects, correlated as they were estimated."""
     model = diagnosis.lasting
+    together = covariance_at_shapes(model)
     g, k, e = model.directions.shape[1], len(geometry.names), len(parameters)
     names = [p.name for p in diagnosis.calibration.parameters]
     at = [names.index(name) if name in names else -1 for name in geometry.names]
     columns = [g + place for _, place, _ in parameters]
-    cross: Array = model.directions @ model.covariance[:g, columns]
+    cross: Array = model.directions @ together[:g, columns]
     covariance = np.zeros((k + e, k + e))
     covariance[:k, :k] = geometry.covariance
     for row, i in enumerate(at):
         if i >= 0:
             covariance[row, k:] = covariance[k:, row] = cross[i]
-    covariance[k:, k:] = model.covariance[np.ix_(columns, columns)]
+    covariance[k:, k:] = together[np.ix_(columns, columns)]
     if not k + e:
         return Sources()
     return Sources((*geometry.names, *(name for name, _, _ in parameters)), semidefinite(covariance))
