@@ -384,6 +384,13 @@ def test_sizes_are_in_units_of_the_shop_floor() -> None:
     slip = Finding("slip", "joint2", {"step": (2e-4, 1e-5, "rad"), "moment": (162.0, float("nan"), "")}, 1e-9, 0.3)
     assert dict(size_words(slip))["at"] == "2.70 min after the first row"
     assert dict(size_words(slip, timed=False))["at"] == "row 163, as no times are logged"
+    shift = dict.fromkeys("xyz", (0.0001, 3e-06, "m"))
+    drift = Finding("drift", "exponential", {**shift, "constant": (291.0, 21.0, "")}, 1e-9, 0.3)
+    after = "two thirds of it after"
+    assert dict(size_words(drift))[after] == "4.85 ± 0.35 min"
+    assert dict(size_words(drift, timed=False))[after] == "291 ± 21 rows, as no times are logged"
+    lost = Finding("hysteresis", "joint2", {"height": (2e-4, 1e-5, "rad"), "travel": (0.2, 0.03, "")}, 1e-9, 0.3)
+    assert dict(size_words(lost))[after] == "a move of 11.5 ± 1.7 deg"
     assert chance_words(1e-9) == "less than one in a million by chance"
     assert chance_words(1e-4) == "one in 10 000 by chance"
     size, std = amplitude(np.array([3.0, 4.0]), np.diag([0.01, 0.04]))

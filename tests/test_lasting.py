@@ -9,6 +9,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.diagnosis.extended import Extended, fit_extended
+from posture_opt.diagnosis.findings import _estimate
 from posture_opt.diagnosis.lasting import lasting
 from posture_opt.diagnosis.scene import scene_of
 from posture_opt.diagnosis.suspects import Suspect
@@ -44,6 +45,16 @@ def fitted(problem: po.Problem, data: po.Measurements, *effects: Effect) -> Exte
     tangents = scene_of(calibration, flips=0).tangents
     suspects = [Suspect(effect, tangents.columns(effect)) for effect in effects]
     return fit_extended(tangents.residuals, calibration.x, calibration.identifiability.directions, suspects)
+
+
+def test_the_constant_of_a_drift_is_told_with_its_error(tmp_path: Path) -> None:
+    model = fitted(*measured(tmp_path, "drift"), Drift(course="exponential", constant="500 s"), ECCENTRIC)
+    value, std, _ = _estimate(model, 0)["constant"]
+    t = np.arange(150) * 10.0
+    by_shift, by_constant = 1 - np.exp(-t / value), SHIFT * t / value**2 * np.exp(-t / value)
+    own = by_constant - by_shift * (by_shift @ by_constant) / (by_shift @ by_shift)
+    assert std == pytest.approx(NOISE / np.linalg.norm(own) / np.sqrt(2), rel=0.4)  # in x and y; geometry leans on it
+    assert abs(value - 300) < 4 * std
 
 
 @pytest.mark.parametrize("case", list(TIMED))

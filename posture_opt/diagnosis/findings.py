@@ -92,8 +92,8 @@ def _estimate(model: Extended, place: int) -> dict[str, tuple[float, float, str]
     rows = zip(effect.dimensions, model.theta[part], model.std[part], strict=True)
     estimate = {name: (float(v), float(s), _unit(dimension)) for (name, dimension), v, s in rows}
     for name in effect.shape:
-        error = model.shape_std.get(place, float("nan")) if name == "cycles" else float("nan")
-        estimate[name] = (float(getattr(effect, name)), error, "")
+        value, error = float(getattr(effect, name)), model.shape_std.get(place, float("nan"))
+        estimate[name] = (value, error if name == "cycles" else value * error, "")  # of a travel: of its logarithm
     return estimate
 
 

@@ -145,7 +145,8 @@ def size_words(
     if not timed and "moment" in estimate:
         rows.append(("at", f"row {math.ceil(estimate.pop('moment')[0]) + 1}, as no times are logged"))
     if not timed and "constant" in estimate:
-        rows.append(("two thirds of it after", f"{estimate.pop('constant')[0]:.0f} rows, as no times are logged"))
+        value, std, _ = estimate.pop("constant")
+        rows.append(("two thirds of it after", f"{plus_minus(value, std, 1.0, 'rows')}, as no times are logged"))
     return rows + [_SIZES.get(name, _by_unit)(name, *entry) for name, entry in estimate.items()]
 
 
@@ -164,7 +165,7 @@ def _length(parts: list[tuple[float, float]]) -> tuple[float, float]:
 
 
 def _constant(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
-    return "two thirds of it after", f"{number(value / 60)} min"
+    return "two thirds of it after", plus_minus(value, std, 1 / 60, "min")
 
 
 def _deviation(value: float, std: float, unit: str) -> str:
@@ -211,7 +212,7 @@ def _cycles(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
 
 
 def _travel(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
-    return "two thirds of it after", f"a move of {number(math.degrees(value))} deg"
+    return "two thirds of it after", f"a move of {plus_minus(value, std, math.degrees(1.0), 'deg')}"
 
 
 def _step(name: str, value: float, std: float, unit: str) -> tuple[str, str]:
