@@ -92,3 +92,18 @@ def test_stated_scatter_of_a_joint_is_taken_off_whole_visits() -> None:
     found, columns = whitened(e, np.stack([e, 2 * e]), S, visits, own)
     assert np.sum(found**2) == pytest.approx(e.ravel() @ np.linalg.solve(covariance, e.ravel()))
     np.testing.assert_allclose(columns, np.stack([found, 2 * found]))
+
+
+@pytest.mark.parametrize(("sigma", "named"), [((1e-4, 1e-4), ["joint1", "joint2"]), ((2e-4, 0.0), ["joint1"])])
+def test_every_noisy_joint_is_named(sigma: tuple[float, float], named: list[str]) -> None:
+    rng = np.random.default_rng(1)
+    q = rng.uniform(-2.5, 2.5, (150, 2))
+    elbow, tool = (np.stack([-np.sin(a), np.cos(a)], 1) / 2e-5 for a in (q[:, 0], q.sum(axis=1)))
+    c = np.stack([0.5 * elbow + 0.4 * tool, 0.4 * tool])
+    e = rng.normal(size=(150, 2)) + np.einsum("nj,jnd->nd", rng.normal(size=(150, 2)) * sigma, c)
+    robot = po.problem_from_dict(yaml.safe_load(RR)).robot
+    found = noise_causes.uneven_noise(e, Rows(robot, c, None, 2e-5), 0)
+    assert [cause.effect.target for cause in found] == named
+    assert not any(cause.confounded_with for cause in found)
+    for cause, true in zip(found, sigma, strict=False):
+        assert cause.effect.sizes[0][1] == pytest.approx(true, rel=0.3)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from posture_opt.diagnosis.adequacy import LEVEL as UNCLEAR
 from posture_opt.diagnosis.calibration import Calibration
 from posture_opt.diagnosis.extended import Extended
 from posture_opt.diagnosis.instrument import position_sigma, relative
-from posture_opt.diagnosis.noise_suspects import standardised, stated_sigma, tails, uneven
+from posture_opt.diagnosis.noise_suspects import NoiseSuspect, standardised, stated_sigma, tails, uneven
 from posture_opt.diagnosis.parameters import CalibrationProblem
 from posture_opt.diagnosis.residuals import Residuals
 from posture_opt.diagnosis.scores import Ground
@@ -43,7 +43,7 @@ class NoiseCause:
 def noise_causes(
     problem: CalibrationProblem, calibration: Calibration, model: Extended, ground: Ground, closed: float, seed: int
 ) -> list[NoiseCause]:
-    """One noisy joint or noise that grows with the range; gross outliers; a stated σ that is off.
+    """Noisy joints or noise that grows with the range; gross outliers; a stated σ that is off.
 
     ``closed`` is the p-value that nothing is left beside the model, 0 where a curve without a name is.
     """
@@ -73,8 +73,9 @@ def noise_shape(model: Extended, causes: Sequence[NoiseCause]) -> Array | None:
     residuals = model.residuals
     columns = Tangents(residuals, model.x).joints[:, :, : len(residuals.axes)]
     rows = Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma)
-    shapes = (cause.effect.shape(rows) for cause in causes)
-    return next((shape for shape in shapes if shape is not None), None)
+    shapes = [shape for cause in causes if (shape := cause.effect.shape(rows)) is not None]
+    one = np.eye(columns.shape[2])
+    return np.asarray(one + sum(shape - one for shape in shapes)) if shapes else None
 
 
 def _ranges(residuals: Residuals) -> Array | None:
@@ -84,17 +85,34 @@ def _ranges(residuals: Residuals) -> Array | None:
 
 
 def uneven_noise(e: Array, rows: Rows, seed: int, level: float = LEVEL) -> list[NoiseCause]:
-    """The joint, or the range, along which noise is larger than elsewhere, if any is.
+    """The joints, or the range, along which noise is larger than elsewhere, if any are.
+
+    Each joint that is named is taken off, as if it were stated, before the next is asked for at a stricter level.
 
     Args:
         e: (N, d) residuals in units of their stated covariance.
     """
+    named: list[tuple[NoiseSuspect, list[tuple[str, str]]]] = []
     suspects = uneven(e, rows, seed)
-    if not suspects or suspects[0].p_value >= level:
-        return []
-    first = suspects[0]
-    rivals = tuple((s.kind, s.target) for s in suspects[1:] if s.ratio > first.ratio - _RIVALS)
-    return [NoiseCause(first.named(), first.estimate, first.p_value, rivals)]
+    while suspects and suspects[0].p_value < (BESIDE if named else level):
+        first = suspects[0]
+        named.append((first, [(s.kind, s.target) for s in suspects[1:] if s.ratio > first.ratio - _RIVALS]))
+        if first.spread is None or len(named) == len(rows.levers):
+            break
+        e, rows = _without(e, rows, first.spread)
+        taken = {(s.kind, s.target) for s, _ in named}
+        suspects = [s for s in uneven(e, rows, seed) if (s.kind, s.target) not in taken]
+    taken = {(s.kind, s.target) for s, _ in named}
+    return [
+        NoiseCause(s.named(), s.estimate, s.p_value, tuple(r for r in rivals if r not in taken)) for s, rivals in named
+    ]
+
+
+def _without(e: Array, rows: Rows, spread: Array) -> tuple[Array, Rows]:
+    """Residuals and rows in units of a covariance that a noisy joint, ``spread`` (N, d), is part of."""
+    visits = np.arange(len(e)) if rows.visits is None else rows.visits
+    e, levers = whitened(e, rows.levers, spread[:, :, None], visits, np.ones(e.shape))
+    return e, replace(rows, levers=levers)
 
 
 def as_stated(

@@ -27,6 +27,7 @@ class NoiseSuspect:
         quantity: name and SI unit of ``size``: of a joint its σ, of range noise the growth of σ over the span of
             ranges, of a stated σ the factor by which it is off.
         named: the same as an effect of a problem file, if its size is not zero.
+        spread: (N, d) shift of the rows that goes with it, in units of what else they scatter by; ``None`` of a range.
     """
 
     kind: str
@@ -37,6 +38,7 @@ class NoiseSuspect:
     size: float
     std: float
     named: Callable[[], NoiseEffect]
+    spread: Array | None = None
 
     @property
     def estimate(self) -> dict[str, tuple[float, float, str]]:
@@ -73,7 +75,9 @@ def uneven(e: Array, rows: Rows, seed: int) -> list[NoiseSuspect]:
         ratio, size = float(ratios[0]), pattern.size(value, s2)
         p, std = tail(most, ratio), pattern.error(value, s2)
         named = partial(pattern.named, value, s2, std)
-        suspects.append(NoiseSuspect(pattern.kind, pattern.target, ratio, p, pattern.quantity, size, std, named))
+        spread = None if pattern.unit is None else pattern.unit * np.sqrt(pattern.inflation(value) - 1)[:, None]
+        who = pattern.kind, pattern.target
+        suspects.append(NoiseSuspect(*who, ratio, p, pattern.quantity, size, std, named, spread))
     return sorted(suspects, key=lambda s: -s.ratio)
 
 
