@@ -130,9 +130,13 @@ def _brings(diagnosed: Diagnosed, finding: Finding) -> str:
     if finding.noise is not None:
         return _covers(diagnosed) if finding.noise.uneven else ""
     if finding.effect is None:
+        geometry = [f for f in found.findings if f.effect is None and f.noise is None]
+        if finding is not geometry[0]:
+            return ""  # it brings what it brings with the others, which is said of the first
         return (
-            f"the geometry takes {percent(finding.gain)} off the RMS of the arm as it stands: "
-            f"{_mm(found.errors['nominal'].rms)} to {_mm(found.errors['calibrated'].rms)} mm"
+            f"{'all geometry together' if len(geometry) > 1 else 'the geometry'} takes {percent(finding.gain)} off the "
+            f"RMS of the arm as it stands: {_mm(found.errors['nominal'].rms)} to "
+            f"{_mm(found.errors['calibrated'].rms)} mm"
         )
     rms = found.errors["extended"].rms
     without = rms / max(1 - finding.gain, 1e-9)

@@ -35,7 +35,7 @@ def diagnosis_report(problem: Problem, diagnosed: Diagnosed) -> Report:
         *cyclic_block(diagnosed),
         errors_block(diagnosed),
         *([test_block(diagnosed)] if diagnosed.diagnosis.test is not None else []),
-        *choice_block(diagnosed.plans),
+        *choice_block(diagnosed.plans, bool(diagnosed.effects)),
         *goals_block(diagnosed.goals),
         *confusion_block(diagnosed),
         *split_block(diagnosed),

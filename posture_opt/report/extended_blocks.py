@@ -33,8 +33,11 @@ def choice_lead(plans: Mapping[str, Replanned]) -> tuple[str, ...]:
     )
 
 
-def choice_block(plans: Mapping[str, Replanned]) -> tuple[Block, ...]:
-    """The posture that each model chooses, judged by the extended one; nothing without a task."""
+def choice_block(plans: Mapping[str, Replanned], effects: bool = True) -> tuple[Block, ...]:
+    """The posture that each model chooses, judged by the extended one; nothing without a task.
+
+    Where it has no ``effects``, the extended arm may be the calibrated one: then it gets no column of its own.
+    """
     if not plans:
         return ()
     any_plan = next(iter(plans.values()))
@@ -46,7 +49,8 @@ def choice_block(plans: Mapping[str, Replanned]) -> tuple[Block, ...]:
     items: list[str | Facts | Table] = [*_sentences(columns, PARTS[any_plan.after.critical.within]), *reasons]
     nominal = plans.get("nominal")
     drawn = nominal is not None and nominal.before is not None
-    return (Block(_TITLE, (*items, _table(columns)), FIGURE if drawn else ""),)
+    table = _table(columns)
+    return (Block(_TITLE, (*items, table if effects else _plain(table)), FIGURE if drawn else ""),)
 
 
 Columns = Mapping[str, "tuple[Solution | None, Landing | None]"]
@@ -84,6 +88,14 @@ def _table(columns: Columns) -> Table:
     if any(p is not None for p in odds):
         rows.append(("meets the clearance", *("" if p is None else _odds(p) for p in odds)))
     return Table(("chosen by the model", *(MODELS[name] for name in shown)), tuple(rows))
+
+
+def _plain(table: Table) -> Table:
+    """The table without the last column if it repeats the one before, else under a name that speaks of no effects."""
+    repeats = len(table.headers) > 2 and all(row[-1] == row[-2] for row in table.rows)
+    if repeats:
+        return Table(table.headers[:-1], tuple(row[:-1] for row in table.rows))
+    return Table((*table.headers[:-1], "extended"), table.rows)
 
 
 def _length(metres: float, among: list[float]) -> str:

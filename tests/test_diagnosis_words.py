@@ -1,0 +1,54 @@
+"""What the report of a diagnosis says of causes that stand together, and of what is left by noise."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.report.blocks import Table
+from posture_opt.report.diagnosed import Diagnosed
+from posture_opt.report.diagnosis_report import diagnosis_report
+from posture_opt.report.extended_blocks import _plain
+from posture_opt.report.text import render
+from tests.helpers.planar_2r import position
+from tests.helpers.planar_files import PLANAR, write
+
+NOISE = 2e-5  # m, of each measured coordinate
+SCATTER = 2e-4  # rad, of joint2 from visit to visit
+PROBLEM = PLANAR + "uncertainty: {measurement: {position: 0.02 mm}}\n"
+
+
+@pytest.fixture(scope="module")
+def noisy(tmp_path_factory: pytest.TempPathFactory) -> tuple[po.Problem, Any]:
+    """The diagnosis of an arm with two wrong links and a joint that scatters."""
+    folder = tmp_path_factory.mktemp("noisy")
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-2.5, 2.5, (120, 2))
+    moved = q + np.outer(rng.normal(0, SCATTER, len(q)), [0, 1])
+    write(folder / "data.csv", q, position(moved, (1.0007, 0.9991)) + rng.normal(0, NOISE, (120, 2)))
+    (folder / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
+    problem = po.load_problem(folder / "problem.yaml")
+    data = po.read_measurements(folder / "data.csv", problem)
+    return problem, Diagnosed(data, po.diagnose(problem, data))
+
+
+def text_of(problem: po.Problem, diagnosed: Any) -> str:
+    return " ".join(render(diagnosis_report(problem, diagnosed)).split())
+
+
+def test_what_geometry_brings_is_said_once(noisy: tuple[po.Problem, Any]) -> None:
+    text = text_of(*noisy)
+    assert {f.kind for f in noisy[1].diagnosis.findings} == {"link_length", "joint_noise"}
+    assert text.count("Brings all geometry together takes") == 1
+    assert text.count("off the RMS of the arm as it stands") == 1
+
+
+def test_an_arm_without_effects_repeats_no_column() -> None:
+    headers = ("chosen by the model", "as it stands", "calibrated", "with its effects")
+    same = Table(headers, (("joint1", "1.00 deg", "2.00 deg", "2.00 deg"),))
+    assert _plain(same) == Table(headers[:-1], (("joint1", "1.00 deg", "2.00 deg"),))
+    other = Table(headers, (("joint1", "1.00 deg", "2.00 deg", "2.01 deg"),))
+    assert _plain(other) == Table((*headers[:-1], "extended"), other.rows)
