@@ -31,15 +31,14 @@ def errors_block(diagnosed: Diagnosed) -> Block:
         _cells(words, found.errors[name], float(found.held[name].inside.mean()))
         for name, words in models_of(diagnosed).items()
     ]
-    floor, source = diagnosed.floor
-    if floor:
-        rows.append(("noise alone", mm(floor), "", "", "", "", ""))
+    noises = noise_of(diagnosed)
+    rows += [(name, mm(rms), "", "", "", "", "") for name, rms in noises.items()]
     headers = ("position error [mm]", "RMS", "interval of RMS", "mean", "95 % below", "max", "in its 95 % region")
     texts = [f"{how} The interval holds the RMS with 95 % confidence."]
     if diagnosed.effects:
         texts.append(_gain_text(diagnosed))
-    if floor:
-        texts.append(f"Noise alone is {source}{_beside(source, floor, found.errors['extended'], found.verdict)}")
+    if noises:
+        texts.append(f"Noise alone is {diagnosed.floor[1]}{_beside(diagnosed, noises, rounds)}")
     return Block("What naming the cause brings", (*texts, Table(headers, tuple(rows))), "diagnosis_errors")
 
 
@@ -48,14 +47,40 @@ def models_of(diagnosed: Diagnosed) -> dict[str, str]:
     return {name: words for name, words in MODELS.items() if name != "extended" or diagnosed.effects}
 
 
-def _beside(source: str, floor: float, left: Statistics, verdict: str) -> str:
+def noise_of(diagnosed: Diagnosed) -> dict[str, float]:
+    """RMS [m] of errors that are noise alone, and with the scatter of a joint where that is named; empty if unknown."""
+    floor, source = diagnosed.floor
+    if not floor:
+        return {}
+    found = diagnosed.diagnosis
+    joint = next((f.target for f in found.findings if f.kind == "joint_noise"), "")
+    shape = found.held["extended"].shape
+    if not joint or shape is None or "instrument" not in source:  # repeats scatter by what the joint does already
+        return {"noise alone": floor}
+    variance = diagnosed.residuals.sigma**2 * float(np.mean(np.trace(shape, axis1=1, axis2=2)))
+    return {"noise alone": floor, f"noise with {joint}'s scatter": float(np.sqrt(variance))}
+
+
+def _beside(diagnosed: Diagnosed, noises: dict[str, float], rounds: int) -> str:
+    """How far noise, and what it costs to fit many parameters to few numbers, make up what is left."""
+    found, residuals = diagnosed.diagnosis, diagnosed.residuals
+    left = found.errors["extended"]
+    name, floor = list(noises.items())[-1]
+    fitted = found.model.directions.shape[1] + len(found.model.theta)
+    numbers = len(residuals.data) * len(residuals.axes)
+    # Rows left out are predicted with the errors of a fit to the others: variance k/m more, of k parameters to m.
+    cost = floor * float(np.sqrt(1 + fitted / (numbers * (1 - 1 / max(rounds, 2)))))
+    said = "" if len(noises) == 1 else f"; {name.removeprefix('noise ')} it makes {mm(floor)} mm"
     if floor > left.interval[1]:
-        return ": more than is left, so it is better than that."
-    if floor > left.interval[0]:
-        if verdict == "unexplained":
-            return ": about what is left, so what has no name makes little of it on average."
-        return ": about what is left, so there is nothing more to gain."
-    return "; the scatter of the arm itself comes on top." if "instrument" in source else "; no model does better."
+        return f"{said}: more than is left, so it is better than that."
+    if floor < left.interval[0]:
+        said += f"; to fit {fitted} parameters to {numbers} numbers makes {mm(cost)} mm of it"
+    if cost < left.interval[0]:
+        own = "the scatter of the arm itself comes on top" if "instrument" in diagnosed.floor[1] else ""
+        return f"{said}; {own or 'no model does better'}."
+    if found.verdict == "unexplained":
+        return f"{said}: about what is left, so what has no name makes little of it on average."
+    return f"{said}: about what is left, so there is nothing more to gain."
 
 
 def _gain_text(diagnosed: Diagnosed) -> str:
