@@ -31,7 +31,7 @@ CAPTIONS = {
     "truth_coverage": "Measured rows in the predicted region of each probability: on the diagonal it is true.",
     "truth_joints": "How much each joint scatters: estimated with 95 % intervals, and as stated.",
     "batch": "How two parameters differ from robot to robot: the ellipse holds 95 of 100 robots of the type.",
-    "diagnosis_curves": "Each named effect (red) and what the data say of it once the rest of the model is taken off.",
+    "diagnosis_curves": "Each named effect (orange line) and what the data say of it with all else taken off.",
     "diagnosis_errors": "Errors of rows that the model had not seen, on one scale: row by row, and sorted.",
     "diagnosis_periodogram": "What each number of cycles a turn explains; above the dashed line it is no chance.",
     "diagnosis_left": "What the model with all its effects leaves: a line that leaves zero has no name yet.",

@@ -13,8 +13,11 @@ from posture_opt.report.diagnosed import MODELS, Diagnosed
 from posture_opt.report.effect_words import short_words
 from posture_opt.report.figures.residuals import _settled, chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, legend_below, new_figure, styled
+from posture_opt.report.units_text import number
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from posture_opt.diagnosis.scores import Chance
     from posture_opt.diagnosis.suspects import Judged
 
@@ -24,6 +27,9 @@ COLOURS = {"nominal": ORANGE, "calibrated": BLUE, "extended": GREEN}
 _MOST = 25  # candidates
 _SAME = 0.3  # cycles a turn
 _DOTS = 1500
+_MANY = 400  # rows: then dots are small
+_BELOW = 0.8  # of the line of the noise: there the scale ends at the latest
+_DECADES = 2.5  # more of them need no ticks between
 _BINS = 30  # along the rows, for the course of the RMS
 _FEW = 5  # rows of such a bin
 _TICKS = (0, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
@@ -57,22 +63,22 @@ def plot_errors(diagnosed: Diagnosed) -> Figure:
         rows = chosen_rows(len(lengths), _DOTS)
         rms = 1e3 * found.errors[name].rms
         smallest = min(smallest, float(np.quantile(lengths, 0.02)))
-        over.plot(
-            rows + 1, lengths[rows], ".", color=COLOURS[name], ms=4 if len(rows) < 400 else 2.5, alpha=0.35, mew=0
-        )
+        size = 6 if len(rows) < _MANY else 3
+        over.plot(rows + 1, lengths[rows], ".", color=COLOURS[name], ms=size, alpha=0.55, mew=0)
         over.plot(*_course(lengths), color=COLOURS[name], lw=2)
         below.step(
             100 * np.arange(1, len(lengths) + 1) / len(lengths), np.sort(lengths), color=COLOURS[name],
-            label=f"{MODELS[name]}: RMS {rms:.3g} mm",
+            label=f"{MODELS[name]}: RMS {number(rms)} mm",
         )  # fmt: skip
-    floor = diagnosed.floor[0]
+    floor = 1e3 * diagnosed.floor[0]
     if floor:
         for axes in (over, below):
-            axes.axhline(1e3 * floor, color=GREY, lw=1.2, ls="--", zorder=1)
-        below.plot([], [], color=GREY, lw=1.2, ls="--", label=f"noise alone: RMS {1e3 * floor:.3g} mm")
+            axes.axhline(floor, color=GREY, lw=1.2, ls="--", zorder=1)
+        below.plot([], [], color=GREY, lw=1.2, ls="--", label=f"noise alone: RMS {number(floor)} mm")
+        smallest = min(smallest, _BELOW * floor)
     over.set_yscale("log")
     over.set_ylim(bottom=smallest if smallest > 0 else None)
-    over.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    _decimals(over)
     over.set(
         xlabel="row, in the order of measuring (lines: RMS of neighbours)",
         ylabel="position error where it was not seen [mm]",
@@ -80,6 +86,17 @@ def plot_errors(diagnosed: Diagnosed) -> Figure:
     below.set(xlabel="share of the rows below [%]", xlim=(0, 100))
     legend_below(below, 2)
     return figure
+
+
+def _decimals(axes: Axes) -> None:
+    """Ticks of a logarithmic scale as plain decimals; between decades where there are few of these."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    low, high = axes.get_ylim()
+    few = high / low < 10**_DECADES
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _course(lengths: Floats) -> tuple[Floats, Floats]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from posture_opt.report.effect_words import short_words
 from posture_opt.report.figures.residual_joints import Binned
 from posture_opt.report.figures.residuals import chosen_rows
-from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.findings import Finding
@@ -28,7 +28,7 @@ _MANY = 300  # rows: then dots are small
 _BINS = 24
 _FEWEST = 4  # rows of a bin
 _LEVER = 0.1  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
-_SIDES = {-1.0: ORANGE, 1.0: BLUE}
+_SIDES = {-1.0: ORANGE, 1.0: PURPLE}  # rows without a side are blue
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def _panel(axes: Any, curve: Curve) -> None:
             Binned.of(curve.x[mine], curve.errors[mine], _BINS).draw(axes, "black", label)
         order = np.argsort(curve.x[mine])
         label = "modelled effect" if last else ""
-        axes.plot(curve.x[mine][order], curve.modelled[mine][order], color=VERMILLION, lw=2, zorder=5, label=label)
+        axes.plot(curve.x[mine][order], curve.modelled[mine][order], color=VERMILLION, lw=2, zorder=3.5, label=label)
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
     low, high = np.quantile(curve.errors, [0.01, 0.99])
     low, high = min(low, curve.modelled.min(), 0.0), max(high, curve.modelled.max(), 0.0)

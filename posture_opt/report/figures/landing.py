@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,6 +16,8 @@ from posture_opt.uncertainty.spread import propagate
 
 if TYPE_CHECKING:
     from posture_opt.problem.replanned import Replanned
+
+_SEEN = 0.03  # of the picture: an ellipse that is smaller hides behind the mark of its centre
 
 
 @styled
@@ -34,16 +36,19 @@ def plot_landing(replanned: Replanned, after: str = "calibrated") -> Figure:
     for solution, landing, colour, label in parts:
         assert landing is not None
         region = Ellipsoid(B @ landing.miss, B @ propagate(problem, solution.q).covariance @ B.T)
-        regions.append((region, colour, f"{label}: 95 % ellipse"))
+        regions.append((region, colour, label))
     every = np.vstack([region.points(0.95) for region, *_ in regions])
     half = 1.12 * float(np.abs(every).max())
     unit, scale = length_unit([half])
     for region, colour, label in regions:
         boundary = (scale * region.points(0.95)).T
+        large = float(np.ptp(boundary, axis=1).max()) > _SEEN * 2 * scale * half
         axes.fill(*boundary, facecolor=colour, alpha=0.12, lw=0)
-        axes.plot(*boundary, color=colour, label=label)
-        axes.plot(*(scale * region.center), "P", color=colour, mec="white", ms=8, zorder=5)
-    axes.plot(0, 0, "x", color="black", ms=8, mew=2, zorder=6, label="target")
+        axes.plot(*boundary, color=colour, label=f"{label}: 95 % ellipse" if large else None)
+        hidden = None if large else f"{label}: 95 % ellipse smaller than this mark"
+        look: dict[str, Any] = {"marker": "P" if large else "o", "ms": 8 if large else 7, "mec": "white", "ls": "none"}
+        axes.plot(*(scale * region.center), color=colour, zorder=5, label=hidden, **look)
+    axes.plot(0, 0, "x", color="black", ms=6, mew=1.2, zorder=6, label="target")
     half *= scale
     clearance_lines(axes, replanned.after, B, scale, half)
     axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
