@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.diagnosis.estimation import Estimate
 from posture_opt.report.blocks import Table
 from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.diagnosis_report import diagnosis_report
@@ -34,7 +35,7 @@ def noisy(tmp_path_factory: pytest.TempPathFactory) -> tuple[po.Problem, Any]:
     (folder / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
     problem = po.load_problem(folder / "problem.yaml")
     data = po.read_measurements(folder / "data.csv", problem)
-    return problem, Diagnosed(data, po.diagnose(problem, data))
+    return problem, Diagnosed(data, po.diagnose(problem, data), problem=problem)
 
 
 def text_of(problem: po.Problem, diagnosed: Any) -> str:
@@ -54,6 +55,8 @@ def test_the_scatter_of_a_named_joint_stands_beside_what_is_left(noisy: tuple[po
     # The second joint stands 1 m from the tool point in every posture; its σ is told to 7 % by 120 rows.
     assert noises[name] == pytest.approx(np.hypot(np.sqrt(2) * NOISE, SCATTER), rel=0.2)
     text = text_of(*noisy)
+    assert "joint2 scatters from visit to visit by 0." in text.partition("Where they had not been seen")[0]
+    assert "of which the file states nothing" in text
     assert name in text
     assert f"with joint2's scatter it makes {1e3 * noises[name]:.3f} mm" in text
     assert "so there is nothing more to gain" in text
@@ -78,6 +81,13 @@ def test_what_fitting_costs_is_no_scatter_of_the_arm(low: float, words: str) -> 
     residuals = SimpleNamespace(data=range(80), axes=range(3))
     diagnosed: Any = SimpleNamespace(diagnosis=found, residuals=residuals, floor=(0, "the instrument as stated"))
     assert _beside(diagnosed, {"noise alone": 3e-5 * np.sqrt(3)}, 5).startswith(words)
+
+
+@pytest.mark.parametrize(("kept", "notes"), [([True, True], 0), ([True, False], 1)])
+def test_no_outlier_is_to_be_looked_at_where_none_is_listed(kept: list[bool], notes: int) -> None:
+    fit: Any = SimpleNamespace(converged=True, steps=1)
+    found = Estimate(np.zeros(1), np.eye(1), np.array(kept), np.zeros(2), 1.0, fit, settled=False)
+    assert len(found.notes) == notes
 
 
 def test_an_arm_without_effects_repeats_no_column() -> None:

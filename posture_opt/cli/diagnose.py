@@ -59,7 +59,8 @@ def _diagnosed(
     if problem.task is not None and session.plan:
         models = models_of(problem, found, extended)
         plans, goals = plan_again(models, common.seed), measured_goals(found, models)
-    diagnosed = Diagnosed(measured, found, session.folds, other, session.refit_frames, extended, plans, goals)
+    frames = session.refit_frames
+    diagnosed = Diagnosed(measured, found, session.folds, other, frames, extended, plans, goals, problem)
     if folder is not None:
         write_diagnosis(folder, problem, diagnosed, common.plots)
     return partial(diagnosis_document, diagnosed), rendered("diagnosis_report", problem, diagnosed)

@@ -82,7 +82,8 @@ class Estimate:
         """Sentences on what did not come to rest."""
         stopped = f"the fit had not come to rest after {self.fit.steps} steps: its estimates and errors are provisional"
         changing = f"which rows are outliers still changed after {ROUNDS} rounds: look at those that are listed"
-        return (stopped,) * (not self.fit.converged) + (changing,) * (not self.settled)
+        listed = not self.settled and not self.kept.all()  # where none is left out, there is nothing to look at
+        return (stopped,) * (not self.fit.converged) + (changing,) * listed
 
 
 def estimate(

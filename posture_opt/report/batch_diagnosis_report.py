@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from posture_opt.report.batch_report import batch_report
 from posture_opt.report.blocks import Block, Report, Table
-from posture_opt.report.effect_words import cause_words, chance_words, size_words
+from posture_opt.report.effect_words import chance_words, size_words
+from posture_opt.report.finding_words import finding_words
 from posture_opt.report.write import report_files, write_files
 
 if TYPE_CHECKING:
@@ -19,18 +20,18 @@ if TYPE_CHECKING:
 def batch_diagnosis_report(problem: Problem, data: Measurements, found: BatchDiagnosis) -> Report:
     """The causes that a batch shows, and then the batch itself."""
     batch = batch_report(problem, data, found.batch)
-    named = "; ".join(cause_words(f.kind, f.target) for f in found.findings)
+    named = "; ".join(finding_words(f, problem) for f in found.findings)
     lead = f"What the model does not say of these robots: {named}." if named else "The robots are what the model says."
-    return Report(problem.name or "Diagnosis", (lead, *batch.lead[1:]), (_causes(found), *batch.blocks))
+    return Report(problem.name or "Diagnosis", (lead, *batch.lead[1:]), (_causes(problem, found), *batch.blocks))
 
 
-def _causes(found: BatchDiagnosis) -> Block:
+def _causes(problem: Problem, found: BatchDiagnosis) -> Block:
     if not found.findings:
         return Block("Causes", ("No lengths vary together, and no joint is noisier than stated, beyond chance.",))
     rows = []
     for finding in found.findings:
         sizes = ", ".join(f"{label} {size}" for label, size in size_words(finding))
-        rows.append((cause_words(finding.kind, finding.target), sizes, chance_words(finding.p_value)))
+        rows.append((finding_words(finding, problem), sizes, chance_words(finding.p_value)))
     text = (
         "One robot alone cannot show lengths that vary together: a long link and a long neighbour are simply its links."
     )

@@ -10,7 +10,6 @@ from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.effect_rivals import splitting_measurement
 from posture_opt.report.effect_words import (
-    cause_words,
     chance_words,
     main_size,
     odds,
@@ -18,6 +17,7 @@ from posture_opt.report.effect_words import (
     short_words,
     size_words,
 )
+from posture_opt.report.finding_words import finding_words
 from posture_opt.report.parts import sentence
 from posture_opt.report.units_text import length, number, percent
 
@@ -40,7 +40,7 @@ def causes_block(diagnosed: Diagnosed) -> Block:
     items: list[str | Facts | Table] = []
     short = [f for _, f in diagnosed.effects][_FULL:] if len(diagnosed.effects) > _FULL + 1 else []
     for i, finding in enumerate((f for f in found.findings if f not in short), 1):
-        what = f"{i}. {sentence(cause_words(finding.kind, finding.target, finding.estimate))}"
+        what = f"{i}. {sentence(finding_words(finding, diagnosed.problem))}"
         items += [what, Facts(tuple(_facts(diagnosed, finding)))]
     if short:
         items += ["Lighter ones:", _lighter(diagnosed, short)]

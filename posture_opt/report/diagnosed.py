@@ -36,6 +36,7 @@ class Diagnosed:
         data: the measurements; ``test`` another file, predicted with base and tool refitted if ``refit_frames``.
         extended: the problem with the calibrated arm and its effects; ``plans`` by model its task planned again;
             ``goals`` those that were measured in several postures.
+        problem: what the file states of the arm; ``None`` where nobody needs to know.
     """
 
     data: Measurements
@@ -46,6 +47,7 @@ class Diagnosed:
     extended: Problem | None = None
     plans: Mapping[str, Replanned] = field(default_factory=dict)
     goals: MeasuredGoals | None = None
+    problem: Problem | None = None
 
     @property
     def residuals(self) -> Residuals:

@@ -15,6 +15,7 @@ from posture_opt.report.effect_words import cause_words, main_size
 from posture_opt.report.elsewhere_blocks import elsewhere_lead, test_block
 from posture_opt.report.error_blocks import errors_block, mm
 from posture_opt.report.extended_blocks import choice_block, choice_lead
+from posture_opt.report.finding_words import finding_words
 from posture_opt.report.goal_blocks import goals_block, goals_lead
 from posture_opt.report.open_blocks import absorbed_block, left_block, scores_block, unknowable_block
 from posture_opt.report.parts import note_facts, robot_facts
@@ -79,8 +80,9 @@ def _named(diagnosed: Diagnosed, finding: Finding) -> str:
     if place is not None and getattr(finding.effect, "loads", "masses") == "points":
         return cause_words(finding.kind, finding.target)
     size = main_size(finding, None if place is None else diagnosed.amplitude(place))
-    words = cause_words(finding.kind, finding.target, finding.estimate)
-    return f"{words} ({size})" if any(map(str.isdigit, size)) and finding.kind != "instrument_field" else words
+    words = finding_words(finding, diagnosed.problem)
+    told = finding.kind == "instrument_field" or size in words
+    return f"{words} ({size})" if any(map(str.isdigit, size)) and not told else words
 
 
 def _improvement(diagnosed: Diagnosed) -> str:
