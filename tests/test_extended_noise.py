@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 import yaml
 
@@ -49,7 +48,7 @@ def measured(seed: int, problem: po.Problem, rows: int = 200, sigma: float = SIG
     q = rng.uniform(-2.5, 2.5, (rows, 2))
     p = visits(rng, q, sigma) + rng.normal(0, INSTRUMENT, (rows, 2))
     table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
-    return po.read_measurements(pd.DataFrame(table), problem)
+    return po.read_measurements(table, problem)
 
 
 def problem(**uncertainty: Any) -> po.Problem:

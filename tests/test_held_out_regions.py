@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 
 import posture_opt as po
 from posture_opt.diagnosis.extended import fit_extended
@@ -28,7 +27,7 @@ def test_regions_of_a_planar_arm_hold_what_they_say_with_few_rows() -> None:
     q = rng.uniform(-2.5, 2.5, (ROWS, 2))
     p = position(q, (1.0002, 0.9999)) + rng.normal(0, NOISE, q.shape)
     problem = po.problem_from_dict(PROBLEM)
-    table = pd.DataFrame(np.hstack([q, p]), columns=["joint1 [rad]", "joint2 [rad]", "x [m]", "y [m]"])
+    table = dict(zip(["joint1 [rad]", "joint2 [rad]", "x [m]", "y [m]"], np.hstack([q, p]).T, strict=True))
     calibration = po.calibrate(problem, po.read_measurements(table, problem), folds=3)
     residuals = scene_of(calibration, 0).tangents.residuals
     model = fit_extended(residuals, calibration.x, calibration.identifiability.directions, [])

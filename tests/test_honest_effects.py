@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import posture_opt as po
@@ -35,7 +34,7 @@ def fitted(seed: int, copies: int) -> Extended:
         "task": {"kind": "insert", "direction": [0, 1, 0], "position": ["0.5 m", "0.4 m", "0 m"]},
     })  # fmt: skip
     table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
-    calibration = po.calibrate(problem, po.read_measurements(pd.DataFrame(table), problem), folds=2)
+    calibration = po.calibrate(problem, po.read_measurements(table, problem), folds=2)
     tangents = scene_of(calibration, flips=0).tangents
     effect = GearEccentricity(joint="joint1")
     return fit_calibrated(tangents.residuals, calibration, [Suspect(effect, tangents.columns(effect))])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 import posture_opt as po
 from posture_opt.diagnosis.calibration import Calibration
@@ -49,7 +48,7 @@ def calibrated(seed: int, stated: bool = True) -> tuple[Calibration, np.ndarray]
     p = arm(q, off) + rng.normal(0, INSTRUMENT, (ROWS, 2))
     given = problem(stated)
     table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
-    return po.calibrate(given, po.read_measurements(pd.DataFrame(table), given)), off
+    return po.calibrate(given, po.read_measurements(table, given)), off
 
 
 def elsewhere(model: Extended, off: np.ndarray) -> float:

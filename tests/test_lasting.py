@@ -60,7 +60,7 @@ def test_the_constant_of_a_drift_is_told_with_its_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize("case", list(TIMED))
 def test_what_is_kept_is_the_arm_before_it_changed(case: str, tmp_path: Path) -> None:
     model = fitted(*measured(tmp_path, case), TIMED[case], ECCENTRIC)
-    kept = lasting(model)
+    kept = lasting(model, np.zeros((len(model.x), 0)))
     assert [s.what for s in kept.suspects] == [ECCENTRIC]
     assert np.all(np.abs(kept.theta - [SINE, 0.0]) < 4 * kept.std)  # fitted without it, the drift makes 0.1 mrad more
     assert np.all(kept.std < 6e-6)  # 150 rows of 20 µm at 1 m, and the geometry with them
@@ -68,7 +68,7 @@ def test_what_is_kept_is_the_arm_before_it_changed(case: str, tmp_path: Path) ->
     assert np.all(deviations < 1e-5)  # m: of two links, 2 µm each; fitted without a drift they take up 25 µm
     np.testing.assert_array_equal(kept.std, model.std[model.slices[1]])
     assert kept.variance == model.variance < 1.3
-    assert lasting(model, with_time=True) is model
+    assert lasting(model, np.zeros((len(model.x), 0)), with_time=True) is model
 
 
 def test_the_file_says_what_the_report_says(tmp_path: Path) -> None:

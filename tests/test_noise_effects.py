@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-import pandas as pd
 import pytest
 import yaml
 from scipy.stats import multivariate_normal
@@ -282,7 +281,7 @@ def measured(of: po.Problem, seed: int, sigma: Any, rows: int = 400) -> Any:
     p = true_arm(q)
     p = p + rng.normal(size=p.shape) * np.broadcast_to(sigma(np.linalg.norm(p, axis=1)), rows)[:, None]
     table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
-    return po.read_measurements(pd.DataFrame(table), of)
+    return po.read_measurements(table, of)
 
 
 def named(of: po.Problem, data: Any) -> set[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 
 import posture_opt as po
 from posture_opt.diagnosis.scene import scene_of
@@ -29,9 +28,8 @@ def test_the_moment_of_a_slip_is_found_to_the_row() -> None:
     turned = q + np.outer(t >= t[first], [SLIP, 0.0])
     p = position(turned, (1.0002, 0.9999)) + rng.normal(0, NOISE, q.shape)
     problem = po.problem_from_dict(PROBLEM)
-    table = pd.DataFrame(
-        np.column_stack([t, q, p]), columns=["time [s]", "joint1 [rad]", "joint2 [rad]", "x [m]", "y [m]"]
-    )  # fmt: skip
+    heads = ["time [s]", "joint1 [rad]", "joint2 [rad]", "x [m]", "y [m]"]
+    table = dict(zip(heads, np.column_stack([t, q, p]).T, strict=True))
     scene = scene_of(po.calibrate(problem, po.read_measurements(table, problem), folds=2), 0)
     ground, tangents = scene.ground(), scene.tangents
     moments = [e for e in Slip.candidates(scene.case) if e.target == "joint1"]

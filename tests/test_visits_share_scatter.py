@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 import yaml
 
@@ -36,7 +35,7 @@ def lack_of_fit(seed: int, passes: int, readings: int, targets: int, wrong: floa
     q = rng.uniform(-2, 2, (40, 2))[order]
     table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": rng.normal(size=len(q)), "y [m]": 0.0 * order}
     table["target"] = np.tile(np.arange(targets), len(q) // targets).astype(str)
-    data = po.read_measurements(pd.DataFrame(table), po.problem_from_dict(yaml.safe_load(RR)))
+    data = po.read_measurements(table, po.problem_from_dict(yaml.safe_load(RR)))
     e = 5 * rng.normal(size=(visit.max() + 1, 2))[visit] + rng.normal(size=(len(q), 2))
     e += wrong * rng.normal(size=(40, 2))[order]
     ground = Ground.of(e.ravel(), rng.normal(size=(e.size, 4)), np.repeat(order, 2), 19, 0)
@@ -64,7 +63,7 @@ def test_a_scatter_of_nothing_leaves_the_residual_variance_as_it_is(monkeypatch:
     for scatter in ({}, {"joint1.theta": "1e-9 mrad"}):
         document = yaml.safe_load(RR) | {"uncertainty": {"measurement": {"position": "0.02 mm"}, "scatter": scatter}}
         stated = po.problem_from_dict(document)
-        calibration = calibrate(stated, po.read_measurements(pd.DataFrame(table), stated), folds=2)
+        calibration = calibrate(stated, po.read_measurements(table, stated), folds=2)
         model = fit_extended(calibration.residuals, calibration.x, calibration.identifiability.directions, [])
         noise_causes.noise_causes(stated, calibration, model, scene_of(calibration, 9).ground(), 1.0, 0)
     assert seen[1] == pytest.approx(seen[0], rel=0.1)

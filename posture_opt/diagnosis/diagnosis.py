@@ -236,11 +236,11 @@ def diagnose(
     statistics = {name: Statistics.of(h.errors, groups) for name, h in held.items()}
     other = None
     if test is not None:
-        other = second_session(problem, test, calibration.x_nominal, base, model, refit_frames=refit_frames)
+        other = second_session(problem, test, calibration.x_nominal, base, model, known, refit_frames=refit_frames)
     stages.end()
     return Diagnosis(
-        outcome, findings, problem, calibration, statistics, held, model, lasting(model, with_time), found, nameless,
-        left, groups_by, groups, names.confused, other,
+        outcome, findings, problem, calibration, statistics, held, model, lasting(model, known, with_time),
+        found, nameless, left, groups_by, groups, names.confused, other,
         (*calibration.notes, *(() if other is None else other.notes)),
     )  # fmt: skip
 

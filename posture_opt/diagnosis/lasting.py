@@ -13,18 +13,43 @@ from posture_opt.model.effects import Effect
 
 Array = NDArray[np.float64]
 
+_PLACE = ("base.x", "base.y", "base.z")
 
-def lasting(model: Extended, with_time: bool = False) -> Extended:
+
+def lasting(model: Extended, frames: Array, with_time: bool = False) -> Extended:
     """The estimate without the effects that belong to their session, those of time kept if ``with_time``.
 
     Nothing is fitted again: what changed during the session is still in its data, and geometry and the other effects
-    would take it up. So the arm is the one before it drifted or slipped, as certain as all were estimated together.
+    would take it up. A joint that slipped is as it was before; a free base stands where it stood on average while it
+    drifted or slipped. All is as certain as it was estimated together.
+
+    Args:
+        frames: (k, f) steps of what is free in the arm.
     """
     stays = [
         i for i, s in enumerate(model.suspects)
         if isinstance(s.what, Effect) and (s.what.for_planning or (with_time and "time" in s.what.needs))
     ]  # fmt: skip
-    return model if len(stays) == len(model.suspects) else _part(model, stays)
+    if len(stays) == len(model.suspects):
+        return model
+    part = _part(model, stays)
+    return replace(part, x=part.x + (np.zeros(len(part.x)) if with_time else halfway(model, frames)))
+
+
+def halfway(model: Extended, frames: Array) -> Array:
+    """The step (k,) of a free base that stands for what drifts and slips of it did on average [m]."""
+    joints = model.residuals.robot.joint_names
+    drifts = [
+        i for i, s in enumerate(model.suspects)
+        if isinstance(s.what, Effect) and "time" in s.what.needs and s.target not in joints
+    ]  # fmt: skip
+    base = [i for i, p in enumerate(model.residuals.parameters) if p.name in _PLACE and np.any(frames[i])]
+    step = np.zeros(len(model.x))
+    if drifts and base:
+        rows = len(model.residuals.data) * model.residuals.block
+        moved = np.sum([model.suspects[i].Z @ model.theta[model.slices[i]] for i in drifts], axis=0)
+        step[base] = np.linalg.lstsq(model.residuals.both(model.x)[1][:rows, base], moved, rcond=None)[0]
+    return step
 
 
 def _part(model: Extended, places: list[int]) -> Extended:

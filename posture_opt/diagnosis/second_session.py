@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from posture_opt.diagnosis.comparison import check_other, frames_again
 from posture_opt.diagnosis.cross_validation import position_errors
 from posture_opt.diagnosis.extended import Extended
+from posture_opt.diagnosis.lasting import halfway
 from posture_opt.diagnosis.linear_model import LinearModel
 from posture_opt.diagnosis.measurements import Measurements
 from posture_opt.diagnosis.parameters import CalibrationProblem
@@ -97,11 +98,11 @@ class SecondSession:
 
 def second_session(
     problem: CalibrationProblem, other: Measurements, x_nominal: Array, calibrated: Extended, extended: Extended,
-    *, refit_frames: bool = False,
+    frames: Array, *, refit_frames: bool = False,
 ) -> SecondSession:  # fmt: skip
     """Errors of three models on other measurements, nothing fitted to them, or base and tool alone.
 
-    Effects of time say nothing of another session and are left out.
+    Effects of time say nothing of another session and are left out; a free base stands where it was on average.
 
     Raises:
         InputError: other targets, several robots, or too few poses to fit base and tool again.
@@ -109,16 +110,17 @@ def second_session(
     check_other(extended.residuals, other)
     sight = _Sight(replace(extended.residuals, data=other, distances=()), refit_frames)
     kept = [i for i, s in enumerate(extended.suspects) if _lasting(s)]
+    moved = halfway(extended, frames)
     theta = [extended.theta[part] for part in extended.slices]
     errors = {
         "nominal": sight.errors(x_nominal, [], []),
         "calibrated": sight.errors(calibrated.x, [], []),
-        "extended": sight.errors(extended.x, [extended.suspects[i] for i in kept], [theta[i] for i in kept]),
+        "extended": sight.errors(extended.x + moved, [extended.suspects[i] for i in kept], [theta[i] for i in kept]),
     }
     gains: list[Gain | None] = [None] * len(extended.suspects)
     about = LinearModel.of(extended)
     for i in kept:
-        gains[i] = Gain.of(errors["extended"], _without(sight, extended, about, i), other.pose)
+        gains[i] = Gain.of(errors["extended"], _without(sight, extended, about, i, moved), other.pose)
     models = {name: Statistics.of(e, other.pose) for name, e in errors.items()}
     gain = Gain.of(errors["extended"], errors["calibrated"], other.pose)
     unstated = _unstated(extended.residuals.data, other, [extended.suspects[i].what for i in kept], problem.robot)
@@ -181,10 +183,10 @@ def _about_points(shift: Array, data: Measurements) -> Array:
     return shift
 
 
-def _without(sight: _Sight, model: Extended, about: LinearModel, left_out: int) -> Array:
+def _without(sight: _Sight, model: Extended, about: LinearModel, left_out: int, moved: Array) -> Array:
     """(N, 3) errors on the other file of the model that is fitted, to first order, without one effect."""
     step = about.refitted(left_out)
     g = model.directions.shape[1]
-    x, theta = model.x + model.directions @ step[:g], model.theta + step[g:]
+    x, theta = model.x + moved + model.directions @ step[:g], model.theta + step[g:]
     chosen = [i for i, s in enumerate(model.suspects) if i != left_out and _lasting(s)]
     return sight.errors(x, [model.suspects[i] for i in chosen], [theta[model.slices[i]] for i in chosen])

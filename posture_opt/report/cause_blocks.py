@@ -96,6 +96,10 @@ def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
 
 def _left_out(finding: Finding) -> str:
     if finding.kind == "slip":
+        if finding.target == "base":
+            return (
+                "left out: set the base up again and measure anew; the plan holds it where it stood on average, if free"
+            )
         return "left out: planned for the arm as it was before; undo the slip, or measure anew, before you use that"
     whose = "the instrument's" if finding.kind == "instrument_field" else "this session's"
     return f"left out, as it is {whose} and not the arm's"
