@@ -51,8 +51,8 @@ class Pattern(ABC):
     """(N, d) the directions u_i; ``None`` where all directions spread alike."""
 
     def inflation(self, value: float) -> Array:
-        """(N,) k_i: variance along u_i over that across it."""
-        raise NotImplementedError
+        """(N,) k_i: variance along u_i over that across it; 1 where no direction is another than the rest."""
+        return np.ones(1)
 
     def level(self, value: float) -> Array | None:
         """(N,) l_i: logarithm of the variance over s²; ``None`` for none."""
