@@ -29,27 +29,27 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from posture_opt import errors
-    from posture_opt.diagnosis.assessment import Assessment, assess
-    from posture_opt.diagnosis.batch import Batch, calibrate_batch
-    from posture_opt.diagnosis.batch_diagnosis import diagnose_batch
-    from posture_opt.diagnosis.calibrating import calibrate
-    from posture_opt.diagnosis.calibration import Calibration
+    from posture_opt.batch.batch_calibration import Batch, calibrate_batch
+    from posture_opt.batch.batch_diagnosis import diagnose_batch
+    from posture_opt.calibration.calibrate import calibrate
+    from posture_opt.calibration.calibration import Calibration
     from posture_opt.diagnosis.diagnosis import Diagnosis, diagnose
-    from posture_opt.diagnosis.measurement_plan import MeasurementPlan
-    from posture_opt.diagnosis.measurements import Measurements
-    from posture_opt.diagnosis.reading import read_measurements
-    from posture_opt.diagnosis.spread_check import SpreadCheck, check_spread
+    from posture_opt.experiments.measurement_plan import MeasurementPlan
+    from posture_opt.experiments.plan_measurements import plan_measurements
+    from posture_opt.measurements.measurements import Measurements
+    from posture_opt.measurements.reading import read_measurements
     from posture_opt.model.arm import Arm
-    from posture_opt.problem.accuracy_map import AccuracyMap, map_accuracy
-    from posture_opt.problem.calibrated import calibrated_problem
-    from posture_opt.problem.extended import extended_problem
+    from posture_opt.problem.calibrated_problem import calibrated_problem
+    from posture_opt.problem.extended_problem import extended_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
-    from posture_opt.problem.measurement_plan import plan_measurements
     from posture_opt.selection.selector import PostureSelector, select_posture
     from posture_opt.selection.target_map import TargetMap, map_targets
     from posture_opt.uncertainty.cloud import simulate
     from posture_opt.uncertainty.spread import propagate
     from posture_opt.uncertainty.spread_function import SpreadFunction
+    from posture_opt.validation.accuracy_map import AccuracyMap, map_accuracy
+    from posture_opt.validation.assessment import Assessment, assess
+    from posture_opt.validation.spread_check import SpreadCheck, check_spread
 
 __version__ = "0.1.0"
 
@@ -89,33 +89,33 @@ __all__ = [
 
 _HOMES = {
     # A name is imported when it is first used: `import posture_opt` and `--help` need none of CasADi.
-    "AccuracyMap": "problem.accuracy_map",
+    "AccuracyMap": "validation.accuracy_map",
     "Arm": "model.arm",
-    "Assessment": "diagnosis.assessment",
-    "Batch": "diagnosis.batch",
-    "Calibration": "diagnosis.calibration",
+    "Assessment": "validation.assessment",
+    "Batch": "batch.batch_calibration",
+    "Calibration": "calibration.calibration",
     "Diagnosis": "diagnosis.diagnosis",
-    "MeasurementPlan": "diagnosis.measurement_plan",
-    "Measurements": "diagnosis.measurements",
+    "MeasurementPlan": "experiments.measurement_plan",
+    "Measurements": "measurements.measurements",
     "PostureSelector": "selection.selector",
-    "SpreadCheck": "diagnosis.spread_check",
+    "SpreadCheck": "validation.spread_check",
     "SpreadFunction": "uncertainty.spread_function",
     "TargetMap": "selection.target_map",
-    "assess": "diagnosis.assessment",
-    "calibrate": "diagnosis.calibrating",
-    "calibrate_batch": "diagnosis.batch",
-    "calibrated_problem": "problem.calibrated",
-    "check_spread": "diagnosis.spread_check",
+    "assess": "validation.assessment",
+    "calibrate": "calibration.calibrate",
+    "calibrate_batch": "batch.batch_calibration",
+    "calibrated_problem": "problem.calibrated_problem",
+    "check_spread": "validation.spread_check",
     "diagnose": "diagnosis.diagnosis",
-    "diagnose_batch": "diagnosis.batch_diagnosis",
-    "extended_problem": "problem.extended",
+    "diagnose_batch": "batch.batch_diagnosis",
+    "extended_problem": "problem.extended_problem",
     "load_problem": "problem.load",
-    "map_accuracy": "problem.accuracy_map",
+    "map_accuracy": "validation.accuracy_map",
     "map_targets": "selection.target_map",
-    "plan_measurements": "problem.measurement_plan",
+    "plan_measurements": "experiments.plan_measurements",
     "problem_from_dict": "problem.load",
     "propagate": "uncertainty.spread",
-    "read_measurements": "diagnosis.reading",
+    "read_measurements": "measurements.reading",
     "select_posture": "selection.selector",
     "simulate": "uncertainty.cloud",
 }

@@ -45,7 +45,7 @@ def _calibrated(
             problem, measured, priors=priors, folds=folds, by=session.by, test=other, refit_frames=again,
             progress=progress,
         )  # fmt: skip
-    from posture_opt.problem.calibrated import replanned
+    from posture_opt.problem.calibrated_problem import replanned
     from posture_opt.report.calibration_report import Learned
     from posture_opt.report.write import calibration_document, write_calibration
 

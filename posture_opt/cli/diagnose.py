@@ -49,8 +49,8 @@ def _diagnosed(
     except InsufficientDataError as error:
         _tell_insufficient(common, error)
         raise
-    from posture_opt.problem.extended import extended_problem, models_of, plan_again
-    from posture_opt.problem.measured_goals import measured_goals
+    from posture_opt.diagnosis.measured_goals import measured_goals
+    from posture_opt.problem.extended_problem import extended_problem, models_of, plan_again
     from posture_opt.report.diagnosed import Diagnosed
     from posture_opt.report.write import diagnosis_document, write_diagnosis
 

@@ -18,9 +18,9 @@ import click
 
 from posture_opt.cli.options import Common
 from posture_opt.errors import InputError, Issue
+from posture_opt.numerics import Progress
 from posture_opt.report.document import json_text
 
-Progress = Callable[[int, int], None]
 Answer = tuple[Callable[[], dict[str, Any]], Callable[[], str]]
 """What a command can show: its JSON document and its report."""
 

@@ -8,33 +8,32 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from posture_opt.diagnosis.adequacy import LEVEL, Adequacy, adequacy
-from posture_opt.diagnosis.calibrating import calibrate
-from posture_opt.diagnosis.calibration import Calibration
-from posture_opt.diagnosis.extended import Extended, fit_calibrated, fit_extended
-from posture_opt.diagnosis.findings import Finding, Progress, effect_findings, geometry_finding, noise_finding
-from posture_opt.diagnosis.gains import HeldOut, held_out
-from posture_opt.diagnosis.geometry_names import geometry_causes
-from posture_opt.diagnosis.lasting import lasting
-from posture_opt.diagnosis.limits import unknowable
-from posture_opt.diagnosis.measurements import Measurements
+from posture_opt.calibration.calibrate import calibrate
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
+from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.calibration.progress import Stages
+from posture_opt.diagnosis.candidates import Candidate
+from posture_opt.diagnosis.causes import Finding, effect_findings, geometry_finding, noise_finding
+from posture_opt.diagnosis.discrimination_plan import SplitPlan, split_plan
+from posture_opt.diagnosis.extended_fit import Extended, fit_calibrated, fit_extended
+from posture_opt.diagnosis.geometry_causes import geometry_causes
+from posture_opt.diagnosis.held_out import HeldOut, held_out
+from posture_opt.diagnosis.lack_of_fit import LEVEL, Adequacy, adequacy
+from posture_opt.diagnosis.linearised_data import frame_directions, points_of, scene_of
 from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
-from posture_opt.diagnosis.parameters import CalibrationProblem
-from posture_opt.diagnosis.readmission import readmitted
-from posture_opt.diagnosis.scene import frame_directions, points_of, scene_of
-from posture_opt.diagnosis.search import Verdict, still_nameless, with_names
-from posture_opt.diagnosis.search_alike import find
-from posture_opt.diagnosis.second_session import Gain, SecondSession, second_session
-from posture_opt.diagnosis.split import SplitPlan, split_plan
-from posture_opt.diagnosis.stages import Stages
-from posture_opt.diagnosis.suspects import Suspect
-from posture_opt.diagnosis.umbrellas import Umbrella
-from posture_opt.diagnosis.validation import By, Statistics, folds_of, groups_of
+from posture_opt.diagnosis.other_session import Gain, SecondSession, second_session
+from posture_opt.diagnosis.outlier_reinclusion import readmitted
+from posture_opt.diagnosis.persistent_effects import lasting
+from posture_opt.diagnosis.search import SearchResult, still_nameless, with_names
+from posture_opt.diagnosis.search_dependent_rows import find
+from posture_opt.diagnosis.undetectable import unknowable
+from posture_opt.diagnosis.unnamed_components import UnnamedComponent
+from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
+from posture_opt.numerics import Codes, Progress
 
-Array = NDArray[np.float64]
 Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_data"]
 FLIPS, FEW, MANY = 299, 99, 3000
 """Draws of the null, and those for so many rows that nothing hangs on the last digit of a p-value."""
@@ -67,12 +66,12 @@ class Diagnosis:
     held: Mapping[str, HeldOut]
     model: Extended
     lasting: Extended
-    search: Verdict
-    unexplained: tuple[Umbrella, ...]
+    search: SearchResult
+    unexplained: tuple[UnnamedComponent, ...]
     adequacy: Adequacy
     by: By
-    groups: NDArray[np.intp]
-    rivals: Mapping[int, Sequence[Suspect]]
+    groups: Codes
+    rivals: Mapping[int, Sequence[Candidate]]
     test: SecondSession | None = None
     notes: tuple[str, ...] = field(default=())
 
@@ -84,7 +83,7 @@ class Diagnosis:
     @cached_property
     def extended(self) -> Any:
         """The ``Problem`` with the arm that was fitted, to be planned with: calibrated, and with its effects."""
-        from posture_opt.problem.extended import extended_problem
+        from posture_opt.problem.extended_problem import extended_problem
 
         return extended_problem(self.problem, self)  # type: ignore[arg-type] # whoever asks has a whole problem
 
@@ -207,7 +206,7 @@ def diagnose(
         found = find(scene, calibration.design > 1)
     residuals = scene.tangents.residuals
     names = with_names(scene, found) if not all(s.named for s in found.chosen) else found
-    nameless = tuple(s.what for s in still_nameless(scene, found, names) if isinstance(s.what, Umbrella))
+    nameless = tuple(s.what for s in still_nameless(scene, found, names) if isinstance(s.what, UnnamedComponent))
     named = [s for s in names.chosen if isinstance(s.what, Effect)]
     model = fit_calibrated(residuals, calibration, named)
     everything = scene.ground(found.chosen)

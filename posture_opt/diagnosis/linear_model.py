@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from posture_opt.diagnosis.extended import Extended, with_known
-
-Array = NDArray[np.float64]
-Codes = NDArray[np.intp]
+from posture_opt.diagnosis.extended_fit import Extended, with_known
+from posture_opt.numerics import Array, Codes
 
 _LEAST = 1e-10  # of the largest singular value: what is smaller is not determined
 

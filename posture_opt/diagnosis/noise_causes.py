@@ -6,23 +6,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from posture_opt.diagnosis.adequacy import LEVEL as UNCLEAR
-from posture_opt.diagnosis.calibration import Calibration
-from posture_opt.diagnosis.extended import Extended
-from posture_opt.diagnosis.instrument import position_sigma, relative
-from posture_opt.diagnosis.noise_suspects import NoiseSuspect, standardised, stated_sigma, tails, uneven
-from posture_opt.diagnosis.parameters import CalibrationProblem
-from posture_opt.diagnosis.residuals import Residuals
-from posture_opt.diagnosis.scores import Ground
-from posture_opt.diagnosis.stated_scatter import joint_errors
-from posture_opt.diagnosis.tangents import Tangents
-from posture_opt.diagnosis.visit_noise import whitened
-from posture_opt.diagnosis.visits import stays
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.effect_sensitivities import EffectSensitivities
+from posture_opt.calibration.instrument import position_sigma, relative
+from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.calibration.residuals import Residuals
+from posture_opt.diagnosis.extended_fit import Extended
+from posture_opt.diagnosis.lack_of_fit import LEVEL as UNCLEAR
+from posture_opt.diagnosis.noise_candidates import NoiseCandidate, standardised, stated_sigma, tails, uneven
+from posture_opt.diagnosis.score_tests import ProjectedBaseline
+from posture_opt.measurements.repeat_groups import stays
 from posture_opt.model.effects import NoiseEffect, Outliers, Rows
-
-Array = NDArray[np.float64]
+from posture_opt.numerics import Array
+from posture_opt.validation.repeat_covariance import whitened
+from posture_opt.validation.stated_scatter import joint_errors
 
 LEVEL, BESIDE = 0.002, 0.001  # of the 5 % for the whole verdict; beside a cause that is named already
 _STATED, _TASTE = 0.002, 1.2  # a stated σ is true enough within this factor: less is not worth a word
@@ -41,7 +39,12 @@ class NoiseCause:
 
 
 def noise_causes(
-    problem: CalibrationProblem, calibration: Calibration, model: Extended, ground: Ground, closed: float, seed: int
+    problem: CalibrationProblem,
+    calibration: Calibration,
+    model: Extended,
+    ground: ProjectedBaseline,
+    closed: float,
+    seed: int,
 ) -> list[NoiseCause]:
     """Noisy joints or noise that grows with the range; gross outliers; a stated σ that is off.
 
@@ -51,7 +54,7 @@ def noise_causes(
     block = residuals.block
     Q = ground.Q.reshape(-1, block, ground.Q.shape[1])
     e = standardised(ground.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
-    columns = Tangents(residuals, model.x).joints
+    columns = EffectSensitivities(residuals, model.x).joints
     e, columns, whole = as_stated(problem, residuals, e, columns)
     level = BESIDE if model.suspects else LEVEL
     rows = Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma, stays(residuals.data))
@@ -71,7 +74,7 @@ def noise_causes(
 def noise_shape(model: Extended, causes: Sequence[NoiseCause]) -> Array | None:
     """(N, axes, axes) covariance of positions that named noise gives the rows, up to a factor; ``None`` if one."""
     residuals = model.residuals
-    columns = Tangents(residuals, model.x).joints[:, :, : len(residuals.axes)]
+    columns = EffectSensitivities(residuals, model.x).joints[:, :, : len(residuals.axes)]
     rows = Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma)
     shapes = [shape for cause in causes if (shape := cause.effect.shape(rows)) is not None]
     one = np.eye(columns.shape[2])
@@ -92,7 +95,7 @@ def uneven_noise(e: Array, rows: Rows, seed: int, level: float = LEVEL) -> list[
     Args:
         e: (N, d) residuals in units of their stated covariance.
     """
-    named: list[tuple[NoiseSuspect, list[tuple[str, str]]]] = []
+    named: list[tuple[NoiseCandidate, list[tuple[str, str]]]] = []
     suspects = uneven(e, rows, seed)
     while suspects and suspects[0].p_value < (BESIDE if named else level):
         first = suspects[0]
@@ -141,7 +144,7 @@ def _outliers(calibration: Calibration, model: Extended, other: bool) -> list[No
         return []
     residuals = calibration.residuals
     rows = len(residuals.data) * residuals.block
-    tangents = Tangents(residuals, model.x)
+    tangents = EffectSensitivities(residuals, model.x)
     Z = [tangents.columns(s.what) for s in model.suspects]  # type: ignore[arg-type]
     columns = np.concatenate([np.zeros((rows, 0)), *Z], axis=1)
     e = (residuals.whitened(model.x)[:rows] + columns @ model.theta).reshape(-1, residuals.block)

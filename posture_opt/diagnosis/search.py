@@ -6,15 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from posture_opt.diagnosis.scene import Scene
-from posture_opt.diagnosis.scores import Chance, Ground, log_p, surviving
-from posture_opt.diagnosis.shapes import refined
-from posture_opt.diagnosis.subsets import Chosen, Pool, alternatives, best_set
-from posture_opt.diagnosis.suspects import Judged, Suspect, absorbed, catalogue, judge
-
-Array = NDArray[np.float64]
+from posture_opt.diagnosis.candidates import Candidate, ScoredCandidate, absorbed, catalogue, judge
+from posture_opt.diagnosis.linearised_data import LinearisedData
+from posture_opt.diagnosis.score_tests import NullDistribution, ProjectedBaseline, log_p, surviving
+from posture_opt.diagnosis.shape_refinement import refined
+from posture_opt.diagnosis.subset_selection import Chosen, Pool, alternatives, best_set
+from posture_opt.numerics import Array
 
 FIRST = 0.015  # of the 5 % for the whole verdict: the first effect; the rest is left to noise and lack of fit
 FURTHER = 0.006  # every effect after the first
@@ -29,7 +27,7 @@ CLOSE, MORE, STEADY = 8.0, 4, 2000  # within this factor of the level so many ti
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class SearchResult:
     """What a search found.
 
     Args:
@@ -45,26 +43,26 @@ class Verdict:
         at_first: what chance can do to the data as they are, as ``judged`` has it; where None, ``chance`` is that.
     """
 
-    chosen: tuple[Suspect, ...]
+    chosen: tuple[Candidate, ...]
     p_values: tuple[float, ...]
     lost: tuple[float, ...]
-    rivals: tuple[tuple[Suspect, ...], ...]
-    judged: tuple[Judged, ...]
-    chance: Chance
-    left: Judged | None
-    absorbed: tuple[tuple[Suspect, float], ...] = ()
+    rivals: tuple[tuple[Candidate, ...], ...]
+    judged: tuple[ScoredCandidate, ...]
+    chance: NullDistribution
+    left: ScoredCandidate | None
+    absorbed: tuple[tuple[Candidate, float], ...] = ()
     design: float = 1.0
-    names: Verdict | None = None
-    at_first: Chance | None = None
+    names: SearchResult | None = None
+    at_first: NullDistribution | None = None
 
     @property
-    def confused(self) -> dict[int, tuple[Suspect, ...]]:
+    def confused(self) -> dict[int, tuple[Candidate, ...]]:
         """By its place among the named ones, the rivals of every effect that has some."""
         named = [rivals for s, rivals in zip(self.chosen, self.rivals, strict=True) if s.named]
         return {place: rivals for place, rivals in enumerate(named) if rivals}
 
 
-def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: bool = True) -> Verdict:
+def search(scene: LinearisedData, tell: Callable[[], None] = lambda: None, *, nameless: bool = True) -> SearchResult:
     """The effects in the residuals, with the family-wise error of the first at 1.5 %; tells each round that is done.
 
     Without ``nameless`` only effects with a name stand to be chosen, and none that takes any smooth shape.
@@ -74,10 +72,10 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
     base, judged, chance = _scan(scene, suspects)
     hidden = absorbed(base, suspects, judged)
     if not judged or judged[0].p_value >= FIRST:
-        return Verdict((), (), (), (), tuple(judged), chance, judged[0] if judged else None, hidden)
+        return SearchResult((), (), (), (), tuple(judged), chance, judged[0] if judged else None, hidden)
     first = chance
     finalists = finalists_of(scene, base, judged)
-    chosen: tuple[Suspect, ...] = ()
+    chosen: tuple[Candidate, ...] = ()
     seen: set[tuple[str, ...]] = set()
     while True:
         tell()
@@ -100,7 +98,7 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
     chosen, weights = weighed(scene, chosen)
     given = first if len(chosen) == 1 else chance
     p_values = tuple(given.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True))
-    return Verdict(
+    return SearchResult(
         chosen,
         p_values,
         tuple(w for _, w in weights),
@@ -113,7 +111,9 @@ def search(scene: Scene, tell: Callable[[], None] = lambda: None, *, nameless: b
     )
 
 
-def _scan(scene: Scene, suspects: Sequence[Suspect]) -> tuple[Ground, list[Judged], Chance]:
+def _scan(
+    scene: LinearisedData, suspects: Sequence[Candidate]
+) -> tuple[ProjectedBaseline, list[ScoredCandidate], NullDistribution]:
     """Every candidate on the geometry alone; a close decision is drawn anew, so that it does not hang on the draw."""
     ground = scene.ground()
     judged, chance = judge(ground, suspects, scene.tangents, scene.case)
@@ -123,7 +123,7 @@ def _scan(scene: Scene, suspects: Sequence[Suspect]) -> tuple[Ground, list[Judge
     return ground, judged, chance
 
 
-def with_names(scene: Scene, found: Verdict) -> Verdict:
+def with_names(scene: LinearisedData, found: SearchResult) -> SearchResult:
     """What names alone make of residuals that also need curves without a name.
 
     Where they explain nearly as much, as of real arms whose errors are no exact sines, they are the better model:
@@ -137,7 +137,7 @@ def with_names(scene: Scene, found: Verdict) -> Verdict:
     return names if whole - rest >= NEARLY * (whole - least) else found
 
 
-def still_nameless(scene: Scene, found: Verdict, names: Verdict) -> tuple[Suspect, ...]:
+def still_nameless(scene: LinearisedData, found: SearchResult, names: SearchResult) -> tuple[Candidate, ...]:
     """The curves without a name that the residuals need beside the ``names`` of the model; else all that were found."""
     curves = tuple(s for s in found.chosen if not s.named)
     if names is found:
@@ -147,7 +147,9 @@ def still_nameless(scene: Scene, found: Verdict, names: Verdict) -> tuple[Suspec
     return tuple(s for s, p in beside if found.chance.family_wise(p, s.family) < FURTHER) or curves
 
 
-def finalists_of(scene: Scene, ground: Ground, judged: Sequence[Judged]) -> list[Suspect]:
+def finalists_of(
+    scene: LinearisedData, ground: ProjectedBaseline, judged: Sequence[ScoredCandidate]
+) -> list[Candidate]:
     """The candidates that stay in the running, those with a searched shape at their best."""
     leading = judged[0].log_p
     return [
@@ -157,7 +159,7 @@ def finalists_of(scene: Scene, ground: Ground, judged: Sequence[Judged]) -> list
     ]
 
 
-def _likeliest(pool: Pool, finalists: list[Suspect], judged: Sequence[Judged]) -> Chosen:
+def _likeliest(pool: Pool, finalists: list[Candidate], judged: Sequence[ScoredCandidate]) -> Chosen:
     """The best single one of those that chance hardly brings about, where the criterion would rather have none.
 
     The criterion charges a group of parameters more than the family-wise null does; that null has decided already.
@@ -166,12 +168,12 @@ def _likeliest(pool: Pool, finalists: list[Suspect], judged: Sequence[Judged]) -
     return next(only for _, only in pool.additions(()) if finalists[only[0]].key in sure)
 
 
-def merged(former: list[Suspect], new: list[Suspect]) -> list[Suspect]:
+def merged(former: list[Candidate], new: list[Candidate]) -> list[Candidate]:
     known = {str(s.what) for s in former}
     return [*former, *(s for s in new if str(s.what) not in known)]
 
 
-def pool_of(ground: Ground, suspects: Sequence[Suspect]) -> Pool:
+def pool_of(ground: ProjectedBaseline, suspects: Sequence[Candidate]) -> Pool:
     bases = [surviving(ground, s.Z)[0] for s in suspects]
     price = [_price(ground, s, basis) for s, basis in zip(suspects, bases, strict=True)]
     # Two shapes of one cause exclude each other; lines of one joint do not, unless they are the same line.
@@ -180,7 +182,7 @@ def pool_of(ground: Ground, suspects: Sequence[Suspect]) -> Pool:
     return Pool(bases, ground.e, ground.effective, np.array(price), np.array(rivals))
 
 
-def _price(ground: Ground, suspect: Suspect, basis: Array) -> float:
+def _price(ground: ProjectedBaseline, suspect: Candidate, basis: Array) -> float:
     """What a suspect costs in the criterion: its parameters, its grid, and the lack of a name.
 
     A parameter costs ``log m`` (Schwarz 1978); those of a large group at most what an empirical Bayes prior on the
@@ -192,14 +194,14 @@ def _price(ground: Ground, suspect: Suspect, basis: Array) -> float:
     return float(k * each + 2 * np.log(suspect.searched) + ANOTHER + (0.0 if suspect.named else NAMELESS))
 
 
-def _exclusive(suspect: Suspect) -> object:
+def _exclusive(suspect: Candidate) -> object:
     if suspect.kind == "cyclic_error":
         cycles = getattr(suspect.what, "cycles", 0.0)
         return suspect.kind, suspect.target, round(cycles, 1)
     return suspect.key
 
 
-def _weight(scene: Scene, chosen: Sequence[Suspect], member: Suspect) -> tuple[float, float]:
+def _weight(scene: LinearisedData, chosen: Sequence[Candidate], member: Candidate) -> tuple[float, float]:
     """Log p-value of a member given the others, and what the criterion loses without it."""
     others = [s for s in chosen if s is not member]
     ground = scene.ground(others, flips=0)
@@ -213,7 +215,9 @@ def _weight(scene: Scene, chosen: Sequence[Suspect], member: Suspect) -> tuple[f
     return p, float(lost)
 
 
-def weighed(scene: Scene, chosen: Sequence[Suspect]) -> tuple[tuple[Suspect, ...], list[tuple[float, float]]]:
+def weighed(
+    scene: LinearisedData, chosen: Sequence[Candidate]
+) -> tuple[tuple[Candidate, ...], list[tuple[float, float]]]:
     """The members, the weightiest first, and the weight of each."""
     small, members = scene.reduced(chosen)
     weights = [_weight(small, members, s) for s in members]
@@ -221,7 +225,9 @@ def weighed(scene: Scene, chosen: Sequence[Suspect]) -> tuple[tuple[Suspect, ...
     return tuple(chosen[i] for i in order), [weights[i] for i in order]
 
 
-def pruned(scene: Scene, chance: Chance, chosen: list[Suspect], alone: Chance | None = None) -> tuple[Suspect, ...]:
+def pruned(
+    scene: LinearisedData, chance: NullDistribution, chosen: list[Candidate], alone: NullDistribution | None = None
+) -> tuple[Candidate, ...]:
     """Without the members that are no longer significant given the others, the least first.
 
     ``alone`` is what chance can do without any of them, for the last one that is left.
@@ -240,7 +246,7 @@ def pruned(scene: Scene, chance: Chance, chosen: list[Suspect], alone: Chance | 
     return tuple(chosen[i] for i in kept)
 
 
-def _lenient(pool: Pool, suspects: Sequence[Suspect]) -> Pool:
+def _lenient(pool: Pool, suspects: Sequence[Candidate]) -> Pool:
     """The pool with names charged 2 a parameter (Akaike 1974): what only costs more has not been refuted by data."""
     less = [
         (np.log(pool.freedom) - 2) * basis.shape[1] if s.named and basis.shape[1] <= LARGE else 0.0
@@ -249,14 +255,16 @@ def _lenient(pool: Pool, suspects: Sequence[Suspect]) -> Pool:
     return replace(pool, price=pool.price - np.maximum(less, 0.0))
 
 
-def _for_all(pool: Pool, suspects: Sequence[Suspect], members: Chosen) -> list[tuple[float, int]]:
+def _for_all(pool: Pool, suspects: Sequence[Candidate], members: Chosen) -> list[tuple[float, int]]:
     """Names that alone could stand for all that was chosen."""
     least = pool.criterion(members)
     alone = ((value - least, only[0]) for value, only in pool.additions(())) if len(members) > 1 else ()
     return [(more, i) for more, i in alone if more <= RIVALS and suspects[i].named]
 
 
-def rivals_of(ground: Ground, finalists: list[Suspect], chosen: Sequence[Suspect]) -> tuple[tuple[Suspect, ...], ...]:
+def rivals_of(
+    ground: ProjectedBaseline, finalists: list[Candidate], chosen: Sequence[Candidate]
+) -> tuple[tuple[Candidate, ...], ...]:
     everyone = merged(list(finalists), list(chosen))
     pool = pool_of(ground, everyone)
     lenient = _lenient(pool, everyone)
@@ -265,7 +273,7 @@ def rivals_of(ground: Ground, finalists: list[Suspect], chosen: Sequence[Suspect
     for_all = _for_all(pool, everyone, members)
     result = []
     for s in chosen:
-        found: dict[tuple[str, str], Suspect] = {}
+        found: dict[tuple[str, str], Candidate] = {}
         here = place[str(s.what)]
         close = [*alternatives(pool, members, here, RIVALS), *alternatives(lenient, members, here, RIVALS), *for_all]
         for _, other in sorted(close):

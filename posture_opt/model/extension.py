@@ -7,14 +7,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from posture_opt.model.arm_state import ZERO, ArmState
 from posture_opt.model.chain import Scalar, Vector, Walk, add, cross, factor_values, scale, walk
 from posture_opt.model.derivatives import position_column, rotation_column
 from posture_opt.model.inputs import Inputs
-from posture_opt.model.site import ZERO, Site
 from posture_opt.robot.robot import Robot
 
 if TYPE_CHECKING:  # a plain chain needs none of them
-    from posture_opt.model.effects.effect import Effect, Move
+    from posture_opt.model.effects.effect import Effect, Sensitivity
 
 Twist = tuple[Vector, Vector]
 
@@ -52,15 +52,15 @@ class Extension:
         joints = [effect.target for effect in self.effects if self._unknown_side(effect)]
         return tuple(f"{joint}.side" for joint in dict.fromkeys(joints))
 
-    def moves(self, robot: Robot, q: Sequence[Scalar]) -> list[Move]:
+    def moves(self, robot: Robot, q: Sequence[Scalar]) -> list[Sensitivity]:
         """What one unit of each parameter does at ``q``."""
-        site = Site(robot, q, self.inputs)
+        site = ArmState(robot, q, self.inputs)
         return [move for effect in self.effects for move in effect.moves(site)]
 
-    def side_moves(self, robot: Robot, q: Sequence[Scalar]) -> list[list[tuple[int, Move]]]:
+    def side_moves(self, robot: Robot, q: Sequence[Scalar]) -> list[list[tuple[int, Sensitivity]]]:
         """For each of `sides` what arriving from above does: place in `names` and move of each parameter."""
-        site = Site(robot, q, replace(self.inputs, approach=[1.0] * robot.n))
-        found: list[list[tuple[int, Move]]] = [[] for _ in self.sides]
+        site = ArmState(robot, q, replace(self.inputs, approach=[1.0] * robot.n))
+        found: list[list[tuple[int, Sensitivity]]] = [[] for _ in self.sides]
         place = 0
         for effect in self.effects:
             if self._unknown_side(effect):
@@ -112,7 +112,7 @@ def forward(
 
 def _sized(
     robot: Robot, extension: Extension, q: Sequence[Scalar], p: Mapping[str, Scalar]
-) -> list[tuple[Scalar, Move]]:
+) -> list[tuple[Scalar, Sensitivity]]:
     """The moves of all effects, each with the size of its parameter."""
     sizes = [v + p.get(name, 0.0) for name, v in zip(extension.names, extension.values, strict=True)]
     parts = list(zip(sizes, extension.moves(robot, q), strict=True))
@@ -127,7 +127,7 @@ def _turned(turn: Vector, column: Vector) -> Vector:
     return add(add(column, first), scale(0.5, cross(turn, first)))
 
 
-def twist_of(robot: Robot, reached: Walk, move: Move) -> Twist:
+def twist_of(robot: Robot, reached: Walk, move: Sensitivity) -> Twist:
     """Shift of the tool point and small rotation of the tool by one unit of a move, world axes."""
     shift, turn = move.twist
     at = {f.parameter: i for i, f in enumerate(robot.factors) if f.parameter}

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.diagnosis.batch import Batch
-from posture_opt.problem.extension import moving_effects
-from posture_opt.problem.noise import of_a_type
+from posture_opt.batch.batch_calibration import Batch
+from posture_opt.numerics import Array
+from posture_opt.problem.effects_section import moving_effects
+from posture_opt.problem.noise_section import of_a_type
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document, dump_yaml
 from posture_opt.robot.robot import Factor
-from posture_opt.uncertainty.sources import Array
 
 if TYPE_CHECKING:
     from posture_opt.model.effects import NoiseEffect

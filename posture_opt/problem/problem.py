@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from posture_opt.diagnosis.data_spec import DataSpec
 from posture_opt.errors import InputError, Issue, KeyPath
-from posture_opt.problem.extension import effect_sources, extended_robot, extension_notes, moving_effects
+from posture_opt.measurements.data_spec import DataSpec
+from posture_opt.problem.effects_section import effect_sources, extended_robot, extension_notes, moving_effects
 from posture_opt.problem.issues import schema_issues
-from posture_opt.problem.noise import measurement_issues, noise_notes, noisy_sources
+from posture_opt.problem.noise_section import measurement_issues, noise_notes, noisy_sources
 from posture_opt.problem.plausible import plausibility_notes
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document, dump_yaml

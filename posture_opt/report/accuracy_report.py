@@ -16,9 +16,9 @@ from posture_opt.report.units_text import count, length, length_unit, number, pe
 from posture_opt.report.words import direction_words
 
 if TYPE_CHECKING:
-    from posture_opt.problem.accuracy_map import AccuracyMap
-    from posture_opt.problem.measured_errors import MeasuredErrors
     from posture_opt.problem.problem import Problem
+    from posture_opt.validation.accuracy_map import AccuracyMap
+    from posture_opt.validation.measured_errors import MeasuredErrors
 
 Floats = NDArray[np.float64]
 _FEW = 20  # rows: fewer say little about a share of 95 %

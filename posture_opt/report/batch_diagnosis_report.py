@@ -12,8 +12,8 @@ from posture_opt.report.finding_words import finding_words
 from posture_opt.report.write import report_files, write_files
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.batch_diagnosis import BatchDiagnosis
-    from posture_opt.diagnosis.measurements import Measurements
+    from posture_opt.batch.batch_diagnosis import BatchDiagnosis
+    from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
 
 
@@ -43,7 +43,7 @@ def write_batch_diagnosis(
 ) -> None:
     """Writes diagnosis.json, the reports, the section for the problem file and the figure into ``folder``."""
     from posture_opt.problem.batch_section import batch_yaml
-    from posture_opt.problem.noise import of_a_type
+    from posture_opt.problem.noise_section import of_a_type
 
     figures = {}
     if plots and found.batch.pairs:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from posture_opt.report.write import Files, report_files, write_files
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.batch import Batch
-    from posture_opt.diagnosis.measurements import Measurements
+    from posture_opt.batch.batch_calibration import Batch
+    from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
 
 

@@ -15,9 +15,9 @@ from posture_opt.report.units_text import count, decimals_of, fixed, number, per
 from posture_opt.report.words import source_words
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.batch import Batch
-    from posture_opt.diagnosis.batch_pairs import Pair
-    from posture_opt.diagnosis.measurements import Measurements
+    from posture_opt.batch.batch_calibration import Batch
+    from posture_opt.batch.correlated_pairs import Pair
+    from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
 
 _LISTED = 20

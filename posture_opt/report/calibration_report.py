@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.diagnosis.instrument import position_sigma
+from posture_opt.calibration.instrument import position_sigma
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.parameter_blocks import parameters_block, undetermined_block
 from posture_opt.report.parts import note_facts, robot_facts
@@ -18,13 +18,13 @@ from posture_opt.report.truth_blocks import truth_blocks, truth_lead
 from posture_opt.report.units_text import count, decimals_of, fixed, number, stated_length
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.assessment import Assessment
-    from posture_opt.diagnosis.calibration import Calibration
-    from posture_opt.diagnosis.measurements import Measurements
-    from posture_opt.diagnosis.spread_check import SpreadCheck
-    from posture_opt.diagnosis.validation import Statistics
+    from posture_opt.calibration.calibration import Calibration
+    from posture_opt.calibration.error_statistics import Statistics
+    from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
-    from posture_opt.problem.replanned import Replanned
+    from posture_opt.selection.plan_comparison import Replanned
+    from posture_opt.validation.assessment import Assessment
+    from posture_opt.validation.spread_check import SpreadCheck
 
 _LISTED = 20
 _ELSEWHERE = 20  # times the errors at home: no arm drifts that far

@@ -22,7 +22,7 @@ from posture_opt.report.parts import sentence
 from posture_opt.report.units_text import length, number, percent
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.findings import Finding
+    from posture_opt.diagnosis.causes import Finding
 
 _PAIRS, _SPLITS = 4, 8  # of causes that could be confused, and of measurements that tell them apart
 _FULL = 4  # effects that are told in full; lighter ones stand in a table

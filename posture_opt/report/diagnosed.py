@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from posture_opt.report.effect_words import amplitude
 
 if TYPE_CHECKING:
+    from posture_opt.calibration.residuals import Residuals
+    from posture_opt.diagnosis.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
-    from posture_opt.diagnosis.findings import Finding
-    from posture_opt.diagnosis.measurements import Measurements
-    from posture_opt.diagnosis.residuals import Residuals
-    from posture_opt.diagnosis.scene import Scene
-    from posture_opt.problem.measured_goals import MeasuredGoals
+    from posture_opt.diagnosis.linearised_data import LinearisedData
+    from posture_opt.diagnosis.measured_goals import MeasuredGoals
+    from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
-    from posture_opt.problem.replanned import Replanned
+    from posture_opt.selection.plan_comparison import Replanned
 
 Floats = NDArray[np.float64]
 MODELS = {"nominal": "as it stands", "calibrated": "calibrated", "extended": "with its effects"}
@@ -55,9 +55,9 @@ class Diagnosed:
         return self.diagnosis.model.residuals
 
     @cached_property
-    def scene(self) -> Scene:
+    def scene(self) -> LinearisedData:
         """What the search saw, without its null."""
-        from posture_opt.diagnosis.scene import scene_of
+        from posture_opt.diagnosis.linearised_data import scene_of
 
         return scene_of(self.diagnosis.calibration, flips=0)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.diagnosis.instrument import position_sigma
+from posture_opt.calibration.instrument import position_sigma
 from posture_opt.report.blocks import Block, Facts, Report
 from posture_opt.report.cause_blocks import causes_block, confusion_block, cyclic_block
 from posture_opt.report.diagnosed import MODELS, Diagnosed
@@ -23,7 +23,7 @@ from posture_opt.report.split_blocks import split_block
 from posture_opt.report.units_text import count, stated_length
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.findings import Finding
+    from posture_opt.diagnosis.causes import Finding
     from posture_opt.problem.problem import Problem
 
 _MOST_NAMES = 3

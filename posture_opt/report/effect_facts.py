@@ -9,7 +9,7 @@ from posture_opt.model.inputs import REFERENCE_TEMPERATURE
 from posture_opt.report.units_text import number, stated_length
 
 if TYPE_CHECKING:
-    from posture_opt.model.effects import AnyEffect, Effect
+    from posture_opt.model.effects import CatalogueEntry, Effect
     from posture_opt.model.extension import Extension
     from posture_opt.problem.problem import Problem
     from posture_opt.robot.robot import Robot
@@ -48,7 +48,7 @@ def input_facts(problem: Problem) -> list[tuple[str, str]]:
     return [("Computed for", ", ".join(texts))] if texts else []
 
 
-def effect_text(effect: AnyEffect) -> str:
+def effect_text(effect: CatalogueEntry) -> str:
     """joint compliance of elbow 8.00 µrad/(N m) (125 kN m/rad)."""
     from posture_opt.model.effects import Effect, NoiseEffect
 
@@ -58,7 +58,7 @@ def effect_text(effect: AnyEffect) -> str:
     return _sized(effect)
 
 
-def _named(effect: AnyEffect) -> str:
+def _named(effect: CatalogueEntry) -> str:
     """joint compliance of elbow."""
     target, kind = {"all": "all lengths"}.get(effect.target, effect.target), effect.kind.replace("_", " ")
     return kind if target in (*kind.split(), "data") else f"{kind} of {target}"

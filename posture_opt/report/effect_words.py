@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from posture_opt.report.units_text import fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.findings import Finding
+    from posture_opt.diagnosis.causes import Finding
 
 Estimate = Mapping[str, tuple[float, float, str]]
 

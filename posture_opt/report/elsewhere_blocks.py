@@ -12,7 +12,7 @@ from posture_opt.report.error_blocks import figures_of, models_of
 from posture_opt.report.units_text import count, percent
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.second_session import Gain
+    from posture_opt.diagnosis.other_session import Gain
 
 _ELSEWHERE = 20  # times the errors at home: no arm drifts that far
 

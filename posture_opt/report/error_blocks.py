@@ -11,7 +11,7 @@ from posture_opt.report.diagnosed import MODELS, Diagnosed
 from posture_opt.report.units_text import decimals_of, fixed, number, percent
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.validation import Statistics
+    from posture_opt.calibration.error_statistics import Statistics
 
 _CHOSEN = "Their sizes were fitted anew in each round; the effects themselves were chosen on all rows."
 _LEFT_OUT = {

@@ -14,7 +14,7 @@ from posture_opt.report.units_text import joint_value, length, percent
 from posture_opt.report.words import PARTS
 
 if TYPE_CHECKING:
-    from posture_opt.problem.replanned import Landing, Replanned
+    from posture_opt.selection.plan_comparison import Landing, Replanned
     from posture_opt.selection.solution import Solution
 
 _TITLE = "Choose again"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from posture_opt.report.effect_words import cause_words, main_size
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.findings import Finding
+    from posture_opt.diagnosis.causes import Finding
     from posture_opt.problem.problem import Problem
 
 

@@ -13,7 +13,7 @@ from posture_opt.report.units_text import count, length, number, percent
 from posture_opt.report.words import PARTS
 
 if TYPE_CHECKING:
-    from posture_opt.problem.measured_goals import Choice, MeasuredGoals
+    from posture_opt.diagnosis.measured_goals import Choice, MeasuredGoals
 
 _TITLE = "Choose again, as measured"
 

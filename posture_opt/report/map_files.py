@@ -13,10 +13,10 @@ from posture_opt.report.words import PARTS
 from posture_opt.report.write import Files, report_files, write_files
 
 if TYPE_CHECKING:
-    from posture_opt.problem.accuracy_map import AccuracyMap
     from posture_opt.problem.problem import Problem
-    from posture_opt.selection.spots import Spot
+    from posture_opt.selection.map_points import MapPoint
     from posture_opt.selection.target_map import TargetMap
+    from posture_opt.validation.accuracy_map import AccuracyMap
 
 _PLACE = ("x [mm]", "y [mm]", "z [mm]", "feasible")
 
@@ -73,7 +73,7 @@ def _table(rows: list[list[str]]) -> str:
     return "".join(", ".join(cells) + "\n" for cells in rows)
 
 
-def _place_cells(spot: Spot) -> list[str]:
+def _place_cells(spot: MapPoint) -> list[str]:
     return [*(f"{1e3 * value + 0.0:.4f}" for value in spot.position), str(int(spot.feasible))]
 
 
@@ -81,7 +81,7 @@ def _posture_heads(found: TargetMap) -> list[str]:
     return [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in found.programme.robot.joints]
 
 
-def _posture_cells(found: TargetMap, spot: Spot) -> list[str]:
+def _posture_cells(found: TargetMap, spot: MapPoint) -> list[str]:
     joints = found.programme.robot.joints
     return [_cell(q * joint_unit(joint.type)[1], 6) for q, joint in zip(spot.q, joints, strict=True)]
 

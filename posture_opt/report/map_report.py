@@ -13,7 +13,7 @@ from posture_opt.report.words import CRITERIA, PARTS, direction_words, line_word
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
     from posture_opt.selection.grid import Grid
-    from posture_opt.selection.spots import Spot
+    from posture_opt.selection.map_points import MapPoint
     from posture_opt.selection.target_map import TargetMap
 
 _SAME = 5e-4  # of the spread: what a map cannot promise to win
@@ -39,7 +39,7 @@ def lead(found: TargetMap) -> tuple[str, ...]:
     return answer, " ".join(others)
 
 
-def _own_sentence(best: Spot, own: Spot) -> str:
+def _own_sentence(best: MapPoint, own: MapPoint) -> str:
     if not own.feasible:
         return "The position in the problem has no posture."
     scatter = f"The position in the problem gives {length(own.sigma_max)}"
@@ -88,7 +88,7 @@ def places_block(found: TargetMap) -> Block:
     return Block("Places", (table.transposed() if len(table.headers) > _MOST_COLUMNS else table,))
 
 
-def places_table(found: TargetMap, spots: dict[str, Spot]) -> Table:
+def places_table(found: TargetMap, spots: dict[str, MapPoint]) -> Table:
     """Target, spread and posture of some places."""
     joints = found.programme.robot.joints
     unit, factor = length_unit([spot.sigma_max for spot in spots.values()])

@@ -11,7 +11,7 @@ from posture_opt.report.parts import sentence
 from posture_opt.report.units_text import number, percent
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.suspects import Judged
+    from posture_opt.diagnosis.candidates import ScoredCandidate
 
 _FAINT = 0.1  # share of its trace that geometry leaves of a cause: it had to be ten times larger to be seen as well
 _SLOW, _SLOW_CYCLES = ("joint_scale", "gear_eccentricity", "gear_second_harmonic"), 5.0
@@ -78,14 +78,14 @@ def scores_block(diagnosed: Diagnosed) -> Block:
     return Block("What competed", (text, Table(headers, rows, text_columns=2)), "diagnosis_scores")
 
 
-def _cycles(judged: Judged) -> dict[str, tuple[float, float, str]] | None:
+def _cycles(judged: ScoredCandidate) -> dict[str, tuple[float, float, str]] | None:
     cycles = getattr(judged.suspect.what, "cycles", None)
     return None if cycles is None else {"cycles": (float(cycles), float("nan"), "")}
 
 
 def absorbed_block(diagnosed: Diagnosed) -> Block:
     """Causes that geometry hides in these data, and causes that were not looked for at all."""
-    from posture_opt.diagnosis.limits import not_looked_for
+    from posture_opt.diagnosis.undetectable import not_looked_for
 
     search = diagnosed.diagnosis.search
     hidden = [short_words(s.kind, s.target) for s, _ in search.absorbed]
@@ -118,7 +118,7 @@ def _list(names: list[str]) -> str:
 
 def unknowable_block(diagnosed: Diagnosed) -> Block:
     """What no data of this kind can tell, why, and what would."""
-    from posture_opt.diagnosis.limits import unknowable
+    from posture_opt.diagnosis.undetectable import unknowable
 
     limits = unknowable(diagnosed.residuals)
     rows = tuple((x.kind.replace("_", " ").capitalize(), f"{sentence(x.reason)} To know: {x.mend}.") for x in limits)

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.diagnosis.calibration import CORRELATED
-from posture_opt.diagnosis.identifiability import ANGLE, LENGTH
+from posture_opt.calibration.calibration import CORRELATED
+from posture_opt.calibration.identifiability import ANGLE, LENGTH
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.parts import sentence
 from posture_opt.report.units_text import count, decimals_of, fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.calibration import Calibration
-    from posture_opt.diagnosis.parameters import Parameter
+    from posture_opt.calibration.calibration import Calibration
+    from posture_opt.calibration.parameters import Parameter
 
 _LISTED = 10
 _SURE = 0.05  # probability of a change of this size where nothing changed

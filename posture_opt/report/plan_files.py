@@ -12,7 +12,7 @@ from posture_opt.report.write import Files, report_files, write_files
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from posture_opt.diagnosis.measurement_plan import MeasurementPlan
+    from posture_opt.experiments.measurement_plan import MeasurementPlan
     from posture_opt.problem.problem import Problem
 
 

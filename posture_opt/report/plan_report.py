@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.problem.measurement_plan import NO_TABLE
+from posture_opt.experiments.plan_measurements import NO_TABLE
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.parts import note_facts, robot_facts, sentence
 from posture_opt.report.units_text import (
@@ -23,8 +23,8 @@ from posture_opt.report.units_text import (
 )
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.measurement_plan import MeasurementPlan
-    from posture_opt.diagnosis.plan_stages import Stage
+    from posture_opt.experiments.knowledge_stages import Stage
+    from posture_opt.experiments.measurement_plan import MeasurementPlan
     from posture_opt.problem.problem import Problem
 
 _MOST_ROWS = 60

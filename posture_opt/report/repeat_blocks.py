@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.diagnosis.repeats import CYCLES
 from posture_opt.report.blocks import Block, Table
 from posture_opt.report.units_text import count, fixed, length, lengths, number
+from posture_opt.validation.repeatability_tests import CYCLES
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.assessment import Assessment
-    from posture_opt.diagnosis.repeats import Distances, PosePerformance, Repeats
+    from posture_opt.validation.assessment import Assessment
+    from posture_opt.validation.repeatability_tests import Distances, PosePerformance, Repeats
 
 MODELS = {"nominal": "as it stands", "calibrated": "calibrated"}
 

@@ -11,7 +11,7 @@ from posture_opt.report.units_text import joint_value, length, percent
 from posture_opt.report.words import PARTS
 
 if TYPE_CHECKING:
-    from posture_opt.problem.replanned import Replanned
+    from posture_opt.selection.plan_comparison import Replanned
 
 FIGURE = "landing"
 _HARDLY = 0.7  # of the old error: a gain that hardly shows at the task

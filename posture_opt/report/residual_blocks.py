@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.diagnosis.assessment import TEN_TIMES
 from posture_opt.report.blocks import Block, Table
 from posture_opt.report.parts import sentence
 from posture_opt.report.repeat_blocks import MODELS, goals_block, repeats_block
 from posture_opt.report.units_text import count, fixed, length, lengths, number, percent, shift, stated_length
 from posture_opt.report.words import REGIONS, direction_words, line_words
+from posture_opt.validation.assessment import TEN_TIMES
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.assessment import Assessment
-    from posture_opt.diagnosis.mean_test import BlockMean
-    from posture_opt.diagnosis.model_errors import Deviation, ModelErrors
-    from posture_opt.diagnosis.trends import Trend
+    from posture_opt.validation.assessment import Assessment
+    from posture_opt.validation.mean_test import BlockMean
+    from posture_opt.validation.model_errors import Deviation, ModelErrors
+    from posture_opt.validation.trends import Trend
 
 _INPUTS = {
     # input of the data -> words, unit, factor from SI

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.diagnosis.columns import AXES, QUATERNION
-from posture_opt.diagnosis.parting import chance
+from posture_opt.diagnosis.noncentrality import chance
+from posture_opt.measurements.header import AXES, QUATERNION
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.effect_words import short_words
 from posture_opt.report.units_text import angle, count, fixed, joint_unit, percent
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.measurements import Measurements
-    from posture_opt.diagnosis.split import Split, SplitPlan
+    from posture_opt.diagnosis.discrimination_plan import Split, SplitPlan
+    from posture_opt.measurements.measurements import Measurements
     from posture_opt.report.diagnosed import Diagnosed
     from posture_opt.robot.robot import Robot
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.effect_facts import input_facts
 from posture_opt.report.parts import (
@@ -29,7 +30,6 @@ from posture_opt.report.words import line_words
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
-    from posture_opt.uncertainty.sources import Array
     from posture_opt.uncertainty.spread import Spread
 
 

@@ -13,10 +13,10 @@ from posture_opt.report.units_text import angle, count, fixed, length, number, p
 from posture_opt.report.words import REGIONS
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.coverage import Coverage
-    from posture_opt.diagnosis.joint_prediction import HeldOut
-    from posture_opt.diagnosis.scatter_test import ScatterTest
-    from posture_opt.diagnosis.spread_check import SpreadCheck
+    from posture_opt.validation.coverage import Coverage
+    from posture_opt.validation.joint_prediction import HeldOut
+    from posture_opt.validation.scatter_test import ScatterTest
+    from posture_opt.validation.spread_check import SpreadCheck
 
 _LISTED = 8  # postures
 _SURE = "with 95 % confidence"

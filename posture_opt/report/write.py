@@ -138,7 +138,7 @@ def diagnosis_document(diagnosed: Diagnosed) -> dict[str, Any]:
     """The document ``diagnosis.json``."""
     document = diagnosed.diagnosis.to_json()
     if diagnosed.plans:
-        from posture_opt.problem.extended import posture_document
+        from posture_opt.problem.extended_problem import posture_document
 
         document["posture"] = posture_document(diagnosed.plans, diagnosed.goals)
     return document

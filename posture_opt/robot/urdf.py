@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.nearest import listed
+from posture_opt.numerics import Array
 from posture_opt.robot.format import FULL_TURN, MAX_JOINTS, RobotFormat, joint_name_fault, limits_fault
 from posture_opt.robot.robot import Axis, Factor, Joint, Robot, frame_factors
 from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree, read_urdf
 
-Array = NDArray[np.float64]
 FLANGE = "tool0"
 MOVING = ("revolute", "continuous", "prismatic")
 _LOCKED = 0.1  # cosine of the pitch: below, an error of yaw is nearly one of roll

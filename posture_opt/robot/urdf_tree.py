@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.nearest import nearest_file, one_of
+from posture_opt.numerics import Array
 
-Array = NDArray[np.float64]
 MAX_BYTES = 50_000_000  # a robot of some hundred links takes a few hundred kB
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.feasible import TOLERANCE, InverseKinematics, axis_can_reach, wish_for
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.programme import Alignment
+from posture_opt.selection.optimisation_problem import Alignment
 from posture_opt.selection.reach import Reach
 from posture_opt.selection.tasks import Task
 

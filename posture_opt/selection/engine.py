@@ -10,14 +10,14 @@ import numpy as np
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.selection.feasible import ROW_TOLERANCE, InverseKinematics, Wish, wish_for
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.programme import Programme
+from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.solvers import Outcome, Polish, Solver
 
 Floats = np.ndarray
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidatePosture:
     """One posture (n,): objective (scaled), worst violation of a row, σ_max [m], and the solver's word on it."""
 
     q: Floats
@@ -32,7 +32,7 @@ class Candidate:
         return self.violation <= ROW_TOLERANCE
 
 
-Recipe = tuple[Programme, Solver, bool | None]
+Recipe = tuple[OptimisationProblem, Solver, bool | None]
 """What an engine is built from: this travels to other processes, the functions cannot."""
 
 
@@ -40,7 +40,7 @@ Recipe = tuple[Programme, Solver, bool | None]
 class Engine:
     """The functions that solve one programme again and again, built once."""
 
-    programme: Programme
+    programme: OptimisationProblem
     solver: Solver
     compiled: bool | None
 
@@ -72,17 +72,17 @@ class Engine:
         aligned = self.programme.axis_rows > 0
         return wish_for(goal, count, aligned, rng, whole_box=whole_box, slack_of_axis=slack)
 
-    def candidates(self, Q: Floats, goal: Goal) -> list[Candidate]:
+    def candidates(self, Q: Floats, goal: Goal) -> list[CandidatePosture]:
         """The postures (N, n) as candidates."""
         columns = (column.tolist() for column in self.screened(Q, goal))
-        return [Candidate(*row) for row in zip(Q, *columns, strict=True)]
+        return [CandidatePosture(*row) for row in zip(Q, *columns, strict=True)]
 
     def screened(self, Q: Floats, goal: Goal) -> tuple[Floats, Floats, Floats]:
         """Objective (scaled), worst violation of a row and σ_max [m] of the postures (N, n): three times (N,)."""
         objective, violation, _, variance = (column[:, 0] for column in self.screen(Q, goal.parameters()))
         return objective, violation, np.sqrt(np.maximum(variance, 0.0))
 
-    def polished(self, start: Candidate, goal: Goal) -> Candidate:
+    def polished(self, start: CandidatePosture, goal: Goal) -> CandidatePosture:
         """The start improved by the solver; the start itself where the solver made it worse.
 
         A start may gain a little objective from the last digits of its rows: a tie goes to the solver.
@@ -96,7 +96,7 @@ class Engine:
         better = end.feasible and (not start.feasible or end.objective <= start.objective + 1e-6)
         return end if better else self.tidied(replace(start, message=outcome.message), goal)
 
-    def tidied(self, candidate: Candidate, goal: Goal) -> Candidate:
+    def tidied(self, candidate: CandidatePosture, goal: Goal) -> CandidatePosture:
         """The same posture as people write it: joints that do not matter at zero, whole turns taken off."""
         robot = self.programme.robot
         lower, upper = np.array(robot.lower), np.array(robot.upper)

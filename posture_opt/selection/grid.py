@@ -11,7 +11,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.grid_wish import GridWish
+from posture_opt.selection.grid_request import GridRequest
 from posture_opt.selection.reach import Reach
 
 Floats = np.ndarray
@@ -102,7 +102,7 @@ class Grid:
         return a, b, c
 
 
-def grid_of(wish: GridWish, goal: Goal, reach: Reach, points: Floats, middle: Floats | None) -> Grid:
+def grid_of(wish: GridRequest, goal: Goal, reach: Reach, points: Floats, middle: Floats | None) -> Grid:
     """The grid that suits a task.
 
     Args:
@@ -139,7 +139,7 @@ def _values(low: float, high: float, count: int) -> Floats:
     return np.asarray((np.linspace(low, high, count) if count > 1 else np.array([(low + high) / 2])) + 0.0)
 
 
-def _frame(wish: GridWish, goal: Goal, reach: Reach) -> Floats:
+def _frame(wish: GridRequest, goal: Goal, reach: Reach) -> Floats:
     """(3, 3) e1, e2 in the plane of the figure and e3 across it, one a row."""
     if reach.normals.shape[1] == 1:
         normal = reach.normals[:, 0]
@@ -157,7 +157,7 @@ def _frame(wish: GridWish, goal: Goal, reach: Reach) -> Floats:
     return np.vstack([goal.basis.T, goal.direction]) if frame is None else frame
 
 
-def _flat_axis(wish: GridWish) -> int | None:
+def _flat_axis(wish: GridRequest) -> int | None:
     """The axis of the world along which counts or corners leave one value, where there is exactly one such."""
     flat: set[int] = set()
     if wish.counts is not None and len(wish.counts) == 3:
@@ -178,7 +178,7 @@ def _of_world(normal: Floats) -> Floats | None:
     return _of_plane(("yz", "xz", "xy")[axis]) if abs(normal[axis]) > 1 - _ALIGNED else None
 
 
-def _box(wish: GridWish, goal: Goal, reach: Reach, points: Floats) -> tuple[Floats, Floats]:
+def _box(wish: GridRequest, goal: Goal, reach: Reach, points: Floats) -> tuple[Floats, Floats]:
     """Corners (3,) of the box that the grid covers [m], world."""
     if wish.low is not None and wish.high is not None:
         return np.array(wish.low), np.array(wish.high)
@@ -202,7 +202,7 @@ def _step(length: float) -> float:
     return 0.5 * power
 
 
-def _counts(wish: GridWish, axes: Floats, widths: Floats) -> tuple[int, int, int]:
+def _counts(wish: GridRequest, axes: Floats, widths: Floats) -> tuple[int, int, int]:
     """How many values of u, v, w."""
     if wish.counts is None:
         return _suitable(widths)

@@ -7,11 +7,11 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
+from posture_opt.numerics import Progress
 from posture_opt.selection.engine import Engine, Recipe
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.multistart import Progress
+from posture_opt.selection.map_candidates import Place, explore
 from posture_opt.selection.neighbours import Pairs, agree, learn, try_around
-from posture_opt.selection.places import Place, explore
 
 _CHUNK = 32  # targets that are sought together
 _ROUNDS = 4  # of learning from neighbours

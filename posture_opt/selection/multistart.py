@@ -10,13 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
+from posture_opt.numerics import Progress
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.engine import Candidate, Engine, Recipe
+from posture_opt.selection.engine import CandidatePosture, Engine, Recipe
 from posture_opt.selection.feasible import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.goal import Goal
 
 Floats = np.ndarray
-Progress = Callable[[int, int], None]
 
 _OVERSAMPLING = 3
 _EFFORT = 80
@@ -65,7 +65,7 @@ class Search:
     """
 
     goal: Goal
-    found: tuple[Candidate, ...]
+    found: tuple[CandidatePosture, ...]
     sampled: Sampled
     arrived: int
     tried: int
@@ -117,24 +117,24 @@ def _search_once(
     goal, objective, violation, sigma = _scaled(engine, goal, Q)
     order = np.lexsort((objective, np.where(violation <= ROW_TOLERANCE, 0.0, violation)))
     first = order[_spread_out(Q[order], polish)]
-    chosen = [Candidate(Q[k], float(objective[k]), float(violation[k]), float(sigma[k])) for k in first]
+    chosen = [CandidatePosture(Q[k], float(objective[k]), float(violation[k]), float(sigma[k])) for k in first]
     met = violation <= ROW_TOLERANCE
     sampled = Sampled(engine.programme.robot, Q[met], sigma[met])
     polished = (map_polish or _serial)(engine, chosen, goal)
     return Search(goal, tuple(sorted(polished, key=rank)), sampled, len(Q), tried, len(chosen))
 
 
-MapPolish = Callable[[Engine, Sequence[Candidate], Goal], list[Candidate]]
+MapPolish = Callable[[Engine, Sequence[CandidatePosture], Goal], list[CandidatePosture]]
 
 
-def _serial(engine: Engine, chosen: Sequence[Candidate], goal: Goal) -> list[Candidate]:
+def _serial(engine: Engine, chosen: Sequence[CandidatePosture], goal: Goal) -> list[CandidatePosture]:
     return [engine.polished(candidate, goal) for candidate in chosen]
 
 
 def with_progress(progress: Progress) -> MapPolish:
     """Polish one after the other, reporting ``(done, total)``."""
 
-    def run(engine: Engine, chosen: Sequence[Candidate], goal: Goal) -> list[Candidate]:
+    def run(engine: Engine, chosen: Sequence[CandidatePosture], goal: Goal) -> list[CandidatePosture]:
         done = []
         for candidate in chosen:
             done.append(engine.polished(candidate, goal))
@@ -147,7 +147,7 @@ def with_progress(progress: Progress) -> MapPolish:
 def in_processes(workers: int) -> MapPolish:
     """Polish in ``workers`` processes: the linear solver inside IPOPT is not safe in threads."""
 
-    def run(engine: Engine, chosen: Sequence[Candidate], goal: Goal) -> list[Candidate]:
+    def run(engine: Engine, chosen: Sequence[CandidatePosture], goal: Goal) -> list[CandidatePosture]:
         shares = [chosen[k::workers] for k in range(workers)]
         with ProcessPoolExecutor(workers) as pool:
             done = list(pool.map(_polish_there, [engine.recipe] * workers, shares, [goal] * workers))
@@ -157,7 +157,7 @@ def in_processes(workers: int) -> MapPolish:
     return run
 
 
-def _polish_there(recipe: Recipe, chosen: Sequence[Candidate], goal: Goal) -> list[Candidate]:
+def _polish_there(recipe: Recipe, chosen: Sequence[CandidatePosture], goal: Goal) -> list[CandidatePosture]:
     return _serial(Engine.build(recipe), chosen, goal)
 
 
@@ -179,7 +179,7 @@ def median(values: Floats) -> float:
     return float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
 
 
-def rank(candidate: Candidate) -> tuple[bool, float, bool, float]:
+def rank(candidate: CandidatePosture) -> tuple[bool, float, bool, float]:
     """Sorting key: feasible ones by objective, then infeasible ones by violation."""
     # Equal to the sixth digit is equal: the solver's word decides, then the posture nearer to the zero posture.
     key = round(candidate.objective, 6) if candidate.feasible else candidate.violation

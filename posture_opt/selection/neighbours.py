@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.selection.engine import Candidate, Engine
+from posture_opt.selection.engine import CandidatePosture, Engine
 from posture_opt.selection.feasible import TOLERANCE
 from posture_opt.selection.goal import Goal
+from posture_opt.selection.map_candidates import Place, batch_of, out_of_plane, place_among, scale_of, together
 from posture_opt.selection.multistart import distinct, rank
-from posture_opt.selection.places import Place, batch_of, out_of_plane, place_among, scale_of, together
 
 Floats = np.ndarray
 Pairs = Sequence[tuple[np.ndarray, np.ndarray]]
@@ -26,7 +26,7 @@ _NEAR = 0.05  # of the objective: how far a neighbour's posture may lie above th
 
 def learn(places: list[Place], engines: Sequence[Engine], goals: Sequence[Goal], neighbours: Pairs) -> bool:
     """Try the postures of neighbours; whether any place became better."""
-    better: dict[int, Candidate] = {}
+    better: dict[int, CandidatePosture] = {}
     for here, there in neighbours:
         pairs = [
             (k, places[j].best)
@@ -83,7 +83,7 @@ def _about(engine: Engine, q: Floats, rng: np.random.Generator) -> Floats:
 
 def _carried_over(
     engine: Engine, goals: Sequence[Goal], places: Sequence[Place], pairs: Sequence[tuple[int, Floats]]
-) -> Iterable[tuple[int, Candidate]]:
+) -> Iterable[tuple[int, CandidatePosture]]:
     """Postures moved from their own target to that of goal k, where they meet what is required if anything does."""
     rng = np.random.default_rng(0)
     wishes = [engine.wish(goals[k], 1, rng) for k, _ in pairs]
@@ -95,17 +95,17 @@ def _carried_over(
     sigma = np.sqrt(np.maximum(variance, 0.0))
     for row, (k, _) in enumerate(pairs):
         known = places[k].best
-        candidate = Candidate(Q[row], float(objective[row]), float(violation[row]), float(sigma[row]))
+        candidate = CandidatePosture(Q[row], float(objective[row]), float(violation[row]), float(sigma[row]))
         if errors[row] < TOLERANCE and (known is None or candidate.feasible):
             yield k, candidate
 
 
-def _gain(candidate: Candidate, known: Candidate) -> float:
+def _gain(candidate: CandidatePosture, known: CandidatePosture) -> float:
     """By what share of the objective a candidate is better."""
     return (known.objective - candidate.objective) / max(abs(known.objective), 1e-9)
 
 
-def _improved(places: list[Place], engine: Engine, goal: Goal, k: int, candidate: Candidate) -> bool:
+def _improved(places: list[Place], engine: Engine, goal: Goal, k: int, candidate: CandidatePosture) -> bool:
     known, scale = places[k].best, places[k].scale
     if math.isnan(scale):  # no start had reached this target
         scale = scale_of(engine, np.asarray(engine.screen(candidate.q[None], goal.parameters())[2][:, 0]))

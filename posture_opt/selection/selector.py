@@ -10,23 +10,15 @@ from dataclasses import replace
 import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
+from posture_opt.numerics import Progress
 from posture_opt.selection.alignment import Aligner
-from posture_opt.selection.engine import Candidate, Engine
+from posture_opt.selection.engine import CandidatePosture, Engine
 from posture_opt.selection.evidence import Evidence
 from posture_opt.selection.goal import Goal
 from posture_opt.selection.has_task import HasTask, sources_of, task_of
 from posture_opt.selection.infeasible import infeasible, inquire
-from posture_opt.selection.multistart import (
-    MapPolish,
-    Progress,
-    Search,
-    distinct,
-    in_processes,
-    rank,
-    search,
-    with_progress,
-)
-from posture_opt.selection.programme import Alignment, Programme
+from posture_opt.selection.multistart import MapPolish, Search, distinct, in_processes, rank, search, with_progress
+from posture_opt.selection.optimisation_problem import Alignment, OptimisationProblem
 from posture_opt.selection.reach import PLANE_TOLERANCE, Reach
 from posture_opt.selection.solution import Alternative, Solution, Status, critical_basis
 from posture_opt.selection.sweep import Sweep, sweep
@@ -73,7 +65,7 @@ class PostureSelector:
         """The functions that solve goals of this kind; built on first use."""
         key = goal.kind, self._aligner.at(goal)
         if key not in self._engines:
-            programme = Programme(self._problem.robot, self.tool_point, self.task, self.reach, *key)
+            programme = OptimisationProblem(self._problem.robot, self.tool_point, self.task, self.reach, *key)
             self._engines[key] = Engine(programme, self._problem.solver, self._compiled)
         return self._engines[key]
 
@@ -156,7 +148,7 @@ class PostureSelector:
         status: Status = "optimal" if best.optimal else "feasible"
         return Solution(self._problem, programme, found.goal, status, best.q, evidence, ranked, notes)
 
-    def _rescued(self, found: Search, began: float) -> list[Candidate]:
+    def _rescued(self, found: Search, began: float) -> list[CandidatePosture]:
         """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""
         engine = self.engine(found.goal)
         q, reasons = inquire(engine, found)
@@ -193,7 +185,9 @@ class PostureSelector:
         asked = any(term.kind == "link_height" for term in self.task.subject_to)
         return (f"Collisions are not checked.{'' if tipped or asked else _LINK_HEIGHT}",)
 
-    def _alternatives(self, programme: Programme, goal: Goal, optima: Sequence[Candidate]) -> tuple[Alternative, ...]:
+    def _alternatives(
+        self, programme: OptimisationProblem, goal: Goal, optima: Sequence[CandidatePosture]
+    ) -> tuple[Alternative, ...]:
         Q = np.array([c.q for c in optima[:_MOST_ALTERNATIVES]])
         moments = self.tool_point.moments([Q[:, k] for k in range(Q.shape[1])])
         B = critical_basis(programme, goal)
@@ -207,7 +201,12 @@ class PostureSelector:
 
 
 def _evidence(
-    found: Search, swept: Sweep | None, feasible: Sequence[Candidate], best: Candidate, distinct: int, began: float
+    found: Search,
+    swept: Sweep | None,
+    feasible: Sequence[CandidatePosture],
+    best: CandidatePosture,
+    distinct: int,
+    began: float,
 ) -> Evidence:
     """What the search did; ``feasible`` are the answers that its starts led to."""
     as_good = best.objective + _SAME_OPTIMUM * max(abs(best.objective), 1e-9)

@@ -13,7 +13,7 @@ import numpy as np
 from posture_opt.selection.evidence import Evidence
 from posture_opt.selection.floor import Floor, floor
 from posture_opt.selection.goal import Goal
-from posture_opt.selection.programme import Programme
+from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.uncertainty.ball import radius_in_space
 from posture_opt.uncertainty.budget import Share, budgets
 from posture_opt.uncertainty.clearance import radius_for, success_probability
@@ -92,7 +92,7 @@ class Solution:
     """
 
     problem: Any
-    programme: Programme
+    programme: OptimisationProblem
     goal: Goal
     status: Status
     q: Floats
@@ -217,7 +217,7 @@ class Solution:
         return plot_solution(self)
 
 
-def critical_basis(programme: Programme, goal: Goal) -> Floats:
+def critical_basis(programme: OptimisationProblem, goal: Goal) -> Floats:
     """(3, m) orthonormal basis of the part of the spread that the task cares about."""
     within = programme.task.within
     if within == "along":

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.selection.engine import Candidate, Engine
+from posture_opt.selection.engine import CandidatePosture, Engine
 from posture_opt.selection.feasible import ROW_TOLERANCE, TOLERANCE, Wish
 from posture_opt.selection.goal import Goal
 
@@ -23,7 +23,7 @@ class Sweep:
     over: str
     points: int
     feasible: int
-    best: Candidate
+    best: CandidatePosture
 
 
 def sweep(engine: Engine, goal: Goal, rng: np.random.Generator) -> Sweep | None:

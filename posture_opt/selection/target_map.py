@@ -11,16 +11,16 @@ import numpy as np
 
 from posture_opt.errors import NoSolutionError
 from posture_opt.model.arm import Arm
+from posture_opt.numerics import Progress
 from posture_opt.selection.goal import Goal
 from posture_opt.selection.grid import Grid, grid_of
-from posture_opt.selection.grid_wish import GridWish, Plane
+from posture_opt.selection.grid_request import GridRequest, Plane
 from posture_opt.selection.has_task import HasTask
+from posture_opt.selection.map_points import MapPoint, spots_of
 from posture_opt.selection.map_search import best_places
-from posture_opt.selection.multistart import Progress
-from posture_opt.selection.programme import Programme
+from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.reach import drawn_between
 from posture_opt.selection.selector import PostureSelector
-from posture_opt.selection.spots import Spot, spots_of
 
 Floats = np.ndarray
 _SAMPLES = 4000
@@ -39,11 +39,11 @@ class TargetMap:
     """
 
     problem: Any
-    programme: Programme
+    programme: OptimisationProblem
     goal: Goal
     grid: Grid
-    spots: tuple[Spot, ...]
-    own: Spot | None
+    spots: tuple[MapPoint, ...]
+    own: MapPoint | None
     seconds: float
     notes: tuple[str, ...] = ()
 
@@ -68,12 +68,12 @@ class TargetMap:
         return np.array([spot.q for spot in self.spots])
 
     @property
-    def best(self) -> Spot:
+    def best(self) -> MapPoint:
         """The target with the smallest spread."""
         return self.spots[self._extreme(1)]
 
     @property
-    def worst(self) -> Spot:
+    def worst(self) -> MapPoint:
         """The target with the largest spread among those that have a posture."""
         return self.spots[self._extreme(-1)]
 
@@ -141,7 +141,7 @@ def map_targets(
         NoSolutionError: no target of the grid has a posture.
     """
     began = time.perf_counter()
-    wish = GridWish(counts, low, high, plane)
+    wish = GridRequest(counts, low, high, plane)
     wish.check()
     selector = PostureSelector(problem, compiled=compiled)
     grid = _grid(problem, selector, wish)
@@ -163,7 +163,7 @@ def map_targets(
     )
 
 
-def _grid(problem: HasTask, selector: PostureSelector, wish: GridWish) -> Grid:
+def _grid(problem: HasTask, selector: PostureSelector, wish: GridRequest) -> Grid:
     goal, robot = selector.goal, problem.robot
     rng = np.random.default_rng(0)
     Q = rng.uniform(*drawn_between(robot), (_SAMPLES, robot.n))
@@ -183,7 +183,7 @@ def _beside(grid: Grid, count: int, goals: list[Goal]) -> list[tuple[np.ndarray,
     return [(own, other), (other, own)]
 
 
-def _nowhere(spots: list[Spot]) -> str:
+def _nowhere(spots: list[MapPoint]) -> str:
     reached = sum(spot.fate == "requirement not met" for spot in spots)
     why = f"; {reached} can be reached, but not with all requirements met" if reached else ""
     return (

@@ -11,12 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from posture_opt.errors import InputError
+from posture_opt.numerics import Array
 from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
 
-Array = NDArray[np.float64]
 Draw = Callable[[int, np.random.Generator], Array]
 
 MIN_BLOCKS = 10

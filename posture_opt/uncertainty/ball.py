@@ -13,9 +13,9 @@ import math
 
 import numpy as np
 
+from posture_opt.numerics import Array
 from posture_opt.uncertainty.clearance import decreasing_root
 from posture_opt.uncertainty.regions import coverage_factor
-from posture_opt.uncertainty.sources import Array
 
 _POLAR, _AZIMUTHS = 64, 128  # ten digits of a round ellipsoid, three of a line in space
 _NODES, _HALVINGS = 24, 45

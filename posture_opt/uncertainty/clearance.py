@@ -11,11 +11,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from posture_opt.errors import InputError, SolverError
-
-Array = NDArray[np.float64]
+from posture_opt.numerics import Array
 
 _TOLERANCE = 1e-12  # relative, between two steps of the quadrature; the finer of the two is much better than that
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.nearest import nearest_file
+from posture_opt.numerics import Array
 from posture_opt.robot.corrections import name_issues
-from posture_opt.uncertainty.sources import Array
 from posture_opt.units import parse_quantity
 
 _CELL = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")

@@ -10,12 +10,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from posture_opt.errors import InputError, InsufficientDataError
+from posture_opt.numerics import Array
 from posture_opt.uncertainty.regions import hotelling_factor
 
-Array = NDArray[np.float64]
 Interval = tuple[float, float]
 
 

@@ -14,12 +14,12 @@ from statistics import NormalDist
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from posture_opt.errors import InputError
+from posture_opt.numerics import Array, Mask
 
 Kind = Literal["known", "mean", "prediction"]
-Array = NDArray[np.float64]
 
 # A covariance J S J' carries rounding noise of some 1e-15 of its largest entry; what lies below this is no variance.
 RANK_TOLERANCE = 1e-13
@@ -173,7 +173,7 @@ class Ellipsoid:
         distance[(np.abs(null) > reach).any(axis=1)] = math.inf
         return distance
 
-    def contains(self, points: ArrayLike, p: float) -> NDArray[np.bool_]:
+    def contains(self, points: ArrayLike, p: float) -> Mask:
         """(N,) whether each of points (N, m) lies in the region of probability p."""
         return self.mahalanobis(points) <= self.factor(p)
 

@@ -11,9 +11,10 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.model.chain import factor_values, stack, walk
 from posture_opt.model.derivatives import position_column
 from posture_opt.nearest import one_of
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.uncertainty.iso9283 import repeatabilities
-from posture_opt.uncertainty.sources import Array, Sources
+from posture_opt.uncertainty.sources import Sources
 
 _DRAWN = 400
 _TURN = math.pi  # half range of a joint without limits [rad]

@@ -8,9 +8,9 @@ import numpy as np
 
 from posture_opt.model.chain import Walk
 from posture_opt.model.extension import forward
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.regions import Ellipsoid
-from posture_opt.uncertainty.sources import Array
 from posture_opt.uncertainty.spread import Spread
 
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))

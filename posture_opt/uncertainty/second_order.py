@@ -17,7 +17,7 @@ import numpy as np
 
 from posture_opt.model.chain import Vector, Walk, add, cross, scale, stack
 from posture_opt.model.derivatives import ZERO, position_column, rotation_column
-from posture_opt.uncertainty.sources import Array
+from posture_opt.numerics import Array
 
 
 @dataclass(frozen=True)

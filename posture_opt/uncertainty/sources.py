@@ -6,11 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from posture_opt.errors import InputError, Issue
-
-Array = NDArray[np.float64]
+from posture_opt.numerics import Array
 
 _ROUNDING = 1e-9  # of an eigenvalue of a correlation matrix, per row: what float arithmetic leaves of a zero
 

@@ -11,12 +11,13 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.chain import Walk
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.budget import Share, budgets
 from posture_opt.uncertainty.posture import PostureLike, limit_notes, read_posture
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.second_order import second_order
-from posture_opt.uncertainty.sources import Array, Sources
+from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.compiled import BatchFunction
+from posture_opt.numerics import Array
 from posture_opt.uncertainty.sampler import PAIRS
-from posture_opt.uncertainty.sources import Array
 from posture_opt.uncertainty.spread import HasSources, require_sources
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 

@@ -6,13 +6,12 @@ from typing import Annotated
 
 from pydantic import Field
 
-from posture_opt.model.effects.any_effect import AnyEffect, Evidence, Limit
 from posture_opt.model.effects.backlash import Backlash
 from posture_opt.model.effects.base_compliance import BaseCompliance
-from posture_opt.model.effects.correlated_lengths import CorrelatedLengths
+from posture_opt.model.effects.catalogue_entry import CatalogueEntry, Evidence, Limit
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.model.effects.drift import Drift
-from posture_opt.model.effects.effect import Case, Effect, JointEffect, Move
+from posture_opt.model.effects.effect import Effect, Excitation, JointEffect, Sensitivity
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
 from posture_opt.model.effects.gear_ripple import GearRipple
 from posture_opt.model.effects.gear_second_harmonic import GearSecondHarmonic
@@ -21,17 +20,18 @@ from posture_opt.model.effects.instrument_field import InstrumentField
 from posture_opt.model.effects.instrument_scale import InstrumentScale
 from posture_opt.model.effects.joint_compliance import JointCompliance
 from posture_opt.model.effects.joint_coupling import JointCoupling
-from posture_opt.model.effects.joint_noise import JointNoise
 from posture_opt.model.effects.joint_scale import JointScale
 from posture_opt.model.effects.link_bending import LinkBending
 from posture_opt.model.effects.load_backlash import LoadBacklash
-from posture_opt.model.effects.noise_effect import NoiseEffect, Pattern, Rows
-from posture_opt.model.effects.outliers import Outliers
+from posture_opt.model.effects.noise.correlated_lengths import CorrelatedLengths
+from posture_opt.model.effects.noise.joint_noise import JointNoise
+from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, Rows
+from posture_opt.model.effects.noise.outliers import Outliers
+from posture_opt.model.effects.noise.range_noise import RangeNoise
+from posture_opt.model.effects.noise.stated_sigma import StatedSigma
 from posture_opt.model.effects.payload_error import PayloadError
 from posture_opt.model.effects.quantisation import Quantisation
-from posture_opt.model.effects.range_noise import RangeNoise
 from posture_opt.model.effects.slip import Slip
-from posture_opt.model.effects.stated_sigma import StatedSigma
 from posture_opt.model.effects.thermal_growth import ThermalGrowth
 from posture_opt.model.effects.thermal_offset import ThermalOffset
 
@@ -68,7 +68,7 @@ NOISES: tuple[type[NoiseEffect], ...] = (
 )
 """Those that spread it, or its measurements."""
 
-CATALOGUE: tuple[type[AnyEffect], ...] = (*EFFECTS, *NOISES)
+CATALOGUE: tuple[type[CatalogueEntry], ...] = (*EFFECTS, *NOISES)
 
 EffectSpec = Annotated[
     JointScale
@@ -100,6 +100,22 @@ EffectSpec = Annotated[
 ]
 
 __all__ = [
-    "CATALOGUE", "EFFECTS", "NOISES", "AnyEffect", "Case", "CorrelatedLengths", "Effect", "EffectSpec", "Evidence",
-    "JointEffect", "JointNoise", "Limit", "Move", "NoiseEffect", "Outliers", "Pattern", "Rows", "StatedSigma",
-]  # fmt: skip
+    "CATALOGUE",
+    "EFFECTS",
+    "NOISES",
+    "CatalogueEntry",
+    "CorrelatedLengths",
+    "Effect",
+    "EffectSpec",
+    "Evidence",
+    "Excitation",
+    "JointEffect",
+    "JointNoise",
+    "Limit",
+    "NoiseEffect",
+    "Outliers",
+    "Pattern",
+    "Rows",
+    "Sensitivity",
+    "StatedSigma",
+]

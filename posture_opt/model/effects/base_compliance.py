@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import cross, dot, scale, subtract
-from posture_opt.model.effects.effect import Move, SoleEffect
-from posture_opt.model.site import Site
+from posture_opt.model.effects.effect import Sensitivity, SoleEffect
 
 
 class BaseCompliance(SoleEffect):
@@ -19,9 +19,9 @@ class BaseCompliance(SoleEffect):
 
     kind: Literal["base_compliance"] = "base_compliance"
 
-    def moves(self, site: Site) -> tuple[Move, ...]:
+    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
         foot = site.walk.screws[len(site.robot.base)].origin
         moment = site.moment(-1, foot)
         g = site.robot.gravity
         turn = subtract(moment, scale(dot(moment, g) / dot(g, g), g))
-        return (Move(twist=(cross(turn, subtract(site.tool, foot)), turn)),)
+        return (Sensitivity(twist=(cross(turn, subtract(site.tool, foot)), turn)),)

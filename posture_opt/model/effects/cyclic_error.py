@@ -9,10 +9,10 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import Case, Effect, JointEffect
+from posture_opt.model.effects.effect import Effect, Excitation, JointEffect
 from posture_opt.model.scalars import cos, sin
-from posture_opt.model.site import Site
 
 FEWEST, MOST = 2.5, 300.0
 """Cycles a turn that are searched; below lie eccentricity and second harmonic."""
@@ -30,12 +30,12 @@ class CyclicError(JointEffect):
     kind: Literal["cyclic_error"] = "cyclic_error"
     cycles: float = Field(gt=0, description="k, periods a turn of the joint")
 
-    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         angle = self.cycles * site.q[joint]
         return sin(angle), cos(angle)
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         return []  # thousands: the diagnosis scans the grid by itself
 
     @classmethod

@@ -7,10 +7,10 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
+from posture_opt.model.arm_state import ZERO, ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import Case, Effect, Move
+from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
 from posture_opt.model.scalars import exp
-from posture_opt.model.site import ZERO, Site
 from posture_opt.units import Time
 
 _GRID = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the duration; slower than half of it an exponential is a line
@@ -34,13 +34,13 @@ class Drift(Effect):
     def target(self) -> str:
         return self.course
 
-    def moves(self, site: Site) -> tuple[Move, ...]:
+    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
         t = site.inputs.time / self.constant
         size: Scalar = t if self.course == "linear" else 1 - exp(-t)
-        return tuple(Move(twist=(_along(axis, size), ZERO)) for axis in range(3))
+        return tuple(Sensitivity(twist=(_along(axis, size), ZERO)) for axis in range(3))
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         if not cls.needs <= case.inputs or case.duration <= 0:
             return []
         curves = [cls(course="exponential", constant=_seconds(f * case.duration)) for f in _GRID]

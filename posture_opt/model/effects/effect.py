@@ -11,15 +11,15 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
+from posture_opt.model.arm_state import ZERO, ArmState
 from posture_opt.model.chain import Scalar, Vector
-from posture_opt.model.effects.any_effect import AnyEffect, Input, Quantity
-from posture_opt.model.site import ZERO, Site
+from posture_opt.model.effects.catalogue_entry import CatalogueEntry, Input, Quantity
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, parse_quantity
 
 
 @dataclass(frozen=True)
-class Move:
+class Sensitivity:
     """What one unit of a parameter does: it adds to joints and lengths, and shifts and turns the tool.
 
     Args:
@@ -34,7 +34,7 @@ class Move:
 
 
 @dataclass(frozen=True)
-class Case:
+class Excitation:
     """What measurements, or a problem, can show of effects.
 
     Args:
@@ -74,7 +74,7 @@ def _schema_of(dimension: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-class Effect(AnyEffect):
+class Effect(CatalogueEntry):
     """One kind of effect that moves the tool point; ``estimate`` holds its parameters with their units."""
 
     model_config = ConfigDict(json_schema_extra=_schema_of_estimate)
@@ -94,12 +94,12 @@ class Effect(AnyEffect):
     covariance: str | None = Field(None, min_length=1, description="CSV file with the covariance of the estimate")
 
     @abstractmethod
-    def moves(self, site: Site) -> tuple[Move, ...]:
+    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
         """What each parameter does, in the order of ``parameters``."""
 
     @classmethod
     @abstractmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         """Every instance that the data of ``case`` could show, one for each value of the shape's grid."""
 
     @property
@@ -170,7 +170,7 @@ class SoleEffect(Effect):
         return self.sole
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         return [cls(kind=cls.model_fields["kind"].default)] if cls.needs <= case.inputs else []
 
 
@@ -186,7 +186,7 @@ class EffectOfJoint(Effect):
         return self.joint
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         return [cls.of_joint(name) for name in case.moving(*cls.types)] if cls.needs <= case.inputs else []
 
     @classmethod
@@ -207,9 +207,9 @@ class JointEffect(EffectOfJoint):
     """An effect that adds to one joint: ``dq = Σ θ_k φ_k(q, u)``."""
 
     @abstractmethod
-    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         """``φ_k`` of each parameter."""
 
-    def moves(self, site: Site) -> tuple[Move, ...]:
+    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
         joint = site.robot.joint_names.index(self.joint)
-        return tuple(Move({joint: feature}) for feature in self.features(site, joint))
+        return tuple(Sensitivity({joint: feature}) for feature in self.features(site, joint))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.effect import JointEffect
 from posture_opt.model.scalars import cos, sin
-from posture_opt.model.site import Site
 
 
 class GearEccentricity(JointEffect):
@@ -18,5 +18,5 @@ class GearEccentricity(JointEffect):
 
     kind: Literal["gear_eccentricity"] = "gear_eccentricity"
 
-    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         return sin(site.q[joint]), cos(site.q[joint])

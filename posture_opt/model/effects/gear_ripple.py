@@ -8,10 +8,10 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import Case, Effect, JointEffect
+from posture_opt.model.effects.effect import Effect, Excitation, JointEffect
 from posture_opt.model.scalars import cos, sin
-from posture_opt.model.site import Site
 
 
 class GearRipple(JointEffect):
@@ -25,12 +25,12 @@ class GearRipple(JointEffect):
     ratio: float = Field(description="N, motor turns a turn of the joint")
     harmonic: int = Field(1, ge=1, description="n, periods a turn of the motor")
 
-    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         angle = self.harmonic * self.ratio * site.q[joint]
         return sin(angle), cos(angle)
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         ratios = {j.name: abs(j.gear_ratio) for j in case.robot.joints if math.isfinite(j.gear_ratio)}
         moving = [name for name in case.moving("revolute") if ratios.get(name, 0.0) > 2]
         return [cls(joint=name, ratio=ratios[name], harmonic=n) for name in moving for n in (1, 2)]

@@ -7,10 +7,10 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import Case, Effect, JointEffect
+from posture_opt.model.effects.effect import Effect, Excitation, JointEffect
 from posture_opt.model.scalars import exp
-from posture_opt.model.site import Site
 from posture_opt.units import Angle
 
 _GRID = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.5)  # rad
@@ -28,11 +28,11 @@ class Hysteresis(JointEffect):
     kind: Literal["hysteresis"] = "hysteresis"
     travel: Angle = Field(gt=0, description="d0, travel after which 63 % is reached")
 
-    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         return (site.inputs.side(joint) * (1 - exp(-site.inputs.travel(joint) / self.travel)),)
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         if not cls.needs <= case.inputs:
             return []
         return [cls(joint=name, travel=f"{d} rad") for name in case.moving("revolute") for d in _GRID]

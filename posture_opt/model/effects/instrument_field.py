@@ -7,9 +7,9 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from posture_opt.model.arm_state import ZERO, ArmState
 from posture_opt.model.chain import subtract
-from posture_opt.model.effects.effect import Case, Effect, Move, SoleEffect
-from posture_opt.model.site import ZERO, Site
+from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity, SoleEffect
 
 _PRODUCTS = ("xx", "xy", "xz", "yy", "yz", "zz")
 
@@ -27,7 +27,7 @@ class InstrumentField(SoleEffect):
 
     kind: Literal["instrument_field"] = "instrument_field"
 
-    def moves(self, site: Site) -> tuple[Move, ...]:
+    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
         p = subtract(site.tool, site.walk.screws[len(site.robot.base)].origin)
         products = [p["xyz".index(pair[0])] * p["xyz".index(pair[1])] for pair in _PRODUCTS]
         moves = []
@@ -35,9 +35,9 @@ class InstrumentField(SoleEffect):
             for product in products:
                 vector: list[Any] = [0.0, 0.0, 0.0]
                 vector[axis] = product
-                moves.append(Move(twist=((vector[0], vector[1], vector[2]), ZERO)))
+                moves.append(Sensitivity(twist=((vector[0], vector[1], vector[2]), ZERO)))
         return tuple(moves)
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         return [cls()] if np.count_nonzero(np.array(case.span) > 1e-6) > 1 else []

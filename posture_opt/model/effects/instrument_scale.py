@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar, Literal
 
-from posture_opt.model.effects.any_effect import Evidence, Limit
-from posture_opt.model.effects.effect import Case, Effect, Move, SoleEffect
-from posture_opt.model.site import ZERO, Site
+from posture_opt.model.arm_state import ZERO, ArmState
+from posture_opt.model.effects.catalogue_entry import Evidence, Limit
+from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity, SoleEffect
 
 
 class InstrumentScale(SoleEffect):
@@ -25,11 +25,11 @@ class InstrumentScale(SoleEffect):
 
     kind: Literal["instrument_scale"] = "instrument_scale"
 
-    def moves(self, site: Site) -> tuple[Move, ...]:
-        return (Move(twist=(site.tool, ZERO)),)
+    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
+        return (Sensitivity(twist=(site.tool, ZERO)),)
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         return []
 
     @classmethod

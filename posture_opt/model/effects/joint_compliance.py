@@ -7,10 +7,10 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.any_effect import Input
-from posture_opt.model.effects.effect import Case, Effect, JointEffect
-from posture_opt.model.site import Site
+from posture_opt.model.effects.catalogue_entry import Input
+from posture_opt.model.effects.effect import Effect, Excitation, JointEffect
 
 
 class JointCompliance(JointEffect):
@@ -38,7 +38,7 @@ class JointCompliance(JointEffect):
     def asks(self) -> frozenset[Input]:
         return frozenset({"masses"}) if self.loads == "masses" else frozenset()
 
-    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         if self.loads == "masses":
             return (site.torque(joint),)
         names = site.robot.joint_names
@@ -46,7 +46,7 @@ class JointCompliance(JointEffect):
         return tuple(site.unit_torque(joint, place) for place in places)
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         if "masses" in case.inputs:
             return [cls(joint=name) for name in case.moving("revolute")]
         return []

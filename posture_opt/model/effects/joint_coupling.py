@@ -7,9 +7,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import Case, Effect, JointEffect
-from posture_opt.model.site import Site
+from posture_opt.model.effects.effect import Effect, Excitation, JointEffect
 from posture_opt.robot.robot import Robot
 
 
@@ -26,11 +26,11 @@ class JointCoupling(JointEffect):
     def target(self) -> str:
         return f"{self.follows}->{self.joint}"
 
-    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         return (site.q[site.robot.joint_names.index(self.follows)],)
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         names = case.moving("revolute")
         return [cls(joint=b, follows=a) for a in names for b in names if a != b]
 

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar, Literal
 
+from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Vector, add, cross, dot, scale, subtract
-from posture_opt.model.effects.effect import Case, Effect, EffectOfJoint, Move
-from posture_opt.model.site import Site
+from posture_opt.model.effects.effect import Effect, EffectOfJoint, Excitation, Sensitivity
 from posture_opt.robot.robot import Robot
 
 _SHORT = 0.02  # m; a link shorter than this has nothing to bend
@@ -28,7 +28,7 @@ class LinkBending(EffectOfJoint):
 
     kind: Literal["link_bending"] = "link_bending"
 
-    def moves(self, site: Site) -> tuple[Move, ...]:
+    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
         joint = site.robot.joint_names.index(self.joint)
         start, end = _ends(site, joint)
         link = subtract(end, start)
@@ -36,13 +36,13 @@ class LinkBending(EffectOfJoint):
         moment = site.moment(joint, end)
         turn = subtract(moment, scale(dot(moment, link) / square, link))
         shift = add(cross(turn, scale(0.5, link)), cross(turn, subtract(site.tool, end)))
-        return (Move(twist=(shift, turn)),)
+        return (Sensitivity(twist=(shift, turn)),)
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         if not cls.needs <= case.inputs:
             return []
-        site = Site(case.robot, [0.0] * case.robot.n)
+        site = ArmState(case.robot, [0.0] * case.robot.n)
         names = case.robot.joint_names[:-1]
         return [cls(joint=name) for i, name in enumerate(names) if _length(site, i) > _SHORT]
 
@@ -52,11 +52,11 @@ class LinkBending(EffectOfJoint):
         return super().robot_fault(robot)
 
 
-def _ends(site: Site, joint: int) -> tuple[Vector, Vector]:
+def _ends(site: ArmState, joint: int) -> tuple[Vector, Vector]:
     """Where the link behind a joint begins and ends: at its axis and at the next one."""
     return site.axis(joint)[1], site.axis(joint + 1)[1]
 
 
-def _length(site: Site, joint: int) -> float:
+def _length(site: ArmState, joint: int) -> float:
     start, end = _ends(site, joint)
     return math.hypot(*subtract(end, start))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.effect import JointEffect
 from posture_opt.model.scalars import magnitude
-from posture_opt.model.site import Site
 
 
 class LoadBacklash(JointEffect):
@@ -19,5 +19,5 @@ class LoadBacklash(JointEffect):
 
     kind: Literal["load_backlash"] = "load_backlash"
 
-    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         return (site.inputs.side(joint) * magnitude(site.torque(joint)),)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from posture_opt.model.effects.effect import Move, SoleEffect
-from posture_opt.model.site import Site
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.effects.effect import Sensitivity, SoleEffect
 
 
 class PayloadError(SoleEffect):
@@ -21,6 +21,6 @@ class PayloadError(SoleEffect):
 
     kind: Literal["payload_error"] = "payload_error"
 
-    def moves(self, site: Site) -> tuple[Move, ...]:
+    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
         turning = [i for i, joint in enumerate(site.robot.joints) if joint.type == "revolute"]
-        return (Move({i: site.payload_torque(i) for i in turning}),)
+        return (Sensitivity({i: site.payload_torque(i) for i in turning}),)

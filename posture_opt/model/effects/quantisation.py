@@ -8,10 +8,10 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import Case, Effect, JointEffect
+from posture_opt.model.effects.effect import Effect, Excitation, JointEffect
 from posture_opt.model.scalars import nearest_integer
-from posture_opt.model.site import Site
 from posture_opt.units import Angle
 
 _BITS = range(9, 17)
@@ -31,11 +31,11 @@ class Quantisation(JointEffect):
     kind: Literal["quantisation"] = "quantisation"
     lsb: Angle = Field(gt=0, description="the step")
 
-    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         steps = site.q[joint] / self.lsb
         return (self.lsb * (nearest_integer(steps) - steps),)
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         sizes = [2 * math.pi / 2**bits for bits in _BITS] + [math.radians(d) for d in _DECIMALS]
         return [cls(joint=name, lsb=f"{lsb!r} rad") for name in case.moving("revolute") for lsb in sizes]

@@ -8,10 +8,10 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from posture_opt.model.arm_state import ZERO, ArmState
 from posture_opt.model.chain import cross, subtract
-from posture_opt.model.effects.effect import Case, Effect, Move
+from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
 from posture_opt.model.scalars import at_least
-from posture_opt.model.site import ZERO, Site
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Time
 
@@ -53,19 +53,19 @@ class Slip(Effect):
             return (("step", "angle"),)
         return tuple((name, "angle" if name in _TURNS else "length") for name in _WAYS[self.way])
 
-    def moves(self, site: Site) -> tuple[Move, ...]:
+    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
         after = at_least(site.inputs.time, self.moment)
         if self.of != "base":
-            return (Move({site.robot.joint_names.index(self.of): after}),)
+            return (Sensitivity({site.robot.joint_names.index(self.of): after}),)
         foot = site.walk.screws[len(site.robot.base)].origin
         lever = subtract(site.tool, foot)
         vectors: list[Any] = [tuple(after * float(a) for a in axis) for axis in _AXES]
-        moves = dict(zip("xyz", (Move(twist=(v, ZERO)) for v in vectors), strict=True))
-        moves |= {name: Move(twist=(cross(v, lever), v)) for name, v in zip(_TURNS, vectors, strict=True)}
+        moves = dict(zip("xyz", (Sensitivity(twist=(v, ZERO)) for v in vectors), strict=True))
+        moves |= {name: Sensitivity(twist=(cross(v, lever), v)) for name, v in zip(_TURNS, vectors, strict=True)}
         return tuple(moves[name] for name in _WAYS[self.way])
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         if not cls.needs <= case.inputs or case.duration <= 0:
             return []
         moments = case.duration * (np.arange(STEPS) + 0.5) / STEPS

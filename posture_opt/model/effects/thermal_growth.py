@@ -7,8 +7,8 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from posture_opt.model.effects.effect import Case, Effect, Move
-from posture_opt.model.site import Site
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
 from posture_opt.robot.robot import Factor, Robot
 
 
@@ -26,16 +26,16 @@ class ThermalGrowth(Effect):
     def target(self) -> str:
         return self.length
 
-    def moves(self, site: Site) -> tuple[Move, ...]:
+    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
         grown = {
             name: factor.nominal * site.inputs.temperature
             for name, factor in _lengths(site.robot).items()
             if self.length in ("all", name)
         }
-        return (Move(lengths=grown),)
+        return (Sensitivity(lengths=grown),)
 
     @classmethod
-    def candidates(cls, case: Case) -> Sequence[Effect]:
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
         return [cls(length=name) for name in ("all", *_lengths(case.robot))] if cls.needs <= case.inputs else []
 
     def robot_fault(self, robot: Robot) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.effect import JointEffect
-from posture_opt.model.site import Site
 
 
 class ThermalOffset(JointEffect):
@@ -18,5 +18,5 @@ class ThermalOffset(JointEffect):
 
     kind: Literal["thermal_offset"] = "thermal_offset"
 
-    def features(self, site: Site, joint: int) -> tuple[Scalar, ...]:
+    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         return (site.inputs.temperature,)

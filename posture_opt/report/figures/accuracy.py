@@ -23,7 +23,7 @@ from posture_opt.report.figures.map import (
 from posture_opt.report.style import COLOUR_MAP, styled
 
 if TYPE_CHECKING:
-    from posture_opt.problem.accuracy_map import AccuracyMap
+    from posture_opt.validation.accuracy_map import AccuracyMap
 
 Floats = NDArray[np.float64]
 _ARROW = 0.9  # of a cell's shorter side: the longest arrow

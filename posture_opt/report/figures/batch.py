@@ -13,8 +13,8 @@ from posture_opt.report.words import source_words
 from posture_opt.uncertainty.regions import Ellipsoid
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.batch import Batch
-    from posture_opt.diagnosis.batch_pairs import Pair
+    from posture_opt.batch.batch_calibration import Batch
+    from posture_opt.batch.correlated_pairs import Pair
     from posture_opt.problem.problem import Problem
 
 _PANELS = 3

@@ -18,8 +18,8 @@ from posture_opt.report.units_text import number
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from posture_opt.diagnosis.scores import Chance
-    from posture_opt.diagnosis.suspects import Judged
+    from posture_opt.diagnosis.candidates import ScoredCandidate
+    from posture_opt.diagnosis.score_tests import NullDistribution
 
 Floats = NDArray[np.float64]
 
@@ -105,7 +105,7 @@ def _course(lengths: Floats) -> tuple[Floats, Floats]:
     return np.array([p.mean() + 1 for p in parts]), np.array([np.sqrt(np.mean(lengths[p] ** 2)) for p in parts])
 
 
-def evidence(diagnosed: Diagnosed) -> list[tuple[Judged, float]]:
+def evidence(diagnosed: Diagnosed) -> list[tuple[ScoredCandidate, float]]:
     """Every candidate with the logarithm of its p-value over that which the best one has by chance, the most first."""
     judged = diagnosed.diagnosis.search.judged
     found = diagnosed.diagnosis.search
@@ -115,7 +115,7 @@ def evidence(diagnosed: Diagnosed) -> list[tuple[Judged, float]]:
     return sorted(pairs, key=lambda pair: -pair[1])
 
 
-def critical_log_p(chance: Chance, family: str) -> float:
+def critical_log_p(chance: NullDistribution, family: str) -> float:
     """The log p-value that a candidate of a family needs to be more than chance, the whole search counted in."""
     from posture_opt.diagnosis.search import FIRST
 
@@ -162,7 +162,7 @@ def plot_scores(diagnosed: Diagnosed) -> Figure:
     return figure
 
 
-def _chosen(judged: Judged, diagnosed: Diagnosed) -> bool:
+def _chosen(judged: ScoredCandidate, diagnosed: Diagnosed) -> bool:
     """Whether the candidate is part of the final model; a line of a periodogram as that very line."""
     cycles = getattr(judged.suspect.what, "cycles", None)
     return any(
@@ -186,7 +186,7 @@ def _handles(named: bool, nameless: bool, level: float) -> tuple[list[Any], list
     return [e[0] for e in entries], [e[1] for e in entries]
 
 
-def _label(judged: Judged) -> str:
+def _label(judged: ScoredCandidate) -> str:
     cycles = getattr(judged.suspect.what, "cycles", None)
     estimate = None if cycles is None else {"cycles": (float(cycles), math.nan, "")}
     return short_words(judged.suspect.kind, judged.suspect.target, estimate)

@@ -16,8 +16,8 @@ from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.findings import Finding
-    from posture_opt.diagnosis.tangents import Tangents
+    from posture_opt.calibration.effect_sensitivities import EffectSensitivities
+    from posture_opt.diagnosis.causes import Finding
     from posture_opt.report.diagnosed import Diagnosed
 
 Floats = NDArray[np.float64]
@@ -51,9 +51,9 @@ class Curve:
 @styled
 def plot_curves(diagnosed: Diagnosed) -> Figure:
     """The modelled effect, and what the data say of it once everything else is taken off."""
-    from posture_opt.diagnosis.tangents import Tangents
+    from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 
-    tangents = Tangents(diagnosed.residuals, diagnosed.diagnosis.model.x)
+    tangents = EffectSensitivities(diagnosed.residuals, diagnosed.diagnosis.model.x)
     shown = diagnosed.effects[:_MOST]
     columns = min(len(shown), 2)
     rows = math.ceil(len(shown) / columns)
@@ -103,7 +103,7 @@ def _look(rows: int) -> dict[str, Any]:
     return {"mew": 0, "rasterized": True, **size}
 
 
-def curve_of(diagnosed: Diagnosed, tangents: Tangents, place: int, finding: Finding) -> Curve:
+def curve_of(diagnosed: Diagnosed, tangents: EffectSensitivities, place: int, finding: Finding) -> Curve:
     """The curve of one effect: over what it hangs on where that is one number, else as modelled against as seen."""
     model, residuals = diagnosed.diagnosis.model, diagnosed.residuals
     shape = (len(residuals.data), residuals.block)
@@ -136,7 +136,7 @@ def curve_of(diagnosed: Diagnosed, tangents: Tangents, place: int, finding: Find
 
 
 def _hangs_on(
-    finding: Finding, tangents: Tangents, place: int, diagnosed: Diagnosed
+    finding: Finding, tangents: EffectSensitivities, place: int, diagnosed: Diagnosed
 ) -> tuple[Floats, Floats, str] | None:
     """What a joint's effect is a curve of, with the side of approach where it has two, and its name."""
     effect: Any = diagnosed.diagnosis.model.suspects[place].what
@@ -179,7 +179,7 @@ def _joint(diagnosed: Diagnosed, joint: int, one: Floats) -> tuple[Floats, Float
     return factor * data.q[:, joint], one, f"{kind.name} [{unit}]"
 
 
-def _time(tangents: Tangents) -> tuple[Floats, str]:
+def _time(tangents: EffectSensitivities) -> tuple[Floats, str]:
     """When each row was measured, in minutes; the number of the row where no times are logged."""
     data = tangents.residuals.data
     time = np.broadcast_to(np.asarray(tangents.site.inputs.time, dtype=float), (len(data),))
@@ -189,10 +189,10 @@ def _time(tangents: Tangents) -> tuple[Floats, str]:
 @styled
 def plot_left(diagnosed: Diagnosed) -> Figure:
     """What the model with its effects leaves, along the motion of each joint and over the rows."""
-    from posture_opt.diagnosis.tangents import Tangents
+    from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 
     residuals = diagnosed.residuals
-    tangents = Tangents(residuals, diagnosed.diagnosis.model.x)
+    tangents = EffectSensitivities(residuals, diagnosed.diagnosis.model.x)
     e = -diagnosed.diagnosis.model.whitened().reshape(len(residuals.data), residuals.block)
     moving = [k for k in range(residuals.robot.n) if np.ptp(residuals.data.q[:, k]) > 1e-6]
     rows = math.ceil((len(moving) + 1) / 2)

@@ -12,7 +12,7 @@ from posture_opt.report.diagnosed import CYCLIC, Diagnosed
 from posture_opt.report.style import BLUE, GREEN, GREY, new_figure, styled
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.scores import Ground
+    from posture_opt.diagnosis.score_tests import ProjectedBaseline
 
 Floats = NDArray[np.float64]
 
@@ -54,8 +54,8 @@ def plot_periodogram(diagnosed: Diagnosed) -> Figure:
     return figure
 
 
-def _spectrum(diagnosed: Diagnosed, ground: Ground, joint: int) -> tuple[Floats, Floats]:
-    from posture_opt.diagnosis.scores import scan_frequencies
+def _spectrum(diagnosed: Diagnosed, ground: ProjectedBaseline, joint: int) -> tuple[Floats, Floats]:
+    from posture_opt.diagnosis.score_tests import scan_frequencies
     from posture_opt.model.effects.cyclic_error import CyclicError
 
     tangents = diagnosed.scene.tangents
@@ -64,9 +64,9 @@ def _spectrum(diagnosed: Diagnosed, ground: Ground, joint: int) -> tuple[Floats,
     return cycles, scan_frequencies(ground, tangents.joints[joint], q, cycles)[0] / float(ground.rss[0])
 
 
-def _share_of(line: float, ground: Ground) -> float:
+def _share_of(line: float, ground: ProjectedBaseline) -> float:
     """The share that one frequency must explain for its log p-value to be that of the line."""
-    from posture_opt.diagnosis.scores import log_p
+    from posture_opt.diagnosis.score_tests import log_p
 
     low, high = 0.0, 1.0
     for _ in range(40):

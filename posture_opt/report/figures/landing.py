@@ -15,7 +15,7 @@ from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.spread import propagate
 
 if TYPE_CHECKING:
-    from posture_opt.problem.replanned import Replanned
+    from posture_opt.selection.plan_comparison import Replanned
 
 _SEEN = 0.03  # of the picture: an ellipse that is smaller hides behind the mark of its centre
 

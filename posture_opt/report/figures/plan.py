@@ -22,7 +22,7 @@ from posture_opt.report.style import (
 )
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.measurement_plan import MeasurementPlan
+    from posture_opt.experiments.measurement_plan import MeasurementPlan
 
 Floats = NDArray[np.float64]
 _STILL = 1e-6  # m
@@ -32,7 +32,7 @@ _FAINT = "#BDBDBD"
 @styled
 def plot_plan_points(plan: MeasurementPlan) -> Figure:
     """The planned tool points, the given ones and the task's, over those of random allowed postures, from each side."""
-    from posture_opt.diagnosis.nominal import nominal_poses
+    from posture_opt.measurements.nominal_points import nominal_poses
 
     moving = [k for k in range(3) if np.ptp(plan.reach[:, k]) > _STILL]
     pairs = [(0, 1), (0, 2)] if len(moving) == 3 else [(moving[0], moving[-1])]

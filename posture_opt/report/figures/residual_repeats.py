@@ -8,21 +8,21 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from posture_opt.diagnosis.between_visits import slides, visit_errors
-from posture_opt.diagnosis.prediction import Errors, columns
-from posture_opt.diagnosis.visits import revisits, rows_of
+from posture_opt.measurements.repeat_groups import revisits, rows_of
+from posture_opt.numerics import Codes
 from posture_opt.report.figures.residual_shape import boundary
 from posture_opt.report.style import BLUE, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.words import line_words
 from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
+from posture_opt.validation.prediction import Errors, columns
+from posture_opt.validation.scatter_between_repeats import slides, visit_errors
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.assessment import Assessment
     from posture_opt.problem.problem import Problem
     from posture_opt.report.figures.residuals import Shown
+    from posture_opt.validation.assessment import Assessment
 
 Floats = NDArray[np.float64]
-Codes = NDArray[np.intp]
 
 _PANELS = 6
 _FEWEST = 5  # visits of a pose that make a cloud

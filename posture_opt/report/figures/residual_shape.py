@@ -12,8 +12,8 @@ from posture_opt.report.style import BLUE, GREEN, GREY, VERMILLION, legend_below
 from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor, hotelling_factor
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.assessment import Assessment
     from posture_opt.report.figures.residuals import Shown
+    from posture_opt.validation.assessment import Assessment
 
 Floats = NDArray[np.float64]
 

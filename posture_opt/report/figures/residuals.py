@@ -10,12 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from posture_opt.numerics import Codes
 from posture_opt.report.style import BLUE, ORANGE, new_figure, styled
 from posture_opt.report.units_text import number
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.measurements import Measurements
-    from posture_opt.diagnosis.residuals import Residuals
+    from posture_opt.calibration.residuals import Residuals
+    from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
     from posture_opt.report.calibration_report import Learned
     from posture_opt.robot.robot import Robot
@@ -127,7 +128,7 @@ def exaggeration(size: float, extent: float) -> float:
     return max(step * power for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9))
 
 
-def chosen_rows(n: int, most: int) -> NDArray[np.intp]:
+def chosen_rows(n: int, most: int) -> Codes:
     """At most ``most`` of n rows, drawn by lot so that no regular grid hides among them; always the same."""
     return np.arange(n) if n <= most else np.sort(np.random.default_rng(0).choice(n, most, replace=False))
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from posture_opt.diagnosis.coverage import LEVELS
 from posture_opt.report.style import BLUE, GREY, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.words import REGIONS
+from posture_opt.validation.coverage import LEVELS
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.spread_check import SpreadCheck
+    from posture_opt.validation.spread_check import SpreadCheck
 
 _TITLES = {"nominal": "as it stands", "calibrated": "calibrated"}
 _COLOURS = {"nominal": ORANGE, "calibrated": BLUE}

@@ -1,0 +1,243 @@
+"""``calibrate_batch``: several robots of one type, and how their geometry varies from one to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+
+from posture_opt.batch.batch_covariance import BatchCovariance, between
+from posture_opt.batch.correlated_pairs import Pair, pairs_of, stated_sigmas
+from posture_opt.calibration.calibrate import calibrate
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.error_statistics import By, Statistics
+from posture_opt.calibration.parameters import CalibrationProblem, Parameter
+from posture_opt.errors import InputError, InsufficientDataError, Issue
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.numerics import Array, Codes, Mask, Progress
+from posture_opt.uncertainty.regions import coverage_factor
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.validation.coverage import P, distances, share_interval
+from posture_opt.validation.spread_check import predictions
+
+FEWEST = 3  # robots: with two, a standard deviation is known to within a factor of thirty
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """What measurements of several robots of one type say of the type.
+
+    Args:
+        robots: their names; ``calibrations`` one of each.
+        rows: for each robot, its rows in the data.
+        parameters: (k,) geometric parameters that the data of every robot determine.
+        estimates: (R, k) deviations from nominal [rad, m]; ``spread`` how they vary across the batch.
+        stated: (k,) standard deviations that the problem states for them, 0 where none.
+        pairs: of parameters, the surest first; ``real`` where the correlation is none of chance, all tested together.
+        not_told: geometric parameters that some robot's data leave open.
+        nominal, calibrated: cross-validated position errors of all robots.
+        coverage: share of all rows in the 95 % regions of the arm as it stands and calibrated, with its interval,
+            robots being what is drawn at random.
+        notes: sentences for the report.
+    """
+
+    robots: tuple[str, ...]
+    calibrations: tuple[Calibration, ...]
+    rows: tuple[Codes, ...]
+    parameters: tuple[Parameter, ...]
+    estimates: Array
+    spread: BatchCovariance
+    stated: Array
+    pairs: tuple[Pair, ...]
+    not_told: tuple[str, ...]
+    nominal: Statistics
+    calibrated: Statistics
+    coverage: dict[str, tuple[float, tuple[float, float]]]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(k,) of the parameters."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    def to_json(self) -> dict[str, Any]:
+        """The document ``calibration.json`` of a batch: the type as a whole, and every robot under ``batch``."""
+        first, worst = self.calibrations[0], min(self.calibrations, key=lambda c: c.identifiability.rank)
+        gone = [int(rows[i]) for rows, c in zip(self.rows, self.calibrations, strict=True) for i in c.outliers]
+        place = {name: k for k, name in enumerate(self.names)}
+        return {
+            "residual_rms": {"nominal": self.nominal.rms, "calibrated": self.calibrated.rms},
+            "residuals": {"nominal": self.nominal.to_json(), "calibrated": self.calibrated.to_json()},
+            "coverage95": {name: share for name, (share, _) in self.coverage.items()},
+            "cross_validation": first.by,
+            "parameters": [self._parameter(p, place.get(p.name)) for p in first.parameters if p.group == "geometry"],
+            "rank": worst.identifiability.rank,
+            "observability": dict(worst.identifiability.observability),
+            "outliers": sorted(gone),
+            "notes": list(self.notes),
+            "batch": {
+                "robots": [self._robot(k) for k in range(len(self.robots))],
+                "parameters": list(self.names),
+                "mean": self.spread.mean.tolist(),
+                "mean_std": self.spread.mean_std.tolist(),
+                "covariance": self.spread.covariance.tolist(),
+                "sigma": self.spread.sigma.tolist(),
+                "sigma_interval95": [[e if np.isfinite(e) else None for e in ends] for ends in self.spread.interval],
+                "sigma_stated": [float(s) or None for s in self.stated],
+                "correlation": self.spread.correlation.tolist(),
+                "pairs": [pair.to_json() for pair in self.pairs],
+                "not_told": list(self.not_told),
+                "coverage95_interval95": {name: list(ends) for name, (_, ends) in self.coverage.items()},
+            },
+        }
+
+    def _parameter(self, p: Parameter, k: int | None) -> dict[str, Any]:
+        known = k is not None
+        mean, std = (float(self.spread.mean[k]), float(self.spread.mean_std[k])) if k is not None else (0.0, None)
+        return {
+            "name": p.name, "estimate": p.nominal + mean, "std": std, "nominal": p.nominal, "unit": p.unit,
+            "determined": known,
+        }  # fmt: skip
+
+    def _robot(self, k: int) -> dict[str, Any]:
+        found = self.calibrations[k]
+        return {
+            "robot": self.robots[k],
+            "rows": len(self.rows[k]),
+            "residual_rms": {"nominal": found.nominal.rms, "calibrated": found.calibrated.rms},
+            "deviations": self.estimates[k].tolist(),
+            "outliers": [int(self.rows[k][i]) for i in found.outliers],
+        }
+
+
+def calibrate_batch(
+    problem: CalibrationProblem,
+    data: Measurements,
+    *,
+    folds: int = 5,
+    by: By | None = None,
+    progress: Progress | None = None,
+) -> Batch:
+    """Calibrate every robot of a type by itself, and estimate how their geometry varies from one to the next.
+
+    Each robot has its own free base and tool. Stated σ's of geometry are no priors here: they would pull all robots to
+    the nominal one and hide what is asked for. The covariance across the batch is that of the estimates less what their
+    own errors make of it (:func:`posture_opt.batch.batch_covariance.between`).
+
+    Raises:
+        InputError: the data are of one robot.
+        InsufficientDataError: fewer than three robots, or too little of one of them.
+    """
+    _check(data)
+    rows = tuple(np.flatnonzero(data.robot == code) for code in range(len(data.robot_names)))
+    calibrations = tuple(_each(_without_geometry(problem), data, rows, folds, by, progress))
+    parameters, not_told = _told(calibrations)
+    index = {p.name: i for i, p in enumerate(calibrations[0].parameters)}
+    columns = [index[p.name] for p in parameters]
+    estimates = np.array([c.x[columns] for c in calibrations])
+    errors = np.array([c.covariance[np.ix_(columns, columns)] for c in calibrations])
+    spread = between(estimates, errors)
+    robots = np.repeat(np.arange(len(rows)), [len(c.errors) - len(c.outliers) for c in calibrations])
+    return Batch(
+        robots=data.robot_names,
+        calibrations=calibrations,
+        rows=rows,
+        parameters=parameters,
+        estimates=estimates,
+        spread=spread,
+        stated=stated_sigmas(parameters, problem),
+        pairs=pairs_of(parameters, spread, problem),
+        not_told=not_told,
+        nominal=Statistics.of(_counted(calibrations, [c.errors_nominal for c in calibrations]), robots),
+        calibrated=Statistics.of(_counted(calibrations, [c.errors for c in calibrations]), robots),
+        coverage=_coverage(problem, calibrations, folds),
+        notes=tuple(dict.fromkeys(note for c in calibrations for note in c.notes)),
+    )
+
+
+def _counted(calibrations: tuple[Calibration, ...], errors: list[Array]) -> Array:
+    """Errors (N, 3) of all robots, outliers left out."""
+    return np.concatenate([np.delete(e, list(c.outliers), axis=0) for c, e in zip(calibrations, errors, strict=True)])
+
+
+def _check(data: Measurements) -> None:
+    names = data.robot_names
+    if len(names) < 2:
+        mend = "measure several robots of the type and name them in a column 'robot'"
+        raise InputError(Issue("the data are of one robot: how a batch varies cannot be known from it", mend=mend))
+    if len(names) < FEWEST:
+        raise InsufficientDataError(
+            f"{len(names)} robots ({', '.join(names)}) do not tell how the type varies: measure {FEWEST} robots or "
+            "more, ten or more for correlations, each in some 20 postures; for one robot alone, keep its rows only"
+        )
+
+
+def _each(
+    problem: CalibrationProblem,
+    data: Measurements,
+    rows: Sequence[Codes],
+    folds: int,
+    by: By | None,
+    progress: Progress | None,
+) -> Iterator[Calibration]:
+    """Every robot by itself."""
+    for code, mine in enumerate(rows):
+        yield _one(problem, data, mine, code, folds, by)
+        if progress is not None:
+            progress(code + 1, len(rows))
+
+
+def _one(
+    problem: CalibrationProblem, data: Measurements, rows: Codes, code: int, folds: int, by: By | None
+) -> Calibration:
+    name = data.robot_names[code]
+    mine = data.take(rows)
+    own = replace(mine, robot=np.zeros(len(rows), dtype=np.intp), robot_names=(name,))
+    try:
+        return calibrate(problem, own, folds=folds, by=by)
+    except InsufficientDataError as error:
+        raise InsufficientDataError(f"robot {name}: {error}") from None
+    except InputError as error:
+        raise InputError([replace(issue, message=f"robot {name}: {issue.message}") for issue in error.issues]) from None
+
+
+def _without_geometry(problem: CalibrationProblem) -> CalibrationProblem:
+    """The problem without σ's of geometry; those of frames that are not free stay knowledge."""
+    sources = problem.sources
+    frame = np.array([name.startswith(("base.", "tool.")) for name in sources.names], dtype=bool)
+    constant = np.where(np.outer(frame, frame), sources.constant, 0.0)
+    bare = Sources(sources.names, constant + sources.visit, sources.notes, sources.visit)
+    changed: CalibrationProblem = replace(cast(Any, problem), sources=bare)
+    return changed
+
+
+def _told(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
+    """Geometric parameters that all robots' data determine, and the names of the others."""
+    fixed = np.all([c.fixed & (np.diag(c.covariance) > 0) for c in calibrations], axis=0)
+    geometry = [(p, bool(known)) for p, known in zip(calibrations[0].parameters, fixed, strict=True)]
+    told = tuple(p for p, known in geometry if known and p.group == "geometry")
+    if not told:
+        raise InsufficientDataError(
+            "no geometric parameter is determined by the data of every robot: measure postures spread over the whole "
+            "workspace of each"
+        )
+    return told, tuple(p.name for p, known in geometry if not known and p.group == "geometry")
+
+
+def _coverage(
+    problem: CalibrationProblem, calibrations: tuple[Calibration, ...], folds: int
+) -> dict[str, tuple[float, tuple[float, float]]]:
+    """Shares of all rows inside the predicted 95 % regions; rows of one robot hang together."""
+    inside: dict[str, list[Mask]] = {}
+    for calibration in calibrations:
+        for name, (errors, predicted, _) in predictions(problem, calibration, folds).items():
+            radius = coverage_factor(P, errors.shape[1])
+            inside.setdefault(name, []).append(distances(errors, predicted.covariance) <= radius**2)
+    found = {}
+    for name, parts in inside.items():
+        robots = np.concatenate([np.full(len(part), k) for k, part in enumerate(parts)])
+        every = np.concatenate(parts)
+        found[name] = float(every.mean()), share_interval(every, robots)
+    return found

@@ -1,0 +1,165 @@
+"""The covariance of parameters across a batch, from estimates that have errors of their own."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.numerics import Array
+
+_STEPS = 1000  # of EM; a batch that varies less than its members are known to needs the most
+_SETTLED = 1e-6  # of a scaled covariance
+_CHI2 = 3.841458820694124  # 95 % of χ² with one degree of freedom
+_NORMAL = 1.959963984540054
+
+
+@dataclass(frozen=True, eq=False)
+class BatchCovariance:
+    """How k parameters vary from robot to robot.
+
+    Args:
+        mean, mean_std: (k,) of the batch, with standard errors [rad, m].
+        covariance: (k, k) between robots, positive semidefinite.
+        interval: (k, 2) 95 % intervals of the standard deviations.
+        correlation_interval: (k, k, 2) of the correlations.
+        p_correlation: (k, k) probability of a correlation so large, were the true one zero.
+    """
+
+    mean: Array
+    mean_std: Array
+    covariance: Array
+    interval: Array
+    correlation_interval: Array
+    p_correlation: Array
+
+    @property
+    def sigma(self) -> Array:
+        """(k,) standard deviations across the batch [rad, m]."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+    @property
+    def correlation(self) -> Array:
+        """(k, k) with ones on its diagonal; 0 where a parameter does not vary."""
+        return correlations(self.covariance)
+
+
+def correlations(covariance: Array) -> Array:
+    """(k, k) correlations of a covariance, 0 beside variances of zero."""
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    size = np.outer(sigma, sigma)
+    found = np.divide(covariance, size, out=np.zeros_like(covariance), where=size > 0)
+    np.fill_diagonal(found, 1.0)
+    return np.asarray(np.clip(found, -1.0, 1.0))
+
+
+def between(estimates: Array, errors: Array) -> BatchCovariance:
+    """Covariance Ω between robots from estimates ``x_r ~ N(μ, Ω + S_r)``.
+
+    Ω maximises the restricted likelihood, by expectation and maximisation (Dempster, Laird, Rubin 1977; Laird, Ware
+    1982), so that it stays positive semidefinite: the sample covariance less the mean of S_r need not be. Intervals of
+    standard deviations are those of the profile likelihood of one parameter at a time (Hardy, Thompson 1996); those of
+    correlations lie at ``tanh(artanh ρ ± 1.96 s)``, s from the information matrix and ``1 / √(R − 3)`` where the
+    estimates have no errors (Fisher 1921).
+
+    Args:
+        estimates: (R, k) of R robots [rad, m].
+        errors: (R, k, k) covariances S_r of the estimates.
+    """
+    scale = np.maximum(estimates.std(axis=0, ddof=1), np.sqrt(np.diagonal(errors, axis1=1, axis2=2).mean(axis=0)))
+    scale = np.where(scale > 0, scale, 1.0)
+    x, S = estimates / scale, errors / np.outer(scale, scale)
+    omega, mean, mean_covariance = _restricted(x, S)
+    k = x.shape[1]
+    ends = np.array([deviation_interval(x[:, i], S[:, i, i]) for i in range(k)]).reshape(-1, 2)
+    rho_ends, p = _correlation_intervals(omega, S)
+    return BatchCovariance(
+        mean=mean * scale,
+        mean_std=np.sqrt(np.diag(mean_covariance)) * scale,
+        covariance=omega * np.outer(scale, scale),
+        interval=ends * scale[:, None],
+        correlation_interval=rho_ends,
+        p_correlation=p,
+    )
+
+
+def _restricted(x: Array, S: Array) -> tuple[Array, Array, Array]:
+    """Ω, μ and the covariance of μ."""
+    omega = np.atleast_2d(np.cov(x, rowvar=False)) + 1e-6 * np.eye(x.shape[1])
+    for _ in range(_STEPS):
+        W = np.linalg.inv(omega + S)
+        mean_covariance = np.linalg.inv(W.sum(axis=0))
+        mean = mean_covariance @ np.einsum("rij,rj->i", W, x)
+        u = np.einsum("ij,rjk,rk->ri", omega, W, x - mean)
+        P = W - W @ mean_covariance @ W
+        new = (u.T @ u) / len(x) + omega - omega @ P.mean(axis=0) @ omega
+        moved = float(np.abs(new - omega).max())
+        omega = (new + new.T) / 2
+        if moved < _SETTLED:
+            break
+    return omega, mean, mean_covariance
+
+
+def deviation_interval(x: Array, variances: Array) -> tuple[float, float]:
+    """The 95 % interval of the standard deviation of true values behind estimates x (R,) with error variances (R,)."""
+    from scipy.optimize import brentq, minimize_scalar
+
+    def fall(log_sigma: float) -> float:
+        return -_restricted_likelihood(math.exp(2 * log_sigma), x, variances)
+
+    size = math.log(max(float(np.std(x, ddof=1)), 1e-12))
+    low, high = size - 12, size + 6
+    found = minimize_scalar(fall, bounds=(low, high), method="bounded", options={"xatol": 1e-6})
+    none = -_restricted_likelihood(0.0, x, variances)
+    best = min(float(found.fun), none)
+
+    def beyond(log_sigma: float) -> float:
+        return 2 * (fall(log_sigma) - best) - _CHI2
+
+    top = float(found.x) if found.fun <= none else low
+    upper = math.exp(float(brentq(beyond, top, high + 20))) if beyond(high + 20) > 0 else math.inf
+    if 2 * (none - best) <= _CHI2 or beyond(low) <= 0:
+        return 0.0, upper
+    return math.exp(float(brentq(beyond, low, top))), upper
+
+
+def _restricted_likelihood(variance: float, x: Array, variances: Array) -> float:
+    V = np.maximum(variance + variances, 1e-300)
+    weight = float(np.sum(1 / V))
+    mean = float(np.sum(x / V)) / weight
+    return -0.5 * float(np.sum(np.log(V)) + math.log(weight) + np.sum((x - mean) ** 2 / V))
+
+
+def _correlation_intervals(omega: Array, S: Array) -> tuple[Array, Array]:
+    from scipy.special import ndtr
+
+    k = len(omega)
+    ends, p = np.full((k, k, 2), 1.0), np.zeros((k, k))
+    for i in range(k):
+        for j in range(i):
+            pair = [i, j]
+            rho, error = _pair(omega[np.ix_(pair, pair)], S[:, pair][:, :, pair])
+            z = math.atanh(rho)
+            low, high = (math.tanh(z + side * _NORMAL * error) for side in (-1, 1))
+            ends[i, j] = ends[j, i] = low, high
+            p[i, j] = p[j, i] = 2 * float(ndtr(-abs(z) / error)) if math.isfinite(error) else 1.0
+    return ends, p
+
+
+def _pair(omega: Array, S: Array) -> tuple[float, float]:
+    """A correlation and the standard error of its artanh, by the expected information of the three (co)variances."""
+    R = len(S)
+    least = 1e-9 * max(float(np.trace(omega)), 1e-300)
+    a, b, c = max(omega[0, 0], least), max(omega[1, 1], least), omega[0, 1]
+    rho = float(np.clip(c / math.sqrt(a * b), -0.9999, 0.9999))
+    if R < 4:
+        return rho, math.inf
+    parts = np.array([[[1.0, 0], [0, 0]], [[0, 0], [0, 1.0]], [[0, 1.0], [1.0, 0]]])
+    V = np.array([[a, rho * math.sqrt(a * b)], [rho * math.sqrt(a * b), b]])
+    W = np.linalg.inv(V + S)
+    turned = np.einsum("rij,pjk->rpik", W, parts)
+    information = np.einsum("rpik,rqki->pq", turned, turned) / 2
+    inverse = np.linalg.pinv(information, rcond=1e-12)
+    slope = np.array([-rho / (2 * a), -rho / (2 * b), 1 / math.sqrt(a * b)]) / (1 - rho**2)
+    return rho, math.sqrt(max(float(slope @ inverse @ slope), 1e-300) * R / (R - 3))

@@ -1,0 +1,119 @@
+"""Diagnosis of several robots of one type: what varies from robot to robot together, and which joint is noisy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from posture_opt.batch.batch_calibration import Batch, calibrate_batch
+from posture_opt.batch.correlated_pairs import Pair
+from posture_opt.calibration.error_statistics import By
+from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.diagnosis.causes import Finding, noise_finding
+from posture_opt.diagnosis.diagnosis import Outcome
+from posture_opt.diagnosis.linearised_data import scene_of
+from posture_opt.diagnosis.noise_candidates import standardised
+from posture_opt.diagnosis.noise_causes import NoiseCause, as_stated, uneven_noise
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.repeat_groups import stays
+from posture_opt.model.effects import CorrelatedLengths, Rows
+from posture_opt.numerics import Progress
+
+
+@dataclass(frozen=True, eq=False)
+class BatchDiagnosis:
+    """The causes that a batch shows and no single robot can: correlated lengths; and the noise that all share."""
+
+    batch: Batch
+    findings: tuple[Finding, ...]
+    by: By
+
+    @property
+    def verdict(self) -> Outcome:
+        """``effects_found`` or ``none_found``."""
+        return "effects_found" if self.findings else "none_found"
+
+    @property
+    def effects(self) -> tuple[Finding, ...]:
+        """The same as `findings`."""
+        return self.findings
+
+    def to_json(self) -> dict[str, Any]:
+        """The document ``diagnosis.json`` of a batch."""
+        rms = {"nominal": self.batch.nominal.rms, "calibrated": self.batch.calibrated.rms}
+        shares = {name: share for name, (share, _) in self.batch.coverage.items()}
+        calibrated = shares.get("calibrated")
+        return {
+            "verdict": self.verdict,
+            "effects": [finding.to_json() for finding in self.findings],
+            "unexplained": {"p_value": 1.0, "place": []},
+            "residual_rms": {**rms, "extended": self.batch.calibrated.rms},
+            "coverage95": {**shares, "extended": calibrated},
+            "cross_validation": self.by,
+            "candidates": [
+                {"kind": found.kind, "target": found.target, "p_value": found.p_value, "gain": 0.0}
+                for found in map(_correlated, self.batch.pairs)
+            ],
+            "notes": list(self.batch.notes),
+            "batch": self.batch.to_json()["batch"],
+        }
+
+
+def diagnose_batch(
+    problem: CalibrationProblem,
+    data: Measurements,
+    *,
+    folds: int = 5,
+    by: By | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> BatchDiagnosis:
+    """What measurements of several robots of one type say that those of one cannot.
+
+    Every robot is calibrated by itself. Lengths that are long or short together in one robot after the other are
+    named ``correlated_lengths``; noise is judged over the residuals of all robots.
+
+    Raises:
+        InputError, InsufficientDataError: as `calibrate_batch`.
+    """
+    batch = calibrate_batch(problem, data, folds=folds, by=by, progress=progress)
+    units = {p.name: p.unit for p in batch.parameters}
+    lengths = [
+        _correlated(pair)
+        for pair in batch.pairs
+        if pair.real and units[pair.a] == units[pair.b] == "m" and not _as_stated(pair.stated, pair.interval)
+    ]
+    noise = [noise_finding(cause) for cause in _noise(problem, batch, seed)]
+    return BatchDiagnosis(batch, (*lengths, *noise), batch.calibrations[0].by)
+
+
+def _correlated(pair: Pair) -> Finding:
+    effect = CorrelatedLengths(lengths=(pair.a, pair.b), rho=pair.correlation)
+    size = {"correlation": (pair.correlation, (pair.interval[1] - pair.interval[0]) / 3.92, "1")}
+    return Finding(effect.kind, effect.target, size, pair.p_value, 0.0, noise=effect)
+
+
+def _as_stated(stated: float, interval: tuple[float, float]) -> bool:
+    return stated != 0 and interval[0] <= stated <= interval[1]
+
+
+def _noise(problem: CalibrationProblem, batch: Batch, seed: int) -> list[NoiseCause]:
+    """Uneven noise in the residuals of all robots."""
+    parts = []
+    for calibration in batch.calibrations:
+        scene = scene_of(calibration, 0, seed)
+        ground, block = scene.ground(), scene.tangents.residuals.block
+        Q = ground.Q.reshape(-1, block, ground.Q.shape[1])
+        e = standardised(ground.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
+        position = scene.tangents.residuals.data.position
+        ranges = np.zeros(len(e)) if position is None else np.linalg.norm(position, axis=1)
+        e, columns, _ = as_stated(problem, scene.tangents.residuals, e, scene.tangents.joints)
+        parts.append((e, columns, ranges, stays(scene.tangents.residuals.data)))
+    e = np.concatenate([p[0] for p in parts])
+    columns = np.concatenate([p[1] for p in parts], axis=1)
+    sigma = batch.calibrations[0].residuals.sigma
+    first = np.cumsum([0, *(len(p[3]) for p in parts[:-1])])
+    visits = np.concatenate([start + p[3] for start, p in zip(first, parts, strict=True)])
+    return uneven_noise(e, Rows(problem.robot, columns, np.concatenate([p[2] for p in parts]), sigma, visits), seed)

@@ -1,0 +1,179 @@
+"""How a calibration is made: what is unknown is fitted, then judged where nothing was seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count
+
+import numpy as np
+
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.clustered_covariance import clustered_covariance
+from posture_opt.calibration.cross_validation import Predicted, position_errors, predict, tested
+from posture_opt.calibration.data_checks import check_amount, check_frames, check_geometry, check_sense, still_notes
+from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
+from posture_opt.calibration.estimation import Beforehand, Estimate, estimate
+from posture_opt.calibration.frame_chart import Chart
+from posture_opt.calibration.frames import compare, fit_frames, held_length
+from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.calibration.prior import Knowledge, determine, unseen
+from posture_opt.calibration.residuals import Residuals
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.numerics import Array, Codes, Progress
+
+_ROUNDS = 3  # of fitting and judging the noise anew
+SIZE = "touched points alone do not tell the size of the arm: {} is held; state a distance under data.distances"
+
+
+def calibrate(
+    problem: CalibrationProblem,
+    data: Measurements,
+    *,
+    priors: bool = True,
+    folds: int = 5,
+    by: By | None = None,
+    test: Measurements | None = None,
+    refit_frames: bool = False,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Estimate the parameters that the data determine, and what that brings where nothing was seen.
+
+    Free frames and touched points start from a closed form; then everything is fitted together. Frames that are
+    neither free nor given a σ are taken as stated. What the data tell less well than to 10 mm and 1° counts as not
+    determined, and is held near its nominal value by these, unless ``priors`` is off: then it stays there. Errors are
+    cross-validated: every row is predicted by an arm that has not seen its group (``by``: its pose, its block of the
+    workspace, or the place that it touched).
+
+    Args:
+        priors: whether stated σ's of parameters count as knowledge.
+        test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
+        progress: is told after each fit how many of how many are done.
+
+    Raises:
+        InputError: several robots at once, or a test file with other targets.
+        InsufficientDataError: fewer measurements than unknowns.
+    """
+    given, notes = compare(problem, data)
+    chart = Chart.of(given)
+    by = by or ("place" if data.position is None else "pose")
+    groups = groups_of(data, by, folds)
+    parts = folds_of(groups, folds, by)
+    tell = _teller(progress, 2 * len(parts) + 1)
+    fitted = _fit(problem, chart.fitted, len(np.unique(groups)), priors)
+    tell()
+    nominal = predict(chart.fitted, parts, fitted.found, None, tell)
+    calibrated = predict(chart.fitted, parts, fitted.found, fitted.known, tell)
+    again = ("base and tool are fitted again to the test file",) * (test is not None and refit_frames)
+    told = _restless(calibrated.restless, len(parts))
+    notes = (*notes, *fitted.notes, *again, *still_notes(problem.robot, data), *fitted.found_notes, *told)
+    seen = tested(chart.fitted, test, fitted.x_nominal, fitted.found.x, refit_frames)
+    return _assembled(given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """An arm fitted to all rows: where it began, what was known and what was found, and the length that was held."""
+
+    x_nominal: Array
+    known: Knowledge
+    found: Estimate
+    held: int | None
+    notes: tuple[str, ...]
+
+    @property
+    def found_notes(self) -> tuple[str, ...]:
+        return *self.known.notes, *self.found.notes
+
+
+def _fit(problem: CalibrationProblem, residuals: Residuals, groups: int, priors: bool) -> _Fitted:
+    """The free frames, then everything that the data determine; ``groups`` counts what hangs together."""
+    x_nominal = fit_frames(problem.robot, residuals)
+    held = held_length(residuals)
+    check_frames(residuals, position_errors(residuals, x_nominal))
+    known = determine(problem, residuals, x_nominal, held, priors)
+    check_amount(residuals, known, groups)
+    known, found = _settled(problem, residuals, x_nominal, known, held, priors)
+    check_sense(residuals, position_errors(residuals, found.x)[found.kept])
+    check_geometry(residuals, known)
+    notes = () if held is None else (SIZE.format(residuals.parameters[held].name),)
+    return _Fitted(x_nominal, known, found, held, notes)
+
+
+def _settled(
+    problem: CalibrationProblem, residuals: Residuals, x: Array, known: Knowledge, held: int | None, priors: bool
+) -> tuple[Knowledge, Estimate]:
+    """The estimate, and what is determined with the noise that it leaves.
+
+    An arm far off its drawing bends away from its tangents, which looks like noise until it is fitted: then the same
+    directions are judged again.
+    """
+    for _ in range(_ROUNDS):
+        found = estimate(residuals, x, known.directions, known.prior, weight=1.0, design=known.design)
+        again = determine(problem, residuals, x, held, priors, found)
+        if again.noise > known.noise / 2:
+            break
+        known = again
+    return known, found
+
+
+def _assembled(
+    given: Residuals,
+    chart: Chart,
+    fitted: _Fitted,
+    predicted: tuple[Predicted, Predicted],
+    groups: Codes,
+    by: By,
+    test: dict[str, Statistics],
+    notes: tuple[str, ...],
+) -> Calibration:
+    """The calibration in the parameters of the file; ``predicted`` are the nominal and the calibrated arm's errors."""
+    residuals, known, found, kept = chart.fitted, fitted.known, fitted.found, fitted.found.kept
+    covariance = found.covariance
+    if known.design > 1:
+        covariance = clustered_covariance(residuals, found, known.directions, known.prior)
+    nominal, calibrated = predicted
+    gone = np.flatnonzero(~kept)
+    return Calibration(
+        parameters=given.parameters,
+        x_nominal=chart.told(fitted.x_nominal),
+        x=chart.told(found.x),
+        covariance=chart.told_covariance(found.x, covariance),
+        fixed=chart.told_fixed(found.x, known.fixed, covariance),
+        identifiability=known.identifiability,
+        nominal=Statistics.of(nominal.errors[kept], groups[kept]),
+        calibrated=Statistics.of(calibrated.errors[kept], groups[kept]),
+        errors_nominal=nominal.errors,
+        errors=calibrated.errors,
+        errors_fitted=position_errors(residuals, found.x),
+        residuals=given,
+        coverage={"calibrated": float(calibrated.inside[kept].mean())},
+        outliers=tuple(int(i) for i in gone),
+        lines=tuple(int(line) for line in given.data.line[gone]),
+        variance=found.variance,
+        by=by,
+        test=test,
+        prior=known.stated,
+        unseen=chart.told_size(found.x, unseen(residuals, known, found, fitted.held)),
+        design=known.design,
+        beforehand=_beforehand(chart, known, found),
+        notes=notes,
+    )
+
+
+def _beforehand(chart: Chart, known: Knowledge, found: Estimate) -> Beforehand | None:
+    """What was known of the parameters of the file beside the data, where σ's are stated."""
+    if known.prior is None or not np.isfinite(known.stated).any():
+        return None
+    # The prior needs no turning: frames that may be locked are free, and have none.
+    return Beforehand(chart.told_steps(found.x, known.directions), known.prior, found.weight)
+
+
+def _teller(progress: Progress | None, total: int) -> Callable[[], None]:
+    """Tells one more of ``total`` fits at each call."""
+    done = count(1)
+    return lambda: progress(next(done), total) if progress is not None else None
+
+
+def _restless(fits: int, rounds: int) -> tuple[str, ...]:
+    return (f"{fits} of the {rounds} fits of the cross-validation did not come to rest",) if fits else ()

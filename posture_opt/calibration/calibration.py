@@ -1,0 +1,135 @@
+"""Calibration: the parameters of the arm from measurements, with honest errors, and what they bring."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import erfc, isfinite, nan
+from typing import Any
+
+import numpy as np
+
+from posture_opt.calibration.error_statistics import By, Statistics
+from posture_opt.calibration.estimation import Beforehand
+from posture_opt.calibration.identifiability import Identifiability
+from posture_opt.calibration.parameters import Parameter
+from posture_opt.calibration.residuals import Residuals
+from posture_opt.numerics import Array, Mask
+
+CORRELATED = 0.9  # from here on, one of two estimates leans on the other
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What measurements say about the parameters of an arm.
+
+    Args:
+        parameters: the (k,) candidates; ``x_nominal`` and ``x`` are deviations from their nominal values [rad, m],
+            with only free frames fitted, and with everything fitted.
+        covariance: (k, k) of ``x``; directions that are not determined have no variance in it.
+        fixed: (k,) whether the data, or a prior, determine the parameter.
+        identifiability: rank, observability and the undetermined combinations in words.
+        nominal, calibrated: position errors by cross-validation [m], nominal with free frames fitted.
+        errors_nominal, errors: (N, 3) those errors row by row; ``calibrated`` leaves the outliers out.
+        errors_fitted: (N, 3) position errors of the arm fitted to all rows [m].
+        residuals: the arm against these measurements, as a function of ``x``.
+        coverage: share of rows inside the predicted 95 % region.
+        outliers: rows left out of the fit, counted from 0; ``lines`` are their lines in the file.
+        variance: residual variance in units of the instrument's.
+        by: the groups that the cross-validation left out together.
+        test: another file predicted by what this one taught.
+        prior: (k,) the stated σ of each parameter that counts as knowledge [rad, m]; NaN where there is none.
+        unseen: (k,) part of the standard errors that combinations leave which nothing tells [rad, m].
+        design: how many rows tell as much as one alone would, as neighbouring postures err alike.
+        beforehand: what the fit went by besides the data, where σ's of parameters are stated.
+        notes: sentences for the report.
+    """
+
+    parameters: tuple[Parameter, ...]
+    x_nominal: Array
+    x: Array
+    covariance: Array
+    fixed: Mask
+    identifiability: Identifiability
+    nominal: Statistics
+    calibrated: Statistics
+    errors_nominal: Array
+    errors: Array
+    errors_fitted: Array
+    residuals: Residuals
+    coverage: dict[str, float]
+    outliers: tuple[int, ...]
+    lines: tuple[int, ...]
+    variance: float
+    by: By
+    test: dict[str, Statistics]
+    prior: Array
+    unseen: Array
+    design: float = 1.0
+    beforehand: Beforehand | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def std(self) -> Array:
+        """(k,) standard errors [rad, m]; NaN where nothing determines the parameter."""
+        variance = np.maximum(np.diag(self.covariance), 0.0) + self.unseen**2
+        return np.where(self.fixed, np.sqrt(variance), np.nan)
+
+    @property
+    def z(self) -> Array:
+        """(k,) deviations from nominal over their standard errors; NaN where nothing determines the parameter."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.where(self.std > 0, self.x / self.std, np.nan))
+
+    @property
+    def p_values(self) -> Array:
+        """(k,) probability of a deviation as far from nominal where the parameter has its nominal value; or NaN."""
+        return np.array([erfc(abs(z) / 2**0.5) if isfinite(z) else nan for z in self.z.tolist()])
+
+    @property
+    def correlation(self) -> Array:
+        """(k, k) of the estimates; zero where nothing determines the parameter."""
+        variance = np.diag(self.covariance)
+        scale = np.where(self.fixed & (variance > 0), 1 / np.sqrt(np.maximum(variance, 1e-300)), 0.0)
+        return np.asarray(self.covariance * np.outer(scale, scale))
+
+    def to_json(self) -> dict[str, Any]:
+        """The document ``calibration.json``: SI units and radians."""
+        document: dict[str, Any] = {
+            "residual_rms": {"nominal": self.nominal.rms, "calibrated": self.calibrated.rms},
+            "residuals": {"nominal": self.nominal.to_json(), "calibrated": self.calibrated.to_json()},
+            "coverage95": dict(self.coverage),
+            "cross_validation": self.by,
+            "parameters": [self._parameter(i) for i in range(len(self.parameters))],
+            "correlations": self._correlations(),
+            "rows_per_independent": self.design,
+            "rank": self.identifiability.rank,
+            "condition": self.identifiability.condition,
+            "singular_values": [float(s) for s in self.identifiability.singular_values],
+            "observability": dict(self.identifiability.observability),
+            "undetermined": list(self.identifiability.words),
+            "residual_variance": self.variance,
+            "outliers": list(self.outliers),
+            "outlier_lines": list(self.lines),
+            "notes": list(self.notes),
+        }
+        if self.test:
+            document["test"] = {name: statistics.to_json() for name, statistics in self.test.items()}
+        return document
+
+    def _parameter(self, i: int) -> dict[str, Any]:
+        p, known = self.parameters[i], bool(self.fixed[i])
+        values = {"std": self.std[i], "prior": self.prior[i], "z": self.z[i], "p_value": self.p_values[i]}
+        return {
+            "name": p.name,
+            "estimate": float(p.nominal + self.x[i]),
+            "nominal": p.nominal,
+            "unit": p.unit,
+            "determined": known,
+            **{name: float(value) if np.isfinite(value) else None for name, value in values.items()},
+        }
+
+    def _correlations(self) -> list[dict[str, Any]]:
+        """Pairs of estimates that hang together closely."""
+        C, names = self.correlation, [p.name for p in self.parameters]
+        pairs = np.argwhere(np.triu(np.abs(C) > CORRELATED, 1))
+        return [{"parameters": [names[i], names[j]], "correlation": float(C[i, j])} for i, j in pairs]

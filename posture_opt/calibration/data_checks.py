@@ -1,0 +1,139 @@
+"""Whether measurements suffice for a calibration, and whether they belong to this arm; if not, what to do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from posture_opt.calibration.frames import fit_frames
+from posture_opt.calibration.parameters import candidates
+from posture_opt.calibration.prior import Knowledge
+from posture_opt.calibration.residuals import Residuals
+from posture_opt.errors import InputError, InsufficientDataError, Issue
+from posture_opt.measurements.affine_fit import reach
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Robot
+
+_STILL = 1e-3  # rad or m: a joint that moves less tells nothing of what lies before it
+_SPARE = 5  # poses beyond as many coordinates as unknowns: what errors are told from
+_LOST = 0.1  # of the reach: no drawing is that wrong
+_NEARER = 5.0  # times, with free frames: then it is they that are wrong
+_SENSE = 0.05  # of the measured motion, left by a calibrated arm
+_PLAN = "'optimize-posture plan-measurements' proposes postures"
+
+
+def still_joints(robot: Robot, data: Measurements) -> tuple[str, ...]:
+    """``JOINT at VALUE`` of each joint that stood still in all rows."""
+    return tuple(
+        f"{joint.name} at {math.degrees(q[0]):.4g} deg"
+        if joint.unit == "rad"
+        else f"{joint.name} at {q[0] * 1e3:.4g} mm"
+        for joint, q in zip(robot.joints, data.q.T, strict=True)
+        if np.ptp(q) < _STILL
+    )
+
+
+def still_notes(robot: Robot, data: Measurements) -> tuple[str, ...]:
+    """A sentence on joints that stood still, where others moved."""
+    still = still_joints(robot, data)
+    if not still:
+        return ()
+    which = "this joint" if len(still) == 1 else "these joints"
+    return (f"in all rows stood still: {', '.join(still)}; what {which} could tell apart is open: move {which} too",)
+
+
+def check_amount(residuals: Residuals, known: Knowledge, groups: int) -> None:
+    """Refuses data that cannot tell the parameters, or not their errors.
+
+    Raises:
+        InsufficientDataError: too few rows, or all of them alike.
+    """
+    data, block = residuals.data, residuals.block
+    counted, measure = _counted(residuals), _measure(residuals)
+    if groups < 2 and len(data) > 1:
+        still = len(still_joints(residuals.robot, data)) == residuals.robot.n
+        alike = "all rows are alike" if still else "all rows hang together in one group"
+        raise InsufficientDataError(f"{alike}: {counted} cannot determine how the arm errs elsewhere; {measure}")
+    rank = known.directions.shape[1]
+    if len(data) * block + len(residuals.distances) <= rank or groups < 2:
+        unknowns = f"{len(residuals.parameters)} parameters and their errors"
+        raise InsufficientDataError(f"{counted} cannot determine {unknowns}: {measure}")
+
+
+def check_geometry(residuals: Residuals, known: Knowledge) -> None:
+    """Refuses data that tell of frames alone.
+
+    Raises:
+        InsufficientDataError: no parameter of the arm itself is determined.
+    """
+    geometry = [p.group == "geometry" for p in residuals.parameters]
+    if known.identifiability.determined[geometry].any():
+        return
+    still = still_joints(residuals.robot, residuals.data)
+    stood = f", as these joints stood still: {', '.join(still)}" if still else ""
+    raise InsufficientDataError(
+        f"{_counted(residuals)} determine no parameter of the arm itself{stood}; {_measure(residuals)}"
+    )
+
+
+def _counted(residuals: Residuals) -> str:
+    poses = len(np.unique(residuals.data.pose))
+    return f"{len(residuals.data) * residuals.block} measured coordinates in {poses} pose{'s' * (poses != 1)}"
+
+
+def _measure(residuals: Residuals) -> str:
+    need = math.ceil(len(residuals.parameters) / residuals.block) + _SPARE
+    return f"measure at least {need} poses spread over the workspace, with every joint moving: {_PLAN}"
+
+
+def check_frames(residuals: Residuals, errors: Array) -> None:
+    """Refuses frames that are stated as known and that the measurements contradict.
+
+    ``errors`` (N, 3) are those of the arm as it stands.
+
+    Raises:
+        InputError: with free frames the arm comes near the measurements, with the stated ones it does not.
+    """
+    robot, data = residuals.robot, residuals.data
+    off = _rms(errors)
+    if data.position is None or off < _LOST * reach(robot):
+        return
+    for free in (("base",), ("tool",), ("base", "tool")):
+        freed = replace(robot, base_free=robot.base_free or "base" in free, tool_free=robot.tool_free or "tool" in free)
+        other = replace(residuals, robot=freed, parameters=candidates(freed, data, orientation=residuals.oriented))
+        near = _rms(other.error(fit_frames(freed, other))[:, residuals.axes])
+        if near < off / _NEARER:
+            mend = " and ".join(f"'{name}: free'" for name in free)
+            message = (
+                f"the measured points lie {off * 1e3:.4g} mm (RMS) off the arm as stated, and {near * 1e3:.3g} mm "
+                f"with another {' and '.join(free)}"
+            )
+            raise InputError(Issue(message, ("robot", free[0]), mend=f"state it as it stood, or write {mend}"))
+
+
+def check_sense(residuals: Residuals, errors: Array) -> None:
+    """Refuses measurements that the calibrated arm does not explain; ``errors`` (N, 3) are those that it leaves.
+
+    Raises:
+        InputError: they are another robot's, or joints have other signs.
+    """
+    data = residuals.data
+    motion = reach(residuals.robot)
+    if data.position is not None:
+        motion = _rms(data.position - data.position.mean(axis=0))
+    left = _rms(errors)
+    if left < _SENSE * motion or left < _SENSE * _LOST * reach(residuals.robot):
+        return
+    message = (
+        f"even calibrated, the arm misses the measured points by {left * 1e3:.4g} mm (RMS), where they move by "
+        f"{motion * 1e3:.4g} mm"
+    )
+    mend = "is it another robot's file? do all joints count in the direction and from the zero of the problem file?"
+    raise InputError(Issue(message, mend=mend, file=data.file))
+
+
+def _rms(errors: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))

@@ -1,0 +1,139 @@
+"""What one unit of an effect does to every measured coordinate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from posture_opt.calibration.residuals import Residuals
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.row_inputs import inputs_of
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.chain import Walk, factor_values, walk
+from posture_opt.model.derivatives import position_column, rotation_column
+from posture_opt.model.effects import Effect, Excitation, Sensitivity
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Robot
+
+_VARIES = {"payload": 0.05, "temperature": 0.3}  # kg, K: less tells nothing
+_LEVEL = np.radians(10)  # a levelled instrument and a base that was set up with a level agree to better than this
+_SIDED = 0.5  # of the rows must know the side from which their joints arrived
+
+
+def case_of(data: Measurements, robot: Robot) -> Excitation:
+    """What these measurements can show of effects."""
+    site = ArmState(robot, list(data.q.T), inputs_of(data, robot))
+    known = {"time"} if len(data) > 1 else set()
+    for name, least in _VARIES.items():
+        values = getattr(data, name)
+        if values is not None and float(np.ptp(values)) > least:
+            known.add(name)
+    if np.mean(np.any(data.approach != 0, axis=1)) > _SIDED and len(np.unique(np.sign(data.approach))) > 1:
+        known.add("approach")
+    known |= {"masses"} if site.weighed else set()
+    span = tuple(float(v) for v in np.ptp(data.q, axis=0))
+    return Excitation(robot, frozenset(known), span, float(np.ptp(np.asarray(site.inputs.time))))
+
+
+def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float, float]:
+    """Gravity [m/s²] in the world of the data, with the base off by ``frames`` from the file's.
+
+    Where the base is free, the world is the instrument's frame. If the arm stands upright in it but for some degrees,
+    the instrument was levelled and the tilt is the base's own; if not, the arm stands as the file says and the
+    instrument does not.
+    """
+    found = walk(robot.base, factor_values(robot.base, [], frames)).columns
+    stated = walk(robot.base, factor_values(robot.base, [])).columns
+    turn = np.array(found, dtype=float).T @ np.array(stated, dtype=float)
+    g = np.array(robot.gravity)
+    if not robot.base_free or float(np.linalg.norm(g)) == 0.0:
+        return robot.gravity
+    cosine = float(g @ turn @ g) / float(g @ g)
+    x, y, z = g if cosine > np.cos(_LEVEL) else turn @ g
+    return float(x), float(y), float(z)
+
+
+@dataclass(frozen=True, eq=False)
+class EffectSensitivities:
+    """Columns of effects at the arm ``x`` (k,) of ``residuals``, laid out as the rows of its Jacobian."""
+
+    residuals: Residuals
+    x: Array
+
+    @cached_property
+    def walk(self) -> Walk:
+        """The chain at all rows."""
+        return self.residuals.walk(self.x)
+
+    @cached_property
+    def site(self) -> ArmState:
+        """The arm at all rows with its loads: the file's links, on the base and with the tool that were found."""
+        data, robot = self.residuals.data, self.residuals.robot
+        frames = {
+            p.name: float(x)
+            for p, x in zip(self.residuals.parameters, self.x, strict=True)
+            if p.group in ("base", "tool") and p.code <= 0 and "[" not in p.name
+        }
+        upright = replace(robot, gravity=gravity_of(robot, frames))
+        return ArmState(upright, list(data.q.T), inputs_of(data, robot), frames)
+
+    @property
+    def rows(self) -> int:
+        """The number of residuals of all rows."""
+        return len(self.residuals.data) * self.residuals.block
+
+    @cached_property
+    def joints(self) -> Array:
+        """(n, N, block) whitened residual per unit of each joint."""
+        return np.stack([self._factor(i) for i in self.residuals.robot.driven])
+
+    @cached_property
+    def _lengths(self) -> dict[str, int]:
+        return {f.parameter: i for i, f in enumerate(self.residuals.robot.factors) if f.parameter}
+
+    def columns(self, effect: Effect) -> Array:
+        """(N·block, parameters) whitened residual per unit of each parameter of an effect."""
+        return np.stack([self.column(move) for move in effect.moves(self.site)], axis=1)
+
+    def column(self, move: Sensitivity) -> Array:
+        """(N·block,) whitened residual per unit of one move."""
+        N = len(self.residuals.data)
+        total = np.zeros((N, self.residuals.block))
+        for joint, size in move.joints.items():
+            total += self.joints[joint] * self._wide(size)
+        for name, size in move.lengths.items():
+            total += self._factor(self._lengths[name]) * self._wide(size)
+        total += self._whitened(*move.twist)
+        return total.ravel()
+
+    def of_joint(self, joint: int, features: Array) -> Array:
+        """(N·block, k) of features (N, k) that add to one joint."""
+        columns: Array = self.joints[joint][:, :, None] * features[:, None, :]
+        return columns.reshape(self.rows, -1)
+
+    def of_point(self, features: Array) -> Array:
+        """(N·block, axes·k) of features (N, k) that shift the measured point along each axis."""
+        residuals = self.residuals
+        N, axes = len(residuals.data), len(residuals.axes)
+        columns = np.zeros((N, residuals.block, axes, features.shape[1]))
+        for slot in range(axes):
+            columns[:, slot, slot, :] = features / residuals.sigma
+        return columns.reshape(self.rows, -1)
+
+    def _factor(self, index: int) -> Array:
+        return self._whitened(position_column(self.walk, index), rotation_column(self.walk, index))
+
+    def _wide(self, size: Any) -> Array:
+        return np.broadcast_to(np.asarray(size, dtype=float), (len(self.residuals.data),))[:, None]
+
+    def _whitened(self, shift: Sequence[Any], turn: Sequence[Any]) -> Array:
+        residuals = self.residuals
+        N = len(residuals.data)
+        parts = [np.broadcast_to(np.asarray(shift[a], dtype=float), (N,)) / residuals.sigma for a in residuals.axes]
+        if residuals.oriented:
+            parts += [np.broadcast_to(np.asarray(w, dtype=float), (N,)) / residuals.sigma_rotation for w in turn]
+        return np.stack(parts, axis=1)

@@ -1,0 +1,117 @@
+"""Figures of merit of position errors, and the groups of rows that a cross-validation leaves out together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.numerics import Array, Codes
+
+By = Literal["pose", "block", "place"]
+
+_ALIKE = 1e-3  # rad or m: postures nearer than that have the same errors, whatever their pose is called
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Lengths of position errors [m]; ``interval`` is the 95 % bootstrap interval of the RMS over groups of rows."""
+
+    rms: float
+    mean: float
+    max: float
+    p95: float
+    interval: tuple[float, float]
+
+    @classmethod
+    def of(cls, errors: Array, groups: Codes, draws: int = 500) -> Statistics:
+        """Of errors (N, d) [m] whose rows hang together in ``groups`` (N,)."""
+        lengths = np.linalg.norm(errors, axis=1)
+        rms = float(np.sqrt(np.mean(lengths**2)))
+        interval = _bootstrap(lengths**2, groups, draws)
+        return cls(rms, float(lengths.mean()), float(lengths.max()), float(np.quantile(lengths, 0.95)), interval)
+
+    def to_json(self) -> dict[str, object]:
+        """Plain numbers [m]."""
+        return {
+            "rms": self.rms, "mean": self.mean, "max": self.max, "p95": self.p95, "rms_interval95": list(self.interval)
+        }  # fmt: skip
+
+
+def _bootstrap(squares: Array, groups: Codes, draws: int) -> tuple[float, float]:
+    _, group = np.unique(groups, return_inverse=True)
+    total, count = np.bincount(group, squares), np.bincount(group)
+    rng = np.random.default_rng(0)
+    means = []
+    for _ in range(draws):
+        chosen = rng.integers(len(total), size=len(total))
+        means.append(total[chosen].sum() / count[chosen].sum())
+    low, high = np.sqrt(np.quantile(means, [0.025, 0.975]))
+    return float(low), float(high)
+
+
+def groups_of(data: Measurements, by: By, folds: int) -> Codes:
+    """The group (N,) of each row: its pose, its place among touched points, or its block of the workspace.
+
+    Poses within 1e-3 rad or m of each other are one, so that no fold is predicted by what it left out. The place of a
+    point is its name up to a ``/``: ``front/0`` and ``front/1`` lie in one place.
+
+    Raises:
+        InputError: places of measured positions, or blocks of touched points.
+    """
+    if by == "place" and data.position is not None:
+        raise InputError(Issue("no point is touched whose place could be left out", mend="leave out by pose or block"))
+    if by == "block" and data.position is None:
+        raise InputError(Issue("no positions are measured to be cut into blocks", mend="leave out by place or pose"))
+    if by == "place":
+        places = [name.rpartition("/")[0] or name for name in data.point_names]
+        codes = np.unique(places, return_inverse=True)[1]
+        return np.asarray(codes[data.point], dtype=np.intp)
+    if by == "block":
+        assert data.position is not None  # refused above
+        return blocks(data.position, 4 * folds)
+    return alike(data.q, data.pose)
+
+
+def alike(q: Array, pose: Codes) -> Codes:
+    """Codes (N,) of the poses (N,), those with practically equal joint values (N, n) made one."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    _, first, inverse = np.unique(pose, return_index=True, return_inverse=True)
+    cells, start, cell = np.unique(np.round(q[first] / _ALIKE), axis=0, return_index=True, return_inverse=True)
+    pairs = cKDTree(q[first[start]]).query_pairs(_ALIKE, p=np.inf, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells),) * 2)
+    together = connected_components(links, directed=False)[1]
+    return np.asarray(together[cell.ravel()][inverse.ravel()], dtype=np.intp)
+
+
+def blocks(points: Array, count: int) -> Codes:
+    """Codes (N,) of so many blocks of points (N, d), cut along the longest side at the median again and again."""
+    parts = [np.arange(len(points))]
+    while len(parts) < count:
+        largest = max(range(len(parts)), key=lambda i: len(parts[i]))
+        rows = parts.pop(largest)
+        if len(rows) < 2:
+            parts.append(rows)
+            break
+        rows = rows[np.argsort(points[rows, np.argmax(np.ptp(points[rows], axis=0))], kind="stable")]
+        parts += [rows[: len(rows) // 2], rows[len(rows) // 2 :]]
+    codes = np.zeros(len(points), dtype=np.intp)
+    for code, rows in enumerate(parts):
+        codes[rows] = code
+    return codes
+
+
+def folds_of(groups: Codes, folds: int, by: By, seed: int = 0) -> list[Codes]:
+    """The rows that each fold leaves out: whole groups, shuffled; every place is a fold of its own."""
+    names = np.unique(groups)
+    if by == "place":
+        return [np.flatnonzero(groups == name) for name in names]
+    shuffled = np.random.default_rng(seed).permutation(names)
+    parts = [part for part in np.array_split(shuffled, folds) if len(part)]
+    return [np.flatnonzero(np.isin(groups, part)) for part in parts]

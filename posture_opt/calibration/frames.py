@@ -1,0 +1,163 @@
+"""An arm set against measurements: what is unknown, how it starts, and the free frames fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from posture_opt.calibration.estimation import Estimate, estimate
+from posture_opt.calibration.identifiability import identify
+from posture_opt.calibration.instrument import position_sigma, rotation_sigma
+from posture_opt.calibration.least_squares import noise
+from posture_opt.calibration.parameters import CalibrationProblem, Parameter, candidates, prior_covariance
+from posture_opt.calibration.residuals import Distance, Residuals
+from posture_opt.calibration.starting_values import start, tool_unknown
+from posture_opt.errors import InputError, Issue
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Robot
+
+SIGMA = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
+
+
+def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
+    """The arm of a problem against measurements, and sentences on what was assumed.
+
+    Raises:
+        InputError: measurements of several robots, or distances between points that no row touches.
+    """
+    if len(data.robot_names) > 1:
+        names = ", ".join(data.robot_names)
+        raise InputError(
+            Issue(f"measurements of several robots: {names}", mend="calibrate the batch, or one robot at a time")
+        )
+    notes = []
+    sigma = position_sigma(problem, data)
+    if not sigma:
+        sigma = SIGMA
+        notes.append(f"no σ of the instrument is stated: {SIGMA * 1e3:g} mm taken")
+    rotation = rotation_sigma(problem)
+    if data.rotation is not None and not rotation:
+        notes.append("orientations are left out: measurement.orientation states no σ for them")
+    if data.position is None:
+        offset = problem.robot.factors[problem.robot.driven[0]].parameter
+        notes.append(
+            f"touched points tell nothing of {offset} and what lies before it: it moves arm and points together"
+        )
+    used = rotation if data.rotation is not None else 0.0
+    parameters = unknowns(problem, data, orientation=used > 0)
+    distances = _distances(problem, data, sigma)
+    return Residuals(problem.robot, data, parameters, sigma, used, distances), tuple(notes)
+
+
+def unknowns(problem: CalibrationProblem, data: Measurements, *, orientation: bool) -> tuple[Parameter, ...]:
+    """The candidates without what the problem file states as known: frames neither free nor given a σ.
+
+    Several targets are several points of one tool, of which the file can state but one: their offsets are unknown.
+    """
+    found = candidates(problem.robot, data, orientation=orientation)
+    stated = prior_covariance(problem, found)[0]
+    free = {"base": problem.robot.base_free, "tool": tool_unknown(problem.robot, data)}
+    return tuple(p for i, p in enumerate(found) if free.get(p.group, True) or i in stated)
+
+
+def _distances(problem: CalibrationProblem, data: Measurements, sigma: float) -> tuple[Distance, ...]:
+    """Known distances, each as sure as the instrument (the play of the ball in its socket)."""
+    if data.position is not None:
+        return ()
+    found, issues = [], []
+    for index, (a, b, length) in enumerate(problem.data.distances):
+        missing = [name for name in (a, b) if name not in data.point_names]
+        if missing:
+            mend = f"the points of the data are: {', '.join(data.point_names)}"
+            issues.append(Issue(f"no row touches '{missing[0]}'", ("data", "distances", index), missing[0], mend))
+        else:
+            found.append((data.point_names.index(a), data.point_names.index(b), float(length), sigma))
+    if issues:
+        raise InputError(issues)
+    return tuple(found)
+
+
+def fit_frames(robot: Robot, residuals: Residuals) -> Array:
+    """Deviations (k,) from nominal with only what is free fitted: frames and touched points."""
+    x0 = start(residuals)
+    groups = {"point"} | ({"base"} if robot.base_free else set())
+    groups |= {"tool"} if tool_unknown(robot, residuals.data) else set()
+    found = fit_groups(residuals, x0, groups)
+    return x0 if found is None else found.x
+
+
+def fit_groups(residuals: Residuals, x0: Array, groups: set[str]) -> Estimate | None:
+    """The estimate of the parameters of some groups alone, or ``None`` where there are none."""
+    directions = _directions(residuals, x0, groups)
+    return None if directions is None else estimate(residuals, x0, directions)
+
+
+def _directions(residuals: Residuals, x0: Array, groups: set[str]) -> Array | None:
+    """(k, rank) what the data determine of the parameters of some groups, or ``None`` where there are none."""
+    columns = [i for i, p in enumerate(residuals.parameters) if p.group in groups]
+    if not columns:
+        return None
+    names = [residuals.parameters[i].name for i in columns]
+    r, J = residuals.both(x0)
+    rows = len(residuals.data) * residuals.block
+    spread = noise(r[:rows], J[:rows, columns], residuals.block)
+    part = identify(names, J[:, columns], len(residuals.data), scale=np.ones(len(columns)), noise=max(spread, 1.0))
+    directions = np.zeros((len(x0), part.rank))
+    directions[columns] = part.directions
+    return directions
+
+
+def check_other(residuals: Residuals, other: Measurements) -> None:
+    """Refuses measurements that what was learned of ``residuals`` does not predict.
+
+    Raises:
+        InputError: of other targets, or of several robots.
+    """
+    mine = residuals.data
+    if len(other.robot_names) > 1:
+        raise InputError(Issue("the test file holds several robots", mend="test with one robot at a time"))
+    if other.target_names != mine.target_names or (other.position is None) != (mine.position is None):
+        raise InputError(Issue("the test file measures other targets", mend="test with the same points on the tool"))
+
+
+def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
+    """Base and tool fitted again, though the problem file may state them as known: the wider arm and its deviations.
+
+    Raises:
+        InputError: the frames would bend to any measurements.
+    """
+    data = residuals.data
+    robot = replace(residuals.robot, base_free=True, tool_free=True)
+    wide = replace(residuals, parameters=candidates(robot, data, orientation=residuals.oriented))
+    value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
+    start_at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
+    directions = _directions(wide, start_at, {"base", "tool"})
+    if directions is None:
+        return wide, start_at
+    poses = len(np.unique(data.pose))
+    if poses * wide.block <= directions.shape[1]:
+        counted = "1 pose is" if poses == 1 else f"{poses} poses are"
+        message = f"{counted} too few to fit base and tool again and to judge by what is left"
+        mend = "test with 20 poses or more, or without --refit-frames"
+        raise InputError(Issue(message, mend=mend, file=data.file))
+    return wide, estimate(wide, start_at, directions).x
+
+
+def held_length(residuals: Residuals) -> int | None:
+    """The length that is held where an arm touches points and no known distance tells its size.
+
+    A smaller arm in a smaller world misses its points by less: left to the fit, the arm would shrink to nothing.
+    The longest one between the second and the last joint is held; what lies before or behind is not the arm's alone.
+    """
+    robot = residuals.robot
+    if residuals.data.position is not None or residuals.distances:
+        return None
+    inner = robot.joint_names[1:-1]
+    lengths = {
+        i: abs(p.nominal)
+        for i, p in enumerate(residuals.parameters)
+        if p.group == "geometry" and p.unit == "m" and p.name.rpartition(".")[0] in inner and p.nominal
+    }
+    return max(lengths, key=lambda i: lengths[i]) if lengths else None

@@ -1,0 +1,204 @@
+"""Nonlinear least squares with honest errors, for any function that returns residuals and Jacobian."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.numerics import Array, Mask
+
+Function = Callable[[Array], tuple[Array, Array]]
+
+MAX_STEPS = 500
+_TOLERANCE = 1e-10  # relative offset at which the residuals are orthogonal to the tangent plane (Bates, Watts 1981)
+_STEP = 1e-14  # relative step at which floating point has nothing left to improve
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The minimum of ``½ |r(x)|²``.
+
+    Args:
+        x: (k,) the estimate.
+        residuals: (m,) there.
+        R: (k, k) triangular factor of the Jacobian there, ``RᵀR = JᵀJ``.
+        variance: residual variance, ``|r|² / (m − k)``.
+        steps: iterations taken.
+        converged: whether the relative offset or the step fell below rounding.
+    """
+
+    x: Array
+    residuals: Array
+    R: Array
+    variance: float
+    steps: int
+    converged: bool
+
+    @property
+    def covariance(self) -> Array:
+        """``s² (JᵀJ)⁻¹`` (k, k); directions the residuals do not see add nothing."""
+        inverse, _ = self._inverse()
+        return np.asarray(self.variance * inverse @ inverse.T)
+
+    @property
+    def std(self) -> Array:
+        """(k,) standard errors of the estimate, infinite where the residuals do not see all of it."""
+        inverse, unseen = self._inverse()
+        return np.where(unseen > 1e-6, np.inf, np.sqrt(self.variance) * np.linalg.norm(inverse, axis=1))
+
+    def _inverse(self) -> tuple[Array, Array]:
+        """``R⁺`` and the part (k,) of each unknown outside it.
+
+        By columns of length one: whether a direction is seen does not hang on the units of the unknowns.
+        """
+        D = np.linalg.norm(self.R, axis=0)
+        D = np.where(D > 0, D, 1.0)
+        U, s, Vt = np.linalg.svd(self.R / D)
+        seen = s > 1e-14 * s.max(initial=0.0)
+        inverse = (Vt[seen].T / s[seen]) @ U[:, seen].T / D[:, None]
+        return np.asarray(inverse), np.asarray(np.sum(Vt[~seen] ** 2, axis=0))
+
+
+def least_squares(function: Function, x0: Array, *, max_steps: int = MAX_STEPS, tolerance: float = _TOLERANCE) -> Fit:
+    """Levenberg-Marquardt on the QR factors of the Jacobian, never on ``JᵀJ``.
+
+    Each step solves ``min |J s + r|² + λ |D s|²`` with ``D`` the largest column norms so far (Moré 1978) and the
+    damping of Nielsen (1999); it ends where ``|Qᵀr| / √k`` is ``tolerance`` of ``|r − QQᵀr| / √(m − k)``.
+    Where the first step fails, the next is no longer than ``x0`` itself, lest it end on a plateau far away.
+    """
+    x = np.array(x0, dtype=float)
+    r, J = function(x)
+    D = np.zeros(len(x))
+    damping = 1e-3
+    for step in range(max_steps):
+        R = triangular(np.concatenate([J, r[:, None]], axis=1))
+        R, projected = R[: len(x), :-1], R[: len(x), -1]
+        D = np.maximum(D, np.linalg.norm(J, axis=0))
+        D = np.where(D > 0, D, 1.0)
+        if _at_rest(projected, r, tolerance):
+            return _fit(x, r, R, step, True)
+        lower = _lower(function, x, r, R, projected, D, damping, step == 0)
+        if lower is None:
+            return _fit(x, r, R, step, True)
+        move, r_new, J_new, damping = lower
+        expected = np.sum(projected**2) - np.sum((projected + R @ move) ** 2)
+        ratio = min(float((r @ r - r_new @ r_new) / max(expected, 1e-300)), 1.0)
+        damping = max(damping * max(1 / 3, 1 - float(2 * ratio - 1) ** 3), 1e-15)
+        x, r, J = x + move, r_new, J_new
+    return _fit(x, r, triangular(J), max_steps, False)
+
+
+def _lower(
+    function: Function, x: Array, r: Array, R: Array, projected: Array, D: Array, damping: float, first: bool
+) -> tuple[Array, Array, Array, float] | None:
+    """A step to smaller residuals: itself, residuals and Jacobian there, damping; None where rounding leaves none."""
+    reach, growth = np.inf, 2.0
+    while True:
+        move = _damped(R, projected, D, damping)
+        length = np.linalg.norm(D * move)
+        if length > reach:
+            damping *= 2
+            continue
+        if length <= _STEP * (np.linalg.norm(D * x) + _STEP):
+            return None
+        with np.errstate(all="ignore"):
+            r_new, J_new = function(x + move)
+            gain = r @ r - r_new @ r_new
+        if np.isfinite(gain) and np.all(np.isfinite(J_new)) and gain > 0:
+            return move, r_new, J_new, damping
+        damping, growth = damping * growth, growth * 2
+        if first and np.any(x):
+            reach = float(np.linalg.norm(D * x))
+
+
+def triangular(A: Array) -> Array:
+    """The (k, k) factor ``R`` of ``A = Q R`` (m, k), block by block of rows (Demmel et al. 2012).
+
+    Blocks that fit the cache are faster than one long matrix, and too small for threads to fight over.
+    """
+    m, k = A.shape
+    size = 4 * k
+    while len(A) > 2 * size:
+        whole = len(A) // size * size
+        heads = np.asarray(np.linalg.qr(A[:whole].reshape(-1, size, k), mode="r"))
+        A = np.concatenate([heads.reshape(-1, k), A[whole:]])
+    R = np.linalg.qr(A, mode="r")
+    return np.asarray(np.concatenate([R, np.zeros((max(k - m, 0), k))]))
+
+
+def reduced(J: Array, directions: Array) -> Array:
+    """``J @ directions`` by blocks of rows."""
+    whole = len(J) // 64 * 64
+    blocks = J[:whole].reshape(-1, 64, J.shape[1]) @ directions
+    return np.concatenate([blocks.reshape(whole, directions.shape[1]), J[whole:] @ directions])
+
+
+def _at_rest(projected: Array, r: Array, tolerance: float) -> bool:
+    m, k = len(r), len(projected)
+    if not k:
+        return True  # nothing is free
+    inside, total = float(projected @ projected), float(r @ r)
+    if m <= k or total == 0:
+        return total == 0
+    outside = max(total - inside, 0.0)
+    return inside / k <= tolerance**2 * outside / (m - k)
+
+
+def _damped(R: Array, projected: Array, D: Array, damping: float) -> Array:
+    stacked = np.concatenate([R, np.diag(np.sqrt(damping) * D)])
+    target = np.concatenate([-projected, np.zeros(len(D))])
+    return np.asarray(np.linalg.lstsq(stacked / np.tile(D, (len(stacked), 1)), target, rcond=None)[0] / D)
+
+
+def _fit(x: Array, r: Array, R: Array, steps: int, converged: bool) -> Fit:
+    freedom = max(len(r) - len(x), 1)
+    return Fit(x, r, R, float(r @ r) / freedom, steps, converged)
+
+
+def outlying(residuals: Array, J: Array, block: int, known: Array | None = None) -> tuple[Mask, Array]:
+    """Which rows, of ``block`` residuals each, are gross outliers, and the studentised length (N,) of each row.
+
+    The residuals of row i have the covariance ``s² (I − H_ii)``, ``H = J (JᵀJ)⁻¹ Jᵀ``; ``s`` is taken from the
+    median of ``r_iᵀ (I − H_ii)⁻¹ r_i``, which outliers cannot move far. Gross is what Gaussian residuals would
+    reach once in a thousand samples of this size, and half as much again, as real residuals have longer tails.
+    ``known`` are further rows of J, of a prior.
+    """
+    from scipy.special import gammainccinv
+
+    squared = _inflated_squares(residuals, J, block, known)
+    studentised = np.sqrt(squared / _robust_variance(squared, block))
+    return studentised > 1.5 * np.sqrt(2 * gammainccinv(block / 2, 1e-3 / len(squared))), studentised
+
+
+def unexplained(residuals: Array, J: Array) -> Array:
+    """What is left of the residuals (m,) after the best step of the unknowns, to first order."""
+    k = J.shape[1]
+    R = triangular(np.concatenate([J, residuals[:, None]], axis=1))
+    return np.asarray(residuals - J @ np.linalg.lstsq(R[:, :k], R[:, k], rcond=1e-12)[0])
+
+
+def noise(residuals: Array, J: Array, block: int) -> float:
+    """Standard deviation of what no step of the unknowns explains, whatever a few outliers say; 0 where too few."""
+    if len(J) <= J.shape[1]:
+        return 0.0
+    return float(np.sqrt(_robust_variance(_inflated_squares(unexplained(residuals, J), J, block), block)))
+
+
+def _inflated_squares(residuals: Array, J: Array, block: int, known: Array | None = None) -> Array:
+    """``r_iᵀ (I − H_ii)⁻¹ r_i`` (N,) of rows of ``block`` residuals."""
+    n = len(residuals) // block
+    R = triangular(J if known is None else np.concatenate([J, known]))
+    inverse = np.asarray(np.linalg.pinv(R, rcond=1e-14), dtype=float)
+    Q = reduced(J, inverse).reshape(n, block, -1)
+    r = residuals.reshape(n, block)
+    leverage = Q @ np.swapaxes(Q, -1, -2)
+    inflated = np.linalg.solve(np.eye(block) * (1 + 1e-9) - leverage, r[..., None])[..., 0]
+    return np.asarray(np.maximum(np.einsum("ni,ni->n", r, inflated), 0.0))
+
+
+def _robust_variance(squared: Array, block: int) -> float:
+    from scipy.special import gammaincinv
+
+    return max(float(np.median(squared)) / (2 * float(gammaincinv(block / 2, 0.5))), 1e-300)

@@ -1,0 +1,230 @@
+"""The candidates of a diagnosis: named effects and nameless umbrellas, each with what it does to the residuals."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.calibration.effect_sensitivities import EffectSensitivities
+from posture_opt.diagnosis.score_tests import (
+    WEIGHTS,
+    NullDistribution,
+    ProjectedBaseline,
+    explained,
+    log_p,
+    scan_frequencies,
+    surviving,
+)
+from posture_opt.diagnosis.unnamed_components import UnnamedComponent, umbrellas
+from posture_opt.model.effects import EFFECTS, Effect, Excitation
+from posture_opt.model.effects.cyclic_error import OVERSAMPLING, CyclicError
+from posture_opt.model.effects.joint_compliance import JointCompliance
+from posture_opt.numerics import Array
+
+PEAKS = 4  # frequencies a joint that stay in the running
+_COUNTED = 50  # shapes of one cause that are compared: more of them, closer together, count no more
+_SHAPES = 8.0  # how much a shape that is fitted counts at least: it is a parameter too
+_ALIKE = 0.05  # singular value of unit columns: below, two point masses cannot be told apart
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A candidate with its columns (m, k); ``searched`` counts the different shapes that its own was chosen from."""
+
+    what: Effect | UnnamedComponent
+    Z: Array
+    searched: float = 1.0
+
+    @property
+    def named(self) -> bool:
+        return isinstance(self.what, Effect)
+
+    @property
+    def kind(self) -> str:
+        return self.what.kind
+
+    @property
+    def target(self) -> str:
+        return self.what.target
+
+    @property
+    def family(self) -> str:
+        """The family of tests that it belongs to."""
+        return self.what.family if isinstance(self.what, Effect) else "nameless"
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Kind and target; several cyclic errors of one joint are told apart by their frequency."""
+        return self.kind, self.target
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredCandidate:
+    """A suspect after the ground: the share ρ that is left of it, and its F test.
+
+    ``share`` is the part of the sum of squares that it explains, ``p_value`` family-wise.
+    """
+
+    suspect: Candidate
+    rho: float
+    log_p: float
+    p_value: float
+    share: float
+
+
+def catalogue(tangents: EffectSensitivities, case: Excitation) -> list[Candidate]:
+    """Every candidate but the cyclic errors, one for each shape of its grid."""
+    effects = [e for kind in EFFECTS for e in kind.candidates(case)]
+    if "masses" not in case.inputs:
+        effects += unknown_masses(tangents, case)
+    named = [(e, tangents.columns(e)) for e in effects]
+    shapes: dict[tuple[str, str], list[Array]] = {}
+    for e, Z in named:
+        shapes.setdefault((e.kind, e.target), []).append(Z)
+    searched = {key: max(independent(own), min(len(own), _SHAPES)) for key, own in shapes.items()}
+    nameless = list(umbrellas(tangents, case))
+    grids = Counter((u.kind, u.target) for u, _ in nameless)
+    return [
+        *(Candidate(e, Z, searched[e.kind, e.target]) for e, Z in named),
+        *(Candidate(u, Z, grids[u.kind, u.target]) for u, Z in nameless),
+    ]
+
+
+def independent(shapes: Sequence[Array]) -> float:
+    """How many of the shapes (each (m, k)) of one cause count as different ones: ``(Σ √λ)² / Σ λ``.
+
+    λ are the eigenvalues of the correlation of their first columns (Galwey 2009): neighbouring moments of a slip or
+    time constants of a drift say nearly the same.
+    """
+    if len(shapes) == 1:
+        return 1.0
+    first = np.stack([Z[:, 0] for Z in shapes[:: -(-len(shapes) // _COUNTED)]], axis=1)
+    norms = np.linalg.norm(first, axis=0)
+    first = first / np.where(norms > 0, norms, 1.0)
+    values = np.maximum(np.linalg.eigvalsh(first.T @ first), 0.0)
+    return float(np.sum(np.sqrt(values)) ** 2 / max(np.sum(values), 1e-300))
+
+
+def unknown_masses(tangents: EffectSensitivities, case: Excitation) -> list[Effect]:
+    """Compliances of arms whose masses nobody states: point masses at the frames beyond each joint.
+
+    Frames that pull at the joint alike, as those of a wrist do, count once.
+    """
+    names = case.robot.joint_names
+    effects: list[Effect] = []
+    for i, name in enumerate(names):
+        if case.robot.joints[i].type != "revolute" or case.span[i] <= 1e-6:
+            continue
+        points: tuple[str, ...] = ()
+        for point in ("tool", *reversed(names[i:-1])):
+            wider = JointCompliance(joint=name, loads="points", points=(*points, point))
+            Z = tangents.columns(wider)
+            norms = np.linalg.norm(Z, axis=0)
+            if norms[-1] > 1e-6 * np.linalg.norm(tangents.joints[i]):
+                s = np.linalg.svd(Z / np.where(norms > 0, norms, 1.0), compute_uv=False)
+                points = wider.points if s[-1] > _ALIKE else points
+        if points:
+            effects.append(JointCompliance(joint=name, loads="points", points=points))
+    return effects
+
+
+def judge(
+    ground: ProjectedBaseline,
+    suspects: Sequence[Candidate],
+    tangents: EffectSensitivities,
+    case: Excitation,
+    known: NullDistribution | None = None,
+) -> tuple[list[ScoredCandidate], NullDistribution]:
+    """The best of every kind and target on this ground, the least p-value first, and what chance can do.
+
+    ``known`` is what chance can do where it need not be drawn again.
+    """
+    rho, sizes, gains = explained(ground, [s.Z for s in suspects])
+    alive = [int(i) for i in np.flatnonzero(sizes)]
+    sizes, gains = sizes[alive], _possible(ground, [suspects[i] for i in alive], gains[alive])
+    rss = ground.rss
+    freedom = np.r_[ground.effective, np.full(len(rss) - 1, ground.freedom)]
+    values = log_p(gains, rss[None, :], sizes[:, None], freedom[None, :]) if alive else np.zeros((0, len(rss)))
+    cyclic, lowest = _cyclic(ground, tangents, case)
+    families = np.array([suspects[i].family for i in alive])
+    least = {family: _least(values[families == family]) for family in WEIGHTS}
+    least[CyclicError.family] = np.minimum(least[CyclicError.family], lowest)
+    chance = known or NullDistribution(least)
+    found: dict[tuple[str, str], ScoredCandidate] = {}
+    for row, i in enumerate(alive):
+        p, suspect = float(values[row, 0]), suspects[i]
+        if suspect.key not in found or p < found[suspect.key].log_p:
+            share = float(gains[row, 0] / rss[0])
+            found[suspect.key] = ScoredCandidate(
+                suspect, float(rho[i]), p, chance.family_wise(p, suspect.family), share
+            )
+    judged = list(found.values())
+    for suspect, p in cyclic:
+        basis, left = surviving(ground, suspect.Z)
+        if basis.shape[1]:
+            share = float(np.sum((basis.T @ ground.e) ** 2) / rss[0])
+            judged.append(ScoredCandidate(suspect, left, p, chance.family_wise(p, suspect.family), share))
+    return sorted(judged, key=lambda j: (j.p_value, j.log_p)), chance
+
+
+def _possible(ground: ProjectedBaseline, suspects: Sequence[Candidate], gains: Array) -> Array:
+    """``gains`` (candidates, 1 + B) without those that take a parameter to where nature does not let it."""
+    gains = gains.copy()
+    for row, suspect in enumerate(suspects):
+        low, high = suspect.what.limits if isinstance(suspect.what, Effect) else (-np.inf, np.inf)
+        if np.isfinite(low) or np.isfinite(high):
+            z = ground.project(suspect.Z)[:, 0]
+            size = -(z @ ground.flipped) / max(float(z @ z), 1e-300)
+            gains[row, (size < low) | (size > high)] = 0.0
+    return gains
+
+
+def absorbed(
+    ground: ProjectedBaseline, suspects: Sequence[Candidate], judged: Sequence[ScoredCandidate]
+) -> tuple[tuple[Candidate, float], ...]:
+    """Named suspects that the ground explains whole, one of each kind and target, with the share that is left of it."""
+    known = {j.suspect.key for j in judged}
+    found: dict[tuple[str, str], tuple[Candidate, float]] = {}
+    for suspect in suspects:
+        if suspect.named and suspect.key not in known:
+            found.setdefault(suspect.key, (suspect, surviving(ground, suspect.Z)[1]))
+    return tuple(found.values())
+
+
+def _least(values: Array) -> Array:
+    """(B,) least log p-value of each flipped set."""
+    return np.asarray(values[:, 1:].min(axis=0, initial=0.0))
+
+
+def _cyclic(
+    ground: ProjectedBaseline, tangents: EffectSensitivities, case: Excitation
+) -> tuple[list[tuple[Candidate, float]], Array]:
+    """The strongest lines of every joint, and the least log p-value in each flipped set."""
+    rss = ground.rss
+    lowest = np.zeros(len(rss) - 1)
+    found: list[tuple[Candidate, float]] = []
+    for joint, name in enumerate(case.robot.joint_names):
+        if case.robot.joints[joint].type != "revolute" or case.span[joint] < 1e-3:
+            continue
+        q = tangents.residuals.data.q[:, joint]
+        cycles = CyclicError.grid(case.span[joint])
+        if not len(cycles):
+            continue
+        gains, most = scan_frequencies(ground, tangents.joints[joint], q, cycles)
+        lowest = np.minimum(lowest, log_p(most, rss[1:], 2, ground.freedom))
+        for k in _peaks(gains):
+            effect = CyclicError(joint=name, cycles=float(cycles[k]))
+            p = float(log_p(gains[k : k + 1], rss[:1], 2, ground.effective)[0])
+            found.append((Candidate(effect, tangents.columns(effect), len(cycles) / OVERSAMPLING), p))
+    return found, lowest
+
+
+def _peaks(gains: Array) -> list[int]:
+    """Indices of the highest local maxima."""
+    left = np.r_[True, gains[1:] >= gains[:-1]]
+    right = np.r_[gains[:-1] >= gains[1:], True]
+    peaks = np.flatnonzero(left & right)
+    return [int(k) for k in peaks[np.argsort(-gains[peaks])][:PEAKS]]

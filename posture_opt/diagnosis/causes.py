@@ -1,0 +1,113 @@
+"""Findings: each cause that a diagnosis names, with its size and what it brings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from posture_opt.diagnosis.extended_fit import Extended
+from posture_opt.diagnosis.geometry_causes import GeometryCause
+from posture_opt.diagnosis.held_out import Folds, HeldOut, held_out
+from posture_opt.diagnosis.linear_model import LinearModel
+from posture_opt.diagnosis.noise_causes import NoiseCause
+from posture_opt.diagnosis.other_session import Gain
+from posture_opt.diagnosis.search import SearchResult
+from posture_opt.model.effects import Effect, NoiseEffect
+from posture_opt.numerics import Codes, Progress
+from posture_opt.units import DIMENSIONS
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One cause with its size.
+
+    Args:
+        estimate: parameter -> (value, standard error, SI unit).
+        p_value: family-wise, of the data without this cause.
+        gain: relative drop of the cross-validated RMS that it brings.
+        confounded_with: (kind, target) that could stand for it.
+        effect, noise: what it is in a problem file, if it moves the tool point, or spreads it or its measurements.
+        interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
+    """
+
+    kind: str
+    target: str
+    estimate: Mapping[str, tuple[float, float, str]]
+    p_value: float
+    gain: float
+    confounded_with: tuple[tuple[str, str], ...] = ()
+    effect: Effect | None = None
+    interval: tuple[float, float] | None = None
+    noise: NoiseEffect | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry of ``effects`` in ``diagnosis.json``."""
+        interval = {} if self.interval is None else {"gain_interval95": list(self.interval)}
+        return {
+            "kind": self.kind,
+            "target": self.target,
+            "estimate": {n: {"value": v, "std": s, "unit": u} for n, (v, s, u) in self.estimate.items()},
+            "p_value": self.p_value,
+            "gain": self.gain,
+            **interval,
+            "confounded_with": [{"kind": k, "target": t} for k, t in self.confounded_with],
+        }
+
+
+def effect_findings(
+    found: SearchResult, model: Extended, whole: HeldOut, parts: Folds, groups: Codes, tell: Progress
+) -> list[Finding]:
+    """The named effects of a search with their fitted sizes, and what the cross-validation loses without each."""
+    named = [i for i, s in enumerate(found.chosen) if s.named]
+    findings = []
+    about = LinearModel.of(model)
+    for place, i in enumerate(named):
+        gain = Gain.of(whole.errors, held_out(model, parts, place, about=about).errors, groups)
+        rivals = tuple((r.kind, r.target) for r in found.rivals[i])
+        fitted = _effect(model, place)
+        findings.append(
+            Finding(
+                fitted.kind, fitted.target, _estimate(model, place), found.p_values[i], gain.value, rivals, fitted,
+                (gain.low, gain.high),
+            )
+        )  # fmt: skip
+        tell(place + 1, len(named))
+    return findings
+
+
+def _effect(model: Extended, place: int) -> Effect:
+    effect = model.suspects[place].what
+    assert isinstance(effect, Effect)
+    return effect.with_estimate(model.theta[model.slices[place]].tolist())
+
+
+def _estimate(model: Extended, place: int) -> dict[str, tuple[float, float, str]]:
+    """Parameter, or shape, -> (value, standard error, SI unit)."""
+    effect, part = _effect(model, place), model.slices[place]
+    rows = zip(effect.dimensions, model.theta[part], model.std[part], strict=True)
+    estimate = {name: (float(v), float(s), _unit(dimension)) for (name, dimension), v, s in rows}
+    for name in effect.shape:
+        value, error = float(getattr(effect, name)), model.shape_std.get(place, float("nan"))
+        estimate[name] = (value, error if name == "cycles" else value * error, "")  # of a travel: of its logarithm
+    return estimate
+
+
+def _unit(dimension: str) -> str:
+    return "1" if dimension == "ratio" else DIMENSIONS[dimension][0]
+
+
+def noise_finding(cause: NoiseCause) -> Finding:
+    """A kind of noise as a finding: it brings nothing to the errors themselves."""
+    effect = cause.effect
+    return Finding(effect.kind, effect.target, cause.estimate, cause.p_value, 0.0, cause.confounded_with, noise=effect)
+
+
+def geometry_finding(cause: GeometryCause, held: Mapping[str, HeldOut]) -> Finding:
+    """A geometric cause as a finding; the gain is that of all calibrated geometry."""
+    gain = 1 - held["calibrated"].rms / held["nominal"].rms
+    if cause.parameter is None:
+        return Finding(cause.kind, cause.target, {}, cause.p_value, gain)
+    last = cause.parameter.name.rpartition(".")[2]
+    estimate = {last: (cause.deviation, cause.std, cause.parameter.unit)}
+    return Finding(cause.kind, cause.target, estimate, cause.p_value, gain, cause.confounded_with)

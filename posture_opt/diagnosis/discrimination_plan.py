@@ -1,0 +1,185 @@
+"""``split_plan``: the measurements that would tell named effects from what they could be confused with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.diagnosis.discrimination_candidates import further_rows
+from posture_opt.diagnosis.extended_fit import Extended
+from posture_opt.diagnosis.linearised_data import LinearisedData
+from posture_opt.diagnosis.model_discrimination import Duels, Rivals
+from posture_opt.diagnosis.noncentrality import ENOUGH, Parting, chance
+from posture_opt.errors import InputError
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.numerics import Array, Mask
+
+Mask = Mask
+Steps = Sequence[tuple[int, Array]]
+
+POSTURES = 10  # in a plan; more measurements are rounds of them
+_LEAST = 5  # so that no single reading decides
+_MOST = 300  # measurements: what takes more is no matter of postures
+_PAIRS, _TRIES = 12, 3  # that a plan is made for, the weakest, and how often those are added that it leaves weak
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """How well an effect is told from one that could stand for it.
+
+    Args:
+        angle: the least between what the two do to the data, beside the geometry and the other effects [rad].
+        now: noncentrality λ of what tells them apart in the data, whichever of the two is the true one; the worse.
+        then: the same with what was planned; what the data promised and did not keep is taken off.
+        count: measurements of the plan that it takes for 90 %; None where no postures tell them apart.
+    """
+
+    kind: str
+    target: str
+    angle: float
+    now: float
+    then: float
+    count: int | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers; the angle in rad."""
+        return {
+            "kind": self.kind, "target": self.target, "angle": self.angle, "lambda_now": self.now,
+            "lambda": self.then, "chance": chance(self.then), "count": self.count,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class SplitPlan:
+    """Measurements that tell effects from their rivals.
+
+    Args:
+        splits: by the place of the effect in the model, each of its rivals.
+        counts: by that place, measurements of the plan after which one of all these is left, with 90 %, whichever it
+            is; those left out that no postures part, and None where they part none.
+        rows: what to measure, the most telling first; without any where no postures help.
+        rounds: how often.
+        sided: (n,) the joints whose side of arrival matters.
+    """
+
+    splits: Mapping[int, tuple[Split, ...]]
+    counts: Mapping[int, int | None]
+    rows: Measurements
+    rounds: int
+    sided: tuple[int, ...]
+
+    def postures(self, count: int | None = None) -> list[dict[str, Any]]:
+        """The first postures, with side and payload where they matter [rad, m, kg]."""
+        rows, found = self.rows, []
+        for i in range(len(rows) if count is None else min(count, len(rows))):
+            one: dict[str, Any] = {"posture": dict(zip(rows.joint_names, map(float, rows.q[i]), strict=True))}
+            if self.sided:
+                one["approach"] = {rows.joint_names[j]: int(rows.approach[i, j]) for j in self.sided}
+            if rows.payload is not None:
+                one["payload"] = float(rows.payload[i])
+            found.append(one)
+        return found
+
+    def to_json(self, place: int) -> dict[str, Any]:
+        """The entry ``split`` of an effect: its weakest rival sets the pace."""
+        splits = self.splits[place]
+        return {
+            "angle": min(s.angle for s in splits),
+            "lambda_now": min(s.now for s in splits),
+            "lambda": min((s.then for s in splits if s.count is not None), default=None),
+            "count": self.counts[place],
+            "postures": self.postures(self.counts[place] or 0),
+            "rivals": [s.to_json() for s in splits],
+        }
+
+
+def split_plan(
+    problem: CalibrationProblem, scene: LinearisedData, model: Extended, rivals: Rivals, seed: int = 0
+) -> SplitPlan | None:
+    """Postures that part the effects of a model from their rivals; None where nothing could be confused.
+
+    One list for all pairs, those among the rivals of one effect too: each posture in turn is the one after which the
+    two that are hardest to tell apart are told best, and then exchanged as long as that helps. Geometry is fitted anew
+    in all of it, and is known beforehand to 10 mm and 1 deg only, so that postures far from the data do not promise
+    too much.
+
+    Args:
+        rivals: by the place of an effect in the model, the suspects that could stand for it.
+    """
+    duels = Duels.of(scene, model, rivals)
+    if not duels.all or scene.tangents.residuals.data.touches:
+        return None
+    try:
+        rows = further_rows(scene.tangents.residuals, duels.joints, bool(duels.sided), seed)
+    except InputError:  # a slide without limits has no room to plan in
+        return None
+    parting, now = duels.parting(problem, rows)
+    far = _bouts(parting.strengths(parting.after(range(len(rows)), _MOST / max(len(rows), 1))))
+    possible = far >= ENOUGH
+    chosen = _chosen(parting, now, possible)
+    steps = list(_steps(parting, chosen, possible)) if chosen else []
+    places = np.array([place for place, _, _ in duels.bouts])
+    splits = _splits(duels, now, steps, possible)
+    return SplitPlan(
+        splits=splits,
+        counts={place: _count(steps, places == place, possible) for place in splits},
+        rows=rows.take(np.array(chosen, dtype=np.intp)),
+        rounds=max(steps[-1][0] // len(chosen), 1) if steps else 1,
+        sided=duels.sided,
+    )
+
+
+def _splits(duels: Duels, now: Array, steps: Steps, possible: Mask) -> dict[int, tuple[Split, ...]]:
+    """By the place of each effect how it stands against its rivals."""
+    found: dict[int, tuple[Split, ...]] = {}
+    for k, duel in enumerate(duels.all):
+        b = duels.bouts.index((duel.place, duel.place, len(duels.model.suspects) + k))
+        then = float(steps[-1][1][b]) if steps else 0.0
+        count = _count(steps, np.arange(len(possible)) == b, possible)
+        least = float(now[2 * b : 2 * b + 2].min())
+        one = Split(duel.rival.kind, duel.rival.target, duel.angle, least, then, count)
+        found[duel.place] = (*found.get(duel.place, ()), one)
+    return found
+
+
+def _chosen(parting: Parting, now: Array, possible: Mask) -> list[int]:
+    """Candidates for the bouts that are weakest now; if that leaves others weak, for these with them."""
+    sides = np.flatnonzero(np.repeat(possible, 2))
+    asked = [int(k) for k in sides[np.argsort(now[sides])][:_PAIRS]]
+    chosen: list[int] = []
+    for _ in range(_TRIES if asked else 0):
+        chosen = parting.only(asked).chosen(_LEAST, POSTURES)
+        reached = parting.strengths(parting.after(chosen))[sides]
+        weak = [int(k) for k in sides[np.argsort(reached)][: _PAIRS // 2] if k not in asked]
+        if not weak or reached.min() >= ENOUGH:
+            break
+        asked += weak
+    return chosen
+
+
+def _steps(parting: Parting, chosen: list[int], possible: Mask) -> Iterator[tuple[int, Array]]:
+    """(how many measurements, λ of every bout) as the plan grows, posture by posture and then round by round."""
+    for n in range(min(_LEAST, len(chosen)), len(chosen) + 1):
+        reached = _bouts(parting.strengths(parting.after(chosen[:n])))
+        yield n, reached
+    for rounds in range(2, _MOST // len(chosen) + 1):
+        if reached[possible].min() >= ENOUGH:
+            return
+        reached = _bouts(parting.strengths(parting.after(chosen, rounds)))
+        yield rounds * len(chosen), reached
+
+
+def _count(steps: Steps, asked: Mask, possible: Mask) -> int | None:
+    """How many measurements it takes for all bouts that are asked for and possible; None where none is, or too many."""
+    asked = asked & possible
+    enough = [count for count, reached in steps if asked.any() and reached[asked].min() >= ENOUGH]
+    return min(enough, default=None)
+
+
+def _bouts(strengths: Array) -> Array:
+    """(bouts,) the weaker of the two sides of each."""
+    return np.asarray(np.maximum(strengths.reshape(-1, 2).min(axis=1), 0.0))

@@ -1,0 +1,161 @@
+"""Geometry as a cause: few wrong parameters are named one by one, many are calibrated together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.calibration.parameters import Parameter
+from posture_opt.calibration.residuals import Residuals
+from posture_opt.diagnosis.candidates import Candidate
+from posture_opt.diagnosis.extended_fit import Extended, fit_extended
+from posture_opt.numerics import Array
+
+LEVEL = 0.01
+FEW = 3
+_RIVALS = 6.0
+_SLIGHT = 1e-3  # of what the other parameters of its unit do
+
+KINDS = {
+    "theta": "joint_offset",
+    "yaw": "joint_offset",
+    "a": "link_length",
+    "x": "link_length",
+    "y": "link_length",
+    "d": "link_offset",
+    "z": "link_offset",
+    "alpha": "link_twist",
+    "roll": "link_twist",
+    "pitch": "link_twist",
+    "beta": "axis_tilt",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class GeometryCause:
+    """A geometric cause: the deviation of one parameter with its error, or all of them (``parameter`` None)."""
+
+    kind: str
+    target: str
+    parameter: Parameter | None
+    deviation: float
+    std: float
+    p_value: float
+    confounded_with: tuple[tuple[str, str], ...] = ()
+
+
+def kind_of(parameter: Parameter) -> tuple[str, str]:
+    """(kind, target) of a geometric parameter."""
+    prefix, _, last = parameter.name.rpartition(".")
+    if parameter.group in ("base", "tool"):
+        return f"{parameter.group}_frame", parameter.group
+    prismatic_value = last == "d" and parameter.unit == "rad"
+    return ("joint_offset" if prismatic_value else KINDS[last]), prefix
+
+
+def geometry_causes(
+    residuals: Residuals, x_frames: Array, known: Array, full: Extended, suspects: Sequence[Candidate]
+) -> list[GeometryCause]:
+    """The geometric causes beside the suspects.
+
+    Args:
+        x_frames: (k,) deviations with only what is free fitted; known: (k, f) directions of what is free.
+        full: everything fitted.
+    """
+    nominal = fit_extended(residuals, x_frames, known, suspects)
+    p = _f_test(nominal, full)
+    if p > LEVEL:
+        return []
+    few = _few(residuals, x_frames, known, full, suspects)
+    if few is not None:
+        return few
+    return [GeometryCause("geometry", "all", None, 0.0, 0.0, p)]
+
+
+def _rss(model: Extended) -> float:
+    r = model.whitened()
+    return float(r @ r)
+
+
+def _f_test(small: Extended, large: Extended) -> float:
+    """p-value of the F test of what the large model has more."""
+    from scipy.special import fdtrc
+
+    more = large.directions.shape[1] - small.directions.shape[1]
+    m = len(large.residuals.data) * large.residuals.block
+    left = m - large.directions.shape[1] - len(large.theta)
+    if more <= 0 or left <= 0:
+        return 1.0
+    gain = max(_rss(small) - _rss(large), 0.0)
+    return float(fdtrc(more, left, gain / more / (_rss(large) / left)))
+
+
+def _few(
+    residuals: Residuals, x_frames: Array, known: Array, full: Extended, suspects: Sequence[Candidate]
+) -> list[GeometryCause] | None:
+    """Up to three parameters beside which the others add nothing, or nothing where there are no such three."""
+    chosen: list[int] = []
+    model = fit_extended(residuals, x_frames, known, suspects)
+    frames = {i for i in range(len(x_frames)) if np.any(known[i])}
+    while len(chosen) < FEW:
+        gains = _single_gains(model, [i for i in range(len(x_frames)) if i not in chosen and i not in frames])
+        if not gains:
+            return None
+        chosen.append(max(gains, key=lambda i: gains[i]))
+        model = fit_extended(residuals, x_frames, _with(known, chosen, len(x_frames)), suspects)
+        if _f_test(model, full) > LEVEL:
+            return _causes(residuals, x_frames, known, model, chosen, suspects)
+    return None
+
+
+def _with(known: Array, chosen: Sequence[int], k: int) -> Array:
+    single = np.zeros((k, len(chosen)))
+    single[list(chosen), range(len(chosen))] = 1e-3  # a mm, a mrad: near one unit of the other directions
+    return np.concatenate([known, single], axis=1)
+
+
+def _single_gains(model: Extended, candidates: Sequence[int]) -> dict[int, float]:
+    """Drop of the sum of squares by each parameter alone, to first order about a model."""
+    residuals = model.residuals
+    rows = len(residuals.data) * residuals.block
+    r = model.whitened()
+    J = residuals.both(model.x)[1][:rows]
+    A = np.concatenate([J @ model.directions, model.columns], axis=1)
+    norms = np.linalg.norm(A, axis=0)
+    Q = np.linalg.qr(A / np.where(norms > 0, norms, 1.0))[0] if A.shape[1] else np.zeros((rows, 0))
+    lengths = np.linalg.norm(J, axis=0)
+    most = {p.unit: max(n for o, n in zip(residuals.parameters, lengths, strict=True) if o.unit == p.unit)
+            for p in residuals.parameters}  # fmt: skip
+    gains = {}
+    for i in candidates:
+        column = J[:, i]
+        rest = column - Q @ (Q.T @ column)
+        # What tilts a planar arm out of its plane acts in it to second order only: no cause of first order.
+        if np.linalg.norm(rest) > max(1e-4 * lengths[i], _SLIGHT * most[residuals.parameters[i].unit], 1e-300):
+            gains[i] = float((rest @ r) ** 2 / (rest @ rest))
+    return gains
+
+
+def _causes(
+    residuals: Residuals, x_frames: Array, known: Array, model: Extended, chosen: list[int],
+    suspects: Sequence[Candidate],
+) -> list[GeometryCause]:  # fmt: skip
+    causes = []
+    rss, m = _rss(model), len(residuals.data) * residuals.block
+    f = known.shape[1]
+    for place, i in enumerate(chosen):
+        rest = [j for j in chosen if j != i]
+        without = fit_extended(residuals, x_frames, _with(known, rest, len(x_frames)), suspects)
+        others = _single_gains(without, [j for j in range(len(x_frames)) if j not in chosen and not np.any(known[j])])
+        limit = rss * np.exp(_RIVALS / m)
+        rivals = [kind_of(residuals.parameters[j]) for j, gain in others.items() if _rss(without) - gain <= limit]
+        kind, target = kind_of(residuals.parameters[i])
+        deviation = float(model.x[i] - x_frames[i]) + float(x_frames[i])
+        std = float(np.sqrt(max(model.covariance[f + place, f + place], 0.0))) * 1e-3
+        causes.append(
+            GeometryCause(kind, target, residuals.parameters[i], deviation, std, _f_test(without, model),
+                          tuple(dict.fromkeys(r for r in rivals if r != (kind, target))))
+        )  # fmt: skip
+    return causes

@@ -1,0 +1,125 @@
+"""Whether anything is left that no candidate explains: lack of fit against repeats, and structure of any shape."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.diagnosis.score_tests import ProjectedBaseline, tail
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.repeat_groups import stays
+from posture_opt.numerics import Array, Codes
+
+LEVEL = 0.006
+_ROWS = 1200  # of a kernel: more are thinned out
+_SCALES = (0.5, 0.15)  # of the range of a joint
+_FIELD = (0.5, 0.2)  # of the size of the workspace
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """What is left: p-value of lack of fit and of structure, and the variable along which it is seen most clearly."""
+
+    lack_of_fit: float
+    structure: float
+    place: str
+
+    @property
+    def p_value(self) -> float:
+        """Of both tests together."""
+        return float(min(1.0, 2 * min(self.lack_of_fit, self.structure)))
+
+
+def adequacy(ground: ProjectedBaseline, data: Measurements, points: Array, block: int) -> Adequacy:
+    """Both tests on what a ground leaves of the residuals; ``points`` (N, 3) [m] are the measured ones."""
+    structure, place = _structure(ground, data, points, block)
+    return Adequacy(_lack_of_fit(ground, data, block), structure, place)
+
+
+def _lack_of_fit(ground: ProjectedBaseline, data: Measurements, block: int) -> float:
+    """F test of the scatter about the model against the scatter between visits of one pose with one target.
+
+    Readings of one visit share the joints' scatter, so they count by their mean: against the instrument alone every
+    arm would look wrong. A mean of more readings is surer where the instrument scatters most, and no surer where the
+    joints do; which it is nobody knows, so the p-value is the larger of both.
+    """
+    from scipy.special import fdtrc
+
+    visit = stays(data)
+    cell, first, size = _groups(visit, data.target)
+    code, _, visits = _groups(data.pose[first], data.target[first])
+    # The targets of one visit share its scatter too: so many residuals tell as much as one.
+    shared = len(size) / (visit[-1] + 1)
+    pure_freedom = int((visits - 1).sum()) * block / shared
+    freedom = (len(size) * block - ground.Q.shape[1]) / shared - pure_freedom
+    if pure_freedom < 12 or freedom < 1:
+        return 1.0
+    e = _means(ground.e.reshape(-1, block), cell, np.ones(len(cell)))
+    ratios = []
+    for weights in (size.astype(float), np.ones(len(size))):
+        pure = float(np.sum(weights[:, None] * (e - _means(e, code, weights)[code]) ** 2))
+        left = float(np.sum(weights[:, None] * e**2)) - pure
+        ratios.append((left / freedom) / max(pure / pure_freedom, 1e-300))
+    return float(fdtrc(freedom, pure_freedom, max(min(ratios), 0.0)))
+
+
+def _groups(*codes: Codes) -> tuple[Codes, Codes, Codes]:
+    """(N,) the group of rows that agree in all codes, and of each group its first row and how many it has."""
+    found = np.unique(np.column_stack(codes), axis=0, return_index=True, return_inverse=True, return_counts=True)
+    return found[2].ravel(), found[1], found[3]
+
+
+def _means(e: Array, code: Codes, weights: Array) -> Array:
+    """(G, block) weighted means of rows (N, block) of one code."""
+    total = np.bincount(code, weights)
+    return np.stack([np.bincount(code, weights * column) / total for column in e.T], axis=1)
+
+
+def _structure(ground: ProjectedBaseline, data: Measurements, points: Array, block: int) -> tuple[float, str]:
+    """Whether residuals of neighbours are alike: ``eᵀ K e`` of many kernels against flipped signs."""
+    N = len(data)
+    rows = np.arange(N) if N <= _ROWS else np.sort(np.random.default_rng(0).choice(N, _ROWS, replace=False))
+    series = ground.flipped.reshape(N, block, -1)[rows]
+    names, values = [], []
+    for name, K in _kernels(data, points, rows):
+        np.fill_diagonal(K, 0.0)
+        # The same pose is alike with itself, that is repeatability and no structure.
+        K[data.pose[rows][:, None] == data.pose[rows][None, :]] = 0.0
+        smooth = np.tensordot(K, series, axes=(1, 0))
+        values.append(np.einsum("nbf,nbf->f", series, smooth))
+        names.append(name)
+    table = np.stack(values)
+    centre, spread = table[:, 1:].mean(axis=1), table[:, 1:].std(axis=1)
+    z = (table - centre[:, None]) / np.maximum(spread, 1e-300)[:, None]
+    most = z[:, 1:].max(axis=0)
+    best = int(np.argmax(z[:, 0]))
+    return tail(most, float(z[best, 0])), names[best]
+
+
+def _kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[tuple[str, Array]]:
+    q = data.q[rows]
+    for j, name in enumerate(data.joint_names):
+        span = float(np.ptp(q[:, j]))
+        if span < 1e-6:
+            continue
+        for scale in _SCALES:
+            near = _gaussian(q[:, j : j + 1] / (scale * span))
+            yield name, near
+        side = np.sign(data.approach[rows, j])
+        if len(np.unique(side)) > 1:
+            yield f"side of {name}", np.outer(side, side) * _gaussian(q[:, j : j + 1] / (_SCALES[0] * span))
+    size = float(np.linalg.norm(np.ptp(points[rows], axis=0)))
+    for scale in _FIELD:
+        yield "tool point", _gaussian(points[rows] / max(scale * size, 1e-9))
+    for name in ("time", "payload", "temperature"):
+        values = getattr(data, name)
+        values = np.arange(len(data), dtype=float) if values is None and name == "time" else values
+        if values is not None and np.ptp(values[rows]) > 0:
+            yield name, _gaussian(values[rows][:, None] / (0.15 * np.ptp(values[rows])))
+
+
+def _gaussian(x: Array) -> Array:
+    square = np.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=2)
+    return np.asarray(np.exp(-0.5 * square))

@@ -1,0 +1,94 @@
+"""The residuals of a calibrated arm, ready for a search, and the directions of what is free in the arm as it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.effect_sensitivities import EffectSensitivities, case_of
+from posture_opt.calibration.identifiability import identify
+from posture_opt.diagnosis.candidates import Candidate
+from posture_opt.diagnosis.score_tests import ProjectedBaseline
+from posture_opt.model.effects import Excitation
+from posture_opt.numerics import Array, Codes
+
+
+@dataclass(frozen=True, eq=False)
+class LinearisedData:
+    """The residuals of a calibrated arm with what could explain them.
+
+    Args:
+        r: (m,) whitened residuals.
+        G: (m, k) columns of the geometry that the data determine.
+        groups: (m,) the pose of every residual.
+        count: the number of residuals, more than m in a `reduced` scene.
+        design: so many residuals tell as much as one alone would, as neighbouring postures err alike.
+    """
+
+    tangents: EffectSensitivities
+    case: Excitation
+    r: Array
+    G: Array
+    groups: Codes
+    flips: int = 299
+    seed: int = 0
+    count: int = 0
+    design: float = 1.0
+
+    def ground(self, chosen: Sequence[Candidate] = (), flips: int | None = None) -> ProjectedBaseline:
+        """What is left after the geometry and the chosen suspects."""
+        columns = np.concatenate([self.G, *(s.Z for s in chosen)], axis=1)
+        flips = self.flips if flips is None else flips
+        return ProjectedBaseline.of(self.r, columns, self.groups, flips, self.seed, self.count, self.design)
+
+    def reduced(self, members: Sequence[Candidate]) -> tuple[LinearisedData, list[Candidate]]:
+        """The same scene and members in coordinates of the space that geometry and members span.
+
+        One more coordinate stands for all that lies outside; what members are worth given each other is the same.
+        """
+        columns = np.concatenate([self.G, *(s.Z for s in members)], axis=1)
+        Q, R = np.linalg.qr(columns)
+        inside = Q.T @ self.r
+        r = np.r_[inside, np.linalg.norm(self.r - Q @ inside)]
+        R = np.concatenate([R, np.zeros((1, R.shape[1]))])
+        edges = np.cumsum([self.G.shape[1], *(s.Z.shape[1] for s in members)])
+        parts = [replace(s, Z=R[:, a:b]) for s, a, b in zip(members, edges[:-1], edges[1:], strict=True)]
+        groups = np.zeros(len(r), dtype=np.intp)
+        count = self.count or len(self.r)
+        return replace(self, r=r, G=R[:, : self.G.shape[1]], groups=groups, flips=0, count=count), parts
+
+
+def scene_of(calibration: Calibration, flips: int = 299, seed: int = 0) -> LinearisedData:
+    """The residuals of a calibrated arm, without its outliers, ready for a search."""
+    kept = np.setdiff1d(np.arange(len(calibration.residuals.data)), calibration.outliers)
+    residuals = calibration.residuals.take(kept)
+    r, J = residuals.both(calibration.x)
+    rows = len(kept) * residuals.block
+    tangents = EffectSensitivities(residuals, calibration.x)
+    poses = np.repeat(np.unique(residuals.data.pose, return_inverse=True)[1], residuals.block)
+    G = J[:rows] @ calibration.identifiability.directions
+    return LinearisedData(tangents, case_of(residuals.data, residuals.robot), r[:rows], G, poses, flips, seed)
+
+
+def points_of(scene: LinearisedData) -> Array:
+    """(N, 3) the tool points of the rows [m]."""
+    n = len(scene.tangents.residuals.data)
+    return np.stack([np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in scene.tangents.walk.position], axis=1)
+
+
+def frame_directions(calibration: Calibration) -> Array:
+    """Directions of what is free in the arm as it stands: frames and touched points."""
+    robot = calibration.residuals.robot
+    groups = {"point"} | ({"base"} if robot.base_free else set()) | ({"tool"} if robot.tool_free else set())
+    columns = [i for i, p in enumerate(calibration.parameters) if p.group in groups]
+    k = len(calibration.parameters)
+    if not columns:
+        return np.zeros((k, 0))
+    J = calibration.residuals.both(calibration.x_nominal)[1][:, columns]
+    part = identify([calibration.parameters[i].name for i in columns], J, len(calibration.residuals.data))
+    directions = np.zeros((k, part.rank))
+    directions[columns] = part.directions
+    return directions

@@ -1,0 +1,175 @@
+"""``MeasuredGoals``: goals that were measured in several postures, and what each model would have chosen there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from posture_opt.diagnosis.diagnosis import Diagnosis
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.repeat_groups import rows_of
+from posture_opt.measurements.row_inputs import extended_for
+from posture_opt.problem.problem import Problem
+from posture_opt.selection.goal import Goal
+from posture_opt.selection.reach import Reach
+from posture_opt.uncertainty.ball import central_radii
+from posture_opt.uncertainty.tool_point import ToolPoint
+
+Floats = np.ndarray
+Postures = Sequence[np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """One posture chosen for every goal, and what was measured there.
+
+    Args:
+        missed: (G,) distance from the goal in the chosen posture, in the part that the task cares about [m].
+        elsewhere: (G,) its mean over the other postures of the goal [m].
+        better: share of the goals where no other posture misses by less.
+    """
+
+    missed: Floats
+    elsewhere: Floats
+    better: float
+
+    @classmethod
+    def of(cls, errors: Floats, preference: Floats, goals: Sequence[Postures]) -> Choice:
+        """The posture of least ``preference`` (N,) of every goal, by the ``errors`` (N,) of all rows [m]."""
+        missed, elsewhere, better = [], [], 0
+        for postures in goals:
+            sizes = np.array([errors[rows].mean() for rows in postures])
+            chosen = int(np.argmin([preference[rows].mean() for rows in postures]))
+            missed.append(sizes[chosen])
+            elsewhere.append(np.delete(sizes, chosen).mean())
+            better += bool(sizes[chosen] <= sizes.min())
+        return cls(np.array(missed), np.array(elsewhere), better / len(goals))
+
+    def hits(self, clearance: float) -> float:
+        """Share of the goals that are met within a clearance [m]."""
+        return float(np.mean(self.missed <= clearance))
+
+    def to_json(self, clearance: float | None = None) -> dict[str, Any]:
+        """Lengths [m]: median and what 95 % of the goals stay below; the share that meets the clearance."""
+        return {
+            "missed": _quantiles(self.missed), "missed_elsewhere": _quantiles(self.elsewhere), "better": self.better,
+            "success": None if clearance is None else self.hits(clearance),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredGoals:
+    """What the data say of the postures that models choose among those in which a goal was measured.
+
+    Args:
+        goals: how many; ``postures`` in all of them.
+        within: the part of an error that counts: ``across`` the task's direction, ``along`` it, or ``all``.
+        sent: by model, the posture in which it predicts the least scatter, with the tool sent there by this model:
+            what is missed is what the model gets wrong of rows that it has not seen; the effects
+            themselves were chosen on all rows.
+        uncorrected: by model, the posture in which it predicts the arm as it stands to miss by least, and what the
+            arm misses there with the tool sent as ever; the model as it stands predicts no miss anywhere.
+        anyhow: (G,) mean of what the arm as it stands misses over the postures of each goal [m].
+        chance: share of the goals in which a blind choice is the better one.
+        clearance: of the task [m]; None without one.
+    """
+
+    goals: int
+    postures: int
+    within: str
+    sent: Mapping[str, Choice]
+    uncorrected: Mapping[str, Choice]
+    anyhow: Floats
+    chance: float
+    clearance: float | None = None
+
+    @property
+    def margin(self) -> float:
+        """How far the share of better choices strays by chance, 95 %."""
+        return float(1.96 * np.sqrt(self.chance * (1 - self.chance) / self.goals))
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry ``goals`` of ``posture`` in ``diagnosis.json``."""
+        return {
+            "goals": self.goals, "postures": self.postures, "within": self.within, "better_by_chance": self.chance,
+            "sent": {name: choice.to_json(self.clearance) for name, choice in self.sent.items()},
+            "uncorrected": {
+                "any_posture": _quantiles(self.anyhow),
+                **{name: choice.to_json(self.clearance) for name, choice in self.uncorrected.items()},
+            },
+        }  # fmt: skip
+
+
+def measured_goals(diagnosis: Diagnosis, models: Mapping[str, Problem]) -> MeasuredGoals | None:
+    """What each model would have chosen where a goal was measured in several postures; None without such goals.
+
+    Every row counts as predicted by a model that has not seen its group of the cross-validation. A goal is one
+    commanded place of one target under one payload.
+
+    Args:
+        models: ``nominal``, ``calibrated`` and ``extended``, base and tool where the measurements saw them.
+    """
+    data = diagnosis.model.residuals.data
+    goals = goals_in_postures(data)
+    task = models["nominal"].task
+    if not goals or task is None:
+        return None
+    B = _basis(models["nominal"])
+    errors = {name: diagnosis.held[name].errors @ B for name in models}
+    missed = {name: np.linalg.norm(e, axis=1) for name, e in errors.items()}
+    sent = {name: Choice.of(missed[name], _scatter(models, name, data, B), goals) for name in models}
+    believed = {name: np.linalg.norm(errors["nominal"] - e, axis=1) for name, e in errors.items() if name != "nominal"}
+    return MeasuredGoals(
+        goals=len(goals),
+        postures=sum(map(len, goals)),
+        within=task.within,
+        sent=sent,
+        uncorrected={name: Choice.of(missed["nominal"], size, goals) for name, size in believed.items()},
+        anyhow=np.array([np.mean([missed["nominal"][rows].mean() for rows in postures]) for postures in goals]),
+        chance=float(np.mean([1 / len(postures) for postures in goals])),
+        clearance=task.clearance if task.within == "across" else None,
+    )
+
+
+def goals_in_postures(data: Measurements) -> list[Postures]:
+    """For every goal with two postures or more, the rows of each posture."""
+    if data.position is None or not data.goal_given:
+        return []
+    payload = np.zeros(len(data)) if data.payload is None else data.payload
+    where = np.unique(np.column_stack([data.goal, data.target, payload]), axis=0, return_inverse=True)[1].ravel()
+    found = [[rows[mine] for mine in rows_of(data.pose[rows])] for rows in rows_of(where)]
+    return [postures for postures in found if len(postures) > 1]
+
+
+def _basis(problem: Problem) -> Floats:
+    """(3, m) the part of an error that the task cares about, world; of an arm in a plane, in its plane."""
+    assert problem.task is not None
+    reach = Reach.of(problem.robot, problem.task.tool_axis)
+    goal = Goal.of(problem.task, reach)
+    if problem.task.within == "along":
+        return goal.direction[:, None]
+    planar = reach.normals.shape[1] == 1
+    if problem.task.within == "across":
+        return goal.basis[:, :1] if planar else goal.basis
+    return reach.directions if planar else np.eye(3)
+
+
+def _scatter(models: Mapping[str, Problem], name: str, data: Measurements, B: Floats) -> Floats:
+    """(N,) distance that 95 of 100 visits stay within, as a model predicts it for the posture of every row [m].
+
+    As for the task itself, a model that states no scatter takes that of the extended one.
+    """
+    problem = models[name]
+    if problem.sources.empty and problem.robot.extension is None:
+        problem = replace(problem, sources=models["extended"].sources)
+    robot = extended_for(problem.robot, data)
+    moments = ToolPoint.of(robot, problem.sources).moments([np.ascontiguousarray(c) for c in data.q.T], complete=False)
+    C = np.broadcast_to(np.asarray(moments.covariance, dtype=float), (len(data), 3, 3))
+    return central_radii(0.95, B.T @ C @ B)
+
+
+def _quantiles(values: Floats) -> dict[str, float]:
+    return {"median": float(np.median(values)), "p95": float(np.quantile(values, 0.95))}

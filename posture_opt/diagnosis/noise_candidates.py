@@ -1,0 +1,210 @@
+"""Noise as a suspect: one joint noisier than stated, noise that grows with the range, a wrong stated σ, outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from posture_opt.diagnosis.score_tests import tail
+from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, StatedSigma
+from posture_opt.numerics import Array, Mask
+from posture_opt.validation.repeat_covariance import chance_sets
+
+_DRAWS = 399
+_COMMON = 0.1  # share of rows: so many gross errors are no outliers but the noise itself
+
+
+@dataclass(frozen=True)
+class NoiseCandidate:
+    """A kind of noise with its evidence: twice the log likelihood ratio, its family-wise p-value, and its size.
+
+    Args:
+        quantity: name and SI unit of ``size``: of a joint its σ, of range noise the growth of σ over the span of
+            ranges, of a stated σ the factor by which it is off.
+        named: the same as an effect of a problem file, if its size is not zero.
+        spread: (N, d) shift of the rows that goes with it, in units of what else they scatter by; ``None`` of a range.
+    """
+
+    kind: str
+    target: str
+    ratio: float
+    p_value: float
+    quantity: tuple[str, str]
+    size: float
+    std: float
+    named: Callable[[], NoiseEffect]
+    spread: Array | None = None
+
+    @property
+    def estimate(self) -> dict[str, tuple[float, float, str]]:
+        """Its size by name: value, standard error, SI unit."""
+        name, unit = self.quantity
+        return {name: (self.size, self.std, unit)}
+
+
+def standardised(e: Array, leverage: Array) -> Array:
+    """(N, d) residuals blown up by what the fit has taken from them: ``(I − H_ii)^(−1/2) e_i``."""
+    d = e.shape[1]
+    values, vectors = np.linalg.eigh(np.eye(d) * (1 + 1e-9) - leverage)
+    root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, 0.02)), vectors)
+    return np.asarray(np.einsum("nij,nj->ni", root, e))
+
+
+def uneven(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
+    """Every joint, and the range, as the cause of noise that is not the same everywhere.
+
+    The null lets the residuals of a visit point anywhere and visits change places, so that heavy tails alone raise
+    no alarm: each draw turns every visit at random and shuffles them.
+
+    Args:
+        e: (N, d) standardised residuals.
+    """
+    sets = np.concatenate([e[None], chance_sets(e, rows.visits, _DRAWS, np.random.default_rng(seed))])
+    patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
+    if not patterns:
+        return []
+    found = [_ratio(sets, pattern) for pattern in patterns]
+    most = np.stack([ratios for ratios, _, _ in found])[:, 1:].max(axis=0)
+    suspects = []
+    for pattern, (ratios, value, s2) in zip(patterns, found, strict=True):
+        ratio, size = float(ratios[0]), pattern.size(value, s2)
+        p, std = tail(most, ratio), pattern.error(value, s2)
+        named = partial(pattern.named, value, s2, std)
+        spread = None if pattern.unit is None else pattern.unit * np.sqrt(pattern.inflation(value) - 1)[:, None]
+        who = pattern.kind, pattern.target
+        suspects.append(NoiseCandidate(*who, ratio, p, pattern.quantity, size, std, named, spread))
+    return sorted(suspects, key=lambda s: -s.ratio)
+
+
+def _ratio(sets: Array, pattern: Pattern) -> tuple[Array, float, float]:
+    """(F,) twice the log likelihood ratio of noise of a pattern, and for the first set its best value with its s².
+
+    The ratio is the largest on the grid, in all sets alike; the best value lies on the parabola through its top.
+    """
+    _, N, d = sets.shape
+    total = np.einsum("fnd,fnd->fn", sets, sets)
+    along = None if pattern.unit is None else np.einsum("fnd,nd->fn", sets, pattern.unit) ** 2
+    null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
+    best, first = np.full(len(sets), -np.inf), []
+    for value in map(float, pattern.grid):
+        likelihood, _ = _likelihood(pattern, value, total, along, d)
+        first.append(float(likelihood[0]))
+        best = np.maximum(best, likelihood)
+    top = float(np.interp(_summit(first), np.arange(len(first)), pattern.grid))
+    s2 = _likelihood(pattern, top, total[:1], None if along is None else along[:1], d)[1]
+    return 2 * (best - null), top, float(s2[0])
+
+
+def _likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
+    """(F,) log likelihood and likeliest s² of noise of one size, from squares of residuals and their part along it."""
+    weighed, determinant, count = total, 0.0, total.shape[1] * d
+    if along is not None:
+        inflation = pattern.inflation(value)
+        weighed, determinant = (total - along) + along / inflation, float(np.log(inflation).sum())
+    level = pattern.level(value)
+    if level is not None:
+        weighed, determinant = weighed * np.exp(-level), determinant + d * float(level.sum())
+    s2 = weighed.sum(axis=1) / count
+    return -count / 2 * np.log(s2) - 0.5 * determinant, s2
+
+
+def _summit(values: list[float]) -> float:
+    """Where on the grid, between its points, the top of the parabola through the three highest lies."""
+    k = int(np.argmax(values))
+    if not 0 < k < len(values) - 1:
+        return float(k)
+    left, middle, right = values[k - 1 : k + 2]
+    bend = left - 2 * middle + right
+    return k + (0.5 * (left - right) / bend if bend < 0 else 0.0)
+
+
+def stated_sigma(variance: float, freedom: int, kurtosis: float) -> NoiseCandidate:
+    """Whether the residual variance in units of the stated one is 1; long tails, by their kurtosis, widen the test."""
+    from scipy.special import erfc
+
+    spread = np.sqrt(max(2 + kurtosis, 0.5) / max(freedom, 1))
+    # The logarithm of a variance is nearer to Gaussian than the variance.
+    z = float(np.log(max(variance, 1e-300)) / spread)
+    factor = float(np.sqrt(variance))
+    p, named = float(erfc(abs(z) / np.sqrt(2))), partial(StatedSigma, factor=factor)
+    return NoiseCandidate("stated_sigma", "data", z * z, p, ("factor", "1"), factor, factor * spread / 2, named)
+
+
+@dataclass(frozen=True)
+class Tails:
+    """How the lengths of residuals are spread: as Gaussian ones, with long tails, or with a few gross errors.
+
+    Args:
+        shape: the best of ``gaussian``, ``heavy``, ``outliers`` by the least BIC.
+        freedom: of Student's t that fits best.
+        share: of gross errors in the mixture.
+        rows: (N,) whether a row is rather a gross error, by the mixture.
+        evidence: BIC of the next best less that of the best.
+    """
+
+    shape: str
+    freedom: float
+    share: float
+    rows: Mask
+    evidence: float
+
+
+def tails(e: Array) -> Tails:
+    """Gaussian, Student's t, or Gaussian with a few gross errors: the law of residuals (N, d) of equal covariance."""
+    N, d = e.shape
+    squares = np.einsum("nd,nd->n", e, e)
+    gaussian = -2 * _gaussian(squares, d) + np.log(N)
+    student, freedom = _student(squares, d)
+    mixture, share, rows = _mixture(squares, d)
+    values = {
+        "gaussian": gaussian,
+        "heavy": -2 * student + 2 * np.log(N),
+        "outliers": -2 * mixture + 3 * np.log(N),
+    }
+    if not 0 < rows.sum() <= max(1.0, _COMMON * N):
+        values["outliers"] = np.inf
+    order = sorted(values, key=lambda name: values[name])
+    return Tails(order[0], freedom, share, rows, float(values[order[1]] - values[order[0]]))
+
+
+def _gaussian(squares: Array, d: int) -> float:
+    s2 = squares.mean() / d
+    return float(-len(squares) * d / 2 * (np.log(2 * np.pi * s2) + 1))
+
+
+def _student(squares: Array, d: int) -> tuple[float, float]:
+    from scipy.special import gammaln
+
+    best, freedom = -np.inf, np.inf
+    for nu in np.geomspace(1.5, 60, 40):
+        s2 = squares.mean() / d
+        for _ in range(30):
+            weights = (nu + d) / (nu + squares / s2)
+            s2 = float(np.mean(weights * squares) / d)
+        value = len(squares) * (gammaln((nu + d) / 2) - gammaln(nu / 2) - d / 2 * np.log(np.pi * nu * s2))
+        value -= (nu + d) / 2 * float(np.log1p(squares / (nu * s2)).sum())
+        if value > best:
+            best, freedom = float(value), float(nu)
+    return best, freedom
+
+
+def _mixture(squares: Array, d: int) -> tuple[float, float, Mask]:
+    """EM for ``(1 − w) N(0, s²) + w N(0, (f s)²)``, f at least 4."""
+    s2 = float(np.median(squares)) / d
+    share, wide = 0.02, max(float(squares.max()) / d, 25 * s2)
+    value = -np.inf
+    for _ in range(200):
+        good = np.log1p(-share) - d / 2 * np.log(2 * np.pi * s2) - squares / (2 * s2)
+        bad = np.log(share) - d / 2 * np.log(2 * np.pi * wide) - squares / (2 * wide)
+        total = np.logaddexp(good, bad)
+        weight = np.exp(bad - total)
+        former, value = value, float(total.sum())
+        if abs(value - former) < 1e-8 * abs(value):
+            break
+        share = float(np.clip(weight.mean(), 1e-6, 0.5))
+        s2 = float(np.sum((1 - weight) * squares) / (d * np.sum(1 - weight)))
+        wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), 16 * s2)
+    return value, share, np.asarray(weight > 0.5)

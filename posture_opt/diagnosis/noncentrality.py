@@ -1,0 +1,141 @@
+"""Which further measurements part two explanations of the same data: the noncentrality of what tells them apart.
+
+Of two explanations take one for true: its signature ``A s`` in all rows, in standard deviations, is what the other has
+to reach with the columns ``A_F`` that are fitted in its place, geometry and all else among them. What it cannot reach,
+
+``λ = min_β |A s − A_F β|² = sᵀ M s − sᵀ M_F M_FF⁻¹ M_Fᵀ s``  with the information  ``M = AᵀA``,
+
+grows by ``dᵀ (I + A_F M_FF⁻¹ A_Fᵀ)⁻¹ d`` with a new row whose discrepancy is ``d = A s − A_F β``. Nothing here knows of
+robots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posture_opt.numerics import Array, Codes
+
+THRESHOLD = 3.5  # √λ that is seen every other time at the level of the whole search
+ENOUGH = (THRESHOLD + 1.2816) ** 2
+"""λ that is seen nine times in ten: 22.9."""
+_RIDGE = 1e-10  # of the information of an average design
+_ROUNDING = 1e-12  # of the largest eigenvalue of an information
+_TIES = 1e-2  # weight of the mean over the pairs beside the weakest one
+_SWEEPS = 2
+
+
+def chance(strength: float) -> float:
+    """Probability ``Φ(√λ − 3.5)`` that a difference of noncentrality λ is seen."""
+    from scipy.special import ndtr
+
+    return float(ndtr(np.sqrt(max(strength, 0.0)) - THRESHOLD))
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """One explanation taken for true, and what is fitted in its place.
+
+    Args:
+        signature: (K,) coefficients of the true one.
+        fitted: (r,) columns that the other one has, with all that is fitted beside it.
+        spent: λ that the data promised and did not keep: it helps no more.
+    """
+
+    signature: Array
+    fitted: Codes
+    spent: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Parting:
+    """Pairs of explanations, what is known already, and what could be measured.
+
+    Args:
+        information: (K, K) of the data and of what is known beforehand.
+        A: (N, b, K) columns at the candidates, in standard deviations of a measurement.
+    """
+
+    pairs: tuple[Pair, ...]
+    information: Array
+    A: Array
+
+    @classmethod
+    def of(cls, pairs: Sequence[Pair], information: Array, A: Array) -> Parting:
+        """In columns of unit information of data and an average design, which any units are turned into."""
+        average = np.einsum("nbk,nbk->k", A, A) / max(len(A), 1)
+        scale = np.sqrt(np.maximum(np.diag(information) + average, 1e-300))
+        M = information / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+        return cls(tuple(replace(p, signature=p.signature * scale) for p in pairs), M, A / scale)
+
+    def only(self, pairs: Sequence[int]) -> Parting:
+        """Some of the pairs."""
+        return replace(self, pairs=tuple(self.pairs[k] for k in pairs))
+
+    def after(self, chosen: Sequence[int], rounds: float = 1.0) -> Array:
+        """(K, K) information once the chosen candidates are measured so many times."""
+        flat = self.A[list(chosen)].reshape(-1, self.A.shape[-1])
+        return np.asarray(self.information + rounds * flat.T @ flat)
+
+    def strengths(self, information: Array) -> Array:
+        """(P,) λ of every pair that counts."""
+        return np.array([_strength(pair, information)[0] - pair.spent for pair in self.pairs])
+
+    def chosen(self, least: int, most: int) -> list[int]:
+        """At most ``most`` candidates, each once, that make the weakest pair strong; fewer where they are enough."""
+        found: list[int] = []
+        while len(found) < min(most, len(self.A)):
+            if len(found) >= least and self.strengths(self.after(found)).min() >= ENOUGH:
+                break
+            found.append(self._best(self.after(found), found))
+        for _ in range(_SWEEPS):
+            former = list(found)
+            for place in range(len(found)):
+                others = found[:place] + found[place + 1 :]
+                found[place] = self._best(self.after(others), others)
+            if found == former:
+                break
+        return self._ordered(found)
+
+    def _ordered(self, chosen: list[int]) -> list[int]:
+        """Those first that help most, so that the first few are a plan too."""
+        order: list[int] = []
+        while len(order) < len(chosen):
+            rest = [i for i in chosen if i not in order]
+            some = replace(self, information=self.after(order), A=self.A[rest])
+            order.append(rest[some._best(some.information, [])])
+        return order
+
+    def _best(self, information: Array, taken: Sequence[int]) -> int:
+        reached = np.stack([_strengths_with(pair, information, self.A) for pair in self.pairs])
+        worth = reached.min(axis=0) + _TIES * np.minimum(reached, 2 * ENOUGH).mean(axis=0)
+        worth[list(taken)] = -np.inf
+        return int(np.argmax(worth))
+
+
+def _strength(pair: Pair, M: Array) -> tuple[float, Array, Array]:
+    """λ, the coefficients (r,) that reach for the signature, and a root ``L`` (r, r), ``L Lᵀ = M_FF⁻¹``.
+
+    Columns that are alike to rounding, as of parameters that nothing tells apart, are held to what their information
+    could be at the least: its inverse stays positive.
+    """
+    F, s = pair.fitted, pair.signature
+    values, vectors = np.linalg.eigh(M[np.ix_(F, F)])
+    L = vectors / np.sqrt(np.maximum(values, _ROUNDING * values[-1]))
+    seen = M[F] @ s
+    reached = L.T @ seen
+    return max(float(s @ M @ s - reached @ reached), 0.0), np.asarray(L @ reached), np.asarray(L)
+
+
+def _strengths_with(pair: Pair, M: Array, A: Array) -> Array:
+    """(N,) λ once each of the candidates A (N, b, K) is measured too."""
+    strength, beta, L = _strength(pair, M)
+    strength -= pair.spent
+    V = A[:, :, pair.fitted]
+    d = A @ pair.signature - V @ beta
+    W = V @ L
+    S = W @ np.swapaxes(W, 1, 2)
+    S[:, range(S.shape[1]), range(S.shape[1])] += 1.0
+    return np.asarray(strength + np.einsum("nb,nb->n", d, np.linalg.solve(S, d[..., None])[..., 0]))

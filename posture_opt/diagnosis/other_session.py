@@ -1,0 +1,191 @@
+"""Another session predicted by what one taught: whether a gain holds where nothing was fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from posture_opt.calibration.cross_validation import position_errors
+from posture_opt.calibration.effect_sensitivities import EffectSensitivities
+from posture_opt.calibration.error_statistics import Statistics
+from posture_opt.calibration.frames import check_other, frames_again
+from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.calibration.residuals import Residuals
+from posture_opt.diagnosis.candidates import Candidate
+from posture_opt.diagnosis.extended_fit import Extended
+from posture_opt.diagnosis.linear_model import LinearModel
+from posture_opt.diagnosis.persistent_effects import halfway
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.effects import Effect
+from posture_opt.model.inputs import REFERENCE_TEMPERATURE
+from posture_opt.numerics import Array, Codes
+from posture_opt.robot.robot import Robot
+
+_DRAWS = 500
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Relative drop of an RMS with its 95 % bootstrap interval over groups of rows."""
+
+    value: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, errors: Array, without: Array, groups: Codes) -> Gain:
+        """Of errors (N, d) against those ``without`` (N, d) of the same rows, which hang together in ``groups``."""
+        code = np.unique(groups, return_inverse=True)[1]
+        sums = np.stack([np.bincount(code, np.sum(e**2, axis=1)) for e in (errors, without)], axis=1)
+        drawn = np.random.default_rng(0).integers(len(sums), size=(_DRAWS, len(sums)))
+        totals = sums[drawn].sum(axis=1)
+        ratios = 1 - np.sqrt(totals[:, 0] / np.maximum(totals[:, 1], 1e-300))
+        low, high = np.quantile(ratios, [0.025, 0.975])
+        total = sums.sum(axis=0)
+        return cls(float(1 - np.sqrt(total[0] / max(total[1], 1e-300))), float(low), float(high))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return {"value": self.value, "interval95": [self.low, self.high]}
+
+
+@dataclass(frozen=True, eq=False)
+class SecondSession:
+    """Another file predicted by what one taught.
+
+    Args:
+        data: the other file; ``errors`` by model (N, 3) model minus measured [m].
+        models: position errors of the arm as it stands, calibrated, and with the effects that can be planned with.
+        gain: of the effects over the calibrated arm.
+        gains: (effects) of each effect over the model without it; None for one that changes with time.
+        refitted: whether base and tool were fitted again.
+        unstated: what the file does not say of itself though an effect depends on it, in sentences.
+    """
+
+    data: Measurements
+    errors: Mapping[str, Array]
+    models: Mapping[str, Statistics]
+    gain: Gain
+    gains: tuple[Gain | None, ...]
+    refitted: bool
+    unstated: tuple[str, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What has to be said of these figures."""
+        notes = ["base and tool are fitted again to the test file"] if self.refitted else []
+        if any(gain is None for gain in self.gains):
+            notes.append(
+                "effects of time are left out of the prediction of the test file: they belong to their session"
+            )
+        if any(gain is not None for gain in self.gains) and self.gain.low <= 0:
+            sure = "no gain" if self.gain.value <= 0 else "no sure gain"
+            notes.append(
+                f"the effects bring {sure} on the test file: RMS {self.models['calibrated'].rms * 1e3:.4g} mm "
+                f"calibrated, {self.models['extended'].rms * 1e3:.4g} mm with them"
+            )
+        return (*notes, *self.unstated)
+
+    def to_json(self) -> dict[str, Any]:
+        """The part ``test`` of ``diagnosis.json`` [m]."""
+        models = {name: statistics.to_json() for name, statistics in self.models.items()}
+        return {**models, "gain": self.gain.to_json(), "frames_refitted": self.refitted, "rows": len(self.data)}
+
+
+def second_session(
+    problem: CalibrationProblem, other: Measurements, x_nominal: Array, calibrated: Extended, extended: Extended,
+    frames: Array, *, refit_frames: bool = False,
+) -> SecondSession:  # fmt: skip
+    """Errors of three models on other measurements, nothing fitted to them, or base and tool alone.
+
+    Effects of time say nothing of another session and are left out; a free base stands where it was on average.
+
+    Raises:
+        InputError: other targets, several robots, or too few poses to fit base and tool again.
+    """
+    check_other(extended.residuals, other)
+    sight = _Sight(replace(extended.residuals, data=other, distances=()), refit_frames)
+    kept = [i for i, s in enumerate(extended.suspects) if _lasting(s)]
+    moved = halfway(extended, frames)
+    theta = [extended.theta[part] for part in extended.slices]
+    errors = {
+        "nominal": sight.errors(x_nominal, [], []),
+        "calibrated": sight.errors(calibrated.x, [], []),
+        "extended": sight.errors(extended.x + moved, [extended.suspects[i] for i in kept], [theta[i] for i in kept]),
+    }
+    gains: list[Gain | None] = [None] * len(extended.suspects)
+    about = LinearModel.of(extended)
+    for i in kept:
+        gains[i] = Gain.of(errors["extended"], _without(sight, extended, about, i, moved), other.pose)
+    models = {name: Statistics.of(e, other.pose) for name, e in errors.items()}
+    gain = Gain.of(errors["extended"], errors["calibrated"], other.pose)
+    unstated = _unstated(extended.residuals.data, other, [extended.suspects[i].what for i in kept], problem.robot)
+    return SecondSession(other, errors, models, gain, tuple(gains), refit_frames, unstated)
+
+
+def _lasting(suspect: Candidate) -> bool:
+    return isinstance(suspect.what, Effect) and suspect.what.for_planning
+
+
+def _unstated(mine: Measurements, other: Measurements, effects: Sequence[object], robot: Robot) -> tuple[str, ...]:
+    """What effects ask for, the first file states and the other does not, with what is taken for it."""
+    asked = {need for e in effects if isinstance(e, Effect) for need in (*e.asks, *e.needs)}
+    notes = []
+    if "temperature" in asked and other.temperature is None:
+        at = f"{REFERENCE_TEMPERATURE:g} degC"
+        notes.append(f"the test file has no column temperature [degC], on which an effect depends: {at} is taken")
+    if asked & {"payload", "masses"} and mine.payload is not None and other.payload is None:
+        load = f"{robot.payload:g} kg of the problem file"
+        notes.append(f"the test file has no column payload [kg], on which an effect depends: the {load} are taken")
+    return tuple(notes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sight:
+    """The other file, seen by any estimate."""
+
+    residuals: Residuals
+    refit: bool
+
+    def errors(self, x: Array, suspects: Sequence[Candidate], theta: Sequence[Array]) -> Array:
+        """(N, 3) [m] of geometry ``x`` with effects."""
+        residuals, shift = self.residuals, self._shift(*self._stood(self.residuals, x), suspects, theta)
+        if residuals.data.position is not None:
+            # What the effects add to the model is taken off the measured points instead.
+            moved = np.where(residuals.data.measured_axes, residuals.data.position - shift, residuals.data.position)
+            residuals = replace(residuals, data=replace(residuals.data, position=moved))
+            return position_errors(*self._stood(residuals, x))
+        return position_errors(*self._stood(residuals, x)) + _about_points(shift, residuals.data)
+
+    def _stood(self, residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
+        """The arm as it stood in the other session."""
+        return frames_again(residuals, x) if self.refit else (residuals, x)
+
+    def _shift(self, residuals: Residuals, x: Array, suspects: Sequence[Candidate], theta: Sequence[Array]) -> Array:
+        """(N, 3) [m] what effects add, along the axes of a world in which the base may stand elsewhere by now."""
+        shift = np.zeros((len(residuals.data), 3))
+        tangents = EffectSensitivities(residuals, x)
+        for suspect, values in zip(suspects, theta, strict=True):
+            assert isinstance(suspect.what, Effect)
+            rows = (tangents.columns(suspect.what) @ values).reshape(-1, residuals.block)
+            shift[:, residuals.axes] += rows[:, : len(residuals.axes)] * residuals.sigma
+        return shift
+
+
+def _about_points(shift: Array, data: Measurements) -> Array:
+    shift = shift.copy()
+    for code in np.unique(data.point):
+        shift[data.point == code] -= shift[data.point == code].mean(axis=0)
+    return shift
+
+
+def _without(sight: _Sight, model: Extended, about: LinearModel, left_out: int, moved: Array) -> Array:
+    """(N, 3) errors on the other file of the model that is fitted, to first order, without one effect."""
+    step = about.refitted(left_out)
+    g = model.directions.shape[1]
+    x, theta = model.x + moved + model.directions @ step[:g], model.theta + step[g:]
+    chosen = [i for i, s in enumerate(model.suspects) if i != left_out and _lasting(s)]
+    return sight.errors(x, [model.suspects[i] for i in chosen], [theta[model.slices[i]] for i in chosen])

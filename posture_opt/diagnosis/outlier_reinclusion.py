@@ -1,0 +1,65 @@
+"""Rows that only looked like outliers: an effect that nobody knew of yet explains them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.effect_sensitivities import EffectSensitivities
+from posture_opt.calibration.least_squares import outlying
+from posture_opt.diagnosis.candidates import Candidate
+from posture_opt.diagnosis.search import SearchResult
+from posture_opt.model.effects import Effect
+from posture_opt.numerics import Array, Mask
+
+_ROUNDS = 8
+_TRIED = 8  # explanations: what was chosen, and that with one of its rivals in place
+
+
+def readmitted(calibration: Calibration, found: SearchResult) -> Calibration:
+    """The calibration without those outliers that what was found, or a rival of it, explains.
+
+    A few rows far from all others are left out by a calibration that knows nothing of an effect which is largest there;
+    yet they tell most of it. All rows are judged anew beside geometry and effects, as the calibration judges them
+    beside its geometry, and by whichever explanation leaves the fewest.
+    """
+    effects = [s for s in found.chosen if isinstance(s.what, Effect)]
+    if not calibration.outliers or not effects:
+        return calibration
+    tangents = EffectSensitivities(calibration.residuals, calibration.x)
+    r, J = tangents.residuals.both(calibration.x)
+    r, G = r[: tangents.rows], J[: tangents.rows] @ calibration.identifiability.directions
+    before = set(calibration.outliers)
+    left = before
+    for explanation in _explanations(found):
+        Z = [tangents.columns(s.what) for s in explanation if isinstance(s.what, Effect)]
+        gross = set(np.flatnonzero(_gross(r, np.concatenate([G, *Z], axis=1), tangents.residuals.block)).tolist())
+        left = min(left, before & gross, key=len)
+    gone = tuple(sorted(left))
+    lines = tuple(int(line) for line in calibration.residuals.data.line[list(gone)])
+    return replace(calibration, outliers=gone, lines=lines) if left != before else calibration
+
+
+def _explanations(found: SearchResult) -> Iterator[Sequence[Candidate]]:
+    yield found.chosen
+    others = [(i, rival) for i, rivals in enumerate(found.rivals) for rival in rivals if rival.named]
+    for i, rival in others[: _TRIED - 1]:
+        yield (*found.chosen[:i], rival, *found.chosen[i + 1 :])
+
+
+def _gross(r: Array, A: Array, block: int) -> Mask:
+    """(N,) which rows stay gross errors beside the columns A (m, k), with such rows left out of the fit."""
+    scale = np.linalg.norm(A, axis=0)
+    A = A / np.where(scale > 0, scale, 1.0)
+    gone = np.zeros(len(r) // block, dtype=bool)
+    for _ in range(_ROUNDS):
+        rows = np.repeat(~gone, block)
+        rest = r - A @ np.linalg.lstsq(A[rows], r[rows], rcond=1e-10)[0]
+        again = outlying(rest, A, block)[0]
+        if np.array_equal(again, gone):
+            break
+        gone = again
+    return gone

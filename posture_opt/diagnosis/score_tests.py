@@ -1,0 +1,245 @@
+"""Score tests of many candidates at once, and how large the largest of them gets by chance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.numerics import Array, Codes
+
+ABSORBED = 0.02  # share of a column's length that must survive the projection off the geometry
+_CHUNK = 4_000_000  # numbers of one block of columns
+_SPREAD = 32  # frequencies about each one whose sine is taken
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedBaseline:
+    """What is fitted before any candidate: an orthonormal basis ``Q`` (m, k), and what it leaves of the residuals.
+
+    Args:
+        e: (m,) residuals, orthogonal to Q.
+        flipped: (m, 1 + B) the residuals, and B copies with the signs of whole groups flipped, leverage-corrected
+            and orthogonal to Q again.
+        count: the number of residuals, more than m where they are told by their coordinates in a few directions.
+        design: so many residuals tell as much as one alone would, as neighbouring postures err alike; those of the
+            flipped copies do not.
+    """
+
+    Q: Array
+    e: Array
+    flipped: Array
+    count: int
+    design: float = 1.0
+
+    @classmethod
+    def of(
+        cls, r: Array, columns: Array, groups: Codes, flips: int, seed: int, count: int = 0,
+        design: float = 1.0,
+    ) -> ProjectedBaseline:  # fmt: skip
+        """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual."""
+        Q = orthonormal(columns)
+        e = r - Q @ (Q.T @ r)
+        rng = np.random.default_rng(seed)
+        leverage = np.minimum(np.einsum("ij,ij->i", Q, Q), 0.99)
+        signs = rng.choice([-1.0, 1.0], size=(int(groups.max(initial=0)) + 1, flips))[groups]
+        drawn = signs * (e / np.sqrt(1 - leverage))[:, None]
+        drawn -= Q @ (Q.T @ drawn)
+        return cls(Q, e, np.concatenate([e[:, None], drawn], axis=1), count or len(r), design)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the residuals."""
+        return self.count - int(self.Q.shape[1])
+
+    @property
+    def effective(self) -> float:
+        """Degrees of freedom of as many independent residuals as tell the same."""
+        return self.freedom / self.design
+
+    @property
+    def rss(self) -> Array:
+        """(1 + B,) sums of squares."""
+        return np.asarray(np.einsum("ij,ij->j", self.flipped, self.flipped))
+
+    def project(self, Z: Array) -> Array:
+        """``Z`` (m, k) without what the ground explains."""
+        return np.asarray(Z - self.Q @ (self.Q.T @ Z))
+
+
+def orthonormal(columns: Array) -> Array:
+    """Orthonormal basis (m, rank) of columns (m, k) of any scales."""
+    norms = np.linalg.norm(columns, axis=0)
+    kept = columns[:, norms > 0] / norms[norms > 0]
+    U, s, _ = np.linalg.svd(kept, full_matrices=False)
+    return np.asarray(U[:, s > 1e-7 * s.max(initial=1e-300)])
+
+
+def surviving(ground: ProjectedBaseline, Z: Array) -> tuple[Array, float]:
+    """An orthonormal basis (m, k) of what the ground leaves of a candidate, and the share ρ of it that is left."""
+    rest = ground.project(Z)
+    norms = np.linalg.norm(Z, axis=0)
+    rho = float(np.max(np.linalg.norm(rest, axis=0) / np.where(norms > 0, norms, 1.0), initial=0.0))
+    if rho < ABSORBED:
+        return np.zeros((len(Z), 0)), rho
+    U, s, _ = np.linalg.svd(rest / np.where(norms > 0, norms, 1.0), full_matrices=False)
+    return np.asarray(U[:, s > max(ABSORBED, 1e-6 * float(s[0]))]), rho
+
+
+def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Array) -> Array:
+    """Logarithm of the p-value of the F test of ``size`` directions that explain so much of ``rss``."""
+    from scipy.special import fdtrc
+
+    size = np.asarray(size, dtype=float)
+    left = np.maximum(rss - explained, 1e-300)
+    nu = np.maximum(freedom - size, 1.0)
+    F = (explained / size) / (left / nu)
+    with np.errstate(divide="ignore"):
+        exact = np.log(fdtrc(size, nu, F))
+    # Beyond what a float holds: the leading term of the tail.
+    tail = -nu / 2 * np.log1p(size * F / nu)
+    return np.where(np.isfinite(exact) & (exact > -650), exact, tail)
+
+
+def explained(ground: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:
+    """What the ground leaves of candidates (each (m, k)): shares ρ, numbers of directions, and what they explain.
+
+    As `surviving` has it, and from the inner products alone. Shapes (candidates,), (candidates,) and
+    (candidates, 1 + B); what a candidate explains is a sum of squares of each column of residuals.
+    """
+    sizes = [Z.shape[1] for Z in candidates]
+    rho, kept = np.zeros(len(sizes)), np.zeros(len(sizes), dtype=int)
+    gains = np.zeros((len(sizes), ground.flipped.shape[1]))
+    for chunk in _chunks(sizes, len(ground.e)):
+        Z = np.concatenate([candidates[i] for i in chunk], axis=1)
+        cross, scores = ground.Q.T @ Z, Z.T @ ground.flipped
+        edges = np.cumsum([0, *(sizes[i] for i in chunk)])
+        for i, first, last in zip(chunk, edges[:-1], edges[1:], strict=True):
+            own = slice(first, last)
+            gram = Z[:, own].T @ Z[:, own]
+            norms = np.sqrt(np.diag(gram))
+            norms = np.where(norms > 0, norms, 1.0)
+            rest = (gram - cross[:, own].T @ cross[:, own]) / np.outer(norms, norms)
+            rho[i] = np.sqrt(max(np.diag(rest).max(initial=0.0), 0.0))
+            if rho[i] < ABSORBED:
+                continue
+            values, vectors = np.linalg.eigh(rest)
+            s = np.sqrt(np.maximum(values, 0.0))
+            clear = s > max(ABSORBED, 1e-6 * float(s[-1]))
+            kept[i] = int(clear.sum())
+            parts = vectors[:, clear].T @ (scores[own] / norms[:, None])
+            gains[i] = np.sum(parts**2 / values[clear, None], axis=0)
+    return rho, kept, gains
+
+
+def _chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
+    chunk: list[int] = []
+    total = 0
+    for i, size in enumerate(sizes):
+        if chunk and (total + size) * rows > _CHUNK:
+            yield chunk
+            chunk, total = [], 0
+        chunk.append(i)
+        total += size
+    if chunk:
+        yield chunk
+
+
+WEIGHTS = {"named": 0.66, "steps": 0.1, "nameless": 0.12, "periodic": 0.12}
+"""Share of the level for each family of candidates: the thousands of frequencies must not drown the few names.
+
+Ten times the shapes cost a family ``log 10`` of evidence, half the level only ``log 2``: the few get most of it.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class NullDistribution:
+    """The least log p-value of each family of candidates in each of B flipped data sets."""
+
+    least: Mapping[str, Array]
+
+    def family_wise(self, log_p_value: float, family: str) -> float:
+        """Probability that chance gives any candidate of any family so much evidence.
+
+        Within the family from the flipped sets where they reach that far, beyond them along their exponential
+        tail, which for F tests falls by e for each e of p and more slowly where the noise has long tails; between
+        families the level is shared out (weighted Bonferroni).
+        """
+        return float(min(1.0, tail(-self.least[family], -log_p_value, 1.0) / WEIGHTS[family]))
+
+
+def scan_frequencies(
+    ground: ProjectedBaseline, joint_columns: Array, q: Array, cycles: Array
+) -> tuple[Array, Array]:  # fmt: skip
+    """(K,) explained by each of K frequencies and (B,) the most explained in each flipped set, one joint.
+
+    Args:
+        joint_columns: (N, block) whitened residual per unit of the joint.
+        q: (N,) joint values; cycles: (K,) frequencies in cycles a turn.
+    """
+    N, block = joint_columns.shape
+    c = joint_columns
+    series = np.einsum("nb,nbf->nf", c, ground.flipped.reshape(N, block, -1))
+    basis = np.einsum("nb,nbk->nk", c, ground.Q.reshape(N, block, -1))
+    square = np.einsum("nb,nb->n", c, c)
+    observed, most = np.zeros(len(cycles)), np.zeros(series.shape[1] - 1)
+    step = max(1, _CHUNK // (2 * N))
+    for first in range(0, len(cycles), step):
+        S, C = waves(q, cycles[first : first + step])
+        gram = _gram(S, C, square, basis)
+        bs, bc = S.T @ series, C.T @ series
+        gain = _two_columns(gram, bs, bc)
+        observed[first : first + step] = gain[:, 0]
+        most = np.maximum(most, gain[:, 1:].max(axis=0))
+    return observed, most
+
+
+def waves(q: Array, cycles: Array) -> tuple[Array, Array]:
+    """(N, K) sines and cosines of so many cycles a turn, evenly spaced ones by the addition theorem, thirty at a time.
+
+    A sine takes as long as fifty multiplications.
+    """
+    if len(cycles) <= _SPREAD or not np.allclose(np.diff(cycles), cycles[1] - cycles[0], rtol=1e-9, atol=1e-12):
+        angle = np.outer(q, cycles)
+        return np.sin(angle), np.cos(angle)
+    fine = np.outer(q, cycles[:_SPREAD] - cycles[0])
+    s, c = np.sin(fine), np.cos(fine)
+    S, C = np.empty((len(q), len(cycles))), np.empty((len(q), len(cycles)))
+    for first in range(0, len(cycles), _SPREAD):
+        own = slice(first, min(first + _SPREAD, len(cycles)))
+        count = own.stop - first
+        s0, c0 = np.sin(cycles[first] * q)[:, None], np.cos(cycles[first] * q)[:, None]
+        S[:, own] = s0 * c[:, :count] + c0 * s[:, :count]
+        C[:, own] = c0 * c[:, :count] - s0 * s[:, :count]
+    return S, C
+
+
+def _gram(S: Array, C: Array, square: Array, basis: Array) -> tuple[Array, Array, Array]:
+    qs, qc = S.T @ basis, C.T @ basis
+    ss = (S * S).T @ square - np.einsum("ij,ij->i", qs, qs)
+    cc = (C * C).T @ square - np.einsum("ij,ij->i", qc, qc)
+    sc = (S * C).T @ square - np.einsum("ij,ij->i", qs, qc)
+    return ss, cc, sc
+
+
+def _two_columns(gram: tuple[Array, Array, Array], bs: Array, bc: Array) -> Array:
+    """``bᵀ G⁻¹ b`` of all pairs of columns."""
+    ss, cc, sc = (g[:, None] for g in gram)
+    det = ss * cc - sc * sc
+    good = det > 1e-6 * np.maximum(ss * cc, 1e-300)
+    value = (cc * bs * bs - 2 * sc * bs * bc + ss * bc * bc) / np.where(good, det, 1.0)
+    return np.asarray(np.where(good, value, 0.0))
+
+
+def tail(most: Array, value: float, slowest: float = 1e-12) -> float:
+    """p-value of ``value`` among the maxima of draws: counted, and beyond them along an exponential tail.
+
+    The tail has the mean excess of the largest tenth (Pickands 1975, with shape zero), at least ``slowest``.
+    """
+    share = (1 + float(np.sum(most >= value))) / (1 + len(most))
+    if share > 10 / (1 + len(most)):
+        return share
+    start = float(np.quantile(most, 0.9))
+    excess = max(float(np.mean(most[most >= start] - start)), slowest)
+    return float(min(share, max(0.1 * np.exp(-(value - start) / excess), 1e-300)))

@@ -1,0 +1,146 @@
+"""The set of candidates that explains residuals best, by a beam search with exchange over their Gram matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from posture_opt.numerics import Array, Codes
+
+Chosen = tuple[int, ...]
+
+BEAM = 10
+APART = 0.01  # of a candidate must stay when the chosen are taken away: less is another mixture of them
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Candidates with their bases after the ground, and what each costs.
+
+    Args:
+        bases: each (m, k) orthonormal.
+        e: (m,) residuals after the ground, with ``freedom`` (effective) degrees of freedom.
+        price: (candidates,) added to the criterion for each chosen one: for its parameters, for a grid that was
+            searched, for having no name.
+        rivals: (candidates,) candidates of equal code exclude each other.
+    """
+
+    bases: Sequence[Array]
+    e: Array
+    freedom: float
+    price: Array
+    rivals: Codes
+
+    @cached_property
+    def _edges(self) -> Codes:
+        return np.cumsum([0, *(b.shape[1] for b in self.bases)])
+
+    @cached_property
+    def _stacked(self) -> Array:
+        return np.concatenate(list(self.bases), axis=1)
+
+    @cached_property
+    def _gram(self) -> Array:
+        return np.asarray(self._stacked.T @ self._stacked)
+
+    @cached_property
+    def _scores(self) -> Array:
+        return np.asarray(self._stacked.T @ self.e)
+
+    @cached_property
+    def rss0(self) -> float:
+        """Sum of squares with nothing chosen."""
+        return float(self.e @ self.e)
+
+    def _index(self, chosen: Chosen) -> Codes:
+        edges = self._edges
+        return np.concatenate([np.arange(edges[i], edges[i + 1]) for i in chosen]) if chosen else np.zeros(0, int)
+
+    def rss(self, chosen: Chosen) -> float:
+        """Sum of squares that a set leaves."""
+        if not chosen:
+            return self.rss0
+        index = self._index(chosen)
+        G, b = self._gram[np.ix_(index, index)], self._scores[index]
+        return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=1e-6)[0])
+
+    def criterion(self, chosen: Chosen) -> float:
+        """``m log(RSS/m) + prices``: the least is the best."""
+        return self._criterion(self.rss(chosen), chosen)
+
+    def _criterion(self, rss: float, chosen: Chosen) -> float:
+        m = self.freedom
+        cost = sum(float(self.price[i]) for i in chosen)
+        return float(m * np.log(max(rss, 1e-300) / m) + cost)
+
+    def additions(self, chosen: Chosen) -> list[tuple[float, Chosen]]:
+        """Every set with one candidate more, with its criterion, the best first."""
+        taken = {int(self.rivals[i]) for i in chosen}
+        index = self._index(chosen)
+        G, b, edges = self._gram, self._scores, self._edges
+        rss = self.rss0
+        cross, left = G[:0], b
+        if chosen:
+            inverse = np.linalg.pinv(G[np.ix_(index, index)], rcond=1e-8)
+            cross = inverse @ G[index]
+            left = b - G[:, index] @ (inverse @ b[index])
+            rss = float(rss - b[index] @ inverse @ b[index])
+        found = []
+        for i in range(len(self.bases)):
+            if int(self.rivals[i]) in taken:
+                continue
+            own = slice(edges[i], edges[i + 1])
+            block = G[own, own] - (G[own][:, index] @ cross[:, own] if chosen else 0.0)
+            values, vectors = np.linalg.eigh(block)
+            part = vectors.T @ left[own]
+            gain = float(np.sum(np.where(values > APART, part**2 / np.maximum(values, APART), 0.0)))
+            bigger = tuple(sorted((*chosen, i)))
+            found.append((self._criterion(rss - gain, bigger), bigger))
+        return sorted(found)
+
+
+def best_set(pool: Pool, start: Chosen = (), most: int = 12) -> Chosen:
+    """The set of at most ``most`` candidates with the least criterion that a beam from ``start`` reaches."""
+    beam = [(pool.criterion(start), tuple(sorted(start)))]
+    best = beam[0]
+    while len(beam[0][1]) < most:
+        grown: dict[Chosen, float] = {}
+        for _, chosen in beam:
+            grown |= {bigger: value for value, bigger in pool.additions(chosen)[:BEAM]}
+        if not grown:
+            break
+        beam = sorted((value, chosen) for chosen, value in grown.items())[:BEAM]
+        if beam[0][0] >= best[0]:
+            break
+        best = beam[0]
+    return _exchanged(pool, best[1])
+
+
+def _exchanged(pool: Pool, chosen: Chosen) -> Chosen:
+    """Drops and swaps as long as the criterion falls."""
+    value = pool.criterion(chosen)
+    while True:
+        trials = []
+        for i in chosen:
+            rest = tuple(j for j in chosen if j != i)
+            trials.append((pool.criterion(rest), rest))
+            trials += pool.additions(rest)[:1]
+        better = min(trials, default=(np.inf, chosen))
+        if better[0] >= value - 1e-9:
+            return chosen
+        value, chosen = better
+
+
+def alternatives(pool: Pool, chosen: Chosen, member: int, within: float) -> list[tuple[float, int]]:
+    """Candidates that could stand for a member at a criterion at most ``within`` worse, the best first."""
+    rest = tuple(j for j in chosen if j != member)
+    value = pool.criterion(chosen)
+    found = []
+    for other, bigger in pool.additions(rest):
+        new = next(i for i in bigger if i not in rest)
+        if other <= value + within and new != member:
+            found.append((other - value, new))
+    return found

@@ -1,0 +1,159 @@
+"""Umbrellas: curves without a name that compete with the named effects, so that none wins for lack of rivals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+
+from posture_opt.calibration.effect_sensitivities import EffectSensitivities
+from posture_opt.model.effects import Excitation
+from posture_opt.numerics import Array
+
+_BUMPS = 8
+_LENGTHS = (0.2, 0.3, 0.45)  # of a wave in space, in sizes of the workspace
+_DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)], dtype=float)
+_WIDTHS = (0.15, 0.35)  # rad, of a dent
+_FEWEST = 4  # rows that must lie in a dent
+_WAVES = range(1, 7)  # periods a turn of a square wave
+_PHASES = 8
+_FINER = 4  # steps to half way to the next phase
+
+
+@dataclass(frozen=True)
+class UnnamedComponent:
+    """A curve without a name: what it hangs on, where, and which of its grid it is, or between which two."""
+
+    kind: str
+    target: str
+    shape: float = 0.0
+
+
+def umbrellas(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+    """Every umbrella with its columns (m, k)."""
+    yield from _joint_curves(tangents, case)
+    yield from _dents(tangents, case)
+    yield from _square_waves(tangents, case)
+    yield from _products(tangents, case)
+    if "approach" in case.inputs:
+        yield from _sides(tangents, case)
+    yield from _fields(tangents, case)
+
+
+def _moving(case: Excitation) -> list[int]:
+    return [i for i, span in enumerate(case.span) if span > 1e-6]
+
+
+def _joint_curves(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+    """Radial bases of one joint."""
+    names = case.robot.joint_names
+    for joint in _moving(case):
+        q = tangents.residuals.data.q[:, joint]
+        yield UnnamedComponent("curve", names[joint]), tangents.of_joint(joint, bumps(q))
+
+
+def _dents(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+    """One bump somewhere in the range of a joint."""
+    names = case.robot.joint_names
+    for joint in _moving(case):
+        q = tangents.residuals.data.q[:, joint]
+        shape = 0
+        for width in _WIDTHS:
+            count = int(np.clip(np.ptp(q) / (1.5 * width), 4, 24))
+            for centre in np.linspace(q.min(), q.max(), count):
+                bump = np.exp(-0.5 * ((q - centre) / width) ** 2)
+                if (bump > 0.3).sum() >= _FEWEST:
+                    yield UnnamedComponent("dent", names[joint], shape), tangents.of_joint(joint, bump[:, None])
+                    shape += 1
+
+
+def between(tangents: EffectSensitivities, umbrella: UnnamedComponent) -> Iterator[tuple[UnnamedComponent, Array]]:
+    """Square waves with phases between those of the grid, about one of it: an edge that is off costs much."""
+    if umbrella.kind != "square wave":
+        return
+    joint = tangents.residuals.data.joint_names.index(umbrella.target)
+    q = tangents.residuals.data.q[:, joint]
+    waves = _WAVES[int(umbrella.shape) // _PHASES]
+    for part in np.arange(-_FINER, _FINER + 1) / (2 * _FINER):
+        wave = _square(q, waves, umbrella.shape % _PHASES + part)
+        yield (
+            UnnamedComponent(umbrella.kind, umbrella.target, umbrella.shape + part),
+            tangents.of_joint(joint, wave[:, None]),
+        )
+
+
+def _square(q: Array, waves: int, phase: float) -> Array:
+    """(N,) a square wave of so many periods a turn; phases count in steps of the grid."""
+    return np.asarray(np.sign(np.sin(waves * q + np.pi * phase / _PHASES)))
+
+
+def bumps(q: Array, count: int = _BUMPS) -> Array:
+    """(N, count) Gaussian bumps side by side over the range of q; between quantiles, so that each has data."""
+    centres = np.linspace(q.min(), q.max(), count)
+    width = max(float(centres[1] - centres[0]), 1e-9)
+    return np.exp(-0.5 * ((q[:, None] - centres) / (0.7 * width)) ** 2)
+
+
+def _square_waves(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+    names = case.robot.joint_names
+    for joint in _moving(case):
+        if case.robot.joints[joint].type != "revolute":
+            continue
+        q = tangents.residuals.data.q[:, joint]
+        for i, waves in enumerate(_WAVES):
+            for phase in range(_PHASES):
+                wave = _square(q, waves, phase)
+                if np.abs(wave.mean()) < 0.95:
+                    umbrella = UnnamedComponent("square wave", names[joint], i * _PHASES + phase)
+                    yield umbrella, tangents.of_joint(joint, wave[:, None])
+
+
+def _products(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+    """The error of one joint as a product of it and another."""
+    names, q = case.robot.joint_names, tangents.residuals.data.q
+    pairs = list(combinations(_moving(case), 2))
+    for a, b in [*pairs, *((b, a) for a, b in pairs)]:
+        waves = [np.stack([np.sin(q[:, j]), np.cos(q[:, j])], axis=1) for j in (a, b)]
+        features = (waves[0][:, :, None] * waves[1][:, None, :]).reshape(len(q), -1)
+        yield UnnamedComponent("product", f"{names[a]} x {names[b]}"), tangents.of_joint(a, features)
+
+
+def _sides(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+    """The side of approach times something that no named effect has."""
+    names, data, site = case.robot.joint_names, tangents.residuals.data, tangents.site
+    for joint in _moving(case):
+        side, q = data.approach[:, joint], data.q[:, joint]
+        waves = side[:, None] * np.stack([np.sin(q), np.cos(q)], axis=1)
+        yield UnnamedComponent("side and posture", names[joint]), tangents.of_joint(joint, waves)
+        for other in _moving(case):
+            if other == joint:
+                continue
+            if "masses" in case.inputs:
+                torque = np.abs(np.broadcast_to(np.asarray(site.torque(other), dtype=float), (len(q),)))
+                yield (
+                    UnnamedComponent("side and load", f"{names[joint]} x {names[other]}"),
+                    tangents.of_joint(joint, (side * torque)[:, None]),
+                )
+            foreign = data.approach[:, other][:, None]
+            yield (
+                UnnamedComponent("foreign side", f"{names[joint]} x {names[other]}"),
+                tangents.of_joint(joint, foreign),
+            )
+
+
+def _fields(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+    """A wave over the workspace, and a smooth course over time."""
+    n = len(tangents.residuals.data)
+    p = np.stack([np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in tangents.walk.position], axis=1)
+    size = float(np.linalg.norm(np.ptp(p, axis=0)))
+    axes = np.ptp(p, axis=0) > 1e-6
+    directions = [d for d in _DIRECTIONS if not np.any(d[~axes])]
+    for shape, (direction, share) in enumerate((d, s) for d in directions for s in _LENGTHS):
+        phase = 2 * np.pi / (share * max(size, 1e-9)) * (p @ (direction / np.linalg.norm(direction)))
+        waves = np.stack([np.sin(phase), np.cos(phase)], axis=1)
+        yield UnnamedComponent("field", "tool point", shape), tangents.of_point(waves)
+    if "time" in case.inputs:
+        t = np.asarray(tangents.site.inputs.time, dtype=float)
+        yield UnnamedComponent("course", "time"), tangents.of_point(bumps(t, 5))

@@ -1,0 +1,152 @@
+"""Postures that an arm may be sent to for a measurement: inside its limits and clear of what is known to be there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.errors import InputError, Issue, NoSolutionError
+from posture_opt.model.chain import Vector, Walk, factor_values, walk
+from posture_opt.numerics import Array, Mask
+from posture_opt.robot.robot import Joint, Robot
+
+Mask = Mask
+
+Box = tuple[tuple[float, ...], tuple[float, ...]]
+ANYWHERE: Box = ((-math.inf,) * 3, (math.inf,) * 3)
+
+STEP = {"revolute": math.radians(0.01), "prismatic": 1e-5}
+"""What postures are rounded to [rad, m]: numbers that a teach pendant takes as they are."""
+_MARGIN = {"revolute": math.radians(2.0), "prismatic": 2e-3}  # to a limit, where none is stated
+_MOST_MARGIN = 0.05  # of a joint's range
+_OWN = 0.08  # of the arm's length: how near the arm may come to itself
+_TRIED = 200_000  # random postures before the search for allowed ones is given up
+_BATCH = 5000
+
+
+@dataclass(frozen=True)
+class Room:
+    """Where an arm may go.
+
+    Args:
+        lower, upper: (n,) of every joint, one turn at most, the margins to the limits taken off [rad, m].
+        height: the least height (world z) of the tool point and of all links that a joint can raise [m]; −inf: none.
+        box: lower and upper corner of where the tool point may go, world [m].
+        own: how near corners of the chain, and the tool point, may come to links that are not their neighbours [m].
+    """
+
+    robot: Robot
+    lower: Array
+    upper: Array
+    height: float
+    box: Box
+    own: float
+
+    @classmethod
+    def of(cls, robot: Robot, *, height: float = -math.inf, margin: float = 0.0, box: Box = ANYWHERE) -> Room:
+        """The room inside the limits; ``margin`` to the limits of revolute joints where one is stated [rad].
+
+        Raises:
+            InputError: a slide without limits.
+        """
+        ranges = [_range(joint, margin) for joint in robot.joints]
+        lower, upper = np.array(ranges, dtype=float).T
+        return cls(robot, lower, upper, height, box, _OWN * length(robot))
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the tool point is held in a box."""
+        return bool(np.isfinite(self.box).any())
+
+    def allowed(self, q: Array) -> Mask:
+        """(N,) which of the postures (N, n) are allowed."""
+        reached = reach(self.robot, q)
+        points = skeleton(self.robot, reached, len(q))
+        moving = np.ptp(points[:, :, 2], axis=0) > 1e-9 if len(q) > 1 else np.ones(points.shape[1], dtype=bool)
+        heights = np.where(moving, points[:, :, 2], np.inf).min(axis=1)
+        inside = np.all((points[:, -1] >= self.box[0]) & (points[:, -1] <= self.box[1]), axis=1)
+        return np.asarray(inside & (heights >= self.height) & (own_distance(points, self.own) >= self.own))
+
+    def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, float]:
+        """``count`` random allowed postures (count, n), rounded, and the share of the tried ones that were allowed.
+
+        Raises:
+            NoSolutionError: hardly any posture is allowed.
+        """
+        found: list[Array] = []
+        have = tried = 0
+        while have < count and tried < _TRIED:
+            q = self.rounded(rng.uniform(self.lower, self.upper, (_BATCH, self.robot.n)))
+            found.append(q[self.allowed(q)])
+            have, tried = have + len(found[-1]), tried + _BATCH
+        if have < count:
+            above = f", above {self.height * 1e3:g} mm" if self.height > -math.inf else ""
+            above += ", with the tool point in the box" if self.bounded else ""
+            raise NoSolutionError(
+                f"only {have} of {tried} random postures keep clear of the arm itself{above}: "
+                "widen what is stated, link_height, the box or the limits of the joints"
+            )
+        return np.concatenate(found)[:count], have / tried
+
+    def rounded(self, q: Array) -> Array:
+        """Postures as they stand in the file: to 0.01 deg and 0.01 mm, inside the limits."""
+        step = np.array([STEP[joint.type] for joint in self.robot.joints])
+        return np.asarray(np.clip(np.round(q / step), np.ceil(self.lower / step), np.floor(self.upper / step)) * step)
+
+
+def _range(joint: Joint, margin: float) -> tuple[float, float]:
+    lower, upper = joint.lower, joint.upper
+    if joint.type == "prismatic" and not (math.isfinite(lower) and math.isfinite(upper)):
+        raise InputError(Issue(f"{joint.name} has no limits to plan within", mend=f"state the limits of {joint.name}"))
+    if joint.type == "revolute" and not upper - lower <= 2 * math.pi:  # a full turn more is the same posture
+        lower = -math.pi if lower <= -math.pi and upper >= math.pi else max(lower, upper - 2 * math.pi)
+        return lower, lower + 2 * math.pi
+    stated = margin if joint.type == "revolute" else 0.0
+    inward = max(min(_MARGIN[joint.type], _MOST_MARGIN * (upper - lower)), min(stated, 0.49 * (upper - lower)))
+    return lower + inward, upper - inward
+
+
+def length(robot: Robot) -> float:
+    """All links laid in one line, without strokes [m]."""
+    return sum(abs(f.nominal) for link in (*robot.links, robot.tool) for f in link if f.kind == "translate")
+
+
+def reach(robot: Robot, q: Array) -> Walk:
+    """The nominal chain at the postures (N, n)."""
+    return walk(robot.factors, factor_values(robot.factors, [np.ascontiguousarray(column) for column in q.T]))
+
+
+def skeleton(robot: Robot, reached: Walk, count: int) -> Array:
+    """(N, n + 2, 3) origin of the first joint, of the frame behind every joint, and the tool point [m]."""
+    ends = np.cumsum([len(robot.base), *(len(link) for link in robot.links)])
+    origins = [screw.origin for screw in reached.screws] + [reached.position]
+    corners = [origins[k] for k in ends] + [reached.position]
+    return np.stack([_stacked(corner, count) for corner in corners], axis=1)
+
+
+def _stacked(vector: Vector, count: int) -> Array:
+    return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (count,)) for entry in vector], axis=-1)
+
+
+def own_distance(points: Array, near: float) -> Array:
+    """(N,) least distance of a corner of the chain (N, m, 3) from a link that is not its neighbour [m].
+
+    A link is a neighbour where less than ``2 near`` of the chain lies between it and the corner.
+    """
+    least = np.full(len(points), np.inf)
+    steps = np.linalg.norm(np.diff(points, axis=1), axis=2)
+    for corner in range(2, points.shape[1]):
+        between = np.zeros(len(points))
+        for k in range(corner - 1, 0, -1):  # the link from corner k − 1 to corner k
+            between = between + steps[:, k]
+            away = _to_segment(points[:, corner], points[:, k - 1], points[:, k])
+            least = np.where(between >= 2 * near, np.minimum(least, away), least)
+    return least
+
+
+def _to_segment(point: Array, a: Array, b: Array) -> Array:
+    along = b - a
+    share = np.einsum("ni,ni->n", point - a, along) / np.maximum(np.einsum("ni,ni->n", along, along), 1e-300)
+    return np.asarray(np.linalg.norm(point - a - np.clip(share, 0.0, 1.0)[:, None] * along, axis=1))

@@ -1,0 +1,229 @@
+"""Optimal experiments by exchange: which candidates to measure, from the information that each one brings.
+
+A candidate ``i`` measures ``A_i z`` (b numbers) of the unknowns z (r,) with unit variance each; chosen ones add up to
+the information ``M = M_0 + Σ A_iᵀ A_i``, whose inverse is the covariance of the estimate. A criterion says how good
+that covariance is. Nothing here knows of robots.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from posture_opt.numerics import Array, Codes, Mask, Progress
+
+_RIDGE = 1e-8  # of the information of an average design: keeps a design that is still too small invertible
+_BETTER = 1e-9  # of the criterion: what an exchange must gain to be one
+_SWEEPS = 50  # through all places of a design; ten suffice
+_ESTIMABLE = 1e-10  # of the information of an average design: what has less counts as unknown
+_LEAK = 1e-6  # of a quantity: so much of it may lie in what is unknown, by rounding
+
+
+class Criterion(Protocol):
+    """How good a covariance of the unknowns is; the smaller the value the better."""
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether the value is a logarithm of variances, summed over the unknowns, or a sum of variances."""
+
+    def value(self, C: Array) -> float:
+        """Of the covariance C (r, r)."""
+
+    def gains(self, C: Array, A: Array) -> Array:
+        """(N,) by how much each of the candidates A (N, b, r) would lower the value if it came next."""
+
+    def transformed(self, T: Array) -> Criterion:
+        """The same criterion for the unknowns z' with ``z = T z'``."""
+
+
+@dataclass(frozen=True)
+class Determinant:
+    """D-optimality: ``log det C``, the volume of the confidence ellipsoid; units of the unknowns do not matter."""
+
+    logarithmic: ClassVar[bool] = True
+
+    def value(self, C: Array) -> float:
+        return float(np.linalg.slogdet(C)[1])
+
+    def gains(self, C: Array, A: Array) -> Array:
+        # det(M + AᵀA) = det M det(I + A C Aᵀ)
+        return np.asarray(np.linalg.slogdet(_seen(A @ C, A))[1])
+
+    def transformed(self, T: Array) -> Determinant:
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class Variance:
+    """L-optimality: ``trace(L C Lᵀ)``, the summed variance of the quantities ``L z``, L (t, r); t = 1 is c-optimal."""
+
+    L: Array
+    logarithmic: ClassVar[bool] = False
+
+    def value(self, C: Array) -> float:
+        return float(np.sum((self.L @ C) * self.L))
+
+    def gains(self, C: Array, A: Array) -> Array:
+        # (M + AᵀA)⁻¹ = C − C Aᵀ (I + A C Aᵀ)⁻¹ A C
+        W = A @ C
+        G = W @ self.L.T
+        return np.asarray(np.sum(G * np.linalg.solve(_seen(W, A), G), axis=(1, 2)))
+
+    def transformed(self, T: Array) -> Variance:
+        return Variance(self.L @ T)
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """The chosen candidates (count,) and the value of the criterion, in the unknowns of an average design."""
+
+    chosen: Codes
+    value: float
+    starts: int
+
+
+def exchange(
+    A: Array,
+    information: Array,
+    criterion: Criterion,
+    count: int,
+    *,
+    starts: int = 4,
+    seed: int = 0,
+    replicate: bool = False,
+    places: Array | None = None,
+    former: Codes | None = None,
+    progress: Progress | None = None,
+) -> Design:
+    """The best ``count`` of the candidates, by exchanging one at a time for the best of all others.
+
+    Every place of the design is emptied in turn and given to the candidate that lowers the criterion most, until
+    no place changes; the best of several starts counts, the first of them chosen one by one, the others at random
+    (Fedorov 1972; one place at a time: Cook, Nachtsheim 1980).
+
+    Args:
+        A: (N, b, r) what the candidates measure, in standard deviations of the measurement.
+        information: (r, r) ``M_0``, what is known already; zeros where nothing is.
+        replicate: whether a candidate may be chosen again.
+        places: (N, n) where the candidates lie: no two that are chosen lie nearer than 1 in every coordinate.
+        former: a design to start from, in place of all others.
+        progress: called with (done, total) starts.
+    """
+    assert replicate or count <= len(A), "no more places than candidates"
+    T, A, information = _normed(A, information, count)
+    criterion = criterion.transformed(T)
+    search = _Search(A, information + _RIDGE * np.eye(len(T)), criterion, count, replicate, places)
+    rng = np.random.default_rng(seed)
+    best, best_value = np.zeros(0, dtype=np.intp), np.inf
+    rounds = 1 if former is not None else starts
+    for k in range(rounds):
+        if former is not None:
+            begin = former.copy()
+        else:
+            begin = search.one_by_one() if k == 0 else rng.choice(len(A), count, replace=replicate)
+        chosen = search.improved(begin)
+        value = search.value(chosen)
+        if value < best_value:
+            best, best_value = chosen, value
+        if progress is not None:
+            progress(k + 1, rounds)
+    return Design(best, best_value, rounds)
+
+
+def _normed(A: Array, information: Array, count: int) -> tuple[Array, Array, Array]:
+    """Unknowns in which an average design of this size has unit information: ``T``, ``A T`` and ``Tᵀ M_0 T``."""
+    flat = A.reshape(-1, A.shape[-1])
+    T = normalisation(information + count / len(A) * flat.T @ flat)
+    return T, np.ascontiguousarray(A @ T), T.T @ information @ T
+
+
+def normalisation(information: Array) -> Array:
+    """``T`` (r, r) with ``Tᵀ M T = I`` for a positive definite M."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
+    return np.asarray(scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-300)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    A: Array
+    start: Array
+    criterion: Criterion
+    count: int
+    replicate: bool
+    places: Array | None
+
+    def information(self, chosen: Codes) -> Array:
+        flat = self.A[chosen].reshape(-1, self.A.shape[-1])
+        return np.asarray(self.start + flat.T @ flat)
+
+    def value(self, chosen: Codes) -> float:
+        return self.criterion.value(inverse(self.information(chosen)))
+
+    def one_by_one(self) -> Codes:
+        """The design that grows by the candidate that helps most each time."""
+        chosen: list[int] = []
+        M, barred = self.start.copy(), np.zeros(len(self.A), dtype=bool)
+        for _ in range(self.count):
+            gains = self._gains(M, barred)
+            chosen.append(int(np.argmax(gains)))
+            barred |= self._beside(chosen[-1])
+            M = M + self.A[chosen[-1]].T @ self.A[chosen[-1]]
+        return np.array(chosen, dtype=np.intp)
+
+    def improved(self, chosen: Codes) -> Codes:
+        """The design after exchanges, until none gains anything."""
+        chosen = chosen.copy()
+        beside = np.array([self._beside(i) for i in chosen])
+        for _ in range(_SWEEPS):
+            changed = False
+            M = self.information(chosen)  # afresh in every sweep: differences pile up rounding
+            for place, former in enumerate(chosen):
+                without = M - self.A[former].T @ self.A[former]
+                gains = self._gains(without, np.asarray(np.delete(beside, place, axis=0).any(axis=0)))
+                found, now = int(np.argmax(gains)), gains[former]
+                if gains[found] > (now + _BETTER * abs(now) if np.isfinite(now) else now):
+                    chosen[place], beside[place], changed = found, self._beside(found), True
+                    M = without + self.A[found].T @ self.A[found]
+            if not changed:
+                break
+        return chosen
+
+    def _gains(self, M: Array, barred: Mask) -> Array:
+        return np.where(barred, -np.inf, self.criterion.gains(inverse(M), self.A))
+
+    def _beside(self, chosen: int) -> Mask:
+        """(N,) which candidates may not stand in a design beside this one."""
+        if self.places is not None:
+            near = np.abs(self.places - self.places[chosen]).max(axis=1) < 1.0
+        else:
+            near = np.zeros(len(self.A), dtype=bool)
+        near[chosen] |= not self.replicate
+        return np.asarray(near)
+
+
+def inverse(M: Array) -> Array:
+    """``M⁻¹`` (r, r)."""
+    return np.asarray(np.linalg.inv(M), dtype=float)
+
+
+def _seen(W: Array, A: Array) -> Array:
+    """``I + A C Aᵀ`` (N, b, b) from ``W = A C``."""
+    S = W @ np.swapaxes(A, 1, 2)
+    S[:, range(S.shape[1]), range(S.shape[1])] += 1.0
+    return np.asarray(S)
+
+
+def variances(M: Array, L: Array, T: Array) -> Array:
+    """(t,) variances of the quantities ``L z`` under the information M (r, r); NaN where it does not determine one.
+
+    ``T`` (r, r) takes unknowns in which an average design has unit information to z.
+    """
+    values, vectors = np.linalg.eigh(T.T @ M @ T)
+    parts = L @ T @ vectors
+    known = values > _ESTIMABLE
+    found = np.sum(parts[:, known] ** 2 / values[known], axis=1)
+    leak = np.linalg.norm(parts[:, ~known], axis=1) > _LEAK * np.linalg.norm(parts, axis=1)
+    return np.where(leak, np.nan, found)

@@ -1,0 +1,198 @@
+"""What measurements at any posture would tell about an arm, and what is known of it already."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posture_opt.calibration.estimation import estimate
+from posture_opt.calibration.frames import SIGMA, compare, fit_frames, held_length, unknowns
+from posture_opt.calibration.instrument import planned_sigma, position_sigma, readings, rotation_sigma, usable
+from posture_opt.calibration.least_squares import triangular
+from posture_opt.calibration.parameters import CalibrationProblem, Parameter
+from posture_opt.calibration.prior import determine
+from posture_opt.calibration.residuals import Residuals
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.nominal_points import nominal_poses, reach_of, still_axes
+from posture_opt.model.chain import factor_values, walk
+from posture_opt.model.derivatives import position_column
+from posture_opt.numerics import Array, Mask
+from posture_opt.robot.robot import Robot
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.tool_point import ToolPoint
+
+_TRUSTED = 20  # degrees of freedom from which on the residual variance, not the instrument's, is believed
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What measurements made already tell of the unknowns of a plan.
+
+    Args:
+        R: (m, k) square root of their information, ``RᵀR``, in units of the instrument's σ; no rows for none.
+        x: (k,) deviations from nominal [rad, m] at which everything is linearised.
+        variance: of a measured coordinate in units of the instrument's: what a fit to the data leaves, or where
+            they do not tell, the arm's own scatter from visit to visit added to the instrument's.
+        rows, coordinates: how many measurements, and numbers measured in them.
+        notes: sentences for the report.
+    """
+
+    R: Array
+    x: Array
+    variance: float
+    rows: int
+    coordinates: int = 0
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Instrument:
+    """The measurement of all targets at one posture, visited ``repeats`` times, as a function of the posture."""
+
+    residuals: Residuals
+    problem: CalibrationProblem
+    repeats: int = 1
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.residuals.parameters
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        return self.residuals.data.target_names
+
+    @property
+    def rows(self) -> int:
+        """Measurements at one posture, of one visit."""
+        return max(len(self.targets), 1)
+
+    @property
+    def coordinates(self) -> int:
+        """Numbers measured at one posture, of one visit."""
+        return self.residuals.block * self.rows
+
+    def blocks(self, q: Array, x: Array) -> Array:
+        """(N, b, k) derivatives of the mean of all visits to the postures (N, n), in standard deviations of it."""
+        template = self.residuals.data
+        data = planned_rows(self.residuals.robot, q, template.measured_axes, self.targets, self.residuals.oriented)
+        _, J = replace(self.residuals, data=data).both(x)
+        rows = J.reshape(len(q), self.rows, self.residuals.block, len(x)) * np.sqrt(self.repeats)
+        return np.asarray(self._believed(q, rows).reshape(len(q), self.coordinates, len(x)))
+
+    def _believed(self, q: Array, rows: Array) -> Array:
+        """Rows (N, targets, block, k) in the standard deviations of their own range, and as many as are usable."""
+        if not self.problem.effects:
+            return rows
+        sigma = readings(self.problem, nominal_poses(self.residuals.robot, q)[0])
+        own = np.divide(self.residuals.sigma, sigma, out=np.ones(len(q)), where=sigma > 0)
+        scale = np.ones((len(q), self.residuals.block))
+        scale[:, : len(self.residuals.axes)] = own[:, None]
+        return np.asarray(np.sqrt(usable(self.problem)) * rows * scale[:, None, :, None])
+
+    def tool_rows(self, q: Array, x: Array, basis: Array) -> Array:
+        """(t, k) shift of the (first) tool point at the posture q (n,) along the t rows of ``basis``, per unknown.
+
+        The rows of ``basis`` are directions about the arm as its nominal base stands; they turn with a base found
+        elsewhere.
+        """
+        data = planned_rows(self.residuals.robot, q[None], np.ones(3, dtype=bool), self.targets, False).take([0])
+        here = replace(self.residuals, data=data)
+        reached = here.walk(x)
+        columns = np.zeros((3, len(x)))
+        for k, parameter in enumerate(self.parameters):
+            if parameter.factor >= 0 and parameter.code <= 0:
+                columns[:, k] = [float(np.ravel(entry)[0]) for entry in position_column(reached, parameter.factor)]
+        return np.asarray(basis @ self._base(np.zeros(len(x))) @ self._base(x).T @ columns)
+
+    def _base(self, x: Array) -> Array:
+        """(3, 3) orientation of the base in the world."""
+        factors = self.residuals.robot.base
+        values = {p.name: float(v) for p, v in zip(self.parameters, x, strict=True) if p.group == "base"}
+        return np.array(walk(factors, factor_values(factors, (), values)).columns, dtype=float).T
+
+
+def planned_rows(robot: Robot, q: Array, axes: Mask, targets: tuple[str, ...], oriented: bool) -> Measurements:
+    """Measurements of every target at the postures (N, n), with nothing measured yet."""
+    each = max(len(targets), 1)
+    rows, n = len(q) * each, robot.n
+    zeros = np.zeros(rows, dtype=np.intp)
+    pose = np.repeat(np.arange(len(q)), each)
+    rotation = np.tile([1.0, 0.0, 0.0, 0.0], (rows, 1)) if oriented else None
+    return Measurements(
+        joint_names=robot.joint_names, q=np.repeat(q, each, axis=0), position=np.zeros((rows, 3)), measured_axes=axes,
+        rotation=rotation, pose=pose, goal=pose.copy(), target=np.tile(np.arange(each), len(q)), robot=zeros,
+        point=zeros.copy(), target_names=targets, robot_names=(), point_names=(), approach=np.zeros((rows, n)),
+        approach_length=np.zeros((rows, n)), payload=None, temperature=None, time=None, line=zeros.copy(),
+    )  # fmt: skip
+
+
+def instrument(
+    problem: CalibrationProblem, given: Measurements | None, repeats: int = 1
+) -> tuple[Instrument, tuple[str, ...]]:
+    """The instrument of a problem, which measures what the given data have, or what moves; and what was assumed."""
+    robot, rotation = problem.robot, rotation_sigma(problem)
+    sigma = position_sigma(problem, given) if given is not None else planned_sigma(problem, reach_of(robot))
+    notes = [] if sigma else [f"no σ of the instrument is stated: {SIGMA * 1e3:g} mm taken"]
+    positions = given is not None and given.position is not None
+    axes = given.measured_axes if given is not None and positions else ~still_axes(robot)
+    if given is not None and not positions:
+        notes.append("the given rows touch points; the plan is for an instrument that measures positions")
+    targets = given.target_names if given is not None and len(given.target_names) > 1 else ()
+    data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, rotation > 0)
+    parameters = unknowns(problem, data, orientation=rotation > 0)
+    return Instrument(Residuals(robot, data, parameters, sigma or SIGMA, rotation), problem, repeats), tuple(notes)
+
+
+def visit_variance(problem: CalibrationProblem, sigma: float, q: Array) -> float:
+    """Mean variance of a measured coordinate at the postures (N, n) in units of the instrument's, ``sigma`` [m].
+
+    To the instrument's comes what the arm scatters by from visit to visit: ``1 + tr(J V Jᵀ) / (r σ²)`` on average over
+    the postures, J (3, k) the Jacobian of the tool point by the sources, V their visit part, r the axes that it moves.
+    """
+    sources = problem.sources
+    point = ToolPoint.of(problem.robot, Sources(sources.names, sources.visit))
+    if not point.names:
+        return 1.0
+    reached, _ = point.walk([np.ascontiguousarray(column) for column in q.T])
+    J = np.broadcast_to(point.jacobian(reached), (len(q), 3, len(point.names)))
+    spread = np.einsum("nij,jk,nik->n", J, point.covariance, J)
+    return 1.0 + float(np.mean(spread)) / (max(int(np.sum(~still_axes(problem.robot))), 1) * sigma**2)
+
+
+def nothing_given(unknowns: int, variance: float = 1.0) -> Given:
+    """Where nothing was measured yet: the nominal arm, and a measured coordinate of this variance."""
+    return Given(np.zeros((0, unknowns)), np.zeros(unknowns), variance, 0)
+
+
+def given_knowledge(
+    problem: CalibrationProblem, data: Measurements, parameters: tuple[Parameter, ...], expected: float = 1.0
+) -> Given:
+    """What ``data`` tell of ``parameters``; touched points, which are unknowns of the data alone, are worked out.
+
+    Where the data suffice, the arm is fitted to them: the plan then starts from that arm, without its outliers, and
+    counts with what the fit leaves in place of the ``expected`` variance.
+    """
+    residuals, notes = compare(problem, data)
+    x = fit_frames(problem.robot, residuals)
+    _, J = residuals.both(x)
+    names = [p.name for p in residuals.parameters]
+    known = determine(problem, residuals, x, held_length(residuals), priors=True)
+    variance, kept = expected, np.arange(len(data))
+    if len(J) >= known.directions.shape[1] + _TRUSTED:
+        found = estimate(residuals, x, known.directions, known.prior, weight=known.noise)
+        x, variance, kept = found.x, found.variance, np.flatnonzero(found.kept)
+        _, J = residuals.take(kept).both(x)
+    own = [names.index(p.name) for p in parameters if p.name in names]
+    others = [i for i in range(len(names)) if i not in own]
+    # With the others first, the last rows of the triangular factor hold what is left for the shared unknowns.
+    R = triangular(J[:, [*others, *own]])[len(others) :, len(others) :]
+    at = [i for i, p in enumerate(parameters) if p.name in names]
+    wide, start = np.zeros((len(R), len(parameters))), np.zeros(len(parameters))
+    wide[:, at], start[at] = R, x[own]
+    if data.touches:  # how well a ball sits in its socket says nothing of the instrument to come
+        wide, variance = wide * np.sqrt(expected / variance), expected
+    gone = len(data) - len(kept)
+    stand = "stands" if gone == 1 else "stand"
+    notes += (f"{gone} of the given rows {stand} out and {'is' if gone == 1 else 'are'} not counted",) * (gone > 0)
+    return Given(wide, start, variance, len(kept), len(J), notes)

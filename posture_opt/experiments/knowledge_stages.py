@@ -1,0 +1,173 @@
+"""What is known of an arm before and after measurements: standard errors, observability, the task's variance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from posture_opt.calibration.estimation import Prior
+from posture_opt.calibration.identifiability import Identifiability, identify, observability
+from posture_opt.calibration.parameters import CalibrationProblem, Parameter, prior_covariance
+from posture_opt.calibration.prior import full_prior, tolerances
+from posture_opt.experiments.exchange import Criterion, Determinant, Variance, normalisation, variances
+from posture_opt.experiments.information import Given
+from posture_opt.numerics import Array, Mask
+
+_ROUNDING = 1e-7  # of the largest singular value
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What is expected to be known at one stage.
+
+    Args:
+        std: (k,) expected standard errors [rad, m]; NaN where a parameter is not determined.
+        task: expected standard deviation of the tool point at the task's posture that what is not known of the
+            parameters makes: root of the summed variances along the directions that count [m]; NaN without a task,
+            and where it is not determined.
+        observability: O1 … O5 of all measurements made till then, unknowns scaled to unit RMS over the candidates.
+    """
+
+    std: Array
+    task: float
+    observability: dict[str, float]
+
+    @classmethod
+    def median(cls, stages: Sequence[Stage]) -> Stage:
+        """The median of each figure; what is not determined counts as infinite."""
+        std = _median([stage.std for stage in stages])
+        task = float(_median([np.array(stage.task) for stage in stages]))
+        names = stages[0].observability
+        return cls(std, task, {name: float(np.median([s.observability[name] for s in stages])) for name in names})
+
+
+def _median(values: Sequence[Array]) -> Array:
+    middle = np.median([np.where(np.isnan(value), np.inf, value) for value in values], axis=0)
+    return np.where(np.isinf(middle), np.nan, middle)
+
+
+@dataclass(frozen=True, eq=False)
+class Beforehand:
+    """What is known of the unknowns without any measurement.
+
+    Args:
+        scale: (k,) tolerances [rad, m].
+        stated: (k,) whether a σ is stated.
+        W: square root of the information of the stated σ's (p, k); ``prior`` has the tolerances of the geometry too.
+    """
+
+    names: tuple[str, ...]
+    scale: Array
+    stated: Mask
+    W: Array
+    prior: Array
+
+    @classmethod
+    def of(cls, problem: CalibrationProblem, parameters: tuple[Parameter, ...]) -> Beforehand:
+        rows, covariance = prior_covariance(problem, parameters)
+        k, scale = len(parameters), tolerances(parameters, rows)
+        prior = full_prior(parameters, scale, rows, covariance).matrix(k)
+        names = tuple(p.name for p in parameters)
+        return cls(names, scale, np.isin(np.arange(k), rows), Prior.of(rows, covariance).matrix(k), prior)
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The unknowns that candidate measurements tell something of, with all that is known already.
+
+    Deviations from nominal are ``x = D z``: directions that nothing measured can feel are projected out.
+
+    Args:
+        known: what all candidates with the given data and the stated σ's determine.
+        D: (k, r) deviations [rad, m] per unit of z; ``T`` (r, r) takes unknowns of unit information to z.
+        start: (r, r) information on z from the given data and from beforehand.
+        seen: (k, s) directions that measurements alone determine, of unit RMS over the candidates.
+        L: (t, r) shift of the tool point at the task's posture along the t directions that count; (0, r) without.
+    """
+
+    beforehand: Beforehand
+    given: Given
+    known: Identifiability
+    D: Array
+    T: Array
+    start: Array
+    seen: Array
+    L: Array
+
+    @classmethod
+    def of(cls, beforehand: Beforehand, J: Array, given: Given, tool_rows: Array, count: int) -> Unknowns:
+        """From the candidates' derivatives J (N, b, k), for a plan of ``count`` of them."""
+        flat = np.sqrt(count / len(J)) * J.reshape(-1, J.shape[-1])
+        measured = np.concatenate([flat, given.R]) / np.sqrt(given.variance)
+        names, scale = beforehand.names, beforehand.scale
+        alone = identify(names, measured, count, scale=scale)
+        known = identify(names, np.concatenate([measured, beforehand.W]), count, scale=scale)
+        D = np.concatenate([known.directions, known.hardly], axis=1)
+        start = sum((R @ D).T @ (R @ D) for R in (given.R / np.sqrt(given.variance), beforehand.prior))
+        average = measured[: len(flat)] @ D
+        rms = np.sqrt(np.mean(np.sum(J**2, axis=1), axis=0))
+        unit = 1.0 / np.where(rms > 0, rms, 1.0)
+        seen = unit[:, None] * np.linalg.qr(alone.directions / unit[:, None])[0]
+        T = normalisation(start + average.T @ average)
+        return cls(beforehand, given, known, D, T, np.asarray(start), seen, tool_rows @ D)
+
+    @property
+    def count(self) -> int:
+        return int(self.D.shape[1])
+
+    @property
+    def settled(self) -> Mask:
+        """(k,) which parameters are determined already, or would be by all candidates together."""
+        return np.asarray(self.known.determined | self.already)
+
+    @cached_property
+    def already(self) -> Mask:
+        """(k,) which parameters the given data and the stated σ's determine: more data take nothing back."""
+        return np.asarray(self._told(self.given.R).determined | self.beforehand.stated)
+
+    def criterion(self, purpose: str) -> Criterion:
+        """What a plan for ``parameters`` or for the ``task`` makes small, in the unknowns z."""
+        return Determinant() if purpose == "parameters" else Variance(self.L)
+
+    def blocks(self, J: Array) -> Array:
+        """(N, b, r) what candidates measure of z, in standard deviations of the measurement."""
+        return np.asarray(J @ self.D / np.sqrt(self.given.variance))
+
+    def before(self, J: Array) -> Stage:
+        """What is known without the measurements J (n, b, k).
+
+        Where nothing was measured, the stated σ's alone speak of the task: parts as they are drawn are no knowledge.
+        """
+        stage, W = self.stage(J[:0]), self.beforehand.W @ self.D
+        if self.given.rows:
+            return stage
+        return replace(stage, task=_root_sum(variances(W.T @ W, self.L, self.T)))
+
+    def stage(self, J: Array) -> Stage:
+        """What is known after the measurements J (n, b, k) on top of what is known already."""
+        flat = self.blocks(J).reshape(-1, self.count)
+        M = self.start + flat.T @ flat
+        task = _root_sum(variances(M, self.L, self.T))
+        found = self._told(np.concatenate([J.reshape(-1, J.shape[-1]), self.given.R]))
+        # Combinations that nothing tells leave each parameter its part of a tolerance.
+        std = np.sqrt(variances(M, self.D, self.T) + found.unseen**2)
+        std = np.where(self.already | found.determined, std, np.nan)
+        return Stage(std, task, self._indices(J))
+
+    def _told(self, rows: Array) -> Identifiability:
+        stack = np.concatenate([rows / np.sqrt(self.given.variance), self.beforehand.W])
+        return identify(self.beforehand.names, stack, len(stack) + 1, scale=self.beforehand.scale)
+
+    def _indices(self, J: Array) -> dict[str, float]:
+        s = np.linalg.svd(np.concatenate([self.given.R, J.reshape(-1, J.shape[-1])]) @ self.seen, compute_uv=False)
+        if len(s) < self.seen.shape[1] or s[-1] <= _ROUNDING * s[0]:
+            return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
+        return observability(np.asarray(s, dtype=float), self.given.rows + len(J))
+
+
+def _root_sum(along: Array) -> float:
+    """Root of the summed variances along all directions; NaN where one is not determined, or there are none."""
+    return float(np.sqrt(np.sum(along))) if len(along) else float("nan")

@@ -1,0 +1,141 @@
+"""``MeasurementPlan``: which postures to measure next, and what they are expected to tell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from posture_opt.calibration.parameters import Parameter
+from posture_opt.experiments.candidate_postures import Room
+from posture_opt.experiments.knowledge_stages import Stage
+from posture_opt.experiments.visiting_order import Tour
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.numerics import Array, Mask
+from posture_opt.robot.robot import Robot
+
+Purpose = Literal["parameters", "task"]
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """The posture whose tool point a plan serves, and the directions (t, 3) along which its error counts."""
+
+    q: Array
+    basis: Array
+    within: str
+
+
+@dataclass(frozen=True, eq=False)
+class MeasurementPlan:
+    """Postures to measure, in the order of their visit, and what is expected of them.
+
+    Args:
+        q: (count, n) the postures [rad, m], rounded to 0.01 deg and 0.01 mm.
+        points: (count, 3) where the nominal tool point comes to lie, world [m].
+        repeats: how often each is visited.
+        purpose: ``parameters`` or ``task``.
+        parameters: the (k,) unknowns; ``settled`` (k,) which of them measurements with this instrument can determine.
+        words: what no measurement can tell, a sentence each.
+        before, after, random: what is known without the plan, with it, and with random postures (medians).
+        gain: the criterion's standard error with as many random postures, over that with the chosen ones.
+        equivalent: so many random postures do what the chosen ones do; ``None`` where none of the tried sizes does.
+        reach: (m, 3) nominal tool points of random postures that are allowed, world [m].
+        tried: the largest number of random postures that was tried; ``draws`` of them are behind each median.
+        target: the task's posture, or ``None``.
+        tour: travel, blocked legs and approach sides.
+        room: where the arm may go; ``share`` of the random postures that are allowed.
+        given: the measurements made already, or ``None``; ``spread`` is the standard deviation of a
+            measured coordinate, of arm and instrument together, in units of the instrument's.
+        sigma: the instrument's, of a coordinate [m]; ``sigma_rotation`` [rad], 0 where orientations are not measured.
+        targets: the points on the tool that are measured at each posture; empty for one.
+        notes: sentences for the report.
+    """
+
+    robot: Robot
+    q: Array
+    points: Array
+    repeats: int
+    purpose: Purpose
+    parameters: tuple[Parameter, ...]
+    settled: Mask
+    words: tuple[str, ...]
+    before: Stage
+    after: Stage
+    random: Stage
+    gain: float
+    equivalent: int | None
+    tried: int
+    draws: int
+    target: Target | None
+    tour: Tour
+    room: Room
+    share: float
+    reach: Array
+    given: Measurements | None
+    spread: float
+    sigma: float
+    sigma_rotation: float
+    axes: tuple[str, ...]
+    targets: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def postures(self) -> list[dict[str, float]]:
+        """Joint name -> value [rad, m], in the order of the visit."""
+        return [dict(zip(self.robot.joint_names, map(float, row), strict=True)) for row in self.q]
+
+    def to_csv(self) -> str:
+        """The postures in the order of their visit, in deg and mm; with what is measured added, ``read_measurements``
+        reads it.
+
+        With several targets every visit has a row for each; repeats are rounds of the whole tour.
+        """
+        revolute = [joint.type == "revolute" for joint in self.robot.joints]
+        heads = [f"{j.name} [{'deg' if turns else 'mm'}]" for j, turns in zip(self.robot.joints, revolute, strict=True)]
+        heads += ["pose"] * (self.repeats > 1) + ["target"] * bool(self.targets)
+        lines = [", ".join(heads)]
+        values = self.q * np.where(revolute, math.degrees(1.0), 1e3)
+        for _ in range(self.repeats):
+            for pose, row in enumerate(values + 0.0, start=1):
+                cells = [f"{value:.2f}" for value in row] + [str(pose)] * (self.repeats > 1)
+                lines += [", ".join([*cells, target]) for target in self.targets] or [", ".join(cells)]
+        return "\n".join(lines) + "\n"
+
+    def to_json(self) -> dict[str, Any]:
+        """The document ``plan.json``: SI units and radians."""
+        stages = {"before": self.before, "after": self.after, "random": self.random}
+        return {
+            "purpose": self.purpose,
+            "count": len(self.q),
+            "repeats": self.repeats,
+            "given": len(self.given) if self.given is not None else 0,
+            "postures": [
+                {"posture": posture, "tool": [float(v) for v in point]}
+                for posture, point in zip(self.postures, self.points, strict=True)
+            ],
+            "gain": self.gain,
+            "random_equivalent": self.equivalent,
+            "parameters": [
+                {"name": p.name, "unit": p.unit, **{name: _number(stage.std[i]) for name, stage in stages.items()}}
+                for i, p in enumerate(self.parameters)
+            ],
+            "observability": {name: dict(stage.observability) for name, stage in stages.items()},
+            "task": self._task(stages),
+            "undetermined": list(self.words),
+            "travel": self.tour.travel,
+            "blocked": [k + 1 for k in self.tour.blocked],
+            "notes": list(self.notes),
+        }
+
+    def _task(self, stages: dict[str, Stage]) -> dict[str, Any] | None:
+        if self.target is None:
+            return None
+        posture = dict(zip(self.robot.joint_names, map(float, self.target.q), strict=True))
+        return {"posture": posture, "std": {name: _number(stage.task) for name, stage in stages.items()}}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,142 @@
+"""How well the nominal arm agrees with measurements whatever its base and tool are: a linear question.
+
+With the flange at ``p(q)``, ``R(q)``, a tool offset t and the base turned by B and shifted by b, the tool point is
+``x = B p + B R t + b``: linear in B, in the products ``B ⊗ t`` and in b. So one linear least-squares fit tells
+whether the commanded joints can have led to the measured points, and ``B`` comes out as a free 3×3 matrix: its
+scale is that of the units, its determinant says whether the frame is right-handed. Where the rows are too few for
+all its unknowns, B is held to a scaled rotation or reflection and found in turns with t.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.measurements.measurements import Floats, Measurements
+from posture_opt.measurements.nominal_points import nominal_poses
+from posture_opt.numerics import Codes
+from posture_opt.robot.robot import Robot
+
+_ROWS = 400  # postures suffice for a question about whole columns
+_RANK = 1e-8  # of the largest singular value; below it a direction is rounding
+_FEWEST = 6  # postures for the scaled rotation: 18 coordinates for its 10 unknowns
+_TURNS = 20  # of rotation and tool; five suffice for measured arms
+_MOVED = 0.02  # of the tool's motion that must be free of the wrist's for B to be told from the tool
+
+Misfit = Callable[[Floats], float]
+"""Joint values (m, n) of the sample -> what the nominal arm leaves unexplained, as a share; NaN where too few."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """The free linear map from the nominal tool points to the measured ones.
+
+    ``map`` (k, d) takes the d world axes along which the nominal tool moves to the k measured axes, or is ``None``
+    where the postures do not tell it; ``misfit`` is the RMS of the rest over that of the measured points.
+    """
+
+    misfit: float
+    map: Floats | None
+    axes: Codes
+
+
+def sample_rows(data: Measurements) -> Codes:
+    """Rows of different poses, of the robot and the target that have most rows; evenly spread, at most 400."""
+    pairs = data.robot * (data.target.max(initial=0) + 1) + data.target
+    chosen = np.flatnonzero(pairs == np.bincount(pairs).argmax())
+    if not data.touches:
+        _, first = np.unique(data.pose[chosen], return_index=True)
+        chosen = chosen[np.sort(first)]
+    step = np.unique(np.linspace(0, len(chosen) - 1, min(len(chosen), _ROWS)).round().astype(np.intp))
+    return np.asarray(chosen[step])
+
+
+def agreement(robot: Robot, q: Floats, measured: Floats) -> Agreement:
+    """The agreement of postures (m, n) with measured coordinates (m, k) [m]."""
+    points, rotations = nominal_poses(robot, q)
+    turned = _centred(rotations.reshape(len(q), 9))
+    moved, target = _centred(points), _centred(measured)
+    axes = np.flatnonzero(np.sqrt(np.mean(moved**2, axis=0)) > 1e-9)
+    basis = _basis(turned)
+    moved = _without(moved[:, axes], basis)
+    free = len(q) - 1 - basis.shape[1] - len(axes)
+    spread = np.sqrt(np.sum(target**2) / len(q))
+    if not len(axes) or spread == 0:
+        return Agreement(np.nan, None, axes)
+    if free < (len(q) - 1) / 2:
+        return _similarity(_centred(points), _centred(rotations), target, axes)
+    rest = _without(target, basis)
+    singular = np.linalg.svd(moved, compute_uv=False) / np.sqrt(len(q))
+    known = singular[-1] > _MOVED * np.sqrt(np.mean(np.sum(_centred(points) ** 2, axis=1)))
+    fitted, *_ = np.linalg.lstsq(moved, rest, rcond=_RANK)
+    misfit = np.sqrt(np.sum((rest - moved @ fitted) ** 2) / free) / spread
+    return Agreement(float(misfit), np.asarray(fitted.T, dtype=float) if known else None, axes)
+
+
+def _similarity(points: Floats, rotations: Floats, measured: Floats, axes: Codes) -> Agreement:
+    """The agreement by a scaled rotation, or by a reflection where only that one fits."""
+    if len(points) < _FEWEST or measured.shape[1] < 3:
+        return Agreement(np.nan, None, axes)
+    (proper, turn), (improper, flip) = (_scaled(points, rotations, measured, sign) for sign in (1.0, -1.0))
+    best, found = (improper, flip) if improper < proper / 5 else (proper, turn)
+    return Agreement(best, found[:, axes], axes)
+
+
+def _scaled(points: Floats, rotations: Floats, measured: Floats, sign: float) -> tuple[float, Floats]:
+    """Misfit and map of the scaled rotation, in turns with the tool offset (Umeyama 1991, eqs. 40-43)."""
+    tool = np.zeros(3)
+    for _ in range(_TURNS):
+        reached = points + rotations @ tool
+        left, singular, right = np.linalg.svd(measured.T @ reached)
+        signs = np.array([1.0, 1.0, sign * np.sign(np.linalg.det(left @ right))])
+        turn, scale = (left * signs) @ right, (singular @ signs) / max(np.sum(reached**2), 1e-300)
+        wanted = measured @ turn / scale - points if scale > 0 else np.zeros_like(points)
+        tool, *_ = np.linalg.lstsq(rotations.reshape(-1, 3), wanted.ravel(), rcond=_RANK)
+    rest = measured - scale * (points + rotations @ tool) @ turn.T
+    free = (measured.size - 10) / measured.size
+    return float(np.sqrt(np.sum(rest**2) / np.sum(measured**2) / free)), np.asarray(scale * turn)
+
+
+def touch_misfit(robot: Robot, q: Floats, point: Codes) -> float:
+    """RMS distance of the touches of one point from their mean, with the best tool offset.
+
+    It is given as a share of the reach times the RMS change of orientation within a point: postures that hardly
+    differ agree with anything.
+    """
+    points, rotations = nominal_poses(robot, q)
+    flat = np.column_stack([points, rotations.reshape(len(q), 9)])
+    codes, count = np.unique(point, return_inverse=True)[1], np.bincount(point)
+    count = count[count > 0]
+    means = np.column_stack([np.bincount(codes, column) / count for column in flat.T])
+    flat = flat - means[codes]
+    offsets = flat[:, 3:].reshape(-1, 3)
+    free = 3 * (len(q) - len(count)) - 3
+    if free < 3 * len(q) / 2:
+        return float("nan")
+    tool, *_ = np.linalg.lstsq(offsets, -flat[:, :3].ravel(), rcond=_RANK)
+    rest = flat[:, :3].ravel() + offsets @ tool
+    turned = np.sqrt(np.sum(offsets**2) / (2 * len(q)))
+    return float(np.sqrt(3 * np.sum(rest**2) / free) / (reach(robot) * turned)) if turned > 0 else float("nan")
+
+
+def reach(robot: Robot) -> float:
+    """The length of the stretched chain [m]."""
+    strokes = sum(max(abs(j.lower), abs(j.upper)) for j in robot.joints if j.type == "prismatic")
+    fixed = [f for link in (*robot.links, robot.tool) for f in link if f.kind == "translate"]
+    return strokes + sum(abs(f.nominal) for f in fixed)
+
+
+def _centred(values: Floats) -> Floats:
+    return np.asarray(values - values.mean(axis=0))
+
+
+def _basis(columns: Floats) -> Floats:
+    """Orthonormal columns that span the given ones."""
+    left, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(left[:, singular > _RANK * max(singular[0], np.sqrt(len(columns)))])
+
+
+def _without(columns: Floats, basis: Floats) -> Floats:
+    return np.asarray(columns - basis @ (basis.T @ columns))

@@ -1,0 +1,89 @@
+"""``Measurements``: what was commanded and what was measured, row by row, in SI units and radians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.numerics import Codes, Mask
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """N measurements in the order in which they were made.
+
+    Groups of rows are integer codes; the texts they stand for are in the tuples of names. Where the file has no
+    ``pose`` column, rows with equal commands are one pose; without ``goal`` every pose is a goal of its own, and
+    without ``target`` or ``robot`` all rows share one.
+
+    Args:
+        joint_names: (n,) the joints, in the order of the columns of ``q``.
+        q: (N, n) commanded joint values [rad or m].
+        position: (N, 3) measured tool point [m], in the instrument's frame; ``None`` for data of touched points.
+        measured_axes: (3,) which coordinates were measured; the others hold the nominal model's value.
+        rotation: (N, 4) measured orientation as unit quaternion (w, x, y, z) with w >= 0, or ``None``.
+        pose, goal, target, robot, point: (N,) codes; ``point`` is zero where ``position`` was measured.
+        target_names, robot_names, point_names: the text of each code; empty without the column.
+        approach: (N, n) the side from which the joint arrived, -1 or +1; 0 where nothing says so.
+        approach_length: (N, n) the length of that last move [rad or m]; 0 in a robot's first row.
+        payload: (N,) [kg], or ``None``.
+        temperature: (N,) [degC], or ``None``.
+        time: (N,) [s], or ``None``.
+        line: (N,) the line of each row in ``file``; rows of a table in memory are counted from 1.
+        pose_given, goal_given, approach_given: whether the file has such columns.
+        warnings: sentences on what looks wrong but can be used.
+    """
+
+    joint_names: tuple[str, ...]
+    q: Floats
+    position: Floats | None
+    measured_axes: Mask
+    rotation: Floats | None
+    pose: Codes
+    goal: Codes
+    target: Codes
+    robot: Codes
+    point: Codes
+    target_names: tuple[str, ...]
+    robot_names: tuple[str, ...]
+    point_names: tuple[str, ...]
+    approach: Floats
+    approach_length: Floats
+    payload: Floats | None
+    temperature: Floats | None
+    time: Floats | None
+    line: Codes
+    file: str = ""
+    pose_given: bool = False
+    goal_given: bool = False
+    approach_given: bool = False
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in _BY_ROW:
+            values = getattr(self, name)
+            assert values is None or len(values) == len(self.q), f"{name} has a row for each measurement"
+            if values is not None:
+                values.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def touches(self) -> bool:
+        """Whether the rows touch fixed points and no instrument measured."""
+        return self.position is None
+
+    def take(self, rows: object) -> Measurements:
+        """The measurements of ``rows``, indices or a mask (N,); codes and names keep their meaning."""
+        index = np.asarray(rows)
+        chosen = {name: values[index] for name in _BY_ROW if (values := getattr(self, name)) is not None}
+        return replace(self, **chosen)
+
+
+_WHOLE = {"joint_names", "measured_axes", "target_names", "robot_names", "point_names", "file", "warnings"}
+_BY_ROW = tuple(f.name for f in fields(Measurements) if f.name not in _WHOLE and not f.name.endswith("_given"))

@@ -1,0 +1,224 @@
+"""Measurements that look wrong as a whole: another unit, swapped columns, a mirrored frame, another robot's file.
+
+What is guessed is said and never applied: the user knows what was measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from posture_opt.measurements.affine_fit import Agreement, Misfit, agreement, reach, sample_rows, touch_misfit
+from posture_opt.measurements.faults import Faults
+from posture_opt.measurements.header import AXES, Column
+from posture_opt.measurements.measurements import Floats, Measurements
+from posture_opt.measurements.nominal_points import nominal_poses
+from posture_opt.robot.robot import Robot
+
+_LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254}
+_POOR = 0.03  # unexplained share of the motion from which a wrong column is looked for; joint errors of 2 deg leave it
+_GOOD = 0.05  # what a guess must leave at most,
+_BETTER = 5.0  # and how many times less than the columns as given
+_UNLIKE = 0.1  # unexplained share from which it is said that another robot may have been measured
+_TRUSTED = 0.2  # unexplained share up to which scale and sign of the fitted map mean something
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Columns read in another way: the joint values that follow, what is said of it, and the mend."""
+
+    q: Floats
+    message: str
+    mend: str
+    column: str
+
+
+def suspicions(data: Measurements, robot: Robot, columns: dict[str, Column], faults: Faults) -> list[str]:
+    """Warnings; what cannot be meant as it stands joins ``faults``."""
+    rows = sample_rows(data)
+    q = data.q[rows]
+    if data.position is None:
+        point = data.point[rows]
+        misfit = touch_misfit(robot, q, point)
+        guessed = _guess(lambda other: touch_misfit(robot, other, point), misfit, q, robot, columns, faults)
+        return [] if guessed else _unlike(misfit, None, "how far the touches of one point lie apart")
+    measured = data.position[rows][:, data.measured_axes]
+    found = agreement(robot, q, measured)
+    named = [axis for axis in AXES if axis in columns]
+    if _guess(lambda other: agreement(robot, other, measured).misfit, found.misfit, q, robot, columns, faults):
+        return []
+    if _wrong_lengths(found, measured, q, robot, [columns[axis] for axis in named], faults):
+        return []
+    if _mirrored(found, robot, named, faults):
+        return []
+    return [*_unlike(found.misfit, _scale(found), "of the measured motion"), *_turned(found, robot, named)]
+
+
+def _scale(found: Agreement) -> float | None:
+    """How many times as far as the nominal tool the measured point moves."""
+    if found.map is None or not found.misfit < _TRUSTED:
+        return None
+    return float(np.sqrt(np.sum(found.map**2) / len(found.axes)))
+
+
+def _wrong_lengths(
+    found: Agreement, measured: Floats, q: Floats, robot: Robot, columns: list[Column], faults: Faults
+) -> bool:
+    """Whether coordinates look like another unit of length, each column for itself where the data tell."""
+    scales: Floats
+    if found.misfit < _TRUSTED and found.map is not None and len(found.axes) == len(columns):
+        scales = np.linalg.norm(found.map, axis=1)
+    else:
+        scales = np.full(len(columns), _scale(found) or _distance_ratio(measured, q, robot))
+    guesses = [_unit(scale, column) for scale, column in zip(scales, columns, strict=True)]
+    for unit in dict.fromkeys(guess for guess in guesses if guess):
+        those = [column for column, guess in zip(columns, guesses, strict=True) if guess == unit]
+        ratio = float(scales[guesses.index(unit)])
+        names = ", ".join(column.name for column in those)
+        message = f"the measured points move {ratio:.3g} times as far along {names} as the nominal robot's tool"
+        mend = f"the numbers look like {unit}: write " + ", ".join(f"{column.name} [{unit}]" for column in those)
+        faults.add(message, those[0].name, mend=mend)
+    return any(guesses)
+
+
+def _distance_ratio(measured: Floats, q: Floats, robot: Robot) -> float:
+    """The median ratio of distances between measured points to those of the nominal tool points; NaN for none."""
+    points, _ = nominal_poses(robot, q)
+    order = np.random.default_rng(0).permutation(len(q))
+    nominal = np.linalg.norm(points[order] - points[np.roll(order, 1)], axis=1)
+    distance = np.linalg.norm(measured[order] - measured[np.roll(order, 1)], axis=1)
+    # A tool offset that is not known yet moves the point too: postures that leave the nominal point say nothing.
+    far = nominal > 0.05 * reach(robot)
+    return float(np.median(distance[far] / nominal[far])) if far.any() else math.nan
+
+
+def _unit(scale: float, column: Column) -> str:
+    """The unit that the numbers of a column seem to have; empty where it is the stated one."""
+    if not scale > 0 or 0.2 < scale < 5:
+        return ""
+    for units, tolerance in ((("m", "mm", "um"), 5.0), (("cm", "in"), 1.3)):
+        for unit in units:
+            if abs(math.log(scale * _LENGTHS[unit] / column.factor)) < math.log(tolerance):
+                return unit
+    return ""
+
+
+def _guess(
+    misfit_of: Misfit, misfit: float, q: Floats, robot: Robot, columns: dict[str, Column], faults: Faults
+) -> bool:
+    """Whether the joints make sense only when read in another way."""
+    if not misfit > _POOR:
+        return False
+    tried = [(misfit_of(guess.q), guess) for guess in _guesses(q, robot, columns)]
+    best, guess = min(tried, key=lambda pair: pair[0], default=(math.inf, None))
+    if guess is None or not best < min(_GOOD, misfit / _BETTER):
+        return False
+    said = f"the nominal robot explains the data to {_percent(best)} if {guess.message}, as given only to"
+    faults.add(f"{said} {_percent(misfit)}", guess.column, mend=guess.mend)
+    return True
+
+
+def _percent(misfit: float) -> str:
+    return f"{100 * max(1 - misfit, 0):.3g} %"
+
+
+def _guesses(q: Floats, robot: Robot, columns: dict[str, Column]) -> Iterator[Guess]:
+    """Every way in which units or heads of joint columns may have been mistaken."""
+    names = robot.joint_names
+    for stated, meant, factor, kind in (
+        ("deg", "rad", 180 / math.pi, "revolute"),
+        ("rad", "deg", math.pi / 180, "revolute"),
+        ("mm", "m", 1e3, "prismatic"),
+        ("m", "mm", 1e-3, "prismatic"),
+    ):
+        those = [j for j, joint in enumerate(robot.joints) if joint.type == kind and columns[names[j]].unit == stated]
+        for some in dict.fromkeys([tuple(those), *((j,) for j in those)]):
+            if some and (factor > 1 or _beyond(q, robot, some)):
+                other = q.copy()
+                other[:, some] *= factor
+                which = ", ".join(names[j] for j in some)
+                mend = "write " + ", ".join(f"{names[j]} [{meant}]" for j in some)
+                yield Guess(other, f"the numbers of {which} are {meant}", mend, names[some[0]])
+    for i, name in enumerate(names):
+        other = q.copy()
+        other[:, i] *= -1
+        message = f"{name} counts in the opposite direction"
+        yield Guess(other, message, f"turn the sign of the numbers of {name}, or its axis in the problem file", name)
+    for i, j in combinations(range(robot.n), 2):
+        if robot.joints[i].type == robot.joints[j].type:
+            other = q.copy()
+            other[:, [i, j]] = q[:, [j, i]]
+            message = f"the columns {names[i]} and {names[j]} are exchanged"
+            yield Guess(other, message, "are the two swapped? exchange their heads", names[i])
+
+
+def _beyond(q: Floats, robot: Robot, some: tuple[int, ...]) -> bool:
+    """Whether any of these joints leaves its limits: numbers that are too large for their unit do."""
+    return any(q[:, j].max() > robot.upper[j] or q[:, j].min() < robot.lower[j] for j in some)
+
+
+def _square(found: Agreement) -> Floats | None:
+    """The map between as many axes as are measured, where the fit is good enough to trust its sign."""
+    if found.map is None or found.map.shape[0] != found.map.shape[1] or not found.misfit < _TRUSTED:
+        return None
+    return found.map
+
+
+def _mirrored(found: Agreement, robot: Robot, named: list[str], faults: Faults) -> bool:
+    """Whether the measured frame is left-handed, which no robot's motion can be."""
+    square = _square(found)
+    if square is None or np.linalg.det(square) > 0 or np.linalg.cond(square) > 2:
+        return False
+    guess = "two of the columns are swapped, or one has the opposite sign"
+    if not robot.base_free:
+        guess = _which(square, named) or guess
+    message = f"the measured frame is left-handed: the points are the mirror image of the nominal robot's ({guess})"
+    faults.add(message, named[0], mend=f"correct the columns {', '.join(named)}")
+    return True
+
+
+def _which(square: Floats, named: list[str]) -> str:
+    """The two swapped columns or the reversed one, in a frame that is known."""
+    for i, j in combinations(range(len(named)), 2):
+        swapped = np.eye(len(named))[[j if k == i else i if k == j else k for k in range(len(named))]]
+        if np.abs(square - swapped).max() < 0.3:
+            return f"{named[i]} and {named[j]} look swapped"
+    for i, name in enumerate(named):
+        flipped = np.diag([-1.0 if k == i else 1.0 for k in range(len(named))])
+        if np.abs(square - flipped).max() < 0.3:
+            return f"{name} looks as if it had the opposite sign"
+    return ""
+
+
+def _turned(found: Agreement, robot: Robot, named: list[str]) -> list[str]:
+    """A warning where the problem states the base and the data stand in another frame."""
+    square = _square(found)
+    if robot.base_free or square is None:
+        return []
+    left, _, right = np.linalg.svd(square)
+    cosine = (np.trace(left @ right) - (1 if len(named) == 3 else 0)) / 2
+    angle = math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
+    if angle < 10:
+        return []
+    return [
+        f"the measured frame is turned by {angle:.0f} deg against the base of the problem file: state the base, or "
+        "write base: free to have it found"
+    ]
+
+
+def _unlike(misfit: float, scale: float | None, what: str) -> list[str]:
+    """A warning where no base and no tool lets the nominal robot come near the data."""
+    if misfit > _UNLIKE:
+        return [
+            f"whatever base and tool, the nominal robot leaves {100 * misfit:.3g} % unexplained ({what}): is it "
+            "another robot's file, or are signs or zeros of joints different?"
+        ]
+    if scale is not None and not 0.9 < scale < 1.1:
+        return [
+            f"the measured points move {scale:.3g} times as far as the nominal robot's: is it another robot's file?"
+        ]
+    return []

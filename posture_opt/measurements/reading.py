@@ -1,0 +1,242 @@
+"""Measurements from a CSV file or a table in memory, checked against the robot of a problem."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from posture_opt.measurements.cells import Cells, read_cells
+from posture_opt.measurements.data_spec import DataSpec
+from posture_opt.measurements.faults import Faults
+from posture_opt.measurements.header import AXES, QUATERNION, Column, read_header
+from posture_opt.measurements.measurements import Floats, Measurements
+from posture_opt.measurements.nominal_points import nominal_poses, still_axes
+from posture_opt.measurements.plausibility import suspicions
+from posture_opt.measurements.table import TableLike, open_table
+from posture_opt.nearest import did_you_mean
+from posture_opt.numerics import Codes
+from posture_opt.robot.robot import Robot
+
+_NORM = 5e-3  # of a quaternion written with three decimals
+_TURN = 2 * math.pi
+_LISTED = 10
+
+
+class HasData(Protocol):
+    """Anything that names a robot and what is known about the data, such as a ``Problem``."""
+
+    @property
+    def robot(self) -> Robot: ...
+
+    @property
+    def data(self) -> DataSpec: ...
+
+
+def read_measurements(source: TableLike, problem: HasData) -> Measurements:
+    """The measurements in a CSV file, a pandas DataFrame or a mapping from column head to values.
+
+    Heads carry their unit: ``joint1 [deg], joint2 [deg], x [mm], y [mm], z [mm]``. Values that look like another
+    unit, swapped columns or a mirrored frame are guessed and said, never converted.
+
+    Args:
+        source: the path, or the table.
+        problem: names ``robot`` and ``data``.
+
+    Raises:
+        InputError: everything wrong with the file, each with line, column and the mend.
+    """
+    table = open_table(source)
+    faults = table.faults
+    columns = read_header(table.heads, problem.robot, table.line, faults)
+    cells = read_cells(table.blocks, columns.values(), faults)
+    if not cells.line.size and not faults.count:
+        faults.stop("there is no row behind the header", "add one row for each measurement", table.line)
+    faults.refuse()
+    data = _assemble(cells, columns, problem.robot, faults)
+    faults.refuse()
+    notes = suspicions(data, problem.robot, columns, faults)
+    faults.refuse()
+    notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
+    return replace(data, warnings=tuple(notes))
+
+
+def _assemble(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Faults) -> Measurements:
+    line = cells.line
+    q = np.column_stack([_present(cells.number(name)) for name in robot.joint_names])
+    _check_limits(q, robot, columns, line, faults)
+    _check_payload(cells, faults)
+    pose, goal = cells.code("pose"), cells.code("goal")
+    poses = pose[0] if pose else _codes_of_rows(q)
+    nobody: tuple[Codes, tuple[str, ...]] = (np.zeros(len(q), dtype=np.intp), ())
+    target, robots, point = (cells.code(name) or nobody for name in ("target", "robot", "point"))
+    measured = np.array([axis in columns for axis in AXES])
+    side, length, given = _sides(cells, q, robots[0], robot)
+    return Measurements(
+        joint_names=robot.joint_names,
+        q=q,
+        position=_position(cells, measured, q, robot, faults) if measured.any() else None,
+        measured_axes=measured,
+        rotation=_rotation(cells, line, faults) if QUATERNION[0] in columns else None,
+        pose=poses,
+        goal=goal[0] if goal else poses.copy(),
+        target=target[0],
+        robot=robots[0].copy(),
+        point=point[0].copy(),
+        target_names=target[1],
+        robot_names=robots[1],
+        point_names=point[1],
+        approach=side,
+        approach_length=length,
+        payload=cells.number("payload"),
+        temperature=cells.number("temperature"),
+        time=cells.number("time"),
+        line=line,
+        file=faults.file,
+        pose_given=pose is not None,
+        goal_given=goal is not None,
+        approach_given=given,
+    )
+
+
+def _check_payload(cells: Cells, faults: Faults) -> None:
+    payload = cells.number("payload")
+    if payload is not None:
+        for row in np.flatnonzero(payload < 0):
+            faults.add("a payload is not negative", "payload", payload[row], "write 0 or more", int(cells.line[row]))
+
+
+def _sides(cells: Cells, q: Floats, robots: Codes, robot: Robot) -> tuple[Floats, Floats, bool]:
+    """Side and length (N, n) of the last moves, and whether the file states any side: what it states counts."""
+    side, length = _approach(q, robots)
+    stated = {j: cells.number(f"{name}.approach") for j, name in enumerate(robot.joint_names)}
+    given = {j: values for j, values in stated.items() if values is not None}
+    for j, values in given.items():
+        side[:, j] = np.where(np.isnan(values), side[:, j], values)
+    return side, length, bool(given)
+
+
+def _present(values: Floats | None) -> Floats:
+    assert values is not None, "a missing joint was refused with the header"
+    return values
+
+
+def _codes_of_rows(values: Floats) -> Codes:
+    """(N,) codes of equal rows in the order of first appearance."""
+    rows = np.ascontiguousarray(values + 0.0)  # of 0.0 and -0.0 only the bytes differ
+    keys = rows.view(f"V{rows.itemsize * rows.shape[1]}").ravel().tolist()
+    known: dict[bytes, int] = {}
+    return np.fromiter((known.setdefault(key, len(known)) for key in keys), dtype=np.intp, count=len(keys))
+
+
+def _position(cells: Cells, measured: object, q: Floats, robot: Robot, faults: Faults) -> Floats:
+    """(N, 3) measured points; a coordinate may be left out in which the tool cannot move."""
+    position = np.zeros((len(q), 3))
+    still = still_axes(robot)
+    for k, axis in enumerate(AXES):
+        values = cells.number(axis)
+        if values is not None:
+            position[:, k] = values
+        elif still[k]:
+            position[:, k] = nominal_poses(robot, q[:1])[0][0, k]
+        else:
+            faults.add(f"the column {axis} is missing, and this arm moves along {axis}", axis, mend=f"add {axis} [mm]")
+    return position
+
+
+def _rotation(cells: Cells, line: Codes, faults: Faults) -> Floats:
+    """(N, 4) unit quaternions with w >= 0."""
+    rotation = np.column_stack([_present(cells.number(name)) for name in QUATERNION])
+    norm = np.linalg.norm(rotation, axis=1)
+    for row in np.flatnonzero(np.abs(norm - 1) > _NORM):
+        mend = "a rotation has norm 1; are the columns in the order of their names?"
+        faults.add(f"the quaternion has norm {norm[row]:.4g}", "qw", norm[row], mend, int(line[row]))
+    unit = rotation / np.where(norm > 0, norm, 1.0)[:, None]
+    return np.asarray(np.where(unit[:, :1] < 0, -unit, unit))
+
+
+def _approach(q: Floats, robots: Codes) -> tuple[Floats, Floats]:
+    """Side and length (N, n) of each joint's last move, from the row before of the same robot.
+
+    A joint that stands still keeps the side from which it came.
+    """
+    side, length = np.zeros_like(q), np.zeros_like(q)
+    for code in np.unique(robots):
+        rows = np.flatnonzero(robots == code)
+        step = np.diff(q[rows], axis=0, prepend=q[rows[:1]])
+        last = np.where(step != 0, np.arange(len(rows))[:, None], 0)
+        last = np.maximum.accumulate(last, axis=0)
+        move = np.take_along_axis(step, last, axis=0)
+        side[rows], length[rows] = np.sign(move), np.abs(move)
+    return side, length
+
+
+def _check_limits(q: Floats, robot: Robot, columns: dict[str, Column], line: Codes, faults: Faults) -> None:
+    """Joint values far beyond the limits are faults: one for a whole column that fits in another unit."""
+    for values, joint in zip(q.T, robot.joints, strict=True):
+        column, turns = columns[joint.name], joint.type == "revolute"
+        margin = _TURN if turns else joint.upper - joint.lower
+        beyond = np.flatnonzero((values > joint.upper + margin) | (values < joint.lower - margin))
+        other, ratio = ("deg", math.pi / 180) if turns else ("mm", 1e-3)
+        text = f"more than {'a turn' if turns else 'their whole range'} beyond the limits"
+        converted = values / column.factor * ratio
+        fits = converted.max() <= joint.upper + margin and converted.min() >= joint.lower - margin
+        if len(beyond) and column.unit != other and fits:
+            first, reach = int(line[beyond[0]]), np.abs(values).max() / column.factor
+            message = f"values up to {reach:.4g} {column.unit} lie {text} ({len(beyond)} rows, first line {first})"
+            faults.add(message, joint.name, None, f"they look like {other}: write {joint.name} [{other}]", first)
+            continue
+        for row in beyond:
+            value = values[row] / column.factor
+            bounds = ", ".join(f"{bound / column.factor:.4g}" for bound in (joint.lower, joint.upper))
+            message = f"{value:.6g} {column.unit} lies {text.replace('their', 'its')} [{bounds}]"
+            faults.add(message, joint.name, value, "correct the value or the joint's limits", int(line[row]))
+
+
+def _repeated_rows(data: Measurements) -> list[str]:
+    """A warning where rows are equal to the last digit, which no instrument measures twice."""
+    if data.position is None:
+        return []
+    parts = [data.q, data.position, *(part for part in (data.rotation,) if part is not None)]
+    extra = [
+        data.target,
+        data.robot,
+        *(part for part in (data.time, data.temperature, data.payload) if part is not None),
+    ]
+    codes = _codes_of_rows(np.column_stack([*parts, *extra]))
+    _, first = np.unique(codes, return_index=True)
+    again = np.setdiff1d(np.arange(len(codes)), first)
+    if not len(again):
+        return []
+    pairs = [f"{data.line[row]} (of {data.line[first[codes[row]]]})" for row in again[:_LISTED]]
+    more = ", …" if len(again) > _LISTED else ""
+    rows = "1 row repeats" if len(again) == 1 else f"{len(again)} rows repeat"
+    return [f"{rows} an earlier one to the last digit, as if copied: lines {', '.join(pairs)}{more}"]
+
+
+def _moved_poses(data: Measurements) -> list[str]:
+    """A warning where rows of one ``pose`` have other commands."""
+    if not data.pose_given:
+        return []
+    _, first, inverse = np.unique(data.pose, return_index=True, return_inverse=True)
+    apart = np.abs(data.q - data.q[first[inverse]]).max(axis=1)
+    rows = np.flatnonzero(apart > 1e-3)
+    if not len(rows):
+        return []
+    worst = rows[np.argmax(apart[rows])]
+    return [
+        f"{len(rows)} rows have another posture than the first row of their pose, by up to {apart[worst]:.3g} rad or m "
+        f"(line {data.line[worst]}): repeats are taken as one commanded posture"
+    ]
+
+
+def _idle_distances(data: Measurements, known: DataSpec) -> list[str]:
+    """A warning for each known distance to a point that no row touches."""
+    names = data.point_names
+    return [
+        f"data.distances names the point '{name}', which no row touches; {did_you_mean(name, names)}"
+        for name in dict.fromkeys(name for a, b, _ in known.distances for name in (a, b))
+        if data.touches and name not in names
+    ]

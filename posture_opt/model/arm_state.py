@@ -1,0 +1,119 @@
+"""``ArmState``: the nominal arm at its postures with what loads it, as effects want to know it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from posture_opt.model.chain import Scalar, Vector, Walk, add, cross, dot, factor_values, scale, subtract, walk
+from posture_opt.model.inputs import Inputs
+from posture_opt.robot.robot import Robot
+
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame of the chain in the world: columns of its rotation, and its origin [m]."""
+
+    columns: tuple[Vector, Vector, Vector]
+    origin: Vector
+
+    def point(self, local: Sequence[float]) -> Vector:
+        """The point with these coordinates in the frame, in the world [m]."""
+        moved = self.origin
+        for axis in range(3):
+            moved = add(moved, scale(local[axis], self.columns[axis]))
+        return moved
+
+
+@dataclass(frozen=True, eq=False)
+class ArmState:
+    """The arm without effects at the commanded joints ``q`` (n scalars) under ``inputs``.
+
+    ``p`` holds deviations of parameters from the file's arm, of frames that were found from data for example.
+    """
+
+    robot: Robot
+    q: Sequence[Scalar]
+    inputs: Inputs = field(default_factory=Inputs)
+    p: Mapping[str, Scalar] = field(default_factory=dict)
+
+    @cached_property
+    def walk(self) -> Walk:
+        """The chain without effects."""
+        return walk(self.robot.factors, factor_values(self.robot.factors, self.q, self.p))
+
+    @property
+    def tool(self) -> Vector:
+        """The tool point in the world [m]."""
+        return self.walk.position
+
+    @cached_property
+    def frames(self) -> tuple[Frame, ...]:
+        """(n,) the frame behind every joint, which moves with its link."""
+        factors, ends, end = self.robot.factors, [], len(self.robot.base)
+        for link in self.robot.links:
+            end += len(link)
+            ends.append(end)
+        values = factor_values(factors, self.q, self.p)
+        parts = [walk(factors[:end], values[:end]) for end in ends]
+        return tuple(Frame(part.columns, part.position) for part in parts)
+
+    def axis(self, joint: int) -> tuple[Vector, Vector]:
+        """Unit vector along the axis of a joint and a point on it, world frame."""
+        screw = self.walk.screws[self.robot.driven[joint]]
+        return screw.axis, screw.origin
+
+    @property
+    def weighed(self) -> bool:
+        """Whether mass and centre of mass of every link are known; one that turns about the vertical loads nothing."""
+        joints = self.robot.joints
+        axis, g = self.axis(0)[0], self.robot.gravity
+        upright = joints[0].type == "revolute" and all(abs(v) < 1e-2 * math.hypot(*g) for v in cross(axis, g))
+        return all(math.isfinite(j.mass) and all(map(math.isfinite, j.com)) for j in joints[upright:])
+
+    @cached_property
+    def loads(self) -> tuple[tuple[int, Scalar, Vector], ...]:
+        """(joint that carries it, mass [kg], place in the world [m]) of every known link and of the payload."""
+        links = [
+            (i, joint.mass, self.frames[i].point(joint.com))
+            for i, joint in enumerate(self.robot.joints)
+            if math.isfinite(joint.mass) and joint.mass > 0 and all(map(math.isfinite, joint.com))
+        ]
+        return (*links, (self.robot.n - 1, self.inputs.payload, self.tool))
+
+    def torque(self, joint: int) -> Any:
+        """The generalised force of gravity on a joint [N m, or N], which pulls it that way."""
+        total: Any = 0.0
+        for carrier, mass, place in self.loads:
+            if carrier >= joint:
+                total = total + mass * self.unit_torque(joint, place)
+        return total
+
+    def payload_torque(self, joint: int) -> Any:
+        """The part of `torque` that comes from the payload."""
+        return self.inputs.payload * self.unit_torque(joint, self.tool)
+
+    def unit_torque(self, joint: int, place: Vector) -> Any:
+        """The generalised force on a joint of 1 kg at a place of the world."""
+        axis, origin = self.axis(joint)
+        g = self.robot.gravity
+        if self.robot.joints[joint].type == "prismatic":
+            return dot(axis, g)
+        return dot(cross(axis, subtract(place, origin)), g)
+
+    def moment(self, carrier: int, about: Vector) -> Vector:
+        """The moment about a point of the weights of all links behind joint ``carrier`` and of the payload [N m].
+
+        ``carrier`` -1 counts every link.
+        """
+        total = ZERO
+        for behind, mass, place in self.loads:
+            if behind > carrier:
+                weight = scale(mass, self.robot.gravity)
+                total = add(total, cross(subtract(place, about), weight))
+        return total

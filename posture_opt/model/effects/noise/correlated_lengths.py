@@ -1,0 +1,61 @@
+"""Two lengths that are long or short together from one robot of a type to the next."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from posture_opt.model.effects.catalogue_entry import Evidence, Limit
+from posture_opt.model.effects.noise.noise_effect import NoiseEffect
+from posture_opt.nearest import one_of
+from posture_opt.robot.robot import Robot
+
+FEW_ROBOTS = 10
+
+
+class CorrelatedLengths(NoiseEffect):
+    """``Σ_ab = ρ σ_a σ_b``: off the diagonal of what is not known of the geometry, as of parts made together."""
+
+    summary: ClassVar[str] = "two lengths are long or short together, as parts made on one machine"
+    of_arm: ClassVar[bool] = True
+
+    kind: Literal["correlated_lengths"] = "correlated_lengths"
+    lengths: tuple[str, str] = Field(description="two lengths with a stated σ", examples=[["joint1.a", "joint2.a"]])
+    rho: float = Field(ge=-1, le=1, description="coefficient of correlation", examples=[0.8])
+
+    @model_validator(mode="after")
+    def _are_two(self) -> CorrelatedLengths:
+        if self.lengths[0] == self.lengths[1]:
+            raise ValueError(f"'{self.lengths[0]}' is correlated with itself; name two different lengths")
+        return self
+
+    @property
+    def target(self) -> str:
+        return ", ".join(self.lengths)
+
+    @property
+    def sizes(self) -> tuple[tuple[str, float, str], ...]:
+        return (("correlation", self.rho, "factor"),)
+
+    @property
+    def correlation(self) -> tuple[tuple[str, str, float], ...]:
+        return ((*self.lengths, self.rho),)
+
+    def robot_fault(self, robot: Robot) -> str:
+        known = [name for name, factor in robot.parameters.items() if factor.kind == "translate"]
+        for name in self.lengths:
+            if name not in known:
+                return f"'{name}' is no length of the robot; {one_of(name, known, 'lengths')}"
+        return ""
+
+    @classmethod
+    def unknowable(cls, evidence: Evidence) -> Limit | None:
+        if len(evidence.lengths) < 2:
+            return None
+        return Limit(
+            "correlated_lengths",
+            ", ".join(evidence.lengths[:2]),
+            "whether lengths err together shows only from robot to robot: one robot has one error of each",
+            f"measure {FEW_ROBOTS} robots of the type or more, with a column 'robot'",
+        )

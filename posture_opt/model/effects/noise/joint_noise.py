@@ -1,0 +1,133 @@
+"""One joint that scatters more from visit to visit than stated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, Rows
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Robot
+from posture_opt.units import Quantity, parse_quantity
+
+_RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
+"""Variance along a joint's column over the variance of the instrument, at the root mean square of the column."""
+
+
+class JointNoise(NoiseEffect):
+    """``Σ = Σ0 + σ² J_j J_jᵀ``: a joint whose value is off by another amount at every visit."""
+
+    summary: ClassVar[str] = "the joint scatters from visit to visit, on top of what else is stated of it"
+    of_arm: ClassVar[bool] = True
+    uneven: ClassVar[bool] = True
+
+    kind: Literal["joint_noise"] = "joint_noise"
+    joint: str = Field(description="the joint that scatters")
+    sigma: Quantity = Field(description="standard deviation from visit to visit")
+    std: Quantity | None = Field(None, description="standard error of sigma, where it was measured")
+
+    @model_validator(mode="after")
+    def _are_sizes(self) -> JointNoise:
+        for value in (self.sigma, *(() if self.std is None else (self.std,))):
+            if parse_quantity(value, _dimension(value)) <= 0:
+                raise ValueError(f"{value} is no standard deviation; write one greater than 0")
+        return self
+
+    @property
+    def target(self) -> str:
+        return self.joint
+
+    @property
+    def sizes(self) -> tuple[tuple[str, float, str], ...]:
+        return (("sigma", self.value, _dimension(self.sigma)),)
+
+    @property
+    def value(self) -> float:
+        """σ [rad or m]."""
+        return parse_quantity(self.sigma, _dimension(self.sigma))
+
+    def robot_fault(self, robot: Robot) -> str:
+        types = {j.name: j.type for j in robot.joints}
+        if self.joint not in types:
+            return f"the robot has no joint '{self.joint}'; its joints: {', '.join(types)}"
+        try:
+            parse_quantity(self.sigma, "angle" if types[self.joint] == "revolute" else "length")
+        except ValueError as error:
+            return str(error)
+        return ""
+
+    def scatter(self, robot: Robot) -> dict[str, float]:
+        return {robot.factors[robot.driven[robot.joint_names.index(self.joint)]].parameter: self.value}
+
+    def shape(self, rows: Rows) -> Array:
+        column = self.value * rows.levers[rows.robot.joint_names.index(self.joint)]
+        return np.asarray(np.eye(column.shape[1]) + column[:, :, None] * column[:, None, :])
+
+    def joined(self, other: NoiseEffect) -> JointNoise:
+        assert isinstance(other, JointNoise)
+        return self.of(self.joint, math.hypot(self.value, other.value), _dimension(self.sigma))
+
+    @classmethod
+    def of(cls, joint: str, sigma: float, dimension: str, std: float = math.nan) -> JointNoise:
+        """The noise of a joint from numbers [rad or m]."""
+        texts = {
+            name: f"{float(f'{value * 1e3:.4g}'):g} {'mrad' if dimension == 'angle' else 'mm'}"
+            for name, value in (("sigma", sigma), ("std", std))
+            if math.isfinite(value)
+        }
+        return cls(joint=joint, **texts)
+
+    @classmethod
+    def patterns(cls, rows: Rows) -> Sequence[Pattern]:
+        joints = zip(rows.robot.joints, rows.levers, strict=True)
+        return [Along(j.name, column, j.type == "revolute") for j, column in joints if np.linalg.norm(column) > 0]
+
+
+def _dimension(text: object) -> str:
+    """Whether a σ is that of an angle or of a length; an angle where it is neither, which is told then."""
+    try:
+        parse_quantity(text, "length")
+    except ValueError:
+        return "angle"
+    return "length"
+
+
+class Along(Pattern):
+    """Rows that a noisy joint spreads along its column (N, d)."""
+
+    kind = "joint_noise"
+    grid = _RATIOS
+
+    def __init__(self, joint: str, column: Array, turns: bool) -> None:
+        self.target = joint
+        self.quantity = "sigma", "rad" if turns else "m"
+        self.square = np.einsum("nd,nd->n", column, column)
+        self.scale, self.dimension = float(np.mean(self.square)), column.shape[1]
+        self.unit = column / np.sqrt(np.maximum(self.square, 1e-300))[:, None]
+
+    def inflation(self, value: float) -> Array:
+        return np.asarray(1 + value * self.square / self.scale)
+
+    def size(self, value: float, s2: float) -> float:
+        return float(np.sqrt(value * s2 / self.scale))
+
+    def error(self, value: float, s2: float) -> float:
+        """Rows of variance ``s² + σ² a_i`` along the column and s² across it tell s² and σ² together."""
+        sigma, along = self.size(value, s2), s2 * self.inflation(value)
+        if not sigma:
+            return math.inf
+        across = (self.dimension - 1) * len(along) / s2**2
+        information = np.array([
+            [np.sum((self.square / along) ** 2), np.sum(self.square / along**2)],
+            [np.sum(self.square / along**2), np.sum(along**-2.0) + across],
+        ])  # fmt: skip
+        scale = np.sqrt(np.diag(information))
+        return float(np.sqrt(2 * np.linalg.inv(information / np.outer(scale, scale))[0, 0]) / scale[0] / (2 * sigma))
+
+    def named(self, value: float, s2: float, std: float) -> JointNoise:
+        dimension = "angle" if self.quantity[1] == "rad" else "length"
+        return JointNoise.of(self.target, self.size(value, s2), dimension, std)

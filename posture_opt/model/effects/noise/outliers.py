@@ -1,0 +1,33 @@
+"""Single rows that are grossly wrong."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from posture_opt.model.effects.noise.noise_effect import NoiseEffect
+
+
+class Outliers(NoiseEffect):
+    """``(1 − w) N(0, Σ0) + w (anything)``: a share w of the rows says nothing.
+
+    A fit finds them one by one; what is planned counts with as many fewer rows.
+    """
+
+    summary: ClassVar[str] = "single rows are grossly wrong"
+
+    kind: Literal["outliers"] = "outliers"
+    share: float = Field(gt=0, lt=0.5, description="of the rows", examples=[0.02])
+
+    @property
+    def target(self) -> str:
+        return "data"
+
+    @property
+    def sizes(self) -> tuple[tuple[str, float, str], ...]:
+        return (("share", self.share, "share"),)
+
+    @property
+    def usable(self) -> float:
+        return 1.0 - self.share

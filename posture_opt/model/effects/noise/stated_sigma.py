@@ -1,0 +1,34 @@
+"""Standard deviations that are all stated too small, or too large, by one factor."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from posture_opt.model.effects.noise.noise_effect import NoiseEffect
+from posture_opt.numerics import Array
+
+
+class StatedSigma(NoiseEffect):
+    """``Σ = f² Σ0``: measurements scatter f times as much as stated."""
+
+    summary: ClassVar[str] = "measurements scatter more, or less, than stated by one factor"
+    of_stated: ClassVar[bool] = True
+
+    kind: Literal["stated_sigma"] = "stated_sigma"
+    factor: float = Field(gt=0, description="true σ over the stated one", examples=[1.8])
+
+    @property
+    def target(self) -> str:
+        return "data"
+
+    @property
+    def sizes(self) -> tuple[tuple[str, float, str], ...]:
+        return (("factor", self.factor, "factor"),)
+
+    def reading(self, sigma: Array, ranges: Array) -> Array:
+        return self.factor * sigma
+
+    def turning(self, sigma: float) -> float:
+        return self.factor * sigma

@@ -1,0 +1,17 @@
+"""Names and small tools of numerical code that every room shares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+"""Real numbers; the docstring of a function says which shape and unit."""
+Codes = NDArray[np.intp]
+"""Whole numbers that index rows or name groups of them."""
+Mask = NDArray[np.bool_]
+"""True where something holds."""
+Progress = Callable[[int, int], None]
+"""Is told how many of how many parts of a computation are done."""

@@ -1,0 +1,150 @@
+"""The ``effects`` section of a problem file: the robot with them, under the inputs that the task states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from posture_opt.errors import InputError, Issue, KeyPath
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.extension import Extension
+from posture_opt.model.inputs import REFERENCE_TEMPERATURE, Inputs
+from posture_opt.nearest import one_of
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.tasks import Task
+from posture_opt.uncertainty.covariance_file import read_covariance
+from posture_opt.uncertainty.sources import Sources, covariance_issues
+
+if TYPE_CHECKING:
+    from posture_opt.model.effects import CatalogueEntry, Effect
+
+
+def extended_robot(robot: Robot, effects: tuple[CatalogueEntry, ...], task: Task | None) -> Robot:
+    """The robot with the effects of the file; the plain one where there are none.
+
+    Raises:
+        InputError: effects that this robot cannot have, or inputs of unknown joints; keys from the top of the file.
+    """
+    issues = _task_issues(robot, task)
+    for index, effect in enumerate(effects):
+        fault = effect.robot_fault(robot) or _unweighed(robot, effect)
+        if fault:
+            message, _, mend = fault.partition("; ")
+            issues.append(Issue(message, ("effects", index), effect.kind, mend))
+    names = [effect.name for effect in effects]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            issues.append(Issue(f"{name} is given twice", ("effects", index), name, "keep one of them"))
+    if issues:
+        raise InputError(issues)
+    moving = moving_effects(effects)
+    return replace(robot, extension=Extension(moving, _inputs(robot, task))) if moving else robot
+
+
+def moving_effects(effects: Sequence[CatalogueEntry]) -> tuple[Effect, ...]:
+    """Those of a file's effects that move the tool point; the others spread it, or its measurements."""
+    if not effects:
+        return ()
+    from posture_opt.model.effects import Effect
+
+    return tuple(effect for effect in effects if isinstance(effect, Effect))
+
+
+def effect_sources(
+    robot: Robot, effects: tuple[Effect, ...], folder: Path, attached: Mapping[str, str], read: str | None
+) -> Sources:
+    """What the covariance files of the effects say; ``read`` is the one that the uncertainty has read already.
+
+    Raises:
+        InputError: as `read_covariance`.
+    """
+    found = Sources()
+    files = dict.fromkeys(e.covariance for e in effects if e.covariance and e.covariance != read)
+    for file in files:
+        assert file is not None
+        index = next(k for k, effect in enumerate(effects) if effect.covariance == file)
+        names, covariance = _read(robot, folder / file, attached.get(file), ("effects", index, "covariance"))
+        issues = covariance_issues(names, covariance)
+        if issues:
+            raise InputError([replace(issue, key=("effects", index, "covariance"), value=file) for issue in issues])
+        found = found.plus(Sources(names, (covariance + covariance.T) / 2))
+    return found
+
+
+def _read(robot: Robot, path: Path, text: str | None, key: KeyPath) -> tuple[tuple[str, ...], Array]:
+    dimensions = {name: "length" if f.kind == "translate" else "angle" for name, f in robot.parameters.items()}
+    try:
+        return read_covariance(path, {**dimensions, **robot.extension.dimensions}, text)
+    except InputError as error:
+        raise InputError([i if i.file else replace(i, key=key, value=path.name) for i in error.issues]) from None
+
+
+def effects_section(
+    entries: Sequence[Mapping[str, Any]], effects: Sequence[CatalogueEntry], names: Sequence[str], file: str
+) -> list[dict[str, Any]]:
+    """The entries of a file with the covariance ``file`` of the sources ``names`` in place of their own."""
+    section = []
+    for entry, effect in zip(entries, effects, strict=True):
+        plain = {key: value for key, value in entry.items() if key != "covariance"}
+        own = {name for moving in moving_effects([effect]) for name in moving.parameter_names}
+        section.append({**plain, "covariance": file} if own & set(names) else plain)
+    return section
+
+
+def extension_notes(robot: Robot) -> tuple[str, ...]:
+    """What was assumed of the inputs of the effects."""
+    if robot.extension is None:
+        return ()
+    unknown = sorted({effect.target for effect in robot.extension.effects if "approach" in effect.needs})
+    unknown = [joint for joint in unknown if joint not in robot.extension.inputs.stated]
+    notes = []
+    if unknown:
+        told = f"task: {{approach: {{{unknown[0]}: 1}}}} tells it"
+        notes.append(f"from which side {', '.join(unknown)} will arrive is not known: it counts as scatter ({told})")
+    left = [effect for effect in robot.extension.effects if not effect.for_planning]
+    timed = {effect.kind for effect in left if "time" in effect.needs}
+    if timed:
+        time = float(robot.extension.inputs.time)
+        when = f"{time:g} s after the first measurement" if time else "at its beginning (task: {time: 2 h} tells when)"
+        notes.append(f"{', '.join(sorted(timed))}: planned as {when}")
+    read = {effect.kind for effect in left} - timed
+    if read:
+        notes.append(f"{', '.join(sorted(read))}: the place of the task is taken as the instrument reads it")
+    return tuple(notes)
+
+
+def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
+    if task is None:
+        return []
+    return [
+        Issue(
+            "the robot has no such joint", ("task", "approach", name), name, one_of(name, robot.joint_names, "joints")
+        )
+        for name in task.approach
+        if name not in robot.joint_names
+    ]
+
+
+def _unweighed(robot: Robot, effect: CatalogueEntry) -> str:
+    if (
+        any("masses" in moving.asks for moving in moving_effects([effect]))
+        and not ArmState(robot, [0.0] * robot.n).weighed
+    ):
+        return "masses or centres of mass of some links are not stated; add mass and com to the joints"
+    return ""
+
+
+def _inputs(robot: Robot, task: Task | None) -> Inputs:
+    if task is None:
+        return Inputs(payload=robot.payload)
+    warmth = 0.0 if task.temperature is None else task.temperature - REFERENCE_TEMPERATURE
+    return Inputs(
+        payload=robot.payload if task.payload is None else task.payload,
+        approach=[float(task.approach.get(name, 0)) for name in robot.joint_names],
+        temperature=warmth,
+        time=task.time or 0.0,
+        stated=tuple(task.approach),
+    )

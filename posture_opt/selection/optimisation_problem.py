@@ -1,0 +1,212 @@
+"""From a problem to its nonlinear programme: variables, objective and named rows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.model.chain import Walk, stack
+from posture_opt.robot.robot import Robot
+from posture_opt.selection import criteria, goal
+from posture_opt.selection.goal import Goal
+from posture_opt.selection.nlp import Nlp, Row, Variable
+from posture_opt.selection.quantities import Quantities, Within
+from posture_opt.selection.reach import PLANE_TOLERANCE, Reach
+from posture_opt.selection.tasks import Task
+from posture_opt.uncertainty.tool_point import Moments, ToolPoint
+
+_MOST_CORRELATED = 8
+
+Alignment = Literal["exact", "loose", "free"]
+
+
+@dataclass(frozen=True)
+class OptimisationProblem:
+    """Everything symbolic about selecting a posture for ``task`` with one kind of target.
+
+    ``kind`` is ``point``, ``region`` or ``anywhere``; ``alignment`` says whether the tool axis is held along the
+    direction exactly, within ``reach.axis_slack`` (an arm with too few joints for more), or not at all. They decide
+    which rows there are; the numbers come later.
+    """
+
+    robot: Robot
+    tool_point: ToolPoint
+    task: Task
+    reach: Reach
+    kind: str
+    alignment: Alignment
+
+    @property
+    def axis_rows(self) -> int:
+        """How many rows hold the tool axis along the direction: 0, 1 (it turns in a plane that holds both) or 2."""
+        if self.alignment == "free":
+            return 0
+        return self.reach.axis_rank if self.alignment == "exact" else 2
+
+    def fixed_along(self, target: Goal) -> bool:
+        """Whether no joint turns the tool axis, and it lies along the direction (within the tilt) as it is."""
+        angle = math.acos(max(-1.0, min(1.0, float(self.reach.axis @ target.direction))))
+        return self.reach.axis_rank == 0 and angle <= target.tilt + self.reach.axis_slack
+
+    def axis_note(self, target: Goal) -> str:
+        """What became of the wish to have the tool axis along the direction, in words."""
+        if self.task.axis == "free":
+            return "The task leaves the tool axis free."
+        if self.axis_rows:
+            tilt = f", within a tilt of {math.degrees(target.tilt):g} deg" if target.tilt else ""
+            return f"The tool axis is held along the direction{tilt}; its spin is free."
+        if self.fixed_along(target):
+            return "The arm holds its tool axis along the direction in every posture."
+        return "This arm cannot point its tool axis along the direction: the axis is left out."
+
+    def check_axis(self, target: Goal) -> None:
+        """Raise InputError where the task requires an axis that the arm cannot give."""
+        if self.task.axis == "required" and not self.axis_rows and not self.fixed_along(target):
+            raise InputError(
+                Issue(
+                    f"{self.task.kind} needs the tool axis along the direction, which this arm cannot give",
+                    ("task", "kind"),
+                    self.task.kind,
+                    "use kind: insert, which leaves the axis out for such an arm",
+                )
+            )
+
+    @cached_property
+    def across_rank(self) -> int:
+        """2, or 1 where nothing ever moves the tool point out of the arm's plane."""
+        C = self._moments.covariance
+        normals = self.reach.normals
+        if normals.shape[1] != 1:
+            return 2
+        n = ca.DM(normals[:, 0])
+        return 1 if ca.SX(C @ n).is_zero() else 2
+
+    @cached_property
+    def _moments(self) -> Moments:
+        # A dense covariance, after a calibration say, to second order: 90 000 operations and a solve of minutes.
+        # The objective then takes what the correlations add to first order; the answer is reported to second.
+        off = self.tool_point.covariance - np.diag(np.diag(self.tool_point.covariance))
+        complete = int(np.count_nonzero(np.any(off, axis=0))) <= _MOST_CORRELATED
+        return self.tool_point.moments(ca.vertsplit(self.q), complete=complete)
+
+    @cached_property
+    def q(self) -> ca.SX:
+        return ca.vertcat(*(ca.SX.sym(name) for name in self.robot.joint_names))
+
+    @cached_property
+    def _symbols(self) -> tuple[ca.SX, dict[str, ca.SX]]:
+        return goal.symbols()
+
+    @cached_property
+    def quantities(self) -> Quantities:
+        """The symbolic quantities that objective and terms are made of."""
+        moments = self._moments
+        p = self._symbols[1]
+        columns = moments.walk.columns
+        a = np.array(self.task.tool_axis) / np.linalg.norm(self.task.tool_axis)
+        axis = stack([sum(float(a[j]) * columns[j][k] for j in range(3)) for k in range(3)])
+        U = self.reach.directions
+        position = ca.SX(moments.position)
+        all_axes = ca.SX(U) if self.across_rank == 1 else ca.SX.eye(3)
+        bases: dict[Within, ca.SX] = {
+            "across": p["b1"] if self.across_rank == 1 else ca.horzcat(p["b1"], p["b2"]),
+            "along": p["direction"],
+            "all": all_axes,
+        }
+        return Quantities(
+            robot=self.robot,
+            q=self.q,
+            position=position,
+            axis=ca.SX(axis),
+            frames=self._frames(moments.walk),
+            covariance=ca.SX(moments.covariance),
+            bias=ca.SX(moments.mean) - position,
+            jacobian=ca.SX(U.T) @ ca.jacobian(position, self.q),
+            bases=bases,
+            clearance=p["clearance"],
+        )
+
+    def _frames(self, reached: Walk) -> ca.SX:
+        """(3, n) where each link ends: the origin that the first factor of the next one starts from."""
+        ends = np.cumsum([len(self.robot.base), *(len(link) for link in self.robot.links)])[1:]
+        origins = [*(screw.origin for screw in reached.screws), reached.position]
+        return ca.SX(ca.horzcat(*(ca.vertcat(*origins[end]) for end in ends)))
+
+    @cached_property
+    def nlp(self) -> Nlp:
+        """The programme itself."""
+        units = {"revolute": "rad", "prismatic": "m"}
+        variables = tuple(Variable(j.name, units[j.type], j.lower, j.upper) for j in self.robot.joints)
+        terms = self._objective_terms()
+        objective = sum((expression for _, expression in terms), ca.SX(0))
+        rows = (*self._target_rows(), *self._axis_rows(), *self._bound_rows())
+        worst = criteria.worst(self.quantities.projected(self.task.within)[0])
+        return Nlp(self.q, self._symbols[0], variables, objective, rows, tuple(terms), worst)
+
+    def _objective_terms(self) -> list[tuple[str, ca.SX]]:
+        task, at = self.task, self.quantities
+        C, bias = at.projected(task.within)
+        scale = self._symbols[1]["scale"]
+        if task.criterion == "miss":
+            main = ("log of the probability to miss the clearance", criteria.log_miss(C, bias, at.clearance))
+        else:
+            measure = {"worst": criteria.worst, "trace": criteria.trace, "area": criteria.area}[task.criterion]
+            main = (f"{task.criterion} of the spread {task.within}, over scale", measure(C) / scale)
+        extra = [
+            (f"{term.weight:g} x {term.kind}", term.weight * ca.sumsqr(term.quantity(at) / term.scale(at)))
+            for term in task.minimize
+        ]
+        return [main, *extra]
+
+    def _target_rows(self) -> list[Row]:
+        at, p = self.quantities, self._symbols[1]
+        if self.kind == "anywhere":
+            return []
+        if self.kind == "region":
+            # Across the plane of an arm that leaves it by its corrections only, the box is as wide as they are.
+            wider = (self.reach.plane_slack - PLANE_TOLERANCE) * np.linalg.norm(self.reach.normals, axis=1)
+            return [
+                Row(f"target.{c}", "m", at.position[k], p["lower"][k] - w, p["upper"][k] + w)
+                for k, (c, w) in enumerate(zip("xyz", wider.tolist(), strict=True))
+            ]
+        rows = []
+        for u in self.reach.directions.T:
+            name = (
+                "xyz"[int(np.argmax(np.abs(u)))]
+                if np.max(np.abs(u)) > 1 - 1e-9
+                else f"({u[0]:.3g}, {u[1]:.3g}, {u[2]:.3g})"
+            )
+            reached, wanted = ca.dot(ca.DM(u), at.position), ca.dot(ca.DM(u), p["lower"])
+            rows.append(Row(f"target.{name}", "m", reached, wanted, wanted))
+        return rows
+
+    def _axis_rows(self) -> list[Row]:
+        if not self.axis_rows:
+            return []
+        at, p, zero = self.quantities, self._symbols[1], ca.SX(0)
+        sideways = [ca.dot(p[b], at.axis) for b in ("b1", "b2")]
+        slack = ca.SX(0.0 if self.alignment == "exact" else self.reach.axis_slack)
+        facing = Row("tool_axis.facing", "1", ca.dot(p["direction"], at.axis), zero, ca.SX(math.inf))
+        if self.task.tilt == 0:
+            sideways = sideways[: self.axis_rows]
+            return [Row(f"tool_axis.{k + 1}", "1", s, -slack, slack) for k, s in enumerate(sideways)] + [facing]
+        tilt = ca.sumsqr(ca.vertcat(*sideways))
+        return [Row("tool_axis.sin2_tilt", "1", tilt, ca.SX(-math.inf), p["sin_tilt"] ** 2), facing]
+
+    def _bound_rows(self) -> list[Row]:
+        rows = []
+        for term in self.task.subject_to:
+            low, high = term.bounds()
+            if math.isinf(low) and math.isinf(high):
+                mend = "add at_most or at_least"
+                raise InputError(Issue(f"{term.kind} states no bound", ("task", "subject_to"), term.kind, mend))
+            values = ca.vertsplit(ca.vec(term.quantity(self.quantities)))
+            for label, value in zip(term.labels(self.quantities), values, strict=True):
+                rows.append(Row(label, term.unit, value, ca.SX(low), ca.SX(high)))
+        return rows

@@ -1,0 +1,206 @@
+"""``map_accuracy``: where the arm lands without its corrections, and how it scatters, over a grid of targets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from posture_opt.calibration.starting_values import kabsch
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.nominal_points import nominal_poses
+from posture_opt.numerics import Progress
+from posture_opt.problem.effects_section import moving_effects
+from posture_opt.problem.problem import Problem
+from posture_opt.selection.grid import Grid
+from posture_opt.selection.grid_request import Plane
+from posture_opt.selection.map_points import MapPoint
+from posture_opt.selection.target_map import TargetMap, map_targets
+from posture_opt.uncertainty.ball import central_radii
+from posture_opt.uncertainty.regions import coverage_factor
+from posture_opt.uncertainty.spread import ellipse_basis
+from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.uncertainty.validity import finite_or_none
+from posture_opt.validation.measured_errors import MeasuredErrors, measured_errors
+
+Floats = np.ndarray
+_ALIGNED = 1e-9
+_OUTER = 0.02  # of the rows, on either side, that the map need not cover
+_STEP = 0.01  # m, that its box is rounded to
+
+
+@dataclass(frozen=True, eq=False)
+class AccuracyMap:
+    """Bias and spread of the arm at every target of a grid, in the posture that the task takes there.
+
+    Args:
+        targets: the postures of the arm without corrections: what its controller would command.
+        corrections: number of parameters that the file corrects; ``effects`` of effects that it knows.
+        bias: (N, 3) mean tool point of the arm in the file minus the target, world [m]; NaN without a posture.
+        covariance: (N, 3, 3) of the tool point [m²].
+        basis: (2, 3) the plane of a planar arm, else (3, 3).
+        radius95: (N,) distance from their mean that 95 % of all tool points keep [m].
+        semi_axes95: (N, m) of the 95 % region, ascending [m].
+        settled: (N,) what would be left of the bias if the base were shifted and turned to suit the map [m].
+        own: bias (3,) and radius95 [m] at the position in the file; None without one, or without a posture there.
+        measured: measured rows, where there are data.
+    """
+
+    targets: TargetMap
+    corrections: int
+    effects: int
+    bias: Floats
+    covariance: Floats
+    basis: Floats
+    radius95: Floats
+    semi_axes95: Floats
+    settled: Floats
+    own: tuple[Floats, float] | None
+    measured: MeasuredErrors | None
+
+    @property
+    def grid(self) -> Grid:
+        """The targets."""
+        return self.targets.grid
+
+    @cached_property
+    def distance(self) -> Floats:
+        """(N,) length of the bias [m]."""
+        return np.asarray(np.linalg.norm(self.bias, axis=1))
+
+    def to_json(self) -> dict[str, Any]:
+        """The document ``map.json``: SI units, finite numbers only."""
+        joints = self.targets.programme.robot.joint_names
+        return {
+            "name": self.targets.problem.name,
+            "task": self.targets.programme.task.kind,
+            "quantity": "accuracy",
+            "direction": self.targets.goal.direction.tolist(),
+            "corrections": self.corrections,
+            "effects": self.effects,
+            "own": None if self.own is None else {"bias": self.own[0].tolist(), "radius95": self.own[1]},
+            "grid": self.grid.to_json(),
+            "targets": [self._target(k, spot, joints) for k, spot in enumerate(self.targets.spots)],
+            "measured": None if self.measured is None else self.measured.to_json(),
+            "seconds": self.targets.seconds,
+            "notes": list(self.targets.notes),
+        }
+
+    def _target(self, k: int, spot: MapPoint, joints: tuple[str, ...]) -> dict[str, Any]:
+        kept = {key: value for key, value in spot.to_json(joints).items() if key in ("position", "feasible", "reason")}
+        return {
+            **kept,
+            "bias": self.bias[k].tolist() if spot.feasible else None,
+            "covariance": self.covariance[k].tolist() if spot.feasible else None,
+            "semi_axes95": self.semi_axes95[k].tolist() if spot.feasible else None,
+            "radius95": finite_or_none(float(self.radius95[k])),
+            "posture": spot.to_json(joints)["posture"],
+        }
+
+    def plot(self) -> Any:
+        """File name -> matplotlib figure: the bias, where there are corrections, and the spread."""
+        from posture_opt.report.figures.accuracy import accuracy_figures
+
+        return accuracy_figures(self)
+
+    @property
+    def corrected(self) -> bool:
+        """Whether the file corrects the arm at all: else the bias is the second-order shift of the mean."""
+        return self.corrections + self.effects > 0
+
+
+def map_accuracy(
+    problem: Problem,
+    data: Measurements | None = None,
+    *,
+    counts: tuple[int, ...] | None = None,
+    low: tuple[float, float, float] | None = None,
+    high: tuple[float, float, float] | None = None,
+    plane: Plane | None = None,
+    seed: int | None = None,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> AccuracyMap:
+    """Where an arm lands that is driven without its corrections, and how it scatters, over a grid of targets.
+
+    The posture at a target is the one that the task takes there by the arm without corrections and effects. With the
+    forward models f of the corrected and f₀ of the uncorrected arm, ``f₀(q) = target`` and the bias is
+    ``E f(q) − target``.
+    Without corrections that leaves the second-order shift of the mean.
+
+    Args:
+        data: measurements, to be set against what is predicted; with them the map covers where they lie.
+        counts, low, high, plane, seed, workers, progress: as of `map_targets`.
+
+    Raises:
+        InputError, NoSolutionError: as `map_targets`; measurements of several robots.
+    """
+    nominal = problem.spec.robot.nominal(problem.folder)
+    uncorrected = replace(problem, robot=nominal)
+    if data is not None and low is None and high is None and plane is None:
+        low, high = _box_of(problem, data)
+    targets = map_targets(
+        uncorrected, counts=counts, low=low, high=high, plane=plane, seed=seed, workers=workers, progress=progress
+    )
+    tool_point = ToolPoint.of(problem.robot, problem.sources)
+    bias, covariance = _predicted(tool_point, targets.spots)
+    known = targets.feasible
+    basis = ellipse_basis(tool_point, covariance[known][0])
+    radius, semi_axes = np.full(len(bias), np.nan), np.full((len(bias), len(basis)), np.nan)
+    projected = basis @ covariance @ basis.T
+    semi_axes[known] = coverage_factor(0.95, len(basis)) * np.sqrt(np.linalg.eigvalsh(projected[known]).clip(0))
+    radius[known] = central_radii(0.95, projected[known])
+    own = None
+    if targets.own is not None and targets.own.feasible:
+        (at,), C = _predicted(tool_point, (targets.own,))
+        own = at, float(central_radii(0.95, basis @ C @ basis.T)[0])
+    measured = None if data is None else measured_errors(problem, uncorrected, data, targets, projected, tool_point)
+    known_of_arm = len(problem.spec.robot.corrections), len(moving_effects(problem.effects))
+    settled = _settled(targets.grid.points, bias)
+    return AccuracyMap(targets, *known_of_arm, bias, covariance, basis, radius, semi_axes, settled, own, measured)
+
+
+def _settled(points: Floats, bias: Floats) -> Floats:
+    """(N,) [m] the bias that no shift and turn of the base would take off; NaN where there is no posture."""
+    left, known = np.full(len(points), np.nan), np.isfinite(bias[:, 0])
+    if np.count_nonzero(known) > 2:
+        landed = points[known] + bias[known]
+        R, t = kabsch(landed, points[known])
+        left[known] = np.linalg.norm(landed @ R.T + t - points[known], axis=1)
+    return left
+
+
+def _predicted(tool_point: ToolPoint, spots: Sequence[MapPoint]) -> tuple[Floats, Floats]:
+    """Bias (N, 3) [m] and covariance (N, 3, 3) [m²]; NaN where there is no posture."""
+    known, count = np.array([spot.feasible for spot in spots]), len(spots)
+    Q = np.array([spot.q for spot in spots])[known]
+    moments = tool_point.moments([np.ascontiguousarray(column) for column in Q.T])
+    bias, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+    bias[known] = moments.mean - np.array([spot.position for spot in spots])[known]
+    covariance[known] = moments.covariance
+    return bias, covariance
+
+
+def _box_of(
+    problem: Problem, data: Measurements
+) -> tuple[tuple[float, float, float] | None, tuple[float, float, float] | None]:
+    """Corners of a flat box, across the direction, that holds most of the rows; None where the file says more."""
+    task = problem.task
+    if task is None or task.region is not None:
+        return None, None
+    d = np.array(task.direction) / np.linalg.norm(task.direction)
+    axis = int(np.argmax(np.abs(d)))
+    if abs(d[axis]) < 1 - _ALIGNED:
+        return None, None
+    place, _ = nominal_poses(problem.robot, data.q)
+    low, high = np.quantile(place, [_OUTER, 1 - _OUTER], axis=0)
+    low, high = _STEP * np.floor(low / _STEP), _STEP * np.ceil(high / _STEP)
+    if np.count_nonzero(np.ptp(place, axis=0) > _STEP) == 3:
+        level = float(np.median(place[:, axis]))
+        if task.position is not None and low[axis] <= task.position[axis] <= high[axis]:
+            level = task.position[axis]
+        low[axis] = high[axis] = level
+    return (low[0], low[1], low[2]), (high[0], high[1], high[2])

@@ -1,0 +1,214 @@
+"""``assess``: what a model gets wrong, as it stands and calibrated, and whether what remains is mere scatter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.instrument import position_sigma
+from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.calibration.residuals import Residuals, matrices, rotation_vectors
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.repeat_groups import revisits
+from posture_opt.model.derivatives import position_column
+from posture_opt.numerics import Array, Codes
+from posture_opt.uncertainty.regions import Ellipsoid, hotelling_factor
+from posture_opt.validation.model_errors import ModelErrors, model_errors, told
+from posture_opt.validation.repeatability_tests import Goals, Repeats, goals_of, repeats_of
+from posture_opt.validation.scatter_between_repeats import slides
+from posture_opt.validation.trends import Sides, Trend, sides_of, trends_of
+
+TEN_TIMES = 10.0  # better than what it judges an instrument should be
+_COVERAGE = 0.95
+_ROUNDING = 1e-12  # m
+
+
+class AssessedProblem(CalibrationProblem, Protocol):
+    """A problem that may have a task."""
+
+    @property
+    def task(self) -> Any: ...
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualScatter:
+    """The vector uncertainty of what calibration leaves, ``C = (1/l) Σ Δx Δxᵀ``.
+
+    Args:
+        ellipse: about zero, in the coordinates that were measured.
+        samples: l, rows.
+        dof: independent ones among them, poses; the 95 % region is ``factor`` standard deviations wide,
+            ``hotelling_factor(0.95, d, dof)``: that of a point that comes from the same scatter as C.
+        inside: share of the rows in that region.
+    """
+
+    ellipse: Ellipsoid
+    samples: int
+    dof: int
+    factor: float
+    inside: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers [m, m²]."""
+        return {
+            "covariance": self.ellipse.covariance.tolist(), "samples": self.samples, "dof": self.dof,
+            "semi_axes_1sigma": self.ellipse.semi_axes.tolist(), "axes": self.ellipse.axes.T.tolist(),
+            "coverage95_factor": self.factor, "inside": self.inside,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What a model gets wrong, as it stands and calibrated; deviations are measured minus model.
+
+    Args:
+        rows, poses: counted; outliers of the calibration are not.
+        axes: indices of the measured coordinates.
+        direction: (3,) unit vector of the task in the frame of the measurements, or ``None`` without a task.
+        instrument: σ of a coordinate that the problem states [m]; 0 where it states none.
+        block_axes: name and unit, m or rad, of what the blocks of the tests are cut along.
+        remaining: ``None`` where the poses are too few for a region.
+        repeats, goals: ``None`` where nothing was visited twice.
+        trends, sides: how the calibrated model's errors move with inputs, and with the side of arrival.
+        notes: sentences for the report.
+    """
+
+    rows: int
+    poses: int
+    axes: tuple[int, ...]
+    direction: Array | None
+    instrument: float
+    block_axes: tuple[tuple[str, str], ...]
+    nominal: ModelErrors
+    calibrated: ModelErrors
+    remaining: ResidualScatter | None
+    repeats: Repeats | None
+    goals: Goals | None
+    trends: tuple[Trend, ...] = ()
+    sides: tuple[Sides, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def ratios(self) -> dict[str, float]:
+        """By model, how many times better the instrument is than what it judges; infinite where it has no σ."""
+        models = {"nominal": self.nominal, "calibrated": self.calibrated}
+        return {name: m.coordinate / self.instrument if self.instrument else np.inf for name, m in models.items()}
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry ``assessment`` of ``calibration.json``: SI units."""
+        instrument: dict[str, Any] = {"sigma": self.instrument or None}
+        if self.instrument:
+            instrument |= {"times_better": self.ratios}
+            instrument["sufficient"] = {name: ratio >= TEN_TIMES for name, ratio in self.ratios.items()}
+        return {
+            "sign": "measured minus model", "rows": self.rows, "poses": self.poses,
+            "block_axes": [name for name, _ in self.block_axes],
+            "direction": None if self.direction is None else self.direction.tolist(),
+            "nominal": self.nominal.to_json(), "calibrated": self.calibrated.to_json(),
+            "remaining": None if self.remaining is None else self.remaining.to_json(),
+            "instrument": instrument,
+            "repeats": None if self.repeats is None else self.repeats.to_json(),
+            "goals": None if self.goals is None else self.goals.to_json(),
+            "trends": [trend.to_json() for trend in self.trends],
+            "approach": [sides.to_json() for sides in self.sides],
+            "notes": list(self.notes),
+        }  # fmt: skip
+
+
+def assess(problem: AssessedProblem, data: Measurements, calibration: Calibration) -> Assessment:
+    """What the model gets wrong, as it stands and calibrated, and what two rules of measuring say of it.
+
+    The deviations by direction are cross-validated. The means are tested on those of the arm fitted to all rows,
+    group by group of rows of one pose; fitted parameters have taken a share of them, so that the tests err on
+    the side of zero. ``data`` are the measurements that ``calibration`` was made from.
+    """
+    kept = np.setdiff1d(np.arange(len(data)), calibration.outliers)
+    axes = calibration.residuals.axes
+    used = data.take(kept)
+    direction = _direction(problem)
+    errors = {"nominal": _seen(calibration.errors_nominal[kept]), "calibrated": _seen(calibration.errors[kept])}
+    fitted = {"nominal": errors["nominal"], "calibrated": _seen(calibration.errors_fitted[kept])}
+    models = {name: model_errors(used, errors[name], fitted[name], axes, direction) for name in errors}
+    stated = position_sigma(problem, data)
+    residuals = calibration.residuals.take(kept)
+    codes = revisits(used, slides(residuals))
+    rotations = _turned(residuals, calibration.x, codes)
+    deviations = {name: e[:, axes] for name, e in errors.items()}
+    oriented = calibration.residuals.oriented
+    return Assessment(
+        rows=len(kept),
+        poses=len(np.unique(used.pose)),
+        axes=tuple(int(axis) for axis in axes),
+        direction=direction,
+        instrument=stated,
+        block_axes=_block_axes(problem, data),
+        nominal=models["nominal"],
+        calibrated=models["calibrated"],
+        remaining=_remaining(errors["calibrated"][:, axes], len(np.unique(used.pose))),
+        repeats=None
+        if data.touches
+        else repeats_of(used, codes, fitted["calibrated"][:, axes], deviations, rotations, oriented),
+        goals=goals_of(used, errors),
+        trends=trends_of(used, fitted["calibrated"][:, axes]),
+        sides=sides_of(used, fitted["calibrated"], _motions(residuals, calibration.x)),
+        notes=_notes(problem, axes, direction),
+    )
+
+
+def _seen(errors: Array) -> Array:
+    """Measured minus model; what is rounding of a coordinate is no error."""
+    return np.where(np.abs(errors) > _ROUNDING, -errors, 0.0)
+
+
+def _direction(problem: AssessedProblem) -> Array | None:
+    if problem.task is None:
+        return None
+    direction = np.asarray(problem.task.direction, dtype=float)
+    return np.asarray(direction / np.linalg.norm(direction))
+
+
+def _block_axes(problem: AssessedProblem, data: Measurements) -> tuple[tuple[str, str], ...]:
+    if data.position is not None:
+        return (("x", "m"), ("y", "m"), ("z", "m"))
+    return tuple((joint.name, "rad" if joint.type == "revolute" else "m") for joint in problem.robot.joints)
+
+
+def _notes(problem: AssessedProblem, axes: Any, direction: Array | None) -> tuple[str, ...]:
+    if direction is None:
+        return ("the problem has no task: nothing is said of along and across its direction",)
+    if not all(told(axes, direction)):
+        return ("not all of the task's direction was measured: what was not told is left out",)
+    if problem.robot.base_free:
+        return ("the base is free: the task's direction is taken in the frame of the measurements",)
+    return ()
+
+
+def _remaining(errors: Array, poses: int) -> ResidualScatter | None:
+    ellipse = Ellipsoid(np.zeros(errors.shape[1]), errors.T @ errors / len(errors))
+    if not 0 < ellipse.rank < poses + 1:
+        return None
+    factor = hotelling_factor(_COVERAGE, ellipse.rank, poses)
+    inside = float(np.mean(ellipse.mahalanobis(errors) <= factor))
+    return ResidualScatter(ellipse, len(errors), poses, factor, inside)
+
+
+def _motions(residuals: Residuals, x: Array) -> list[Array]:
+    reached, N = residuals.walk(x), len(residuals.data)
+    columns = [position_column(reached, k) for k in residuals.robot.driven]
+    return [np.stack([np.broadcast_to(np.asarray(c, dtype=float), N) for c in column], axis=-1) for column in columns]
+
+
+def _turned(residuals: Residuals, x: Array, codes: Codes) -> Array | None:
+    """Measured minus model (N, 3) [rad] as small rotations in the world; ``None`` without orientations."""
+    rotation = residuals.data.rotation
+    if rotation is None:
+        return None
+    if residuals.oriented:
+        return -residuals.rotation_error(residuals.walk(x))
+    # The model's orientation is not fitted: each posture is set against its own first visit, which tells the scatter.
+    _, first, own = np.unique(codes, return_index=True, return_inverse=True)
+    R = matrices(rotation)
+    return rotation_vectors(R @ np.swapaxes(R[first][own], -1, -2))

@@ -1,0 +1,154 @@
+"""How much of what was measured lies in the regions that a model predicts, and by what factor these are off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.uncertainty.regions import coverage_factor
+from posture_opt.validation.prediction import Prediction
+
+SearchResult = Literal["right", "understated", "overstated"]
+
+P = 0.95
+ENDS = (0.025, 0.975)
+LEVELS = (*(k / 20 for k in range(1, 20)), 0.99)
+_NEAR = 1.1  # a factor that no decision hangs on
+_CELLS = 1_000_000  # numbers at a time
+_DRAWS = 400  # of the bootstrap over poses, and of data as predicted
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """Measured errors against the regions predicted for them.
+
+    Args:
+        share: of the rows inside the predicted 95 % region; ``interval`` holds it with 95 % confidence, poses being
+            what is drawn at random.
+        expected: 95 % of data sets that are as predicted have a share between these. What stays from visit to visit
+            is one draw for all rows of one robot, so that they may be wide.
+        factor: by how much the predicted spread must grow for its region to hold 95 %; ``factor_interval`` holds it
+            with 95 % confidence, whether poses or data as predicted are drawn.
+        probability: (N,) ascending, of the smallest predicted region that holds each row: evenly spread over
+            0 … 1 where the prediction is true.
+        band: (levels, 2) between these lies the share held at each of ``LEVELS`` in 95 % of data as predicted.
+        poses: how many of them; ``dimension`` of the regions.
+    """
+
+    share: float
+    interval: tuple[float, float]
+    expected: tuple[float, float]
+    factor: float
+    factor_interval: tuple[float, float]
+    probability: Array
+    band: Array
+    poses: int
+    dimension: int
+
+    @classmethod
+    def of(cls, errors: Array, predicted: Prediction, groups: Codes) -> Coverage:
+        """Of errors (N, d) [m]; rows of one group (N,) hang together.
+
+        ``D_i² = e_iᵀ C_i⁻¹ e_i`` has the distribution χ²(d) where the prediction is true, and the factor is the root of
+        its 95 % quantile over what data simulated as predicted have in the median. Its interval is that of such data,
+        or that of a bootstrap over the groups, whichever reaches further.
+        """
+        from scipy.special import chdtr
+
+        squared, m = distances(errors, predicted.covariance), errors.shape[1]
+        groups = np.unique(groups, return_inverse=True)[1]
+        radius = coverage_factor(P, m)
+        drawn = _as_predicted(predicted)
+        reach = np.sqrt(np.quantile(drawn, P, axis=1))
+        shares = np.mean(drawn <= radius**2, axis=1)
+        found, typical = float(np.sqrt(np.quantile(squared, P))), float(np.median(reach))
+        ends = np.concatenate([found / np.quantile(reach, ENDS), _bootstrap(squared, groups) / typical])
+        inside = squared <= radius**2
+        return cls(
+            share=float(inside.mean()),
+            interval=share_interval(inside, groups),
+            expected=(float(np.quantile(shares, ENDS[0])), float(np.quantile(shares, ENDS[1]))),
+            factor=found / typical,
+            factor_interval=(float(ends.min()), float(ends.max())),
+            probability=np.sort(np.asarray(chdtr(m, squared))),
+            band=np.quantile([np.mean(drawn <= coverage_factor(p, m) ** 2, axis=1) for p in LEVELS], ENDS, axis=1).T,
+            poses=int(groups.max()) + 1,
+            dimension=m,
+        )
+
+    @property
+    def verdict(self) -> SearchResult:
+        """Whether the predicted spread is true, as far as the data tell; a tenth more or less is no matter."""
+        low, high = self.factor_interval
+        if low <= 1 <= high or 1 / _NEAR <= self.factor <= _NEAR:
+            return "right"
+        return "understated" if self.factor > 1 else "overstated"
+
+    def held(self, p: float) -> float:
+        """The share of the rows in the predicted region of probability ``p``."""
+        return float(np.searchsorted(self.probability, p, side="right") / len(self.probability))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return {
+            "rows": len(self.probability), "poses": self.poses, "share": self.share,
+            "interval95": list(self.interval), "expected95": list(self.expected), "factor": self.factor,
+            "factor_interval95": list(self.factor_interval), "verdict": self.verdict,
+            "reliability": [[p, self.held(p)] for p in LEVELS],
+        }  # fmt: skip
+
+
+def distances(errors: Array, covariances: Array) -> Array:
+    """(N,) squared Mahalanobis distances ``eᵀ C⁻¹ e`` of errors (N, d) with covariances (N, d, d)."""
+    return np.asarray(np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]))
+
+
+def share_interval(inside: Mask, groups: Codes) -> tuple[float, float]:
+    """The 95 % interval of a share of rows that hang together in groups.
+
+    Clopper and Pearson's (1934) for as many independent rows as would vary as much as the groups do (Korn,
+    Graubard 1998).
+    """
+    from scipy.special import betaincinv
+
+    n, share = len(inside), float(inside.mean())
+    count = np.bincount(groups)
+    off = np.bincount(groups, inside) - share * count
+    many = len(count)
+    variance = float(np.sum(off**2)) / n**2 * many / max(many - 1, 1)
+    effective = min(share * (1 - share) / variance, n) if variance > 0 else float(many)
+    hit = share * effective
+    low = float(betaincinv(hit, effective - hit + 1, 0.025)) if hit > 0 else 0.0
+    high = float(betaincinv(hit + 1, effective - hit, 0.975)) if hit < effective else 1.0
+    return low, high
+
+
+def _as_predicted(predicted: Prediction) -> Array:
+    """(draws, N) squared distances of data that are as predicted."""
+    rng = np.random.default_rng(0)
+    L = np.linalg.cholesky(predicted.covariance)
+    common = np.linalg.solve(L, predicted.common)
+    visit = np.linalg.solve(L, np.linalg.cholesky(predicted.visit))
+    n, d, k = common.shape
+    found = np.empty((_DRAWS, n))
+    step = max(_CELLS // (n * d), 1)
+    for first in range(0, _DRAWS, step):
+        many = min(step, _DRAWS - first)
+        e = common @ rng.standard_normal((k, many)) + visit @ rng.standard_normal((n, d, many))
+        found[first : first + many] = np.einsum("nib,nib->bn", e, e)
+    return found
+
+
+def _bootstrap(squared: Array, groups: Codes) -> Array:
+    """(2,) the 95 % interval of the root of the 95 % quantile, groups drawn with replacement."""
+    order = np.argsort(squared)
+    many = int(groups.max()) + 1
+    rng = np.random.default_rng(0)
+    drawn = np.empty(_DRAWS)
+    for k in range(_DRAWS):
+        weight = np.cumsum(np.bincount(rng.integers(many, size=many), minlength=many)[groups[order]])
+        drawn[k] = squared[order[np.searchsorted(weight, P * weight[-1])]]
+    return np.asarray(np.sqrt(np.quantile(drawn, ENDS)))

@@ -1,0 +1,107 @@
+"""Joint scatter estimated at some postures predicts the scatter at others: is that better than one round ellipse?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from posture_opt.errors import InsufficientDataError
+from posture_opt.numerics import Array, Codes
+from posture_opt.validation.joint_variances import JointNoise, fit_scatter
+from posture_opt.validation.scatter_model import Scatter
+
+_FOLDS = 5
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """How likely one model makes what was left out, against the round one: per measured row, natural logarithm.
+
+    Args:
+        model: ``joints`` (one σ for each), ``one_sigma`` (the same for all joints), ``round`` (one σ for all
+            directions at all postures), ``stated`` (what the problem file says; nothing estimated).
+        log_likelihood: mean per row.
+        gain: mean difference to ``round``, with its standard error over postures.
+    """
+
+    model: str
+    log_likelihood: float
+    gain: float
+    gain_std: float
+
+    @property
+    def better(self) -> bool | None:
+        """Whether it predicts better than the round model; ``None`` where two standard errors cannot tell."""
+        return None if abs(self.gain) <= 2 * self.gain_std else self.gain > 0
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return dict(vars(self))
+
+
+def predict_elsewhere(
+    scatter: Scatter, names: tuple[str, ...], groups: Codes, stated: Array | None, instrument: float
+) -> tuple[HeldOut, ...]:
+    """Models of the scatter fitted at four fifths of the postures, and how they predict the last fifth.
+
+    Args:
+        groups: (G,) cases of one code are left out together.
+        stated: (G, d, d) covariances that the problem file states [m²], if it does.
+        instrument: where the search for the instrument's σ starts [m].
+
+    The empty tuple where the postures are too few.
+    """
+    parts = _parts(groups)
+    if len(parts) < 2:
+        return ()
+    found: dict[str, Array] = {}
+    for left_out in parts:
+        train = scatter.take(np.setdiff1d(np.arange(len(groups)), left_out))
+        test = scatter.take(left_out)
+        models = _models(train, test, names, instrument)
+        if stated is not None:
+            models["stated"] = stated[left_out]
+        for name, covariance in models.items():
+            found.setdefault(name, np.full(len(groups), np.nan))[left_out] = test.log_likelihoods(covariance)
+    return tuple(
+        _held_out(name, values, found["round"], scatter.freedom, groups)
+        for name, values in found.items()
+        if not np.isnan(values).any()
+    )
+
+
+def _parts(groups: Codes) -> list[Codes]:
+    names = np.random.default_rng(0).permutation(np.unique(groups))
+    if len(names) < 2:
+        return []
+    return [np.flatnonzero(np.isin(groups, part)) for part in np.array_split(names, min(_FOLDS, len(names)))]
+
+
+def _models(train: Scatter, test: Scatter, names: tuple[str, ...], instrument: float) -> dict[str, Array]:
+    """Covariances (G, d, d) [m²] of the cases in ``test`` by each model that ``train`` can teach."""
+    d = test.squares.shape[1]
+    variance = float(np.trace(train.squares, axis1=-2, axis2=-1).sum()) / float(train.freedom.sum() * d)
+    models = {"round": np.broadcast_to(variance * np.eye(d), test.squares.shape)}
+    for name, equal in (("joints", False), ("one_sigma", True)):
+        noise = _fitted(train, names, instrument, equal)
+        if noise is not None:
+            models[name] = noise.covariance(test.columns) + test.known
+    return models
+
+
+def _fitted(train: Scatter, names: tuple[str, ...], instrument: float, equal: bool) -> JointNoise | None:
+    try:
+        return fit_scatter(train, names, instrument, True, equal, intervals=False)
+    except InsufficientDataError:
+        return None
+
+
+def _held_out(name: str, values: Array, rival: Array, freedom: Array, groups: Codes) -> HeldOut:
+    rows = float(freedom.sum())
+    codes = np.unique(groups, return_inverse=True)[1]
+    gain, many = (values - rival).sum() / rows, int(codes.max()) + 1
+    off = np.bincount(codes, values - rival) - gain * np.bincount(codes, freedom)
+    std = np.sqrt(np.sum(off**2) * many / max(many - 1, 1)) / rows
+    return HeldOut(name, float(values.sum() / rows), float(gain), float(std))

@@ -1,0 +1,155 @@
+"""``MeasuredErrors``: measured rows beside the accuracy that a map predicts where they lie."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from posture_opt.calibration.cross_validation import position_errors
+from posture_opt.calibration.frames import compare, fit_frames
+from posture_opt.calibration.instrument import position_sigma
+from posture_opt.errors import InputError, Issue
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.nominal_points import nominal_poses
+from posture_opt.problem.problem import Problem
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.target_map import TargetMap
+from posture_opt.uncertainty.ball import central_radii
+from posture_opt.uncertainty.regions import coverage_factor
+from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.uncertainty.validity import finite_or_none
+
+Floats = np.ndarray
+_ELSEWHERE = 20  # times the predicted distance: no spread is that much understated
+
+TOUCHES = (
+    "touched points tell how well touches agree, not where the arm stands: errors count from the mean of each point, "
+    "and no share of them can be set against the predicted distances"
+)
+FITTED = (
+    "free and fitted to these rows: what that takes off their errors is still in the prediction, and no share of "
+    "them can be set against it"
+)
+ELSEWHERE = (
+    "so far off, base, tool or instrument were not where the file has them when these rows were measured: calibrate "
+    "with them, or leave base and tool free"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredErrors:
+    """Measured rows beside what is predicted where they lie.
+
+    Args:
+        place: (M, 3) tool point of the rows by the model [m], world.
+        cell: (M,) the target in whose cell each lies; -1 for none.
+        near: (M,) whether they lie in a cell that has a prediction.
+        uncorrected, corrected: (M,) distance of the measured from the modelled tool point [m], by the arm without
+            its corrections and as it stands in the file.
+        limit: (M,) distance that 95 % of all rows should keep in the cell, the instrument's part included [m]; NaN
+            off the map.
+        inside: (M,) whether a row lies in the 95 % region that is predicted for its own posture.
+        comparable: whether the rows tell all of the error: not where they touch points, or where frames are fitted
+            to them.
+        reach: rows count as near the map within this distance of its plane [m]; 0 where all lie in it.
+        notes: sentences for the report.
+    """
+
+    place: Floats
+    cell: Floats
+    near: Floats
+    uncorrected: Floats
+    corrected: Floats
+    limit: Floats
+    inside: Floats
+    comparable: bool
+    reach: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def share_near(self) -> float:
+        """Share of the near rows within the distance predicted for their cell; NaN for none, or if not comparable."""
+        near = self.near
+        known = near.any() and self.comparable
+        return float(np.mean(self.corrected[near] <= self.limit[near])) if known else math.nan
+
+    @property
+    def share(self) -> float:
+        """Share of all rows in the 95 % region that is predicted for their own posture; NaN if not comparable."""
+        return float(np.mean(self.inside)) if self.comparable else math.nan
+
+    def to_json(self) -> dict[str, Any]:
+        """Counts, shares, and lengths [m]."""
+        rms = {name: float(np.sqrt(np.mean(e**2))) for name, e in (("un", self.uncorrected), ("", self.corrected))}
+        return {
+            "rows": len(self.cell),
+            "rows_near": int(self.near.sum()),
+            "near_within": self.reach,
+            "share_within_95_of_cell": finite_or_none(self.share_near),
+            "share_within_95_of_own_posture": finite_or_none(self.share),
+            "rms_uncorrected": rms["un"],
+            "rms": rms[""],
+            "notes": list(self.notes),
+        }
+
+
+def measured_errors(
+    problem: Problem, uncorrected: Problem, data: Measurements, targets: TargetMap, projected: Floats,
+    tool_point: ToolPoint,
+) -> MeasuredErrors:  # fmt: skip
+    """The rows of the first target, their errors by both arms, and what is predicted for them.
+
+    Args:
+        uncorrected: the problem with the arm without its corrections.
+        projected: (N, m, m) predicted covariance at the targets [m²]; NaN where there is no posture.
+
+    Raises:
+        InputError: no row of the first target, or measurements of several robots.
+    """
+    notes = []
+    if len(data.target_names) > 1:
+        data = data.take(np.flatnonzero(data.target == 0))
+        notes.append(f"only rows of the target {data.target_names[0]} are compared")
+    free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
+    if data.touches:
+        notes.append(TOUCHES)
+    elif free:
+        notes.append(f"{' and '.join(free)} {'is' if len(free) == 1 else 'are'} {FITTED}")
+    if not len(data):
+        raise InputError(Issue("no row measures the tool point of this problem", ("--data",), mend="name other data"))
+    errors = [_errors(one, data) for one in (uncorrected, problem)]
+    instrument = position_sigma(problem, data)
+    place, _ = nominal_poses(problem.robot, data.q)
+    cell = targets.grid.cells(place)
+    limits = np.full(len(targets.spots) + 1, np.nan)  # the last one is that of rows off the map
+    used = np.flatnonzero(targets.feasible)
+    limits[used] = central_radii(0.95, projected[used] + instrument**2 * np.eye(projected.shape[1]))
+    inside = _inside(problem.robot, tool_point, data, errors[1], instrument)
+    lengths = [np.linalg.norm(e, axis=1) for e in errors]
+    reach = 0.0 if len(projected[0]) < 3 else targets.grid.sides[2] / 2
+    elsewhere = not free and not data.touches and float(np.median(lengths[1])) > _ELSEWHERE * np.nanmedian(limits)
+    notes += [ELSEWHERE] if elsewhere else []
+    comparable = not data.touches and not free and not elsewhere
+    near = (cell >= 0) & np.isfinite(limits[cell])
+    return MeasuredErrors(
+        place, cell, near, lengths[0], lengths[1], limits[cell], inside, comparable, reach, tuple(notes)
+    )
+
+
+def _errors(problem: Problem, data: Measurements) -> Floats:
+    """(M, 3) model minus measurement [m]; frames that the file leaves free are fitted."""
+    residuals, _ = compare(problem, data)
+    return position_errors(residuals, fit_frames(problem.robot, residuals))
+
+
+def _inside(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Floats, instrument: float) -> Floats:
+    """(M,) whether errors (M, 3) lie in the 95 % region predicted for the rows' own postures."""
+    moments = tool_point.moments([np.ascontiguousarray(column) for column in data.q.T], complete=False)
+    C = np.broadcast_to(moments.covariance, (len(data), 3, 3)) + instrument**2 * np.eye(3)
+    axes = np.flatnonzero(data.measured_axes) if data.position is not None else np.arange(3)
+    C, e = C[:, axes][:, :, axes], errors[:, axes]
+    squared = np.einsum("ni,ni->n", e, np.linalg.solve(C, e[..., None])[..., 0])
+    return np.asarray(squared <= coverage_factor(0.95, len(axes)) ** 2)

@@ -1,0 +1,192 @@
+"""The covariance that a model predicts for each measured row: what the problem states, and what a calibration says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.calibration.residuals import Residuals
+from posture_opt.model.derivatives import position_column, rotation_column
+from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.uncertainty.sources import Sources
+
+_LEAST = 1e-8  # m: no instrument is better, and a region without thickness holds nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Errors that stay and errors drawn anew at every visit, by the factors of the chain that they act on.
+
+    Args:
+        factors: (k,) indices into ``robot.factors``.
+        constant: (k, k) covariance of what stays from visit to visit [rad², m²].
+        visit: (k, k) covariance of what does not.
+    """
+
+    factors: tuple[int, ...]
+    constant: Array
+    visit: Array
+
+    @classmethod
+    def of(cls, residuals: Residuals, sources: Sources) -> Errors:
+        """The sources of a problem that have a variance."""
+        at = {factor.parameter: i for i, factor in enumerate(residuals.robot.factors) if factor.parameter}
+        kept = [i for i, name in enumerate(sources.names) if sources.covariance[i, i] > 0 and name in at]
+        chosen = np.ix_(kept, kept)
+        factors = tuple(at[sources.names[i]] for i in kept)
+        return cls(factors, sources.constant[chosen], sources.visit[chosen])
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Predicted errors of N rows: ``e_i = A_i δ + v_i``, δ common to all rows and v_i of each visit its own.
+
+    Args:
+        common: (N, d, k) A, each column for a δ of variance one [m].
+        visit: (N, d, d) covariance of v [m²].
+    """
+
+    common: Array
+    visit: Array
+
+    @property
+    def covariance(self) -> Array:
+        """(N, d, d) [m²]."""
+        return np.asarray(self.common @ np.swapaxes(self.common, -1, -2) + self.visit)
+
+    def take(self, rows: Codes) -> Prediction:
+        """The prediction of some rows."""
+        return Prediction(self.common[rows], self.visit[rows])
+
+
+def columns(residuals: Residuals, x: Array, factors: Sequence[int]) -> Array:
+    """(N, block, k) shift of what is measured in a row by a unit of each factor, in units of the instrument's σ."""
+    reached, axes = residuals.walk(x), residuals.axes
+    found = np.zeros((len(residuals.data), residuals.block, len(factors)))
+    for k, factor in enumerate(factors):
+        column = position_column(reached, factor)
+        for slot, axis in enumerate(axes):
+            found[:, slot, k] = column[axis] / residuals.sigma
+        if residuals.oriented:
+            turn = rotation_column(reached, factor)
+            for axis in range(3):
+                found[:, len(axes) + axis, k] = turn[axis] / residuals.sigma_rotation
+    return found
+
+
+def joint_columns(residuals: Residuals, x: Array) -> Array:
+    """(N, d, n) shift of the measured coordinates by a unit of each joint's error [m/rad, m/m]."""
+    d = len(residuals.axes)
+    return np.asarray(columns(residuals, x, residuals.robot.driven)[:, :d] * residuals.sigma)
+
+
+def joint_errors(residuals: Residuals) -> tuple[str, ...]:
+    """(n,) the parameters that are the joints' values: JOINT.theta or JOINT.d."""
+    return tuple(residuals.robot.factors[i].parameter for i in residuals.robot.driven)
+
+
+def nominal_prediction(
+    residuals: Residuals, x: Array, errors: Errors, instrument: float, folds: Sequence[Codes], kept: Mask
+) -> Prediction:
+    """The errors that the model as it stands predicts for rows that its free frames were not fitted to.
+
+    With the errors δ that stay, v_i of a visit and F the columns of what is free (frames, touched points), fitting
+    takes ``F (F_t⁺ (B_t δ + v_t))`` off, t the rows of the other folds, so that
+
+    ``e_i = (B_i − F_i F_t⁺ B_t) δ + v_i − F_i F_t⁺ v_t``.
+
+    A base that is free swallows an error of the first joint: without this, a spread that nobody can see would be
+    predicted.
+
+    Args:
+        x: (k,) deviations with the free frames fitted.
+        instrument: σ of a coordinate [m].
+    """
+    N, d, block = len(residuals.data), len(residuals.axes), residuals.block
+    B, F = columns(residuals, x, errors.factors), _free_columns(residuals, x)
+    V = B @ errors.visit @ np.swapaxes(B, -1, -2)
+    V[:, range(block), range(block)] += np.where(np.arange(block) < d, (instrument / residuals.sigma) ** 2, 1.0)
+    root = _root(errors.constant)
+    common, visit = np.zeros((N, d, root.shape[1])), np.zeros((N, d, d))
+    for left_out in folds:
+        train = kept.copy()
+        train[left_out] = False
+        G = _pseudo_inverse(F[train]).reshape(F.shape[2], int(train.sum()), block)
+        Fi = F[left_out][:, :d]
+        A = B[left_out][:, :d] - Fi @ np.einsum("pnb,nbk->pk", G, B[train])
+        fitted = np.einsum("pnb,nbc,qnc->pq", G, V[train], G, optimize=True)
+        common[left_out] = A @ root
+        visit[left_out] = V[left_out][:, :d, :d] + Fi @ fitted @ np.swapaxes(Fi, -1, -2)
+    return Prediction(residuals.sigma * common, residuals.sigma**2 * _about_points(residuals, visit))
+
+
+def calibrated_prediction(
+    residuals: Residuals, x: Array, covariance: Array, scatter: Array, instrument: float, taught: float = 1.0
+) -> Prediction:
+    """Errors ``J C Jᵀ + J_q diag(scatter²) J_qᵀ + s² I`` at rows that a calibration has not seen.
+
+    Args:
+        covariance: (k, k) of the parameters, from all rows; from the share ``taught`` of them it is larger.
+        scatter: (n,) standard deviations of the joints from visit to visit [rad, m].
+    """
+    N, d = len(residuals.data), len(residuals.axes)
+    J = residuals.both(x)[1][: N * residuals.block].reshape(N, residuals.block, -1)[:, :d] * residuals.sigma
+    J = J - _means(residuals, J)
+    S = joint_columns(residuals, x) * scatter
+    visit = S @ np.swapaxes(S, -1, -2) + max(instrument, _LEAST) ** 2 * np.eye(d)
+    return Prediction(J @ _even_root(covariance / taught), _about_points(residuals, visit))
+
+
+def _root(covariance: Array) -> Array:
+    """``R`` (k, r) with ``R Rᵀ`` the covariance, of rank r."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
+    kept = values > 1e-12
+    return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def _even_root(covariance: Array) -> Array:
+    """The ``R`` (k, k), ``R Rᵀ`` the covariance, that hardly changes with it: symmetric in correlations."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
+    return np.asarray(scale[:, None] * ((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T))
+
+
+def _free_columns(residuals: Residuals, x: Array) -> Array:
+    robot = residuals.robot
+    groups = {"point"} | ({"base"} if robot.base_free else set()) | ({"tool"} if robot.tool_free else set())
+    free = [i for i, p in enumerate(residuals.parameters) if p.group in groups]
+    N = len(residuals.data)
+    return np.asarray(residuals.both(x)[1][: N * residuals.block, free].reshape(N, residuals.block, len(free)))
+
+
+def _pseudo_inverse(F: Array) -> Array:
+    """Of the columns (m, b, p) stacked, each scaled to length one: what the data do not tell, they do not move."""
+    flat = F.reshape(F.shape[0] * F.shape[1], F.shape[2])
+    length = np.linalg.norm(flat, axis=0)
+    scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
+    return np.asarray(scale[:, None] * np.linalg.pinv(flat * scale, rcond=1e-6))
+
+
+def _means(residuals: Residuals, values: Array) -> Array:
+    """Of touched points, the mean of each point's rows: errors of a place nobody knows count from there."""
+    if residuals.data.position is not None:
+        return np.zeros_like(values)
+    found = np.empty_like(values)
+    for code in np.unique(residuals.data.point):
+        mine = residuals.data.point == code
+        found[mine] = values[mine].mean(axis=0)
+    return found
+
+
+def _about_points(residuals: Residuals, scatter: Array) -> Array:
+    """Scatter about the mean of n touches of a point is less than about the point: by 1/n of it."""
+    if residuals.data.position is not None:
+        return scatter
+    share = 1.0 / np.bincount(residuals.data.point)[residuals.data.point]
+    own = np.maximum(1 - 2 * share, 0.0)  # a point touched once has no error at all; it keeps its region
+    return np.asarray(scatter * own[:, None, None] + share[:, None, None] * _means(residuals, scatter))

@@ -1,0 +1,135 @@
+"""Whether repeats scatter as predicted: χ² and Wishart tests at every posture and over all of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.validation.mean_test import holm
+from posture_opt.validation.scatter_model import Scatter
+
+_ENOUGH = 2  # freedom per dimension: with less the likelihood ratio is not χ² even with Bartlett's factor
+
+
+@dataclass(frozen=True)
+class PoseScatter:
+    """The scatter about the mean at one posture.
+
+    Args:
+        line: of the first visit; ``n`` visits.
+        measured, predicted: standard deviation of a coordinate, root of the mean over the axes [m].
+        factor: measured over predicted, in the metric of the prediction.
+        p_size, p_shape: probabilities of scatter so different in size, or in shape too (NaN with too few visits), were
+            the prediction true; ``true`` whether nothing speaks against it, all postures tested together.
+    """
+
+    line: int
+    n: int
+    measured: float
+    predicted: float
+    factor: float
+    p_size: float
+    p_shape: float
+    true: bool
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers [m]."""
+        shape = None if np.isnan(self.p_shape) else self.p_shape
+        return {**vars(self), "p_shape": shape}
+
+
+@dataclass(frozen=True, eq=False)
+class ScatterTest:
+    """Scatter between repeats against its prediction.
+
+    Args:
+        visits, groups: rows that repeat a posture, and how many postures.
+        factor: measured over predicted standard deviation, pooled; ``interval`` holds it with 95 %.
+        p_size, p_shape: as of a posture, over all of them.
+        poses: those with most visits first.
+    """
+
+    visits: int
+    groups: int
+    factor: float
+    interval: tuple[float, float]
+    p_size: float
+    p_shape: float
+    poses: tuple[PoseScatter, ...]
+
+    @property
+    def verdict(self) -> str:
+        """``right``, ``understated`` or ``overstated``: whether the interval of the factor holds 1."""
+        low, high = self.interval
+        return "right" if low <= 1 <= high else "understated" if self.factor > 1 else "overstated"
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers [m]."""
+        return {
+            "visits": self.visits, "postures": self.groups, "factor": self.factor,
+            "factor_interval95": list(self.interval), "p_size": self.p_size,
+            "p_shape": None if np.isnan(self.p_shape) else self.p_shape, "verdict": self.verdict,
+            "poses": [pose.to_json() for pose in self.poses],
+        }  # fmt: skip
+
+
+def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterTest:
+    """Sums of squares A_g with ν_g degrees of freedom against predicted covariances C_g (G, d, d) [m²].
+
+    Size: ``tr(C_g⁻¹ A_g) ~ χ²(ν_g d)``, exactly, so that the pooled ``f² = Σ tr(C⁻¹ A) / Σ ν d`` has the interval
+    ``Σ tr / χ²``. Size and shape: ``ν (tr(C⁻¹S) − ln |C⁻¹S| − d) ~ χ²(d (d + 1) / 2)`` for ``S = A / ν``, with
+    Bartlett's factor ``1 − (2d² + 3d − 1) / (6 ν (d + 1))`` (Anderson 2003, 10.8), where ν is 2 d or more.
+    Postures are judged together by Holm's (1979) rule.
+
+    Args:
+        lines: (G,) the line of each posture's first visit.
+    """
+    from scipy.special import chdtrc, chdtri
+
+    nu, d = scatter.freedom, scatter.squares.shape[1]
+    whitened = np.linalg.solve(covariances, scatter.squares)
+    size = np.trace(whitened, axis1=-2, axis2=-1)
+    shape, used = _likelihood_ratios(np.asarray(whitened), nu, d)
+    p_size, p_shape = _two_sided(size, nu * d), np.where(used, chdtrc(d * (d + 1) / 2, shape), np.nan)
+    least = np.where(used, 2 * np.fmin(p_size, p_shape), p_size)  # two tests where there are two
+    false = holm(list(least))
+    total, freedom = float(size.sum()), float(nu.sum() * d)
+    low, high = np.sqrt(total / np.array([chdtri(freedom, 0.025), chdtri(freedom, 0.975)]))
+    many = int(used.sum())
+    order = np.argsort(-nu, kind="stable")
+    measured = np.sqrt(np.trace(scatter.squares, axis1=-2, axis2=-1) / (nu * d))
+    predicted = np.sqrt(np.trace(covariances, axis1=-2, axis2=-1) / d)
+    factors = np.sqrt(size / (nu * d))
+    poses = tuple(
+        PoseScatter(
+            int(lines[g]), int(nu[g]) + 1, float(measured[g]), float(predicted[g]), float(factors[g]),
+            float(p_size[g]), float(p_shape[g]), not false[g],
+        )
+        for g in order
+    )  # fmt: skip
+    return ScatterTest(
+        visits=int(nu.sum()) + len(nu),
+        groups=len(nu),
+        factor=float(np.sqrt(total / freedom)),
+        interval=(float(low), float(high)),
+        p_size=float(_two_sided(total, freedom)),
+        p_shape=float(chdtrc(many * d * (d + 1) / 2, shape[used].sum())) if many else float("nan"),
+        poses=poses,
+    )
+
+
+def _likelihood_ratios(whitened: Array, nu: Array, d: int) -> tuple[Array, Mask]:
+    used = nu >= _ENOUGH * d
+    safe = np.where(used[:, None, None], whitened / nu[:, None, None], np.eye(d))
+    ratio = nu * (np.trace(safe, axis1=-2, axis2=-1) - np.linalg.slogdet(safe)[1] - d)
+    return np.maximum(ratio * (1 - (2 * d * d + 3 * d - 1) / (6 * nu * (d + 1))), 0.0), used
+
+
+def _two_sided(value: Array | float, freedom: Array | float) -> Array:
+    """Twice the smaller tail of χ²."""
+    from scipy.special import chdtr, chdtrc
+
+    return np.asarray(np.minimum(2 * np.minimum(chdtr(freedom, value), chdtrc(freedom, value)), 1.0))

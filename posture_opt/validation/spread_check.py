@@ -1,0 +1,223 @@
+"""``check_spread``: whether the spread that a model predicts is the one that was measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.error_statistics import folds_of, groups_of
+from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.calibration.residuals import Residuals
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.validation.coverage import Coverage
+from posture_opt.validation.joint_prediction import HeldOut
+from posture_opt.validation.joint_scatter import joint_scatter, worth_showing
+from posture_opt.validation.joint_variances import JointNoise
+from posture_opt.validation.prediction import (
+    Errors,
+    Prediction,
+    calibrated_prediction,
+    joint_errors,
+    nominal_prediction,
+)
+from posture_opt.validation.residual_scatter import covariance_under, remaining_scatter
+from posture_opt.validation.scatter_between_repeats import Between
+from posture_opt.validation.scatter_test import ScatterTest
+from posture_opt.validation.stated_scatter import RemainingScatter
+
+
+@dataclass(frozen=True, eq=False)
+class SpreadCheck:
+    """Predicted spread against measured errors.
+
+    Args:
+        coverage: of the 95 % regions over all rows, each predicted by an arm that has not seen it: ``nominal`` by
+            what the problem states, around the nominal arm with its free frames fitted; ``calibrated`` by what is
+            still uncertain of the parameters and the scatter that the calibration leaves.
+        stated: whether the problem states any uncertainty of the arm; else its region is the instrument's alone.
+        visits: scatter between repeats against what the problem says of visits; ``None`` without repeats or
+            where it says nothing.
+        visits_by: ``visit`` where the problem states scatter from visit to visit, ``joints`` where its σ's of joint
+            values are taken for it.
+        between: standard deviation of a coordinate between repeats [m]; 0 without repeats.
+        left: root mean square of a coordinate that the calibration leaves [m].
+        noise: σ of each joint and of the instrument, estimated from repeats, or from what the calibration leaves.
+        from_repeats: which of the two.
+        shown: (n,) whether the scatter of each joint shows: it moves the tool point by a hundredth of what the
+            others do, or more.
+        sigma: (n,) what the problem states of the joints' scatter [rad, m].
+        elsewhere: models of the scatter fitted at some postures and judged at others.
+        odd: lines of postures whose visits differ far more than those of the others; they are left out.
+        remaining: the scatter that the calibrated model takes; ``instrument`` the σ of a coordinate [m].
+        notes: sentences on what these data cannot tell.
+    """
+
+    coverage: dict[str, Coverage]
+    stated: bool
+    visits: ScatterTest | None
+    visits_by: str
+    between: float
+    left: float
+    noise: JointNoise | None
+    from_repeats: bool
+    shown: Mask
+    sigma: Array
+    elsewhere: tuple[HeldOut, ...]
+    odd: tuple[int, ...]
+    remaining: RemainingScatter
+    instrument: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def coverage95(self) -> dict[str, float]:
+        """The share of the rows inside the 95 % region that each model predicts."""
+        return {name: found.share for name, found in self.coverage.items()}
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry ``spread_check`` of ``calibration.json``: SI units and radians."""
+        return {
+            "uncertainty_stated": self.stated,
+            "coverage": {name: found.to_json() for name, found in self.coverage.items()},
+            "repeats": None if self.visits is None else {**self.visits.to_json(), "prediction": self.visits_by},
+            "sigma_between_repeats": self.between or None,
+            "sigma_left": self.left,
+            "joint_noise": _noise_json(self),
+            "odd_lines": list(self.odd),
+            "held_out": [found.to_json() for found in self.elsewhere],
+            "notes": list(self.notes),
+        }
+
+
+def check_spread(
+    problem: CalibrationProblem, data: Measurements, calibration: Calibration, *, folds: int = 5
+) -> SpreadCheck:
+    """Whether the predicted spread is true: between repeats, and over all postures.
+
+    Between repeats only what is drawn anew at every visit shows: the problem's ``scatter`` or ``repeatability``, and
+    the instrument; a wrong link length is the same at every visit. Over postures everything shows. ``data`` and
+    ``folds`` are those that ``calibration`` was made with; its outliers are left out.
+
+    Source of the joints' part: J.-F. Brethé, E. Vasselin, D. Lefebvre, B. Dakyo, Modelling of repeatability phenomena
+    using the stochastic ellipsoid approach, Robotica 24 (2006) 477.
+    """
+    residuals = calibration.residuals
+    rows, axes = _kept(calibration), residuals.axes
+    used = residuals.take(rows)
+    errors = Errors.of(residuals, problem.sources)
+    remaining = remaining_scatter(problem, calibration)
+    groups = groups_of(data, calibration.by, folds)
+    coverage = {
+        name: Coverage.of(*parts) for name, parts in predictions(problem, calibration, folds, remaining).items()
+    }
+    left = calibration.errors[np.ix_(rows, axes)]
+    between = Between.of(used, calibration, errors)
+    noise, elsewhere = joint_scatter(between, used, calibration, groups[rows])
+    return SpreadCheck(
+        coverage=coverage,
+        stated=bool(errors.factors),
+        visits=between.test,
+        visits_by=between.by,
+        between=between.sigma,
+        left=float(np.sqrt(np.mean(left**2))),
+        noise=noise,
+        from_repeats=bool(len(between.scatter.freedom)),
+        shown=worth_showing(used, calibration.x, noise),
+        sigma=between.stated_sigma,
+        elsewhere=elsewhere,
+        odd=between.odd,
+        remaining=remaining,
+        instrument=residuals.sigma,
+        notes=_unknowable(problem),
+    )
+
+
+def _unknowable(problem: CalibrationProblem) -> tuple[str, ...]:
+    """What the problem says of a type of robots, and no single robot can tell."""
+    pairs = np.argwhere(np.triu(problem.sources.constant, 1) != 0)
+    names = [f"{problem.sources.names[i]} with {problem.sources.names[j]}" for i, j in pairs[:3]]
+    if not names:
+        return ()
+    what = ", ".join(names) + (" and others" if len(pairs) > len(names) else "")
+    return (
+        f"whether parameters vary together from robot to robot ({what}) cannot be known from one robot: measure ten or "
+        "more of the type, named in a column 'robot'",
+    )
+
+
+def predictions(
+    problem: CalibrationProblem, calibration: Calibration, folds: int = 5, remaining: RemainingScatter | None = None
+) -> dict[str, tuple[Array, Prediction, Codes]]:
+    """Held-out errors (N, d) [m] by model, what is predicted of them, and the groups (N,) that hang together."""
+    residuals, rows = calibration.residuals, _kept(calibration)
+    remaining = remaining or remaining_scatter(problem, calibration)
+    groups = groups_of(residuals.data, calibration.by, folds)
+    parts = folds_of(groups, folds, calibration.by)
+    kept = np.isin(np.arange(len(residuals.data)), rows)
+    nominal = nominal_prediction(
+        residuals, calibration.x_nominal, Errors.of(residuals, problem.sources), residuals.sigma, parts, kept
+    )
+    calibrated = _by_folds(calibration, remaining, [part[kept[part]] for part in parts])
+    measured = np.ix_(rows, residuals.axes)
+    return {
+        "nominal": (calibration.errors_nominal[measured], nominal.take(rows), groups[rows]),
+        "calibrated": (calibration.errors[measured], calibrated.take(rows), groups[rows]),
+    }
+
+
+def _by_folds(calibration: Calibration, remaining: RemainingScatter, parts: list[Codes]) -> Prediction:
+    """What is predicted of each row by an arm that has not seen its fold."""
+    residuals = calibration.residuals
+    N, d, k = len(residuals.data), len(residuals.axes), len(calibration.x)
+    common, visit = np.zeros((N, d, k)), np.zeros((N, d, d))
+    clustered = calibration.design > 1
+    for part in parts:
+        covariance = covariance_under(calibration, remaining, part)
+        found = calibrated_prediction(
+            residuals, calibration.x, covariance, _sigma(remaining, residuals), _instrument(remaining, residuals),
+            1 - 1 / max(len(parts), 2) if clustered else 1.0,
+        )  # fmt: skip
+        common[part], visit[part] = found.common[part], found.visit[part]
+    return Prediction(common, visit)
+
+
+def _kept(calibration: Calibration) -> Codes:
+    """The rows that are no outliers."""
+    return np.setdiff1d(np.arange(len(calibration.residuals.data)), calibration.outliers)
+
+
+def _sigma(remaining: RemainingScatter, residuals: Residuals) -> Array:
+    return np.array([remaining.sigma.get(name, 0.0) for name in joint_errors(residuals)])
+
+
+def _instrument(remaining: RemainingScatter, residuals: Residuals) -> float:
+    return remaining.instrument if remaining.measured else residuals.sigma
+
+
+def _noise_json(found: SpreadCheck) -> dict[str, Any] | None:
+    noise = found.noise
+    if noise is None:
+        return None
+    joints = [
+        {
+            "name": name, "sigma": float(sigma), "std": float(std) if np.isfinite(std) else None,
+            "interval95": [float(low), float(high) if np.isfinite(high) else None],
+            "stated": float(given) or None, "determined": bool(shown),
+        }
+        for name, sigma, std, (low, high), given, shown in zip(
+            noise.names, noise.sigma, noise.std, noise.interval, found.sigma, found.shown, strict=True
+        )
+    ]  # fmt: skip
+    return {
+        "from": "repeats" if found.from_repeats else "calibration",
+        "joints": joints,
+        "instrument": {
+            "sigma": noise.instrument,
+            "std": noise.instrument_std if np.isfinite(noise.instrument_std) else None,
+            "interval95": [e if np.isfinite(e) else None for e in noise.instrument_interval],
+        },
+        "log_likelihood": noise.log_likelihood,
+    }

@@ -1,0 +1,280 @@
+"""Several robots of one type: the lengths of the lecture's arm, cut on one machine tool, vary together."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from scipy.optimize import minimize
+
+import posture_opt as po
+from posture_opt.batch.batch_calibration import Batch, calibrate_batch
+from posture_opt.batch.batch_covariance import between, deviation_interval
+from posture_opt.calibration.calibrate import calibrate
+from posture_opt.cli.main import main
+from posture_opt.errors import InputError, InsufficientDataError
+from posture_opt.measurements.reading import read_measurements
+from posture_opt.model.effects import JointNoise
+from posture_opt.problem.batch_section import batch_uncertainty, batch_yaml
+from posture_opt.problem.load import load_builtin, problems_folder
+from tests.helpers import batch_planar_2r as shop
+from tests.helpers.planar_2r import position
+
+SIGMA = np.array([1e-3, 1e-3])  # m, of the lengths across the batch
+RHO = 0.8
+NOISE = 2e-5  # m
+ROBOTS, POSES = 30, 12
+PROBLEM = """
+robot:
+  kind: dh
+  joints:
+    - {name: joint1, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
+    - {name: joint2, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
+uncertainty:
+  sigma: {joint1.a: 2 mm, joint2.a: 2 mm, tool.x: 0.01 mm}
+  scatter: {joint1.theta: 0.05 mrad, joint2.theta: 0.05 mrad}
+  measurement: {position: 0.02 mm}
+task: {kind: insert, direction: [0, -1, 0], position: [0.9 m, 0.4 m, 0 m]}
+"""
+
+
+def lengths(rng: np.random.Generator, robots: int = ROBOTS, rho: float = RHO) -> np.ndarray:
+    """(R, 2) lengths of the links of robots from one machine tool [m]."""
+    C = np.outer(SIGMA, SIGMA) * [[1, rho], [rho, 1]]
+    return 1.0 + rng.multivariate_normal([0, 0], C, robots)
+
+
+def table(rng: np.random.Generator, cut: np.ndarray, poses: int = POSES) -> dict[str, Any]:
+    robot = np.arange(len(cut)).repeat(poses)
+    q = rng.uniform(-2.5, 2.5, (len(robot), 2))
+    reached = q + 5e-5 * rng.normal(size=q.shape)
+    points = position(reached, cut[robot].T) + NOISE * rng.normal(size=q.shape)
+    columns = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": points[:, 0], "y [m]": points[:, 1]}
+    return {**columns, "robot": [f"R{k + 1:02d}" for k in robot]}
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    file = tmp_path_factory.mktemp("batch") / "problem.yaml"
+    file.write_text(PROBLEM, encoding="utf-8")
+    return po.load_problem(file)
+
+
+@pytest.fixture(scope="module")
+def batch(problem: Any) -> tuple[Batch, np.ndarray]:
+    rng = np.random.default_rng(1)
+    cut = lengths(rng)
+    return calibrate_batch(problem, read_measurements(table(rng, cut), problem)), cut
+
+
+def index(found: Batch) -> list[int]:
+    return [found.names.index("joint1.a"), found.names.index("joint2.a")]
+
+
+def test_lengths_that_vary_together_are_found(batch: tuple[Batch, np.ndarray]) -> None:
+    found, cut = batch
+    first = found.pairs[0]
+    assert {first.a, first.b} == {"joint1.a", "joint2.a"}
+    assert first.real
+    assert first.interval[0] < RHO < first.interval[1]
+    assert first.interval[1] - first.interval[0] < 0.4
+    # Each robot's own lengths, to a few times what 12 postures of 20 µm and 0.05 mrad tell.
+    assert np.abs(found.estimates[:, index(found)] - (cut - 1)).max() < 2e-4
+    sample = np.corrcoef(cut.T)[0, 1]
+    assert first.correlation == pytest.approx(sample, abs=0.02)
+    for i, true in zip(index(found), SIGMA, strict=True):
+        low, high = found.spread.interval[i]
+        assert low < true < high
+    assert not any(pair.real for pair in found.pairs[1:])
+
+
+def test_what_does_not_vary_is_not_said_to(batch: tuple[Batch, np.ndarray]) -> None:
+    found, _ = batch
+    j = found.names.index("joint2.theta")
+    assert found.spread.interval[j, 0] == 0
+    assert found.spread.interval[j, 1] < 1e-4
+    assert "joint1.d" in found.not_told
+
+
+def test_the_section_can_be_pasted_and_loaded(batch: tuple[Batch, np.ndarray], problem: Any) -> None:
+    found, _ = batch
+    section = yaml.safe_load(batch_yaml(problem, found))["uncertainty"]
+    assert section == json.loads(json.dumps(batch_uncertainty(problem, found)))
+    again = po.problem_from_dict({**problem.to_dict(), "uncertainty": section})
+    names = again.sources.names
+    i, j = names.index("joint1.a"), names.index("joint2.a")
+    C = again.sources.covariance
+    assert np.linalg.eigvalsh(C / np.outer(again.sources.sigma, again.sources.sigma))[0] > 0
+    assert C[i, j] / math.sqrt(C[i, i] * C[j, j]) == pytest.approx(found.pairs[0].correlation, abs=1e-3)
+    assert math.sqrt(C[i, i]) == pytest.approx(found.spread.sigma[found.names.index("joint1.a")], rel=1e-3)
+    assert "tool.x" in names  # what the batch says nothing of stays as stated
+    assert again.sources.visit[names.index("joint1.theta"), names.index("joint1.theta")] == pytest.approx(25e-10)
+    assert po.select_posture(again).status == "optimal"
+
+
+def test_effects_and_the_section_say_nothing_twice(batch: tuple[Batch, np.ndarray], problem: Any) -> None:
+    found, _ = batch
+    known = [
+        {"kind": "correlated_lengths", "lengths": ["joint1.a", "joint2.a"], "rho": 0.2},
+        {"kind": "joint_noise", "joint": "joint1", "sigma": "0.03 mrad"},
+    ]
+    with_effects = po.problem_from_dict({**problem.to_dict(), "effects": known})
+    noises = [JointNoise(joint=joint, sigma="0.04 mrad") for joint in ("joint1", "joint2")]
+    pasted = yaml.safe_load(batch_yaml(with_effects, found, noises))
+    assert [entry["kind"] for entry in pasted["effects"]] == ["joint_noise", "joint_noise"]
+    again = po.problem_from_dict({**with_effects.to_dict(), **pasted})
+    names, visit = again.sources.names, np.diag(again.sources.visit)
+    stated = np.diag(problem.sources.visit)[problem.sources.names.index("joint1.theta")]
+    # What the file states, what its effect states, and what was named: 0.03² + 0.04² = 0.05².
+    assert visit[names.index("joint1.theta")] == pytest.approx(stated + 25e-10, rel=1e-6)
+    i, j = names.index("joint1.a"), names.index("joint2.a")
+    C = again.sources.constant
+    assert C[i, j] / math.sqrt(C[i, i] * C[j, j]) == pytest.approx(found.pairs[0].correlation, abs=1e-3)
+    assert "effects" not in yaml.safe_load(batch_yaml(problem, found))
+
+
+def test_a_mean_robot_off_the_file_is_told(problem: Any) -> None:
+    rng = np.random.default_rng(2)
+    found = calibrate_batch(problem, read_measurements(table(rng, lengths(rng, 6) + np.array([3e-3, 0])), problem))
+    text = batch_yaml(problem, found)
+    assert "# The mean robot is not the one of the file" in text
+    assert "joint1.a:" in text.split("corrections")[1].splitlines()[0]
+
+
+def test_a_repeatability_becomes_scatter_beside_zeros_that_vary(problem: Any) -> None:
+    document = problem.to_dict()
+    document["uncertainty"] = {"repeatability": "0.2 mm", "measurement": {"position": "0.02 mm"}}
+    sheet, rng = po.problem_from_dict(document), np.random.default_rng(10)
+    columns = table(rng, lengths(rng, 6))
+    zeros = np.repeat(2e-3 * rng.normal(size=6), POSES)  # of the second joint's encoder, robot by robot
+    columns["joint2 [rad]"] = columns["joint2 [rad]"] - zeros
+    section = batch_uncertainty(sheet, calibrate_batch(sheet, read_measurements(columns, sheet)))
+    assert "joint2.theta" in section["sigma"]
+    assert "repeatability" not in section
+    again = po.problem_from_dict({**document, "uncertainty": section}).sources
+    assert np.trace(again.visit) == pytest.approx(np.trace(sheet.sources.visit), rel=1e-3)
+
+
+def test_intervals_hold_correlation_and_sigma_in_95_percent_of_300_batches() -> None:
+    rng = np.random.default_rng(3)
+    held = np.zeros(3)
+    errors = np.broadcast_to(np.diag([1e-4, 1e-4]) ** 2, (ROBOTS, 2, 2))
+    for _ in range(300):
+        cut = lengths(rng) + 1e-4 * rng.normal(size=(ROBOTS, 2))
+        found = between(cut, errors)
+        low, high = found.correlation_interval[0, 1]
+        held += [low <= RHO <= high, *((found.interval[:, 0] <= SIGMA) & (found.interval[:, 1] >= SIGMA))]
+    # Binomial: 285 ± 3.8 of 300; 92 % and 98 % are 276 and 294.
+    assert np.all((held >= 276) & (held <= 294)), held
+
+
+def test_errors_of_the_estimates_are_taken_off() -> None:
+    """Estimates as uncertain as the batch is wide, with errors that hang together the other way."""
+    rng = np.random.default_rng(4)
+    S = 1e-6 * np.array([[1, -0.8], [-0.8, 1]])
+    found, plain = [], []
+    for _ in range(40):
+        x = lengths(rng, 60) + rng.multivariate_normal([0, 0], S, 60)
+        estimate = between(x, np.broadcast_to(S, (60, 2, 2)))
+        found.append([estimate.correlation[0, 1], *estimate.sigma])
+        plain.append(np.corrcoef(x.T)[0, 1])
+    assert abs(np.mean(plain)) < 0.05
+    # Of 60 robots with such errors a correlation is known to 0.2 or so; the mean of 40 to 0.03.
+    np.testing.assert_allclose(np.mean(found, axis=0), [RHO, *SIGMA], rtol=0.1)
+
+
+def test_the_covariance_has_the_largest_restricted_likelihood() -> None:
+    rng = np.random.default_rng(5)
+    R = 12
+    roots = 3e-4 * rng.normal(size=(R, 2, 2))
+    S = np.einsum("rij,rkj->rik", roots, roots)
+    x = lengths(rng, R) + np.einsum("rij,rj->ri", roots, rng.normal(size=(R, 2)))
+    X = np.kron(np.ones((R, 1)), np.eye(2))
+    K = np.linalg.svd(X)[0][:, 2:]
+
+    def fall(v: np.ndarray) -> float:
+        L = 1e-3 * np.array([[v[0], 0], [v[1], v[2]]])
+        V = np.zeros((2 * R, 2 * R))
+        for r in range(R):
+            V[2 * r : 2 * r + 2, 2 * r : 2 * r + 2] = L @ L.T + S[r]
+        y = K.T @ (x - 1).ravel()
+        W = K.T @ V @ K
+        return float(np.linalg.slogdet(1e6 * W)[1] + y @ np.linalg.solve(W, y))
+
+    best = minimize(fall, [1.0, 0.5, 0.5], method="Nelder-Mead", options={"xatol": 1e-8, "fatol": 1e-10})
+    L = 1e-3 * np.array([[best.x[0], 0], [best.x[1], best.x[2]]])
+    # EM stops at 1e-6 of a variance a step; here the correlation is nearly one, where it goes slowest.
+    np.testing.assert_allclose(between(x, S).covariance, L @ L.T, rtol=5e-3)
+
+
+def test_an_interval_without_errors_is_that_of_chi_square() -> None:
+    from scipy.stats import chi2
+
+    x = np.random.default_rng(6).normal(size=25)
+    low, high = deviation_interval(x, np.zeros(25))
+    nu, s = 24, float(np.std(x, ddof=1))
+    # The profile likelihood and equal tails differ by the skewness, which is small at 24 degrees of freedom.
+    assert low == pytest.approx(s * math.sqrt(nu / chi2.ppf(0.975, nu)), rel=0.05)
+    assert high == pytest.approx(s * math.sqrt(nu / chi2.ppf(0.025, nu)), rel=0.05)
+
+
+def test_too_few_robots_are_refused_with_what_to_measure(problem: Any) -> None:
+    rng = np.random.default_rng(7)
+    with pytest.raises(InsufficientDataError, match="measure 3 robots or more"):
+        calibrate_batch(problem, read_measurements(table(rng, lengths(rng, 2)), problem))
+    with pytest.raises(InputError, match="cannot be known from it"):
+        calibrate_batch(problem, read_measurements(table(rng, lengths(rng, 1)), problem))
+    with pytest.raises(InsufficientDataError, match=r"robot R0\d: "):
+        calibrate_batch(problem, read_measurements(table(rng, lengths(rng, 4), poses=2), problem))
+
+
+def test_calibrate_takes_a_file_of_several_robots(problem: Any, tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    columns = table(rng, lengths(rng, 5))
+    file, out = tmp_path / "batch.csv", tmp_path / "out"
+    rows = zip(*columns.values(), strict=True)
+    file.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n")
+    (tmp_path / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
+    words = ["calibrate", str(file), "--problem", str(tmp_path / "problem.yaml")]
+    result = CliRunner().invoke(main, [*words, "--json", "--out", str(out)])
+    assert result.exit_code == 0, result.stderr
+    document = json.loads(result.stdout)
+    assert {"residual_rms", "coverage95", "parameters", "rank", "observability", "outliers"} <= set(document)
+    assert [robot["robot"] for robot in document["batch"]["robots"]] == [f"R{k + 1:02d}" for k in range(5)]
+    assert np.array(document["batch"]["covariance"]).shape == (len(document["batch"]["parameters"]),) * 2
+    assert {"calibration.json", "uncertainty.yaml", "report.html", "batch.png"} <= {f.name for f in out.iterdir()}
+    report = (out / "report.txt").read_text(encoding="utf-8")
+    assert "5 robots of one type" in report
+    assert max(map(len, report.splitlines())) <= 100
+    refused = CliRunner().invoke(main, [*words, "--test", str(file)])
+    assert refused.exit_code == 2
+
+
+def test_the_example_is_what_its_simulator_measures() -> None:
+    lines = (problems_folder() / "planar_2r_batch.csv").read_text(encoding="utf-8").splitlines()
+    assert lines[0] == shop.HEAD
+    example = load_builtin("insert_planar_2r_measured")
+    found = calibrate_batch(example, read_measurements(problems_folder() / "planar_2r_batch.csv", example))
+    off = found.estimates[:, index(found)] - (shop.lengths() - 1)
+    # 0.1 to 0.2 mm of scatter in 12 postures of an arm whose zeros are unknown too.
+    assert np.sqrt(np.mean(off**2)) < 1.5e-4
+    first = found.pairs[0]
+    assert {first.a, first.b} == {"joint1.a", "joint2.a"}
+    assert first.interval[0] < shop.CORRELATION < first.interval[1]
+
+
+def test_one_robot_does_not_tell_what_varies_together() -> None:
+    document = {**yaml.safe_load(PROBLEM)}
+    document["uncertainty"]["correlation"] = [["joint1.a", "joint2.a", 0.8]]
+    stated = po.problem_from_dict(document)
+    rng = np.random.default_rng(9)
+    columns = table(rng, lengths(rng, 1), poses=30)
+    data = read_measurements(columns, stated)
+    found = po.check_spread(stated, data, calibrate(stated, data))
+    assert any("cannot be known from one robot" in note for note in found.notes)

@@ -1,0 +1,99 @@
+"""Measurements that do not suffice, or that do not belong to the arm: each its own message, and what to do."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from posture_opt.calibration.calibrate import calibrate
+from posture_opt.errors import InputError, InsufficientDataError
+from tests.calibration.test_calibration import BASE, SIX, TOOL, hidden, problem_of, rows, simulated
+
+NOISE = 2e-5  # m
+
+
+def measured(q: np.ndarray, rng: np.random.Generator, errors: dict[str, float], base: np.ndarray = BASE) -> np.ndarray:
+    return simulated(SIX, q, base, TOOL, errors) + rng.normal(0, NOISE, (len(q), 3))
+
+
+@pytest.fixture
+def setting() -> tuple[Any, np.ndarray, np.random.Generator, dict[str, float]]:
+    rng = np.random.default_rng(1)
+    errors = hidden(SIX, rng, ("j2",))
+    return problem_of(SIX), rng.uniform(-2.5, 2.5, (80, 6)), rng, errors
+
+
+def test_too_few_poses_are_told_how_many_it_takes(setting: Any) -> None:
+    problem, q, rng, errors = setting
+    with pytest.raises(
+        InsufficientDataError, match=r"5 poses cannot determine 34 parameters.*at least 17 poses"
+    ) as told:
+        calibrate(problem, rows(problem, q[:5], measured(q[:5], rng, errors)))
+    assert "plan-measurements" in str(told.value)
+
+
+def test_poses_that_are_practically_one_are_alike(setting: Any) -> None:
+    problem, q, rng, errors = setting
+    near = q[[0] * 40] + rng.normal(0, 1e-4, (40, 6))
+    with pytest.raises(InsufficientDataError, match="all rows are alike"):
+        calibrate(problem, rows(problem, near, measured(near, rng, errors)))
+
+
+def test_a_set_that_moves_one_joint_tells_nothing_of_the_arm_and_names_the_others(setting: Any) -> None:
+    problem, q, rng, errors = setting
+    one = np.tile(q[0], (80, 1))
+    one[:, 0] = q[:, 0]
+    still = math.degrees(q[0, 2])
+    with pytest.raises(InsufficientDataError, match=f"no parameter of the arm itself.*j3 at {still:.4g} deg"):
+        calibrate(problem, rows(problem, one, measured(one, rng, errors)))
+
+
+def test_a_constant_joint_is_named_and_the_rest_is_found(setting: Any) -> None:
+    problem, q, rng, errors = setting
+    q[:, 2] = 0.5
+    result = calibrate(problem, rows(problem, q, measured(q, rng, errors)))
+    assert any("stood still: j3 at 28.65 deg" in note for note in result.notes)
+    assert result.calibrated.rms < 3 * NOISE < result.nominal.rms
+    full = problem_of(SIX)
+    moving = setting[2].uniform(-2.5, 2.5, (80, 6))
+    assert calibrate(full, rows(full, moving, measured(moving, rng, errors))).fixed.sum() > result.fixed.sum()
+
+
+def test_another_robots_file_is_refused(setting: Any) -> None:
+    _, q, rng, errors = setting
+    table = [("j1", 0.0, 0.1273, 0.0, np.pi / 2), ("j2", 0.0, 0.0, -0.612, 0.0), ("j3", 0.0, 0.0, -0.5723, 0.0)]
+    table += [("j4", 0.0, 0.1639, 0.0, np.pi / 2), ("j5", 0.0, 0.1157, 0.0, -np.pi / 2), ("j6", 0.0, 0.0922, 0.0, 0.0)]
+    other = problem_of(table)
+    with pytest.raises(InputError, match=r"even calibrated, the arm misses.*another robot's file"):
+        calibrate(other, rows(other, q, measured(q, rng, errors)))
+
+
+def test_a_stated_base_that_the_data_contradict_is_refused(setting: Any) -> None:
+    _, q, rng, errors = setting
+    tool = {"xyz": ["30 mm", "-50 mm", "120 mm"]}
+    stated = problem_of(SIX, robot={"base": {"xyz": ["0 m", "0 m", "0 m"]}, "tool": tool})
+    with pytest.raises(InputError, match=r"with another base.*write 'base: free'"):
+        calibrate(stated, rows(stated, q, measured(q, rng, errors)))
+    # In the stated frame the same arm calibrates, and the frames are no unknowns.
+    result = calibrate(stated, rows(stated, q, measured(q, rng, errors, np.eye(4))))
+    assert not any(p.group in ("base", "tool") for p in result.parameters)
+    assert result.calibrated.rms < 3 * NOISE
+
+
+def test_a_joint_that_counts_the_other_way_is_guessed(setting: Any) -> None:
+    problem, q, rng, errors = setting
+    points = measured(q, rng, errors)
+    with pytest.raises(InputError, match="j3 counts in the opposite direction"):
+        rows(problem, q * [1, 1, -1, 1, 1, 1], points)
+
+
+def test_a_zero_that_is_far_off_is_found_for_all_that_parts_are_better_made(setting: Any) -> None:
+    problem, q, rng, errors = setting
+    off = q + np.array([0, 0, 0, 0.6, 0, 0])  # what was commanded reads 34 deg more than where the joint stood
+    result = calibrate(problem, rows(problem, off, measured(q, rng, errors)))
+    i = [p.name for p in result.parameters].index("j4.theta")
+    assert abs(result.x[i] - errors["j4.theta"] + 0.6) < 4 * result.std[i]
+    assert result.calibrated.rms < 3 * NOISE

@@ -1,0 +1,398 @@
+"""``optimize-posture diagnose`` from end to end, on measurements of an arm with a hidden effect."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import posture_opt as po
+from posture_opt.calibration.progress import Stages
+from posture_opt.cli.main import main
+from posture_opt.diagnosis.candidates import Candidate
+from posture_opt.diagnosis.causes import Finding
+from posture_opt.diagnosis.extended_fit import fit_extended
+from posture_opt.diagnosis.linearised_data import scene_of
+from posture_opt.diagnosis.other_session import Gain
+from posture_opt.diagnosis.undetectable import not_looked_for
+from posture_opt.model.effects import CATALOGUE
+from posture_opt.model.effects.cyclic_error import CyclicError
+from posture_opt.report.diagnosed import Diagnosed
+from posture_opt.report.diagnosis_report import diagnosis_report
+from posture_opt.report.effect_rivals import splitting_measurement
+from posture_opt.report.effect_words import amplitude, cause_words, chance_words, size_words
+from posture_opt.report.text import render
+from tests.helpers.planar_2r import position
+from tests.helpers.planar_files import PLANAR, write
+
+NOISE = 2e-5  # m, of each measured coordinate
+CYCLES, SINE, COSINE = 12.0, 1.2e-4, 0.9e-4  # of joint1: rad
+DRIFT = 3e-4  # m, in x, from the first row to the last
+PROBLEM = PLANAR + "uncertainty: {measurement: {position: 0.02 mm}}\n"
+FIGURES = {"diagnosis_errors", "diagnosis_scores", "diagnosis_curves", "diagnosis_periodogram"}
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(main, ["diagnose", *map(str, words)])
+
+
+def wavy(q: np.ndarray) -> np.ndarray:
+    """The joints that an arm reaches whose first gear has a cyclic error."""
+    wave = SINE * np.sin(CYCLES * q[:, 0]) + COSINE * np.cos(CYCLES * q[:, 0])
+    return q + np.stack([wave, np.zeros(len(q))], axis=1)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("diagnose")
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-2.5, 2.5, (140, 2))
+    noise = rng.normal(0, NOISE, (140, 2))
+    points = position(wavy(q)) + noise
+    write(place / "data.csv", q[:90], points[:90])
+    write(place / "other.csv", q[90:], points[90:])
+    write(place / "mended.csv", q[90:], position(q[90:]) + noise[90:])  # the gear has been changed
+    write(place / "few.csv", q[:2], points[:2])
+    time = np.linspace(0.0, 3600.0, 90)
+    creep = np.stack([DRIFT * time / 3600, np.zeros(90)], axis=1)
+    write(place / "creeping.csv", q[:90], position(q[:90]) + noise[:90] + creep, time=("s", time))
+    write(place / "later.csv", q[90:], position(q[90:]) + noise[90:], time=("s", time[:50]))
+    (place / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
+    return place
+
+
+@pytest.fixture(scope="module")
+def written(folder: Path) -> tuple[Path, Result]:
+    out = folder / "out"
+    words = ["--problem", folder / "problem.yaml", "--test", folder / "other.csv", "--out", out]
+    return out, run(folder / "data.csv", *words)
+
+
+@pytest.fixture(scope="module")
+def document(written: tuple[Path, Result]) -> dict[str, Any]:
+    assert written[1].exit_code == 0, written[1].stderr
+    loaded: dict[str, Any] = json.loads((written[0] / "diagnosis.json").read_text(encoding="utf-8"))
+    return loaded
+
+
+def test_the_cyclic_error_is_named_with_its_size(document: dict[str, Any]) -> None:
+    assert document["verdict"] == "effects_found"
+    first = document["effects"][0]
+    assert (first["kind"], first["target"]) == ("cyclic_error", "joint1")
+    assert first["p_value"] < 1e-6
+    size = {name: (entry["value"], entry["std"]) for name, entry in first["estimate"].items()}
+    cycles, error = size["cycles"]
+    # σ √(2/N) / (A · rms of the lever · spread of q): 90 rows of 20 µm, 0.15 mrad at 1.4 m, 1.4 rad.
+    assert error == pytest.approx(NOISE * np.sqrt(2 / 90) / (1.5e-4 * 1.4 * 1.4), rel=0.5)
+    assert abs(cycles - CYCLES) < 4 * error
+    for name, true in (("sin", SINE), ("cos", COSINE)):
+        value, std = size[name]
+        assert abs(value - true) < 4 * std  # one in 10⁴
+        assert std < 2e-5  # 90 rows of 20 µm at 1 m, and a phase that leans on the cycles
+
+
+def test_errors_are_those_of_the_noise_here_and_on_the_test_file(document: dict[str, Any]) -> None:
+    floor = np.sqrt(2) * NOISE
+    wave = np.hypot(SINE, COSINE) / np.sqrt(2)  # rad, at a mean square lever of 2 m² that varies
+    assert document["residual_rms"]["calibrated"] == pytest.approx(np.sqrt(2) * wave, rel=0.3)
+    assert document["residual_rms"]["extended"] == pytest.approx(floor, rel=0.2)  # χ² of 174 freedoms, and the fit
+    test = document["test"]
+    for name in ("nominal", "calibrated", "extended"):
+        assert {"rms", "mean", "max"} <= set(test[name])
+    assert test["nominal"]["rms"] == pytest.approx(np.sqrt(2) * wave, rel=0.3)
+    assert test["extended"]["rms"] == pytest.approx(floor, rel=0.3)  # 100 numbers
+    assert not test["frames_refitted"]
+    gain = document["effects"][0]["test_gain"]
+    assert gain["interval95"][0] > 0.5
+    assert gain["value"] == pytest.approx(1 - test["extended"]["rms"] / test["calibrated"]["rms"], abs=0.02)
+
+
+def test_the_document_has_every_key(document: dict[str, Any]) -> None:
+    keys = {
+        "posture_opt", "verdict", "effects", "unexplained", "residual_rms", "coverage95", "candidates", "test",
+        "unknowable", "absorbed",
+    }  # fmt: skip
+    assert keys <= set(document)
+    assert {"kind", "target", "estimate", "p_value", "gain", "confounded_with"} <= set(document["effects"][0])
+    assert {"kind", "target", "p_value", "gain"} <= set(document["candidates"][0])
+    assert "instrument_scale" in {entry["kind"] for entry in document["unknowable"]}
+
+
+def test_files_and_report_tell_the_story(written: tuple[Path, Result]) -> None:
+    out, result = written
+    assert {file.stem for file in out.glob("*.png")} == FIGURES
+    assert {file.stem for file in out.glob("*.svg")} == FIGURES
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64") == len(FIGURES)
+    text = result.stdout
+    assert (out / "report.txt").read_text(encoding="utf-8").rstrip("\n") == text.rstrip("\n")
+    assert max(map(len, text.splitlines())) <= 100
+    flat = " ".join(text.split())
+    for words in (
+        "What the model gets wrong has a name: an error of joint1 that comes back 12.0",
+        "less than one in a million by chance",
+        "The gain holds on the test file",
+        "measure a scale bar of known length",
+    ):
+        assert words in flat
+
+
+def test_a_gain_that_does_not_hold_elsewhere_is_none(folder: Path) -> None:
+    words = ["--problem", folder / "problem.yaml", "--test", folder / "mended.csv"]
+    result = run(folder / "data.csv", *words, "--json")
+    assert result.exit_code == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert found["effects"][0]["test_gain"]["value"] < 0
+    assert any("no gain on the test file" in note for note in found["notes"])
+
+
+def test_what_changes_with_time_is_left_out_of_another_session(folder: Path) -> None:
+    problem = po.load_problem(folder / "problem.yaml")
+    data, later = (po.read_measurements(folder / name, problem) for name in ("creeping.csv", "later.csv"))
+    told: list[tuple[int, int]] = []
+    found = po.diagnose(problem, data, test=later, progress=lambda done, total: told.append((done, total)))
+    first = found.effects[0]
+    assert first.kind == "drift"
+    assert first.gain > 0.5
+    assert found.test is not None
+    assert found.test_gain(0) is None
+    # Nothing of the drift is left in the prediction, nor of what geometry would take of it: 0.1 mm.
+    assert found.test.models["extended"].rms < 1.3 * np.sqrt(2) * NOISE  # 100 numbers, and the fit of 90 rows
+    assert found.test.models["calibrated"].rms > 2 * found.test.models["extended"].rms
+    assert any("effects of time are left out" in note for note in found.notes)
+    text = " ".join(render(diagnosis_report(problem, Diagnosed(data, found, test=later))).split())
+    assert "The effect is not judged on the test file: it belongs to the first session." in text
+    assert "not tried" in text
+    assert "no gain" not in text
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+    assert told[-1] == (100, 100)
+    assert set(not_looked_for(found.model.residuals)) >= {"temperature", "payload", "masses"}
+
+
+def test_a_session_with_other_frames_is_fitted_to_them(folder: Path, tmp_path: Path) -> None:
+    rng = np.random.default_rng(9)
+    q = rng.uniform(-2.5, 2.5, (50, 2))
+    moved = position(wavy(q)) + np.array([0.004, -0.002]) + rng.normal(0, NOISE, (50, 2))
+    write(tmp_path / "moved.csv", q, moved)
+    problem = po.load_problem(folder / "problem.yaml")
+    data, other = (po.read_measurements(f, problem) for f in (folder / "data.csv", tmp_path / "moved.csv"))
+    found = {again: po.diagnose(problem, data, test=other, refit_frames=again).test for again in (False, True)}
+    off, fitted = found[False], found[True]
+    assert off is not None
+    assert fitted is not None
+    assert off.models["extended"].rms == pytest.approx(np.hypot(0.004, 0.002), rel=0.02)
+    assert fitted.models["extended"].rms < 1.3 * np.sqrt(2) * NOISE  # 100 numbers less some frames
+    assert fitted.models["calibrated"].rms > 3 * fitted.models["extended"].rms
+    assert any("fitted again" in note for note in fitted.notes)
+
+
+@pytest.mark.parametrize(
+    ("file", "extra", "words"),
+    [
+        ("nowhere.csv", [], "no such file"),
+        ("one.csv", ["--refit-frames"], "1 pose is too few to fit base and tool again"),
+        ("two_arms.csv", [], "the test file holds several robots"),
+    ],
+)
+def test_a_test_file_that_tells_nothing_is_refused(
+    file: str, extra: list[str], words: str, folder: Path, tmp_path: Path
+) -> None:
+    rows = (folder / "other.csv").read_text(encoding="utf-8").splitlines()
+    (tmp_path / "one.csv").write_text("\n".join(rows[:2]), encoding="utf-8")
+    named = [f"{row}, {'robot' if i == 0 else 'AB'[i % 2]}" for i, row in enumerate(rows)]
+    (tmp_path / "two_arms.csv").write_text("\n".join(named), encoding="utf-8")
+    others = ["--problem", folder / "problem.yaml", "--test", tmp_path / file, *extra]
+    result = run(folder / "data.csv", *others)
+    assert result.exit_code == 2
+    assert words in " ".join(result.stderr.split())
+
+
+def test_what_the_test_file_leaves_unsaid_is_told(folder: Path) -> None:
+    # The zero of joint1 turns by 20 µrad a kelvin; the second file has no thermometer.
+    problem = po.load_problem(folder / "problem.yaml")
+    rng = np.random.default_rng(3)
+    q, warmth = rng.uniform(-2.5, 2.5, (90, 2)), rng.uniform(0.0, 10.0, 90)
+    turned = q + np.stack([2e-5 * warmth, np.zeros(90)], axis=1)
+    points = position(turned) + rng.normal(0, NOISE, (90, 2))
+    write(folder / "warm.csv", q, points, temperature=("degC", 20 + warmth))
+    data, silent = (po.read_measurements(folder / name, problem) for name in ("warm.csv", "other.csv"))
+    found = po.diagnose(problem, data, test=silent)
+    assert found.effects[0].kind == "thermal_offset"
+    assert any("no column temperature [degC]" in note and "20 degC is taken" in note for note in found.notes)
+
+
+def test_what_could_be_confused_comes_with_a_measurement(folder: Path) -> None:
+    problem = po.load_problem(folder / "problem.yaml")
+    data = po.read_measurements(folder / "data.csv", problem)
+    found = po.diagnose(problem, data)
+    twin = replace(found.findings[0], confounded_with=(("quantisation", "joint1"),))
+    text = render(diagnosis_report(problem, Diagnosed(data, replace(found, findings=(twin, *found.findings[1:])))))
+    assert "What could be confused" in text
+    assert "log the joint values that the controller reached" in " ".join(text.split())
+    assert found.plot().axes
+
+
+def test_the_task_is_planned_again_with_the_extended_arm(folder: Path, tmp_path: Path) -> None:
+    rng = np.random.default_rng(12)
+    q = rng.uniform(-2.5, 2.5, (90, 2))
+    write(tmp_path / "data.csv", q, position(wavy(q), (1.0, 1.003)) + rng.normal(0, NOISE, (90, 2)))
+    task = "task: {kind: insert, direction: [0, -1, 0], position: [0.9 m, 0.4 m, 0 m], clearance: 0.5 mm}\n"
+    (tmp_path / "problem.yaml").write_text(PROBLEM + task, encoding="utf-8")
+    out = tmp_path / "out"
+    result = run(tmp_path / "data.csv", "--problem", tmp_path / "problem.yaml", "--out", out, "--no-plots")
+    assert result.exit_code == 0, result.stderr
+    postures = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))["posture"]
+    for name, model in (("nominal", lambda q: q), ("extended", wavy)):
+        q = np.array([list(postures[name]["posture"].values())])
+        # Where this posture truly lands, by the arm that made the data: across the direction, that is in x.
+        truth = abs(float(position(wavy(q), (1.0, 1.003))[0, 0]) - 0.9)
+        believed = position(model(q), (1.0, 1.0 if name == "nominal" else 1.003))[0]
+        assert believed == pytest.approx([0.9, 0.4], abs=3e-5)  # what 90 rows of 20 µm tell of the arm
+        assert abs(truth - postures[name]["critical_error"]) < 5e-5
+    assert postures["extended"]["critical_error"] < 5e-5 < 1e-4 < postures["nominal"]["critical_error"]
+    extended = po.load_problem(out / "extended.yaml")
+    assert [effect.kind for effect in extended.effects] == ["cyclic_error"]
+    assert "Choose again" in result.stdout
+
+
+def test_effects_of_time_are_planned_with_where_they_are_asked_for(folder: Path, tmp_path: Path) -> None:
+    task = "task: {kind: insert, direction: [0, -1, 0], position: [0.9 m, 0.4 m, 0 m], time: 1 h}\n"
+    (tmp_path / "problem.yaml").write_text(PROBLEM + task, encoding="utf-8")
+    landed = {}
+    for option in ([], ["--with-time"]):
+        out = tmp_path / f"out{len(option)}"
+        words = ["--problem", tmp_path / "problem.yaml", "--out", out, "--no-plots", *option]
+        result = run(folder / "creeping.csv", *words)
+        assert result.exit_code == 0, result.stderr
+        posture = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))["posture"]["extended"]["posture"]
+        landed[len(option)] = position(np.array([list(posture.values())]))[0, 0] + DRIFT  # an hour later, truly
+        assert ("kept, as asked for" in result.stdout) == bool(option)
+    assert landed[0] == pytest.approx(0.9 + DRIFT, abs=3e-5)  # geometry has taken nothing of it
+    assert landed[1] == pytest.approx(0.9, abs=3e-5)
+    assert [effect.kind for effect in po.load_problem(tmp_path / "out1" / "extended.yaml").effects] == ["drift"]
+    header = (tmp_path / "out0" / "extended.yaml").read_text("utf-8")
+    assert "Left out, as it belongs to its session: drift(linear); the arm is as it was before." in header
+
+
+def test_effects_that_lean_on_each_other_are_fitted_together(folder: Path) -> None:
+    # Two slow waves of nearly one period, large and opposite: a step of one period alone would tear them apart.
+    problem = po.load_problem(folder / "problem.yaml")
+    rng = np.random.default_rng(10)
+    q = rng.uniform(-2.5, 2.5, (90, 2))
+    dent = 4e-4 * np.exp(-0.5 * ((q[:, 0] - 0.7) / 0.3) ** 2)
+    file = folder / "dent.csv"
+    write(file, q, position(q + np.stack([dent, 0 * dent], axis=1)) + rng.normal(0, NOISE, (90, 2)))
+    data = po.read_measurements(file, problem)
+    scene = scene_of(po.calibrate(problem, data), flips=0)
+    waves = [CyclicError(joint="joint1", cycles=k) for k in (2.6, 3.4)]
+    suspects = [Candidate(wave, scene.tangents.columns(wave)) for wave in waves]
+    residuals, calibration = scene.tangents.residuals, po.calibrate(problem, data)
+    model = fit_extended(residuals, calibration.x, calibration.identifiability.directions, suspects)
+    r = model.whitened()
+    Z = model.columns
+    # At a minimum the rest is orthogonal to what is fitted; the least squares stop at 1e-4 of that by themselves.
+    assert np.all(np.abs(Z.T @ r) < 1e-5 * np.linalg.norm(Z, axis=0) * np.linalg.norm(r))
+
+
+def test_a_longer_link_is_named_with_its_length(folder: Path, tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    q = rng.uniform(-2.5, 2.5, (60, 2))
+    write(tmp_path / "longer.csv", q, position(q, (1.0, 1.003)) + rng.normal(0, NOISE, (60, 2)))
+    result = run(tmp_path / "longer.csv", "--problem", folder / "problem.yaml")
+    assert result.exit_code == 0, result.stderr
+    text = " ".join(result.stdout.split())
+    assert "has a name: the link behind joint2 is not as long as the file says (3.00" in text or "(2.99" in text
+    assert "link_length of joint2" in text
+    assert "with its effects" not in text
+
+
+def test_too_few_rows_are_a_verdict_too(folder: Path, tmp_path: Path) -> None:
+    words = ["--problem", folder / "problem.yaml", "--out", tmp_path / "out", "--json"]
+    result = run(folder / "few.csv", *words)
+    assert result.exit_code == 4
+    assert "measure at least" in result.stderr
+    found = json.loads(result.stdout)
+    assert found["verdict"] == "insufficient_data"
+    assert "measure at least" in found["message"]
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["data.csv", "--refit-frames"], "--refit-frames goes with --test"),
+        (["missing.csv"], "missing.csv"),
+        (["data.csv", "--by", "place"], "leave out by pose or block"),
+        (["data.csv", "--folds", "1"], "folds"),
+    ],
+)
+def test_wrong_use_is_told(folder: Path, words: list[str], message: str, tmp_path: Path) -> None:
+    data, *others = words
+    result = run(folder / data, *others, "--problem", folder / "problem.yaml", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_gain_has_an_interval() -> None:
+    rng = np.random.default_rng(2)
+    before = rng.normal(0, 2.0, (400, 3))
+    gain = Gain.of(before / 2, before, np.arange(400))
+    assert gain.value == pytest.approx(0.5)
+    assert gain.low == pytest.approx(0.5)  # the same drop in every row
+    chance = Gain.of(rng.normal(0, 2.0, (400, 3)), before, np.arange(400))
+    assert chance.low < 0 < chance.high
+
+
+def test_stages_go_up_to_a_hundred() -> None:
+    told: list[int] = []
+    stages = Stages(lambda done, total: told.append(done), 30, 70)
+    first = stages.next()
+    first(1, 2)
+    told_rounds = stages.rounds(stages.next())
+    for _ in range(20):
+        told_rounds()
+    stages.end()
+    assert told[:2] == [0, 15]
+    assert told == sorted(told)
+    assert told[-1] == 100
+
+
+KINDS = [(str(kind.model_fields["kind"].default), "joint2") for kind in CATALOGUE]
+
+
+def test_every_cause_has_words_and_every_pair_a_measurement() -> None:
+    for kind, target in KINDS:
+        assert not cause_words(kind, target).startswith(kind)
+    for one, other in product(KINDS, KINDS):
+        text = splitting_measurement(one, (other[0], "joint3"))
+        assert len(text) > 20
+        assert "{" not in text
+
+
+def test_sizes_are_in_units_of_the_shop_floor() -> None:
+    soft = Finding("joint_compliance", "joint2", {"compliance": (8e-6, 2e-7, "rad/(N*m)")}, 1e-9, 0.3)
+    assert size_words(soft) == [("compliance", "8.00 ± 0.20 µrad/(N m): a stiffness of 125.0 ± 3.1 N m/mrad")]
+    play = Finding("backlash", "joint2", {"width": (2e-4, 1e-5, "rad")}, 1e-9, 0.3)
+    assert size_words(play) == [("width", "0.200 ± 0.010 mrad (41 arcsec)")]
+    slip = Finding("slip", "joint2", {"step": (2e-4, 1e-5, "rad"), "moment": (162.0, float("nan"), "")}, 1e-9, 0.3)
+    assert dict(size_words(slip))["at"] == "2.70 min after the first row"
+    assert dict(size_words(slip, timed=False))["at"] == "row 163, as no times are logged"
+    shift = dict.fromkeys("xyz", (0.0001, 3e-06, "m"))
+    drift = Finding("drift", "exponential", {**shift, "constant": (291.0, 21.0, "")}, 1e-9, 0.3)
+    after = "two thirds of it after"
+    assert dict(size_words(drift))[after] == "4.85 ± 0.35 min"
+    assert dict(size_words(drift, timed=False))[after] == "291 ± 21 rows, as no times are logged"
+    lost = Finding("hysteresis", "joint2", {"height": (2e-4, 1e-5, "rad"), "travel": (0.2, 0.03, "")}, 1e-9, 0.3)
+    assert dict(size_words(lost))[after] == "a move of 11.5 ± 1.7 deg"
+    assert chance_words(1e-9) == "less than one in a million by chance"
+    assert chance_words(1e-4) == "one in 10 000 by chance"
+    size, std = amplitude(np.array([3.0, 4.0]), np.diag([0.01, 0.04]))
+    assert size == pytest.approx(5.0)
+    assert std == pytest.approx(np.sqrt(0.36 * 0.01 + 0.64 * 0.04))  # first-order propagation

@@ -1,0 +1,105 @@
+"""Neighbouring postures that err alike: a few hundred rows of them tell less than as many independent ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.diagnosis.linearised_data import scene_of
+from posture_opt.diagnosis.search import search
+from posture_opt.diagnosis.search_dependent_rows import dependence, find
+from tests.helpers.planar_2r import position
+
+NOISE = 2e-5  # m
+PROBLEM = {
+    "name": "Planar arm",
+    "robot": {
+        "kind": "dh",
+        "joints": [{"name": f"joint{i}", "type": "revolute", "a": "1 m"} for i in (1, 2)],
+    },
+    "uncertainty": {"measurement": {"position": "0.02 mm"}},
+}
+DATA = Path(__file__).parents[3] / "shared" / "data" / "ipa_ur10"
+
+
+def rough(q: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A rough curve over a joint [rad], 0.1 mrad RMS: a hundred waves of no period in common."""
+    cycles, phase = rng.uniform(8, 60, 100), rng.uniform(0, 2 * np.pi, 100)
+    return np.sqrt(2 / 100) * 1e-4 * np.sin(np.outer(q, cycles) + phase).sum(axis=1)
+
+
+def measured(folder: Path, name: str, q: np.ndarray, error: np.ndarray, rng: np.random.Generator) -> po.Measurements:
+    table = np.column_stack([np.degrees(q), 1e3 * (position(q + error) + rng.normal(0, NOISE, q.shape))])
+    np.savetxt(folder / name, table, "%.9f", ",", header="joint1 [deg], joint2 [deg], x [mm], y [mm]", comments="")
+    return po.read_measurements(folder / name, po.problem_from_dict(PROBLEM))
+
+
+def arm(folder: Path, places: int, neighbours: int, seed: int) -> Calibration:
+    """Postures about so many places, with a sine of joint 2 and a rough curve of both joints that nobody can name."""
+    rng = np.random.default_rng(seed)
+    centres = rng.uniform(-2.8, 2.8, (places, 2))
+    q = np.repeat(centres, neighbours, axis=0) + rng.uniform(-0.005, 0.005, (places * neighbours, 2))
+    error = np.stack([rough(q[:, 0], rng), rough(q[:, 1], rng) + 4e-4 * np.sin(q[:, 1] + 0.5)], axis=1)
+    return po.calibrate(po.problem_from_dict(PROBLEM), measured(folder, "data.csv", q, error, rng))
+
+
+@pytest.mark.parametrize("seed", [1])
+def test_as_many_rows_as_tell_something_new(seed: int, tmp_path: Path) -> None:
+    calibration = arm(tmp_path, 80, 12, seed)
+    assert calibration.design > 3
+    scene = scene_of(calibration, 99)
+    # Twelve neighbours tell as much as one.
+    found = find(scene, True)
+    assert 5 < found.design < 13
+    named = [(s.kind, s.target) for s in found.chosen if s.named]
+    assert ("gear_eccentricity", "joint2") in named
+    # By all rows, ever more of the rough curves' lines are "sure".
+    by_all = search(scene)
+    assert len(found.chosen) <= len(by_all.chosen) // 2
+
+
+def test_independent_rows_are_searched_as_ever(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-2.8, 2.8, (150, 2))
+    # So much that the geometry alone leaves neighbours alike; once it is taken away they are not.
+    error = np.stack([np.zeros(150), 1e-3 * np.sin(q[:, 1] + 0.5)], axis=1)
+    data = measured(tmp_path, "data.csv", q, error, rng)
+    scene = scene_of(po.calibrate(po.problem_from_dict(PROBLEM), data))
+    assert dependence(scene, ()) > 1.5
+    found, plain = find(scene, True), search(scene)
+    assert [str(s.what) for s in found.chosen] == [str(s.what) for s in plain.chosen]
+    assert [s.kind for s in found.chosen] == ["gear_eccentricity"]
+    assert found.p_values == plain.p_values
+    assert found.design == 1
+
+
+def test_another_session_stands_in_another_frame(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    sessions = []
+    for name, turn in (("data.csv", 0.0), ("other.csv", 2.0)):
+        q = rng.uniform(-2.8, 2.8, (120, 2))
+        error = np.stack([turn + 5e-4 * np.cos(q[:, 0]), 1e-3 * np.sin(q[:, 1])], axis=1)
+        sessions.append(measured(tmp_path, name, q, error, rng))
+    found = po.diagnose(po.problem_from_dict(PROBLEM), sessions[0], test=sessions[1], refit_frames=True)
+    assert found.test is not None
+    # Along the axes of the first session's world the effects would make it worse; noise is 0.02 mm times the root of 2.
+    assert found.test.models["extended"].rms < 1.2 * np.sqrt(2) * NOISE
+    assert found.test.models["calibrated"].rms > 10 * NOISE
+
+
+@pytest.mark.skipif(not DATA.exists(), reason="the measured arms lie in ../shared/data, which is missing here")
+def test_ur10_lines_of_one_session_improve_another() -> None:
+    problem = po.load_problem(DATA / "problem.yaml")
+    first, second = (po.read_measurements(DATA / f"series_{name}.csv", problem) for name in "ab")
+    # Every 24th place of the first session, with all postures of the wrist about each, for time.
+    places = np.unique(np.round(first.q[:, :3] / 0.02), axis=0, return_inverse=True)[1].ravel()
+    learnt = first.take(np.flatnonzero(places % 24 == 0))
+    found = po.diagnose(problem, learnt, test=second, refit_frames=True, flips=49)
+    assert found.test is not None
+    assert found.errors["extended"].rms < 0.5 * found.errors["calibrated"].rms
+    assert found.test.gain.low > 0.05
+    assert {f.target for f in found.effects if f.kind == "cyclic_error"} >= {"shoulder_pan", "shoulder_lift", "elbow"}

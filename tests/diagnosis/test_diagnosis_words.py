@@ -1,0 +1,98 @@
+"""What the report of a diagnosis says of causes that stand together, and of what is left by noise."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.calibration.estimation import Estimate
+from posture_opt.report.blocks import Table
+from posture_opt.report.diagnosed import Diagnosed
+from posture_opt.report.diagnosis_report import diagnosis_report
+from posture_opt.report.error_blocks import _beside, noise_of
+from posture_opt.report.extended_blocks import _plain
+from posture_opt.report.text import render
+from tests.helpers.planar_2r import position
+from tests.helpers.planar_files import PLANAR, write
+
+NOISE = 2e-5  # m, of each measured coordinate
+SCATTER = 2e-4  # rad, of joint2 from visit to visit
+PROBLEM = PLANAR + "uncertainty: {measurement: {position: 0.02 mm}}\n"
+
+
+@pytest.fixture(scope="module")
+def noisy(tmp_path_factory: pytest.TempPathFactory) -> tuple[po.Problem, Any]:
+    """The diagnosis of an arm with two wrong links and a joint that scatters."""
+    folder = tmp_path_factory.mktemp("noisy")
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-2.5, 2.5, (120, 2))
+    moved = q + np.outer(rng.normal(0, SCATTER, len(q)), [0, 1])
+    write(folder / "data.csv", q, position(moved, (1.0007, 0.9991)) + rng.normal(0, NOISE, (120, 2)))
+    (folder / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
+    problem = po.load_problem(folder / "problem.yaml")
+    data = po.read_measurements(folder / "data.csv", problem)
+    return problem, Diagnosed(data, po.diagnose(problem, data), problem=problem)
+
+
+def text_of(problem: po.Problem, diagnosed: Any) -> str:
+    return " ".join(render(diagnosis_report(problem, diagnosed)).split())
+
+
+def test_what_geometry_brings_is_said_once(noisy: tuple[po.Problem, Any]) -> None:
+    text = text_of(*noisy)
+    assert {f.kind for f in noisy[1].diagnosis.findings} == {"link_length", "joint_noise"}
+    assert text.count("Brings all geometry together takes") == 1
+    assert text.count("off the RMS of the arm as it stands") == 1
+
+
+def test_the_scatter_of_a_named_joint_stands_beside_what_is_left(noisy: tuple[po.Problem, Any]) -> None:
+    name = "noise with joint2's scatter"
+    noises = noise_of(noisy[1])
+    # The second joint stands 1 m from the tool point in every posture; its σ is told to 7 % by 120 rows.
+    assert noises[name] == pytest.approx(np.hypot(np.sqrt(2) * NOISE, SCATTER), rel=0.2)
+    text = text_of(*noisy)
+    assert "joint2 scatters from visit to visit by 0." in text.partition("Where they had not been seen")[0]
+    assert "of which the file states nothing" in text
+    assert name in text
+    assert f"with joint2's scatter it makes {1e3 * noises[name]:.3f} mm" in text
+    assert "so there is nothing more to gain" in text
+
+
+@pytest.mark.parametrize(
+    ("low", "words"),
+    [
+        (
+            0.0520,
+            "; to fit 23 parameters to 240 numbers makes 0.0550 mm of it: about what is left, so there is nothing",
+        ),
+        (0.0560, "; to fit 23 parameters to 240 numbers makes 0.0550 mm of it; the scatter of the arm itself comes on"),
+        (0.0510, ": about what is left, so there is nothing more to gain."),
+    ],
+)
+def test_what_fitting_costs_is_no_scatter_of_the_arm(low: float, words: str) -> None:
+    # 80 rows of three coordinates of 0.03 mm in 5 rounds: 0.05196 mm √(1 + 23/192) = 0.0550 mm.
+    model = SimpleNamespace(directions=np.zeros((24, 22)), theta=np.zeros(1))
+    left = SimpleNamespace(interval=(1e-3 * low, 6.4e-5))
+    found = SimpleNamespace(errors={"extended": left}, model=model, verdict="effects_found")
+    residuals = SimpleNamespace(data=range(80), axes=range(3))
+    diagnosed: Any = SimpleNamespace(diagnosis=found, residuals=residuals, floor=(0, "the instrument as stated"))
+    assert _beside(diagnosed, {"noise alone": 3e-5 * np.sqrt(3)}, 5).startswith(words)
+
+
+@pytest.mark.parametrize(("kept", "notes"), [([True, True], 0), ([True, False], 1)])
+def test_no_outlier_is_to_be_looked_at_where_none_is_listed(kept: list[bool], notes: int) -> None:
+    fit: Any = SimpleNamespace(converged=True, steps=1)
+    found = Estimate(np.zeros(1), np.eye(1), np.array(kept), np.zeros(2), 1.0, fit, settled=False)
+    assert len(found.notes) == notes
+
+
+def test_an_arm_without_effects_repeats_no_column() -> None:
+    headers = ("chosen by the model", "as it stands", "calibrated", "with its effects")
+    same = Table(headers, (("joint1", "1.00 deg", "2.00 deg", "2.00 deg"),))
+    assert _plain(same) == Table(headers[:-1], (("joint1", "1.00 deg", "2.00 deg"),))
+    other = Table(headers, (("joint1", "1.00 deg", "2.00 deg", "2.01 deg"),))
+    assert _plain(other) == Table((*headers[:-1], "extended"), other.rows)

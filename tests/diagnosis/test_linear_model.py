@@ -1,0 +1,128 @@
+"""Short ways through inner products, against the long ones through all rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.diagnosis.candidates import Candidate, catalogue
+from posture_opt.diagnosis.extended_fit import Extended, fit_extended
+from posture_opt.diagnosis.held_out import held_out
+from posture_opt.diagnosis.linear_model import LinearModel
+from posture_opt.diagnosis.linearised_data import LinearisedData, scene_of
+from posture_opt.diagnosis.score_tests import ABSORBED, explained, waves
+from posture_opt.diagnosis.search import weighed
+from tests.helpers.planar_2r import position
+
+PROBLEM = {
+    "name": "Planar arm",
+    "robot": {
+        "kind": "dh",
+        "joints": [{"name": f"joint{i}", "type": "revolute", "a": "1 m"} for i in (1, 2)],
+    },
+    "uncertainty": {"measurement": {"position": "0.02 mm"}},
+}
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> LinearisedData:
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-2.5, 2.5, (80, 2))
+    error = np.stack([3e-4 * np.sin(q[:, 0]), 2e-4 * np.cos(2 * q[:, 1])], axis=1)
+    table = np.column_stack([np.degrees(q), 1e3 * (position(q + error) + rng.normal(0, 2e-5, q.shape))])
+    file = tmp_path_factory.mktemp("linear") / "data.csv"
+    np.savetxt(file, table, "%.9f", ",", header="joint1 [deg], joint2 [deg], x [mm], y [mm]", comments="")
+    problem = po.problem_from_dict(PROBLEM)
+    return scene_of(po.calibrate(problem, po.read_measurements(file, problem)), flips=20)
+
+
+@pytest.fixture(scope="module")
+def member(scene: LinearisedData) -> Callable[[str, str], Candidate]:
+    everyone = catalogue(scene.tangents, scene.case)
+    return lambda kind, target: next(s for s in everyone if (s.kind, s.target) == (kind, target))
+
+
+@pytest.fixture(scope="module")
+def model(scene: LinearisedData, member: Callable[[str, str], Candidate]) -> Extended:
+    suspects = [member("gear_eccentricity", "joint1"), member("gear_second_harmonic", "joint2")]
+    directions = np.linalg.svd(scene.G, full_matrices=False)  # any directions do, as long as they are determined
+    k = len(scene.tangents.x)
+    J = scene.tangents.residuals.both(scene.tangents.x)[1]
+    V = np.linalg.svd(J, full_matrices=False)[2][: scene.G.shape[1]]
+    assert V.shape == (len(directions[1]), k)
+    return fit_extended(scene.tangents.residuals, scene.tangents.x, V.T, suspects)
+
+
+def test_candidates_from_inner_products(scene: LinearisedData) -> None:
+    ground = scene.ground()
+    everyone = catalogue(scene.tangents, scene.case)
+    rho, sizes, gains = explained(ground, [s.Z for s in everyone])
+    for i, s in enumerate(everyone):
+        unit = s.Z / np.maximum(np.linalg.norm(s.Z, axis=0), 1e-300)
+        rest = unit - ground.Q @ (ground.Q.T @ unit)
+        assert rho[i] == pytest.approx(np.linalg.norm(rest, axis=0).max(), abs=1e-7)
+        if rho[i] < ABSORBED:
+            assert sizes[i] == 0
+            continue
+        U, singular, _ = np.linalg.svd(rest, full_matrices=False)
+        U = U[:, singular > max(ABSORBED, 1e-6 * singular[0])]
+        assert sizes[i] == U.shape[1]
+        np.testing.assert_allclose(gains[i], np.sum((U.T @ ground.flipped) ** 2, axis=0), rtol=1e-8, atol=1e-8)
+
+
+def test_evenly_spaced_waves() -> None:
+    q, cycles = np.linspace(-6, 6, 50), np.arange(2.5, 300, 0.3)
+    for given in (cycles, cycles[:7], cycles[:100] ** 1.01):
+        S, C = waves(q, given)
+        # 300 cycles of 6 rad: rounding of the angle itself is 1e-13.
+        np.testing.assert_allclose(S, np.sin(np.outer(q, given)), atol=1e-11)
+        np.testing.assert_allclose(C, np.cos(np.outer(q, given)), atol=1e-11)
+
+
+def test_members_are_worth_as_much_in_few_coordinates(
+    scene: LinearisedData, member: Callable[[str, str], Candidate]
+) -> None:
+    members = [member("gear_eccentricity", "joint1"), member("gear_second_harmonic", "joint2")]
+    small, few = scene.reduced(members)
+    assert len(small.r) < 20
+    whole, part = scene.ground([members[0]], flips=0), small.ground([few[0]], flips=0)
+    assert part.freedom == whole.freedom
+    assert part.rss[0] == pytest.approx(whole.rss[0], rel=1e-10)
+    chosen, weights = weighed(scene, members)
+    rest = scene.ground(members, flips=0).rss[0]
+    alone = [scene.ground([s], flips=0) for s in chosen[::-1]]  # each without the other
+    for (p, _), ground in zip(weights, alone, strict=True):
+        # The leading term of the F test of two directions; the rest of it is of the order of one.
+        assert p == pytest.approx((ground.freedom - 2) / 2 * np.log(rest / ground.rss[0]), abs=1e-6)
+
+
+@pytest.mark.parametrize("without", [None, 0, 1])
+def test_folds_by_coordinates_are_refits_by_rows(model: Extended, without: int | None) -> None:
+    residuals = model.residuals
+    folds = [np.asarray(part) for part in np.array_split(np.random.default_rng(0).permutation(len(residuals.data)), 5)]
+    found = held_out(model, folds, without)
+    r, J = residuals.both(model.x)
+    kept = [i for i in range(len(model.suspects)) if i != without]
+    Z = np.concatenate([model.suspects[i].Z for i in kept], axis=1)
+    r = r + Z @ np.concatenate([model.theta[model.slices[i]] for i in kept])
+    A = np.concatenate([J @ model.directions, Z / np.linalg.norm(Z, axis=0)], axis=1)
+    for left_out in folds:
+        theirs = (left_out[:, None] * 2 + np.arange(2)).ravel()
+        mine = np.setdiff1d(np.arange(len(r)), theirs)
+        step = np.linalg.lstsq(A[mine], -r[mine], rcond=None)[0]
+        expected = (r[theirs] + A[theirs] @ step).reshape(-1, 2) * residuals.sigma
+        np.testing.assert_allclose(found.errors[left_out, :2], expected, atol=1e-10)
+
+
+def test_the_rest_takes_over_what_an_effect_leaves(model: Extended) -> None:
+    step = LinearModel.of(model).refitted(0)
+    r, J = model.residuals.both(model.x)
+    A = np.concatenate([J @ model.directions, model.suspects[1].Z], axis=1)
+    direct = np.linalg.lstsq(A, -(r + model.suspects[1].Z @ model.theta[model.slices[1]]), rcond=None)[0]
+    g = model.directions.shape[1]
+    np.testing.assert_allclose(step[:g], direct[:g], atol=1e-9)
+    np.testing.assert_allclose(step[g + 2 :], direct[g:], atol=1e-9)
+    assert not step[g : g + 2].any()

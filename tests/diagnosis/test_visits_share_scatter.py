@@ -1,0 +1,108 @@
+"""Rows of one visit share the joints' scatter: they are no repeats, and no independent witnesses of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+
+import posture_opt as po
+from posture_opt.calibration.calibrate import calibrate
+from posture_opt.diagnosis import noise_candidates, noise_causes
+from posture_opt.diagnosis.extended_fit import fit_extended
+from posture_opt.diagnosis.lack_of_fit import adequacy
+from posture_opt.diagnosis.linearised_data import scene_of
+from posture_opt.diagnosis.noise_candidates import stated_sigma, uneven
+from posture_opt.diagnosis.score_tests import ProjectedBaseline
+from posture_opt.model.effects import Rows
+from posture_opt.validation.repeat_covariance import whitened
+
+RR = """
+robot:
+  kind: dh
+  joints:
+    - {name: joint1, a: 500 mm}
+    - {name: joint2, a: 400 mm}
+task: {kind: insert, direction: [0, 1, 0], position: [0.5 m, 0.4 m, 0 m]}
+"""
+
+
+def lack_of_fit(seed: int, passes: int, readings: int, targets: int, wrong: float = 0.0) -> float:
+    """Of visits that scatter by 5 about a model that is ``wrong`` at each of 40 poses, by 1 from row to row."""
+    rng = np.random.default_rng(seed)
+    order = np.tile(np.repeat(np.arange(40), readings * targets), passes)
+    visit = np.repeat(np.arange(40 * passes), readings * targets)
+    q = rng.uniform(-2, 2, (40, 2))[order]
+    table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": rng.normal(size=len(q)), "y [m]": 0.0 * order}
+    table["target"] = np.tile(np.arange(targets), len(q) // targets).astype(str)
+    data = po.read_measurements(table, po.problem_from_dict(yaml.safe_load(RR)))
+    e = 5 * rng.normal(size=(visit.max() + 1, 2))[visit] + rng.normal(size=(len(q), 2))
+    e += wrong * rng.normal(size=(40, 2))[order]
+    ground = ProjectedBaseline.of(e.ravel(), rng.normal(size=(e.size, 4)), np.repeat(order, 2), 19, 0)
+    return adequacy(ground, data, np.column_stack([q, order]), 2).lack_of_fit
+
+
+@pytest.mark.parametrize(("readings", "targets"), [(3, 1), (1, 2), (2, 2)])
+def test_readings_and_targets_of_one_visit_are_no_repeats(readings: int, targets: int) -> None:
+    assert lack_of_fit(1, 1, readings, targets) == 1.0
+    # Visits with others between them are: right models pass, wrong ones do not.
+    assert min(lack_of_fit(seed, 3, readings, targets) for seed in range(4)) > 0.01
+    assert lack_of_fit(1, 3, readings, targets, wrong=15.0) < 1e-3
+
+
+def test_a_scatter_of_nothing_leaves_the_residual_variance_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """24 residuals and some 5 unknowns: leverage taken off twice would swell the variance by a fourth."""
+    seen = []
+    monkeypatch.setattr(noise_causes, "stated_sigma", lambda *given: seen.append(given[0]) or stated_sigma(*given))
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-2, 2, (12, 2))
+    first, both = q[:, 0], q.sum(axis=1)
+    p = 0.5001 * np.stack([np.cos(first), np.sin(first)], 1) + 0.4 * np.stack([np.cos(both), np.sin(both)], 1)
+    p += rng.normal(0, 2e-5, p.shape)
+    table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
+    for scatter in ({}, {"joint1.theta": "1e-9 mrad"}):
+        document = yaml.safe_load(RR) | {"uncertainty": {"measurement": {"position": "0.02 mm"}, "scatter": scatter}}
+        stated = po.problem_from_dict(document)
+        calibration = calibrate(stated, po.read_measurements(table, stated), folds=2)
+        model = fit_extended(calibration.residuals, calibration.x, calibration.identifiability.directions, [])
+        noise_causes.noise_causes(stated, calibration, model, scene_of(calibration, 9).ground(), 1.0, 0)
+    assert seen[1] == pytest.approx(seen[0], rel=0.1)
+
+
+def test_rows_of_one_visit_are_no_independent_witnesses_of_a_noisy_joint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """40 sets of 30 visits, four readings each that repeat what the visit was off by, anywhere: 5 % are below 5 %."""
+    monkeypatch.setattr(noise_candidates, "_DRAWS", 99)
+    rng, visits = np.random.default_rng(5), np.repeat(np.arange(30), 4)
+    robot = po.problem_from_dict(yaml.safe_load(RR)).robot
+    p = []
+    for seed in range(40):
+        e = rng.normal(size=(30, 2))[visits] + 0.1 * rng.normal(size=(120, 2))
+        rows = Rows(robot, rng.normal(size=(2, 30, 2))[:, visits], None, 2e-5, visits)
+        p.append(uneven(e, rows, seed)[0].p_value)
+    assert np.sum(np.array(p) < 0.05) <= 6
+
+
+def test_stated_scatter_of_a_joint_is_taken_off_whole_visits() -> None:
+    rng, visits = np.random.default_rng(6), np.array([0, 0, 0, 1, 2, 2])
+    S, own = rng.normal(size=(6, 2, 2)), rng.uniform(1, 2, (6, 2))
+    shared = np.where(visits[:, None] == visits, 1.0, 0.0).repeat(2, axis=0).repeat(2, axis=1)
+    covariance = np.diag(own.ravel()) + shared * (S.reshape(12, 2) @ S.reshape(12, 2).T)
+    e = rng.normal(size=(6, 2))
+    found, columns = whitened(e, np.stack([e, 2 * e]), S, visits, own)
+    assert np.sum(found**2) == pytest.approx(e.ravel() @ np.linalg.solve(covariance, e.ravel()))
+    np.testing.assert_allclose(columns, np.stack([found, 2 * found]))
+
+
+@pytest.mark.parametrize(("sigma", "named"), [((1e-4, 1e-4), ["joint1", "joint2"]), ((2e-4, 0.0), ["joint1"])])
+def test_every_noisy_joint_is_named(sigma: tuple[float, float], named: list[str]) -> None:
+    rng = np.random.default_rng(1)
+    q = rng.uniform(-2.5, 2.5, (150, 2))
+    elbow, tool = (np.stack([-np.sin(a), np.cos(a)], 1) / 2e-5 for a in (q[:, 0], q.sum(axis=1)))
+    c = np.stack([0.5 * elbow + 0.4 * tool, 0.4 * tool])
+    e = rng.normal(size=(150, 2)) + np.einsum("nj,jnd->nd", rng.normal(size=(150, 2)) * sigma, c)
+    robot = po.problem_from_dict(yaml.safe_load(RR)).robot
+    found = noise_causes.uneven_noise(e, Rows(robot, c, None, 2e-5), 0)
+    assert [cause.effect.target for cause in found] == named
+    assert not any(cause.confounded_with for cause in found)
+    for cause, true in zip(found, sigma, strict=False):
+        assert cause.effect.sizes[0][1] == pytest.approx(true, rel=0.3)

@@ -1,0 +1,25 @@
+"""The frozen documents: nothing that the program answers changes unnoticed.
+
+Numbers are compared to 1e-6 here, as another machine's linear algebra rounds otherwise; ``python -m tests.golden check``
+compares them to 1e-9 on the machine on which they were written.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+
+import pytest
+
+from tests.golden.__main__ import FOLDER
+from tests.golden.cases import Case, document, quick
+from tests.golden.compare import differences
+
+
+@pytest.mark.parametrize(("name", "case"), [pytest.param(name, case, id=name) for name, case in quick()])
+def test_the_document_is_as_it_was(name: str, case: Case) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = document(case)
+    old = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+    assert list(differences(old, found, 1e-6)) == []

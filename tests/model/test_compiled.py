@@ -1,0 +1,452 @@
+"""Functions over rows: compiled, interpreted and NumPy agree; the cache is reused and never trusted blindly."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import pickle
+import subprocess
+import sys
+import textwrap
+import threading
+import tracemalloc
+from pathlib import Path
+
+import casadi
+import numpy as np
+import pytest
+
+from posture_opt.errors import InputError
+from posture_opt.model import toolchain
+from posture_opt.model.compiled import BatchFunction, c_source
+from posture_opt.model.compiled_nlp import compiled_nlp
+
+# The same operations in the same order and no fused multiply-add: only sin and cos of another mathematics library
+# may differ, by one unit in the last place each. Compared with NumPy, whose sums run in another order, a dozen
+# roundings of 1.1e-16 add up.
+DIGITS = 2e-15
+
+needs_compiler = pytest.mark.skipif(not toolchain.find_compiler(), reason="no C compiler on this machine")
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("POSTURE_OPT_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def compilations(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
+    """The compiler calls so far, the version queries left out."""
+    calls: list[tuple[str, ...]] = []
+    run = toolchain.subprocess.run
+
+    def counting(command: tuple[str, ...], **options: object) -> object:
+        if "-shared" in command:
+            calls.append(tuple(command))
+        return run(command, **options)
+
+    monkeypatch.setattr(toolchain.subprocess, "run", counting)
+    return calls
+
+
+def planar() -> casadi.Function:
+    """Two links: point (2,), Jacobian (2, 2) with its column-major order visible, and the determinant."""
+    q, a = casadi.SX.sym("q", 2), casadi.SX.sym("a", 2)
+    angle = q[0] + q[1]
+    x = a[0] * casadi.cos(q[0]) + a[1] * casadi.cos(angle)
+    y = a[0] * casadi.sin(q[0]) + a[1] * casadi.sin(angle)
+    J = casadi.jacobian(casadi.vertcat(x, y), q)
+    return casadi.Function("planar", [q, a], [casadi.vertcat(x, y), J, casadi.det(J)], ["q", "a"], ["x", "J", "d"])
+
+
+def planar_in_numpy(q: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    s1, c1, s12, c12 = np.sin(q[:, 0]), np.cos(q[:, 0]), np.sin(q.sum(1)), np.cos(q.sum(1))
+    x = np.stack([a[:, 0] * c1 + a[:, 1] * c12, a[:, 0] * s1 + a[:, 1] * s12], 1)
+    J = np.empty((len(q), 2, 2))
+    J[:, 0, 0], J[:, 0, 1] = -x[:, 1], -a[:, 1] * s12
+    J[:, 1, 0], J[:, 1, 1] = x[:, 0], a[:, 1] * c12
+    return x, J, (a[:, 0] * a[:, 1] * np.sin(q[:, 1]))[:, None]
+
+
+def rows(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-3, 3, (n, 2)), rng.uniform(0.5, 1.5, (n, 2))
+
+
+both_ways = pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=needs_compiler)])
+
+
+@both_ways
+@pytest.mark.parametrize("n", [0, 1, 3, 255, 256, 700])  # below, at and across the interpreter's chunk
+def test_rows_agree_with_numpy(compiled: bool, n: int) -> None:
+    batch = BatchFunction(planar(), compiled=compiled)
+    assert batch.compiled is compiled
+    for result, expected in zip(batch(*rows(n)), planar_in_numpy(*rows(n)), strict=True):
+        assert result.shape == expected.shape
+        np.testing.assert_allclose(result, expected, rtol=0, atol=2 * DIGITS)  # values up to 3, products up to 9
+
+
+@needs_compiler
+def test_compiled_keeps_the_digits_of_the_interpreter() -> None:
+    compiled, interpreted = (BatchFunction(planar(), compiled=way)(*rows(500)) for way in (True, False))
+    for fast, slow in zip(compiled, interpreted, strict=True):
+        np.testing.assert_allclose(fast, slow, rtol=0, atol=DIGITS)
+
+
+@both_ways
+def test_every_operation_is_rounded_on_its_own(compiled: bool) -> None:
+    x, y, z = (casadi.SX.sym(name) for name in "xyz")
+    # The first output loads all inputs, so that nothing separates the operations of the others.
+    outputs = [x + z + y, x * y - z, (x + y) - z]
+    batch = BatchFunction(casadi.Function("f", [x, y, z], outputs), compiled=compiled)
+    a, b = (value[:, :1] for value in rows(50))
+    # IEEE 754: zero, where a fused multiply-add would leave the rounding error of the product.
+    np.testing.assert_array_equal(batch(a, b, a * b)[1], 0)
+    # 1e16 + 1 rounds to 1e16; an optimiser that rearranges sums (-ffast-math) may return 1.
+    np.testing.assert_array_equal(batch([[1e16]], [[1.0]], [[1e16]])[2], 0)
+
+
+@both_ways
+def test_inputs_broadcast(compiled: bool) -> None:
+    batch = BatchFunction(planar(), compiled=compiled)
+    q, a = rows(300)
+    expected = batch(q, np.tile(a[0], (300, 1)))
+    for shared in (a[0], a[:1], list(a[0])):
+        for result, wanted in zip(batch(q, shared), expected, strict=True):
+            np.testing.assert_array_equal(result, wanted)
+    assert batch(q[0], a[0])[1].shape == (1, 2, 2)
+
+
+@both_ways
+def test_strided_and_integer_inputs_are_read_right(compiled: bool) -> None:
+    batch = BatchFunction(planar(), compiled=compiled)
+    wide = np.arange(40.0).reshape(10, 4)
+    np.testing.assert_array_equal(batch(wide[:, ::2], [1, 2])[0], batch(wide[:, ::2].copy(), [1.0, 2.0])[0])
+
+
+@both_ways
+@pytest.mark.parametrize("kind", [casadi.SX, casadi.MX])
+def test_matrices_sparse_and_empty(compiled: bool, kind: type) -> None:
+    A, z = kind.sym("A", 2, 3), kind.sym("z", 0)
+    sparse = kind.sym("s", casadi.Sparsity.lower(2))
+    outputs = [A.T, 2 * A, sparse @ A, kind(2, 2), A[0, :]]
+    batch = BatchFunction(casadi.Function("f", [A, z, sparse], outputs), compiled=compiled)
+    rng = np.random.default_rng(1)
+    A_rows, s_rows = rng.normal(size=(5, 2, 3)), rng.normal(size=(5, 2, 2))
+    columns = [value.transpose(0, 2, 1).reshape(5, -1) for value in (A_rows, s_rows)]
+    AT, A2, product, zero, first = batch(columns[0], np.zeros((5, 0)), columns[1])
+    np.testing.assert_array_equal(AT, A_rows.transpose(0, 2, 1))
+    np.testing.assert_array_equal(A2, 2 * A_rows)
+    np.testing.assert_allclose(product, np.tril(s_rows) @ A_rows, rtol=0, atol=DIGITS)
+    np.testing.assert_array_equal(zero, np.zeros((5, 2, 2)))
+    np.testing.assert_array_equal(first, A_rows[:, :1])
+
+
+@both_ways
+def test_nan_and_infinity_stay_in_their_rows(compiled: bool) -> None:
+    q, a = rows(4)
+    q[1, 0], a[2, 1] = np.nan, np.inf
+    x = BatchFunction(planar(), compiled=compiled)(q, a)[0]
+    assert not np.isfinite(x[1:3]).any()
+    np.testing.assert_allclose(x[[0, 3]], planar_in_numpy(q, a)[0][[0, 3]], rtol=0, atol=2 * DIGITS)
+
+
+@both_ways
+def test_one_row(compiled: bool) -> None:
+    batch = BatchFunction(planar(), compiled=compiled)
+    q, a = rows(3)
+    kept = batch.one(q[0], a[0])
+    for k in (1, 2):
+        for single, many in zip(batch.one(q[k], a[k : k + 1]), batch(q, a), strict=True):
+            np.testing.assert_array_equal(single, many[k])
+    np.testing.assert_array_equal(kept[1], batch(q, a)[1][0])  # results do not share the kept buffer
+    for wrong in ((q[0], 1.0), (q[0], [1.0]), (q, a), (q[:2], a[:2]), (q[0],)):
+        with pytest.raises(InputError):
+            batch.one(*wrong)
+
+
+def test_wrong_shapes_are_named_all_at_once() -> None:
+    batch = BatchFunction(planar(), compiled=False)
+    with pytest.raises(InputError) as error:
+        batch(np.zeros((4, 3)), np.zeros((5, 2)))
+    assert [issue.message.split()[1] for issue in error.value.issues] == ["q", "a"]
+    with pytest.raises(InputError, match="1 arrays given, 2 wanted: q, a"):
+        batch(np.zeros((4, 2)))
+
+
+@both_ways
+def test_memory_is_that_of_the_results(compiled: bool) -> None:
+    batch = BatchFunction(planar(), compiled=compiled)
+    q, a = rows(100_000)
+    batch(q[:1], a[:1])
+    tracemalloc.start()
+    results = batch(q, a)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # Nothing but the results grows with the rows; 200 kB for pointers, shapes and one chunk.
+    assert peak < sum(result.nbytes for result in results) + 200_000
+
+
+@both_ways
+def test_batches_run_in_threads(compiled: bool) -> None:
+    batch = BatchFunction(planar(), compiled=compiled)
+    found: dict[int, np.ndarray] = {}
+    threads = [threading.Thread(target=lambda k=k: found.update({k: batch(*rows(2000, seed=k))[0]})) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for k in range(4):
+        np.testing.assert_array_equal(found[k], batch(*rows(2000, seed=k))[0])
+
+
+@both_ways
+def test_pickles(compiled: bool) -> None:
+    batch = BatchFunction(planar(), compiled=compiled)
+    batch.one(*(value[0] for value in rows(1)))
+    again = pickle.loads(pickle.dumps(batch))
+    assert again.compiled is compiled
+    np.testing.assert_array_equal(again(*rows(5))[1], batch(*rows(5))[1])
+
+
+@needs_compiler
+def test_second_construction_compiles_nothing(compilations: list[tuple[str, ...]], cache: Path) -> None:
+    first = BatchFunction(planar())
+    assert len(compilations) == 1
+    second = BatchFunction(planar())
+    assert len(compilations) == 1
+    np.testing.assert_array_equal(first(*rows(5))[0], second(*rows(5))[0])
+    q = casadi.SX.sym("q")
+    BatchFunction(casadi.Function("other", [q], [q + 1]))
+    assert len(compilations) == 2
+    assert [path.suffix for path in cache.iterdir()] == [".so" if sys.platform != "win32" else ".dll"] * 2
+
+
+@pytest.fixture
+def no_compiler(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+
+
+@pytest.mark.usefixtures("no_compiler")
+def test_interprets_without_a_compiler() -> None:
+    batch = BatchFunction(planar())
+    assert not batch.compiled
+    assert "no C compiler" in batch.reason
+    np.testing.assert_allclose(batch(*rows(9))[0], planar_in_numpy(*rows(9))[0], rtol=0, atol=2 * DIGITS)
+    with pytest.raises(InputError, match="no C compiler"):
+        BatchFunction(planar(), compiled=True)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="shell scripts as compilers")
+@pytest.mark.parametrize(
+    ("script", "reason"),
+    [
+        ("exit 3", "--version failed"),
+        ('[ "$1" = --version ] && exit 0; echo out of cheese >&2; exit 1', "out of cheese"),
+        ("exit 0", "failed"),  # claims success, writes nothing
+    ],
+)
+def test_failing_compiler_is_a_reason(
+    script: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiler = tmp_path / "broken cc"
+    compiler.write_text(f"#!/bin/sh\n{script}\n")
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", f"'{compiler}' -pipe")
+    batch = BatchFunction(planar())
+    assert not batch.compiled
+    assert reason in batch.reason
+    assert batch(*rows(3))[0].shape == (3, 2)
+
+
+@needs_compiler
+def test_unusable_cache_is_passed_over(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("POSTURE_OPT_CACHE", str(tmp_path / "file" / "cache"))  # unwritable even for root
+    assert BatchFunction(planar()).compiled
+    assert (tmp_path / "file").read_text() == ""
+
+
+@needs_compiler
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX permissions")
+def test_cache_that_others_can_write_is_not_executed(cache: Path, compilations: list[tuple[str, ...]]) -> None:
+    BatchFunction(planar())
+    assert cache.stat().st_mode & 0o777 == 0o700
+    cache.chmod(0o777)
+    BatchFunction(planar())  # from a folder of this process
+    cache.chmod(0o700)
+    (library,) = cache.iterdir()
+    library.chmod(0o722)
+    count = len(compilations)
+    assert BatchFunction(planar()).compiled
+    assert len(compilations) == count + 1
+    assert library.stat().st_mode & 0o777 == 0o700
+
+
+@needs_compiler
+@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() != 0, reason="only root can give files away")
+def test_cache_of_another_user_is_not_executed(cache: Path, compilations: list[tuple[str, ...]]) -> None:
+    cache.mkdir(mode=0o700)
+    os.chown(cache, 12345, 12345)
+    assert BatchFunction(planar()).compiled
+    assert list(cache.iterdir()) == []
+
+
+@needs_compiler
+def test_damaged_library_is_compiled_again(cache: Path, compilations: list[tuple[str, ...]]) -> None:
+    code = "from tests.model.test_compiled import *; print(BatchFunction(planar()).compiled)"
+    for _ in range(2):  # in another process: this one must not have the library mapped when it is overwritten
+        result = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, cwd=Path(__file__).parents[2]
+        )
+        assert result.stdout == "True\n", result.stderr
+        (library,) = cache.iterdir()
+        library.write_bytes(b"no library")
+        library.chmod(0o700)
+    assert BatchFunction(planar()).compiled
+    assert len(compilations) == 1
+
+
+@needs_compiler
+def test_two_processes_share_an_empty_cache(cache: Path) -> None:
+    code = textwrap.dedent("""
+        from tests.model.test_compiled import *
+        for k in range(6):
+            q = casadi.SX.sym("q")
+            batch = BatchFunction(casadi.Function("f", [q], [casadi.sin(q) + k]))
+            assert batch.compiled, batch.reason
+            assert abs(batch([0.5])[0, 0] - np.sin(0.5) - k) < 1e-14
+    """)
+    command = [sys.executable, "-c", code]
+    runs = [subprocess.Popen(command, stderr=subprocess.PIPE, cwd=Path(__file__).parents[2]) for _ in range(2)]
+    for run in runs:
+        assert run.communicate()[1] == b""
+        assert run.returncode == 0
+    assert len(list(cache.iterdir())) == 6  # and no half-built leftovers
+
+
+@needs_compiler
+def test_cache_keeps_the_libraries_used_last(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(toolchain, "KEPT_LIBRARIES", 2)
+    q = casadi.SX.sym("q")
+    functions = [casadi.Function("f", [q], [q + k]) for k in range(3)]
+    libraries: list[Path] = []
+    for age, function in ((300, functions[0]), (200, functions[1])):
+        BatchFunction(function)
+        (new,) = set(cache.iterdir()) - set(libraries)
+        os.utime(new, (new.stat().st_atime - age, new.stat().st_mtime - age))
+        libraries.append(new)
+    BatchFunction(functions[0])  # used again: now the second one is the oldest
+    BatchFunction(functions[2])
+    assert len(list(cache.iterdir())) == 2
+    assert libraries[0].exists()
+    assert not libraries[1].exists()
+
+
+def hock_schittkowski_71(kind: type) -> dict[str, object]:
+    """min x1 x4 (x1+x2+x3) + x3, x1 x2 x3 x4 >= p, |x|^2 = 40, 1 <= x <= 5 (problem 71, p = 25)."""
+    x, p = kind.sym("x", 4), kind.sym("p")
+    f = x[0] * x[3] * (x[0] + x[1] + x[2]) + x[2]
+    return {"x": x, "p": p, "f": f, "g": casadi.vertcat(x[0] * x[1] * x[2] * x[3] - p, casadi.sumsqr(x))}
+
+
+@both_ways
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        (casadi.SX, {}),
+        (casadi.MX, {"expand": True}),
+        (casadi.MX, {}),
+        (casadi.SX, {"ipopt.hessian_approximation": "limited-memory"}),
+    ],
+)
+def test_nlp_solves_hock_schittkowski_71(
+    compiled: bool, kind: type, options: dict[str, object], capfd: pytest.CaptureFixture[str]
+) -> None:
+    solver = compiled_nlp(hock_schittkowski_71(kind), options, compiled=compiled)
+    solution = solver(x0=[1, 5, 5, 1], p=25, lbx=1, ubx=5, lbg=[0, 40], ubg=[np.inf, 40])
+    assert solver.stats()["success"]
+    # Hock and Schittkowski (1981), problem 71; IPOPT stops at a scaled error of 1e-8.
+    np.testing.assert_allclose(solution["x"].full().ravel(), [1, 4.7429994, 3.8211503, 1.3794082], rtol=0, atol=1e-6)
+    assert float(solution["f"]) == pytest.approx(17.0140173, abs=1e-6)
+    assert capfd.readouterr().out == ""
+
+
+@needs_compiler
+def test_nlp_is_compiled_once_for_all_tolerances(compilations: list[tuple[str, ...]]) -> None:
+    for tolerance in (1e-8, 1e-6):
+        compiled_nlp(hock_schittkowski_71(casadi.SX), {"ipopt.tol": tolerance}, compiled=True)
+    assert len(compilations) == 1
+    compiled_nlp({**hock_schittkowski_71(casadi.SX), "g": casadi.SX(0, 1)}, compiled=True)
+    assert len(compilations) == 2
+
+
+@pytest.mark.usefixtures("no_compiler")
+def test_nlp_is_interpreted_without_a_compiler() -> None:
+    x = casadi.SX.sym("x")
+    solver = compiled_nlp({"x": x, "f": (x - 3) ** 2})
+    assert float(solver(x0=0)["x"]) == pytest.approx(3, abs=1e-7)  # one Newton step of a quadratic
+    with pytest.raises(InputError, match="no C compiler"):
+        compiled_nlp({"x": x, "f": x**2}, compiled=True)
+
+
+@needs_compiler
+def test_exported_c_compiles_strictly_and_gives_the_same_numbers(tmp_path: Path) -> None:
+    code, header = c_source(planar(), "two_links", {"q": "[rad] joint angles", "J": "[m/rad] Jacobian"})
+    (tmp_path / "two_links.c").write_text(code)
+    (tmp_path / "two_links.h").write_text(header)
+    (tmp_path / "main.c").write_text(
+        textwrap.dedent("""
+            #include <stdio.h>
+            #include "two_links.h"
+            int main(void) {
+              double q[2] = {0.3, -1.1}, a[2] = {1.0, 0.7}, x[2], J[4], d[1];
+              int status = two_links(q, a, x, J, d);
+              printf("%.17g %.17g %.17g %.17g %.17g %.17g %.17g", x[0], x[1], J[0], J[1], J[2], J[3], d[0]);
+              return status + two_links(q, a, 0, 0, d);
+            }
+        """)
+    )
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror", "-pedantic"]
+    command = [*toolchain.find_compiler(), *strict, "main.c", "two_links.c", "-o", "main", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    output = subprocess.run([tmp_path / "main"], check=True, capture_output=True, text=True).stdout
+    expected = planar_in_numpy(np.array([[0.3, -1.1]]), np.array([[1.0, 0.7]]))
+    np.testing.assert_allclose(
+        [float(word) for word in output.split()],
+        np.concatenate([np.ravel(part) for part in expected]),
+        rtol=0,
+        atol=DIGITS,
+    )
+    assert "q (2) [rad] joint angles" in header
+    assert "J (2 x 2) [m/rad] Jacobian" in header
+
+
+@needs_compiler
+def test_exported_c_links_into_c_plus_plus_by_its_plain_name(tmp_path: Path) -> None:
+    code, header = c_source(planar(), "two_links")
+    assert 'extern "C"' in header
+    (tmp_path / "code.c").write_text(code)
+    library = tmp_path / "code.so"
+    subprocess.run(
+        [*toolchain.find_compiler(), "-shared", "-fPIC", "code.c", "-o", library, "-lm"], cwd=tmp_path, check=True
+    )
+    assert ctypes.CDLL(str(library)).two_links
+
+
+@pytest.mark.parametrize("name", ["2links", "two links", "", "größe", "a-b", "int", "sin"])
+def test_names_that_are_not_free_in_c(name: str) -> None:
+    with pytest.raises(InputError, match="C identifier"):
+        c_source(planar(), name)
+
+
+@needs_compiler
+def test_exported_arguments_may_be_called_like_casadi_s_own(tmp_path: Path) -> None:
+    w, arg = casadi.SX.sym("w"), casadi.SX.sym("arg")
+    code, _ = c_source(casadi.Function("f", [w, arg], [w - arg], ["w", "arg"], ["res"]), "difference")
+    (tmp_path / "code.c").write_text(code)
+    subprocess.run([*toolchain.find_compiler(), "-Wall", "-Werror", "-c", "code.c"], cwd=tmp_path, check=True)
+    with pytest.raises(InputError, match="'double'"):
+        c_source(casadi.Function("f", [w], [w], ["double"], ["res"]), "same")

@@ -1,0 +1,519 @@
+"""Arms with effects: their moments against an independent simulator, and whether the true arm hits its target.
+
+The true arm is the simulator's, which knows nothing of the package; what the package knows of it comes through files.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import subprocess
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+
+import posture_opt as po
+from posture_opt.cli.main import main
+from posture_opt.diagnosis.diagnosis import Diagnosis
+from posture_opt.errors import InputError
+from posture_opt.model.toolchain import find_compiler
+from posture_opt.problem.calibrated_problem import calibrated_problem
+from posture_opt.problem.extended_problem import extended_problem
+from posture_opt.problem.problem import Problem
+from posture_opt.selection.selector import PostureSelector
+from posture_opt.selection.solution import Solution
+from posture_opt.uncertainty.covariance_file import covariance_text
+from posture_opt.uncertainty.spread_function import SpreadFunction
+from posture_opt.uncertainty.tool_point import ToolPoint
+from tests.hidden.arms import ARMS
+from tests.hidden.designs import Plan, Session, draw_session
+from tests.hidden.draw import geometry
+from tests.hidden.effects import Effect, Site, measured
+from tests.hidden.families import Setting
+from tests.hidden.files import document, write_csv
+from tests.hidden.mechanics import Arm
+
+Array = np.ndarray
+NOISE = 5e-5  # m, of each measured coordinate
+TARGET = (0.6, 0.3, 0.2)
+LOAD, SIDE, WARM = 8.0, 1, 28.0  # kg, joint1, degC: what the task states
+TRUTH = (
+    Effect("joint_compliance", "joint2", {"c": 8e-6}),
+    Effect("backlash", "joint1", {"b": 4e-4}),
+    Effect("thermal_growth", "all", {"alpha": 2.2e-5}),
+)
+TASK = {
+    "kind": "insert", "direction": [0, 0, -1], "position": [f"{v} m" for v in TARGET], "clearance": "0.5 mm",
+    "payload": f"{LOAD} kg", "approach": {"joint1": SIDE}, "temperature": f"{WARM} degC",
+}  # fmt: skip
+
+
+def file_of(arm: Arm) -> dict[str, Any]:
+    case = SimpleNamespace(nominal=arm, free=False, word=False, truth={"sigma": NOISE}, priors={})
+    return document(case)
+
+
+def alike(q: Array, n: int, *, payload: float, side: Array, warm: float) -> Session:
+    """The posture (j,) visited n times."""
+    j = len(q)
+    return Session(
+        np.tile(q, (n, 1)), np.zeros(n, int), np.broadcast_to(side, (n, j)), np.full((n, j), 1e6),
+        np.full(n, payload), np.full(n, warm), np.zeros(n), True, True, True,
+    )  # fmt: skip
+
+
+# --- moments
+
+
+KNOWN = {
+    # name: standard deviation [SI], of geometry and effects
+    "joint1.theta": 1.0e-4,
+    "joint2.theta": 1.2e-4,
+    "joint3.a": 1.5e-4,
+    "joint_compliance(joint2).compliance": 1.5e-6,
+    "backlash(joint1).width": 3.0e-5,  # where the side is not known it is of second order: 1 % of that variance
+    "gear_eccentricity(joint3).sin": 1.0e-4,
+    "gear_eccentricity(joint3).cos": 0.8e-4,
+    "thermal_growth(all).expansion": 2.0e-5,
+}
+UNITS = ["mrad", "mrad", "mm", "rad/(N*m)", "rad", "rad", "rad", "1/K"]
+ESTIMATES = {"c": 9e-6, "b": 3e-4, "sin": 2e-4, "cos": -1e-4, "alpha": 1.5e-5}
+POSTURE = np.array([0.4, -1.1, 1.3, -0.6, 0.9, 0.2])
+
+
+def correlated(seed: int = 4) -> Array:
+    """A covariance in which geometry and effects hang together."""
+    sigma = np.array(list(KNOWN.values()))
+    draws = np.random.default_rng(seed).normal(size=(len(sigma), len(sigma) + 3))
+    S = draws @ draws.T
+    d = np.sqrt(np.diag(S))
+    return np.asarray(S / np.outer(d, d) * np.outer(sigma, sigma))
+
+
+def file_with_effects(arm: str, folder: Path, covariance: Array | None = None) -> dict[str, Any]:
+    """The problem file of an arm with four effects, all of them uncertain."""
+    names = list(KNOWN)
+    (folder / "known.csv").write_text(covariance_text(names, correlated() if covariance is None else covariance, UNITS))
+    data = file_of(ARMS[arm]())
+    data["uncertainty"] = {"covariance": "known.csv"}
+    data["effects"] = [
+        {"kind": "joint_compliance", "joint": "joint2", "estimate": {"compliance": f"{ESTIMATES['c']!r} rad/(N m)"}},
+        {"kind": "backlash", "joint": "joint1", "estimate": {"width": f"{ESTIMATES['b']!r} rad"}},
+        {"kind": "gear_eccentricity", "joint": "joint3",
+         "estimate": {"sin": f"{ESTIMATES['sin']!r} rad", "cos": f"{ESTIMATES['cos']!r} rad"}},
+        {"kind": "thermal_growth", "estimate": {"expansion": f"{ESTIMATES['alpha']!r} /K"}},
+    ]  # fmt: skip
+    data["effects"] = [{**entry, "covariance": "known.csv"} for entry in data["effects"]]
+    data["task"] = {"kind": "insert", "payload": "8 kg", "temperature": "30 degC"}
+    return data
+
+
+def trials(arm: str, q: Array, covariance: Array, side: Array | float, n: int, rng: np.random.Generator) -> Array:
+    """(n, 3) tool points of the independent simulator with parameters at random."""
+    draws = dict(zip(KNOWN, rng.multivariate_normal(np.zeros(len(KNOWN)), covariance, n, method="eigh").T, strict=True))
+    theta = dict(zip(list(KNOWN)[3:], ESTIMATES.values(), strict=True))
+    c, b, sine, cosine, alpha = (theta[name] + draws[name] for name in theta)
+    effects: Any = (
+        Effect("joint_compliance", "joint2", {"c": c}),
+        Effect("backlash", "joint1", {"b": b}),
+        Effect("gear_eccentricity", "joint3", {"a": sine, "b": cosine}),
+        Effect("thermal_growth", "all", {"alpha": alpha}),
+    )
+    sides = np.zeros((n, len(q)))
+    sides[:, 0] = side
+    session = replace(alike(q, n, payload=8.0, side=np.zeros(len(q)), warm=30.0), side=sides)
+    # The torque and the increments of the simulator's arm are those without its deviations, as the effects are defined.
+    bare = Site(ARMS[arm](), session, {})
+    deviations = {name: draws[name] for name in list(KNOWN)[:3]}
+    site = Site(bare.arm, session, deviations)
+    return measured(site, effects)
+
+
+@pytest.fixture(scope="module")
+def uncertain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Problem]:
+    folder = tmp_path_factory.mktemp("uncertain")
+    data = file_with_effects("ur10", folder)
+    stated = {**data, "task": {**data["task"], "approach": {"joint1": 1}}}
+    return {"stated": po.problem_from_dict(stated, folder), "unknown": po.problem_from_dict(data, folder)}
+
+
+@pytest.mark.parametrize("case", ["stated", "unknown"])
+def test_moments_are_those_of_an_independent_simulator(case: str, uncertain: dict[str, Problem]) -> None:
+    """Geometry and effects uncertain together; the covariance between them is a third of the variance and more."""
+    problem, n = uncertain[case], 50_000
+    rng = np.random.default_rng(1)
+    side = 1.0 if case == "stated" else rng.choice([-1.0, 1.0], n)
+    points = trials("ur10", POSTURE, correlated(), side, n, rng)
+    spread = po.propagate(problem, POSTURE)
+    C, sigma = np.cov(points.T), np.sqrt(np.diag(spread.covariance))
+    # Variances of 50 000 trials scatter by 0.6 %; five times that. Second order of errors of 3e-4 rad is far below.
+    np.testing.assert_allclose(C / np.outer(sigma, sigma), spread.covariance / np.outer(sigma, sigma), atol=0.03)
+    # The mean: five standard errors of it.
+    assert np.all(np.abs(points.mean(axis=0) - spread.position - spread.bias) < 5 * sigma / np.sqrt(n) + 1e-7)
+    without = ToolPoint.of(
+        problem.robot, SimpleNamespace(names=tuple(KNOWN), covariance=np.diag(np.diag(correlated())))
+    )
+    alone = np.asarray(without.moments(POSTURE).covariance)
+    assert np.abs(alone - spread.covariance).max() > 0.1 * sigma.max() ** 2  # what leaving out the rest would do
+    cloud = po.simulate(problem, POSTURE, n=30_000, seed=2)
+    np.testing.assert_allclose(cloud.covariance / np.outer(sigma, sigma), C / np.outer(sigma, sigma), atol=0.05)
+
+
+def test_an_unknown_side_counts_with_the_square_of_half_the_width(tmp_path: Path) -> None:
+    data = file_with_effects("ur10", tmp_path, np.diag(np.square(list(KNOWN.values()))))
+    spread = {}
+    for side in (-1, 0, 1):
+        approach = {"approach": {"joint1": side}} if side else {}
+        spread[side] = po.propagate(
+            po.problem_from_dict({**data, "task": {**data["task"], **approach}}, tmp_path), POSTURE
+        )
+    J = spread[0].tool_point
+    walk = J.walk(POSTURE)[0]
+    z, o = (
+        np.array(v, dtype=float) for v in (walk.screws[J.robot.driven[0]].axis, walk.screws[J.robot.driven[0]].origin)
+    )
+    column = np.cross(z, spread[0].position - o)
+    width, sigma = ESTIMATES["b"], KNOWN["backlash(joint1).width"]
+    # Where the side is stated the width's own uncertainty counts, s² = 1; where it is not, it is of second order.
+    expected = (width**2 - sigma**2) / 4 * np.outer(column, column)
+    for side in (-1, 1):
+        # The posture differs by half the width: 1.5e-4 of everything.
+        np.testing.assert_allclose(spread[0].covariance - spread[side].covariance, expected, atol=1e-3 * 1e-8)
+    # What lies between arriving from below and from above is the width.
+    apart = spread[1].position - spread[-1].position
+    np.testing.assert_allclose(apart, width * column, atol=1e-7)
+
+
+def test_effects_of_one_joint_share_its_side(tmp_path: Path) -> None:
+    data = file_with_effects("ur10", tmp_path, np.diag(np.square(list(KNOWN.values()))))
+    data["effects"] += [
+        {"kind": "hysteresis", "joint": "joint1", "travel": "0.1 rad", "estimate": {"height": "0.15 mrad"}}
+    ]
+    problem = po.problem_from_dict(data, tmp_path)
+    assert problem.robot.extension.sides == ("joint1.side",)
+    cloud = po.simulate(problem, POSTURE, n=50_000, seed=3)
+    # 0.15 mrad of backlash and as much of hysteresis are 0.3 mrad to one side, not 0.21 in the mean of squares.
+    np.testing.assert_allclose(cloud.ratio, 1.0, atol=0.02)
+    with_one = po.simulate(
+        po.problem_from_dict({**data, "effects": data["effects"][:-1]}, tmp_path), POSTURE, n=9, seed=3
+    )
+    more = cloud.spread.covariance - with_one.spread.covariance
+    radius = np.hypot(*cloud.spread.position[:2])
+    assert np.trace(more) == pytest.approx((3e-4**2 - 1.5e-4**2) * radius**2, rel=1e-3)
+
+
+def test_shares_of_the_budget_sum_to_one_and_name_the_side(uncertain: dict[str, Problem]) -> None:
+    for problem in uncertain.values():
+        for shares in po.propagate(problem, POSTURE).axis_budgets:
+            assert sum(share.share for share in shares) == pytest.approx(1.0, abs=1e-12)
+            assert {share.parameter for share in shares} >= set(KNOWN)
+    budgets = po.propagate(uncertain["unknown"], POSTURE).axis_budgets
+    assert max(share.share for shares in budgets for share in shares if share.parameter == "joint1.side") > 0.1
+    # Against differences of the covariance: half the change by a change of one σ, correlations as they are.
+    problem, step = uncertain["stated"], 1e-4
+    tool_point = ToolPoint.of(problem.robot, problem.sources)
+    spread = po.propagate(problem, POSTURE)
+    axis = spread.axes[-1]
+
+    def variance(name: str, factor: float) -> float:
+        scale = np.array([factor if n == name else 1.0 for n in problem.sources.names])
+        sources = SimpleNamespace(
+            names=problem.sources.names, covariance=problem.sources.covariance * np.outer(scale, scale)
+        )
+        return float(axis @ np.asarray(ToolPoint.of(problem.robot, sources).moments(POSTURE).covariance) @ axis)
+
+    assert tool_point.effects is not None
+    for share in spread.budget:
+        if share.parameter.endswith(".side"):
+            continue
+        change = (variance(share.parameter, np.exp(step)) - variance(share.parameter, np.exp(-step))) / (4 * step)
+        assert share.share == pytest.approx(change / float(axis @ spread.covariance @ axis), abs=1e-6)
+
+
+def test_a_planar_arm_keeps_its_plane(tmp_path: Path) -> None:
+    """Correlated geometry of a planar arm has a closed form, which effects join."""
+    S = correlated()
+    names = [
+        n for n in KNOWN if n not in ("joint3.a", "gear_eccentricity(joint3).sin", "gear_eccentricity(joint3).cos")
+    ]
+    kept = [list(KNOWN).index(name) for name in names]
+    S = S[np.ix_(kept, kept)]
+    (tmp_path / "known.csv").write_text(covariance_text(names, S, [UNITS[k] for k in kept]))
+    data = file_of(ARMS["planar"]())
+    data["uncertainty"] = {"covariance": "known.csv"}
+    data["effects"] = [
+        {"kind": "joint_compliance", "joint": "joint2", "estimate": {"compliance": "9e-6 rad/(N m)"}},
+        {"kind": "backlash", "joint": "joint1", "estimate": {"width": "0.3 mrad"}},
+        {"kind": "thermal_growth", "estimate": {"expansion": "1.5e-5 /K"}},
+    ]
+    data["task"] = {"kind": "insert", "direction": [0, -1, 0], "payload": "8 kg", "temperature": "30 degC",
+                    "approach": {"joint1": -1}}  # fmt: skip
+    problem = po.problem_from_dict(data, tmp_path)
+    q, n, rng = np.array([0.5, 0.8]), 50_000, np.random.default_rng(2)
+    spread = po.propagate(problem, q)
+    assert spread.method == "exact, planar"
+    assert len(spread.ellipse.semi_axes) == 2
+    draws = dict(zip(names, rng.multivariate_normal(np.zeros(len(S)), S, n, method="eigh").T, strict=True))
+    arm, session = ARMS["planar"](), alike(q, n, payload=8.0, side=np.array([-1.0, -1.0]), warm=30.0)
+    effects: Any = (
+        Effect("joint_compliance", "joint2", {"c": 9e-6 + draws["joint_compliance(joint2).compliance"]}),
+        Effect("backlash", "joint1", {"b": 3e-4 + draws["backlash(joint1).width"]}),
+        Effect("thermal_growth", "all", {"alpha": 1.5e-5 + draws["thermal_growth(all).expansion"]}),
+    )
+    points = measured(Site(arm, session, {k: draws[k] for k in ("joint1.theta", "joint2.theta")}), effects)
+    sigma = np.sqrt(np.diag(spread.covariance)[:2])
+    C = np.cov(points[:, :2].T)
+    np.testing.assert_allclose(
+        C / np.outer(sigma, sigma), spread.covariance[:2, :2] / np.outer(sigma, sigma), atol=0.03
+    )
+    assert np.all(np.abs(points.mean(axis=0) - spread.position - spread.bias)[:2] < 5 * sigma / np.sqrt(n) + 1e-7)
+
+
+def test_compiled_exported_and_interpreted_covariances_agree(uncertain: dict[str, Problem], tmp_path: Path) -> None:
+    problem = uncertain["unknown"]
+    Q = np.random.default_rng(3).uniform(-2, 2, (7, 6))
+    plain = SpreadFunction(problem, compiled=False)
+    expected = np.array([po.propagate(problem, q).covariance for q in Q])
+    # Squares of 1e-4 m in double precision, through a few hundred operations.
+    np.testing.assert_allclose(plain(Q), expected, rtol=1e-9, atol=1e-18)
+    position = [po.propagate(problem, q).position for q in Q]
+    np.testing.assert_allclose(plain.position(Q), position, atol=1e-13)
+    compiler = find_compiler()
+    if not compiler:
+        pytest.skip("no C compiler")
+    (tmp_path / "problem").mkdir()
+    for name, content in problem.files("arm").items():
+        (tmp_path / "problem" / name).write_bytes(content)
+    result = CliRunner().invoke(
+        main, ["export", "--to", "c", "--problem", str(tmp_path / "problem" / "arm.yaml"), "--out", str(tmp_path / "c")]
+    )
+    assert result.exit_code == 0, result.output
+    source = next((tmp_path / "c").glob("*.c"))
+    library = tmp_path / "tool.so"
+    subprocess.run([*compiler, "-shared", "-fPIC", "-O1", "-o", str(library), str(source), "-lm"], check=True)
+    function = getattr(ctypes.CDLL(str(library)), source.stem)
+    double = ctypes.POINTER(ctypes.c_double)
+    for q, C in zip(Q, expected, strict=True):
+        point, full, first = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
+        function(*(a.ctypes.data_as(double) for a in (np.ascontiguousarray(q), point, full, first)))
+        np.testing.assert_allclose(full, C, rtol=1e-9, atol=1e-18)
+
+
+# --- the true arm
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """The true arm, and what files say of it."""
+
+    arm: Arm
+    deviations: dict[str, Any]
+    folder: Path
+    problem: Problem
+    found: Diagnosis
+    extended: Problem
+
+    def lands(self, q: Array, *, payload: float = LOAD, side: float = SIDE, warm: float = WARM) -> Array:
+        """(3,) where the tool point of the true arm comes to lie."""
+        session = alike(q, 1, payload=payload, side=np.full(6, side), warm=warm)
+        return np.asarray(measured(Site(self.arm, session, self.deviations), TRUTH)[0])
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+    folder, rng = tmp_path_factory.mktemp("world"), np.random.default_rng(4)
+    arm = ARMS["ur10"]()
+    deviations = geometry(rng, arm, Setting("ur10"))
+    plan = Plan(rows=110, repeated=5, visits=2, payloads=(0.0, 5.0, 10.0), sides=True, logged=True)
+    session = draw_session(rng, arm, plan)
+    points = measured(Site(arm, session, deviations), TRUTH) + rng.normal(0, NOISE, (len(session), 3))
+    (folder / "problem.yaml").write_text(yaml.safe_dump({**file_of(arm), "task": TASK}, sort_keys=False))
+    write_csv(folder / "data.csv", arm, session, points)
+    problem = po.load_problem(folder / "problem.yaml")
+    found = po.diagnose(problem, po.read_measurements(folder / "data.csv", problem), flips=99)
+    for name, content in extended_problem(problem, found).files("extended").items():
+        (folder / name).write_bytes(content)
+    return World(arm, deviations, folder, problem, found, po.load_problem(folder / "extended.yaml"))
+
+
+@cache
+def solved(problem: Problem) -> Solution:
+    return PostureSelector(problem, compiled=False).solve()
+
+
+def test_what_was_hidden_stands_in_the_file_of_the_extended_arm(world: World) -> None:
+    found = {(effect.kind, effect.target): effect for effect in world.extended.effects}
+    assert set(found) == {truth.name for truth in TRUTH}
+    sigma = dict(zip(world.extended.sources.names, world.extended.sources.sigma, strict=True))
+    for truth in TRUTH:
+        effect = found[truth.name]
+        (size,), (estimate,) = truth.size.values(), effect.values
+        # Within four standard errors of the estimate, which are a tenth of it at most.
+        assert abs(estimate - size) < 4 * sigma[effect.parameter_names[0]] < 0.5 * size
+
+
+def test_the_true_arm_hits_the_target_that_the_extended_one_was_sent_to(world: World) -> None:
+    """The nominal arm misses by a millimetre, the calibrated one by a fifth, as it knows no load and no side."""
+    miss, predicted = {}, {}
+    calibrated = calibrated_problem(world.problem, world.found.calibration)
+    nominal = replace(world.problem, sources=world.extended.sources)
+    for name, problem in (("nominal", nominal), ("calibrated", calibrated), ("extended", world.extended)):
+        solution = solved(problem)
+        off = world.lands(solution.q) - np.array(TARGET)
+        miss[name] = float(np.hypot(*off[:2]))  # across the direction of insertion
+        predicted[name] = float(solution.critical.radius95)
+        if name == "extended":
+            C = solution.spread.covariance
+            assert off @ np.linalg.solve(C, off) < 16.3  # χ² of three, one in a thousand
+    assert miss["extended"] < predicted["extended"] < 0.06e-3
+    assert miss["calibrated"] > 3 * miss["extended"]
+    assert miss["calibrated"] > 0.06e-3
+    assert miss["nominal"] > 0.5e-3
+
+
+def test_predictions_hold_all_over_the_workspace(world: World) -> None:
+    """Where the arm of the file says it comes to lie, the true one does, at other loads, sides and temperatures too."""
+    rng = np.random.default_rng(8)
+    distances = []
+    for payload, side, warm in ((0.0, 1, 20.0), (10.0, -1, 20.0), (5.0, 1, 30.0), (8.0, -1, 12.0)):
+        task = {"payload": f"{payload} kg", "approach": {"joint1": side}, "temperature": f"{warm} degC"}
+        problem = world.extended.with_task(**task)
+        for q in rng.uniform(-2.2, 2.2, (8, 6)):
+            spread = po.propagate(problem, q)
+            off = world.lands(q, payload=payload, side=side, warm=warm) - spread.position - spread.bias
+            distances.append(float(off @ np.linalg.solve(spread.covariance, off)))
+    # One estimate, so the 32 places hang together; still nearly all lie in the 99.9 % region, and the mean is about 3.
+    assert np.mean(np.array(distances) < 16.3) > 0.9
+    assert np.mean(distances) < 6.0
+
+
+def test_inputs_of_the_task_change_the_answer(world: World) -> None:
+    q = np.array(solved(world.extended).q)
+    here = po.propagate(world.extended, q).position
+    for change, step in (
+        ({"payload": "0 kg"}, {"payload": 0.0}),
+        ({"approach": {"joint1": -1}}, {"side": -1}),
+        ({"temperature": "15 degC"}, {"warm": 15.0}),
+    ):
+        other = world.extended.with_task(**change)
+        moved = po.propagate(other, q).position - here
+        true = world.lands(q, **step) - world.lands(q)
+        assert np.linalg.norm(true) > 1e-4
+        # As far as the sizes of the effects are known: a tenth.
+        np.testing.assert_allclose(moved, true, atol=0.15 * float(np.linalg.norm(true)))
+        if "payload" in change:
+            assert np.abs(np.array(solved(other).q) - q).max() > 1e-5
+
+
+def test_a_task_without_a_side_says_so(world: World) -> None:
+    assert not any("not known" in note for note in world.extended.notes)
+    unsaid = world.extended.with_task(approach={})
+    assert any("from which side joint1" in note for note in unsaid.notes)
+    said = unsaid.with_task(approach={"joint1": 1})
+    assert not any("from which side" in note for note in said.notes)
+    assert said.effects == world.extended.effects
+    assert said.with_task("measure").robot.extension.effects == world.extended.effects
+    with pytest.raises(InputError, match="no such joint"):
+        world.extended.with_task(approach={"elbow": 1})
+
+
+def test_the_same_data_find_nothing_in_the_extended_arm(world: World) -> None:
+    data = po.read_measurements(world.folder / "data.csv", world.extended)
+    again = po.diagnose(world.extended, data, flips=99)
+    assert not [f for f in again.findings if f.effect is not None]
+    assert again.errors["nominal"].rms < 1.2 * np.sqrt(3) * NOISE
+    twice = extended_problem(world.extended, again)
+    for name, content in twice.files("twice").items():
+        (world.folder / name).write_bytes(content)
+    twice = po.load_problem(world.folder / "twice.yaml")
+    assert [e.values for e in twice.effects] == [e.values for e in world.extended.effects]
+    # The covariance moves along, once: the file of the first round is not read again.
+    assert {e.covariance for e in twice.effects} == {"twice_covariance.csv"}
+    q = solved(world.extended).q
+    ratio = po.propagate(twice, q).covariance.trace() / po.propagate(world.extended, q).covariance.trace()
+    assert 0.3 < ratio < 2.5  # directions that move what was measured hardly at all may be told anew
+
+
+def test_an_effect_that_grew_is_found_on_top_of_the_known_one(world: World) -> None:
+    """The backlash doubled since: the difference is found, and adds to what the file says."""
+    rng = np.random.default_rng(9)
+    plan = Plan(rows=90, repeated=0, payloads=(0.0, 5.0, 10.0), sides=True, logged=True)
+    session = draw_session(rng, world.arm, plan)
+    worn = (TRUTH[0], Effect("backlash", "joint1", {"b": 8e-4}), TRUTH[2])
+    points = measured(Site(world.arm, session, world.deviations), worn) + rng.normal(0, NOISE, (len(session), 3))
+    write_csv(world.folder / "worn.csv", world.arm, session, points)
+    data = po.read_measurements(world.folder / "worn.csv", world.extended)
+    found = po.diagnose(world.extended, data, flips=99)
+    assert [(f.kind, f.target) for f in found.findings if f.effect is not None] == [("backlash", "joint1")]
+    mended = extended_problem(world.extended, found)
+    (width,) = next(e.values for e in mended.effects if e.kind == "backlash")
+    assert width == pytest.approx(8e-4, abs=8e-5)
+    assert len(mended.effects) == 3
+    assert mended.sources.names.count("backlash(joint1).width") == 1
+
+
+def test_a_calibration_takes_the_effects_of_the_file_as_known(world: World) -> None:
+    data = po.read_measurements(world.folder / "data.csv", world.problem)
+    plain = world.found.calibration.calibrated.rms
+    effects = yaml.safe_load((world.folder / "extended.yaml").read_text())["effects"]
+    known = po.problem_from_dict(
+        {**world.problem.to_dict(), "effects": [{k: v for k, v in e.items() if k != "covariance"} for e in effects]}
+    )
+    found = po.calibrate(known, data)
+    assert found.calibrated.rms < 0.2 * plain
+    assert found.calibrated.rms < 1.25 * np.sqrt(3) * NOISE  # cross-validated, of 110 rows and two dozen parameters
+    again = calibrated_problem(known, found)
+    assert [e.name for e in again.effects] == [e.name for e in known.effects]
+    q = solved(again).q
+    assert np.hypot(*(world.lands(q) - np.array(TARGET))[:2]) < 0.06e-3
+
+
+def test_commands_take_the_extended_file(world: World, tmp_path: Path) -> None:
+    file = str(world.folder / "extended.yaml")
+    posture = ", ".join(f"{v:.6f} rad" for v in solved(world.extended).q)
+
+    def run(*words: str) -> Any:
+        result = CliRunner().invoke(main, [*words, "--problem", file, "--json"])
+        assert result.exit_code == 0, result.output
+        return json.loads(result.stdout)
+
+    spread = run("uncertainty", "--posture", posture)
+    expected = po.propagate(world.extended, [float(v.split()[0]) for v in posture.split(",")])
+    np.testing.assert_allclose(spread["covariance"], expected.covariance, rtol=1e-12)
+    cloud = run("simulate", "--posture", posture, "--samples", "20000", "--seed", "1")
+    np.testing.assert_allclose(cloud["tool"]["position"], spread["tool"]["position"], atol=1e-12)
+
+
+def test_effects_may_have_covariances_of_their_own(tmp_path: Path) -> None:
+    """Beside sigma, in a file of their own, with names of the geometry in it or without; a wrong one is told of."""
+    known = np.array([4e-14, 2e-13])  # (0.2 urad/(N m))², and a geometry's 1e-7 rad with it
+    names = ["joint_compliance(joint2).compliance", "joint2.theta"]
+    (tmp_path / "own.csv").write_text(covariance_text(names, np.diag(known), ["rad/(N*m)", "mrad"]))
+    data = file_of(ARMS["ur10"]())
+    data["uncertainty"] = {"sigma": {"joint1.theta": "0.1 mrad", "backlash(joint1).width": "30 urad"}}
+    compliance = {"kind": "joint_compliance", "joint": "joint2", "estimate": {"compliance": "9 urad/(N m)"}}
+    backlash = {"kind": "backlash", "joint": "joint1", "estimate": {"width": "0.3 mrad"}}
+    data["effects"] = [{**compliance, "covariance": "own.csv"}, backlash]
+    problem = po.problem_from_dict(data, tmp_path)
+    sigma = dict(zip(problem.sources.names, problem.sources.sigma, strict=True))
+    assert sigma == pytest.approx(
+        {"joint1.theta": 1e-4, "backlash(joint1).width": 3e-5, names[0]: 2e-7, names[1]: np.sqrt(2e-13)}, rel=1e-9
+    )
+    written = problem.files("moved")
+    assert set(written) == {"moved.yaml", "moved_effects_covariance.csv"}
+    (tmp_path / "elsewhere").mkdir()
+    for name, content in written.items():
+        (tmp_path / "elsewhere" / name).write_bytes(content)
+    again = po.load_problem(tmp_path / "elsewhere" / "moved.yaml")
+    np.testing.assert_array_equal(again.sources.covariance, problem.sources.covariance)
+    data["effects"][1]["covariance"] = "nowhere.csv"
+    with pytest.raises(InputError, match="no such file") as caught:
+        po.problem_from_dict(data, tmp_path)
+    assert caught.value.issues[0].key == ("effects", 1, "covariance")

@@ -1,0 +1,268 @@
+"""What the report says and draws of residuals: sentences in plain words, figures that show what they claim."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.quiver import Quiver
+
+import posture_opt as po
+from posture_opt.cli.main import main
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.report.blocks import Report
+from posture_opt.report.calibration_report import Learned
+from posture_opt.report.figures.residual_joints import Binned, plot_residuals_over_joints
+from posture_opt.report.figures.residuals import (
+    Shown,
+    chosen_rows,
+    exaggeration,
+    plot_residual_vectors,
+    residual_figures,
+)
+from posture_opt.report.residual_blocks import residual_blocks
+from posture_opt.report.text import render
+from posture_opt.report.write import OWN_FILES
+from tests.helpers.planar_2r import first_order, position
+
+NOISE, LONGER = 2e-5, 3e-3  # m: the instrument, and what the second link has more than the problem file says
+SHAKE = np.array([1e-4, 2e-4])  # rad, of the joints from visit to visit
+JOINTS = [{"name": f"joint{k}", "type": "revolute", "a": "1 m"} for k in (1, 2)]
+DOCUMENT = {
+    "name": "Planar arm",
+    "robot": {"kind": "dh", "joints": JOINTS},
+    "uncertainty": {
+        "sigma": {"joint1.theta": "0.1 mrad", "joint2.theta": "0.2 mrad"},
+        "measurement": {"position": "0.02 mm"},
+    },
+    "task": {"kind": "insert", "direction": [0, -1, 0]},
+}
+
+
+def table(q: np.ndarray, points: np.ndarray, **more: Any) -> dict[str, Any]:
+    columns = {f"joint{k + 1} [rad]": q[:, k] for k in range(2)}
+    return {**columns, "x [m]": points[:, 0], "y [m]": points[:, 1], **more}
+
+
+def learned(document: dict[str, Any], columns: dict[str, Any]) -> tuple[Any, Learned]:
+    problem = po.problem_from_dict(document)
+    data = po.read_measurements(columns, problem)
+    calibration = po.calibrate(problem, data, folds=2)
+    return problem, Learned(data, calibration, assessment=po.assess(problem, data, calibration))
+
+
+@pytest.fixture(scope="module")
+def visited() -> tuple[Any, Learned]:
+    """Forty poses, eight visits each, with every input that an effect may have."""
+    rng = np.random.default_rng(1)
+    q = np.repeat(rng.uniform(-2.5, 2.5, (40, 2)), 8, axis=0)
+    points = position(q + rng.normal(0, SHAKE, q.shape), (1.0, 1.0 + LONGER)) + rng.normal(0, NOISE, q.shape)
+    inputs = {
+        "pose": np.repeat(np.arange(40), 8),
+        "time [s]": 40.0 * np.arange(320),
+        "temperature [degC]": 20 + rng.uniform(0, 5, 320),
+        "payload [kg]": rng.choice([0.0, 2.0, 5.0], 320),
+        "joint2.approach": rng.choice([-1, 1], 320),
+    }
+    return learned(DOCUMENT, table(q, points, **inputs))
+
+
+@pytest.fixture(scope="module")
+def once() -> tuple[Any, Learned]:
+    """Six hundred poses, visited once each, with gears that err three times a turn."""
+    rng = np.random.default_rng(2)
+    q = rng.uniform(-2.5, 2.5, (600, 2))
+    off = np.column_stack([np.zeros(600), 1e-4 * np.sin(3 * q[:, 0])])
+    return learned(DOCUMENT, table(q, position(q + off, (1.0, 1.0 + LONGER)) + rng.normal(0, NOISE, q.shape)))
+
+
+@pytest.fixture(scope="module")
+def figures(visited: tuple[Any, Learned]) -> dict[str, Any]:
+    return residual_figures(*visited)
+
+
+def said(found: Learned) -> str:
+    assert found.assessment is not None
+    return render(Report("", (), residual_blocks(found.assessment)))
+
+
+def words(found: Learned) -> str:
+    return " ".join(said(found).split())
+
+
+def test_sentences_are_plain_and_fit_a_mail(visited: Any, once: Any) -> None:
+    for _, found in (visited, once):
+        report = said(found)
+        assert max(map(len, report.splitlines())) <= 100
+        assert not re.search(r"\bnan\b|\binf\b|\bNone\b|array\(|\d[eE][-+]\d|-0\.000 ", report)
+
+
+def test_the_rules_are_kept_or_broken_in_words(visited: Any, once: Any) -> None:
+    assert "Rule kept: nothing speaks against taking what remains as scatter." in words(visited[1])
+    broken = words(once[1])
+    assert "Rule broken: something is left that these parameters do not explain." in broken
+    assert re.search(r"Calibrated, the mean over all rows .* In \d+ of 16 blocks .* where [xy] is -?\d", broken)
+    assert "C = (1/l) Σ Δx Δxᵀ over l = 320 rows in 40 poses" in words(visited[1])
+    assert "C holds errors that repeat, beside scatter" in broken
+
+
+def test_the_instrument_is_warned_of_with_both_figures(visited: Any) -> None:
+    found = visited[1].assessment
+    report = words(visited[1])
+    assert "This one's σ is 0.02 mm in a coordinate." in report
+    assert re.search(r"The model as it stands is off by 2\.\d+ mm in a coordinate, 10\d times that", report)
+    one = 1e3 * found.calibrated.coordinate
+    assert f"Warning: the calibrated model is off by {one:.3f} mm in a coordinate, only 9." in report
+
+
+def test_nobody_knows_an_instrument_of_which_nothing_is_stated(once: Any) -> None:
+    _, found = once
+    document = {**DOCUMENT, "uncertainty": {"sigma": {"joint1.theta": "0.1 mrad"}}}
+    problem = po.problem_from_dict(document)
+    data = found.data.take(np.arange(40))
+    again = po.assess(problem, data, po.calibrate(problem, data, folds=2))
+    report = render(Report("", (), residual_blocks(again)))
+    assert "measurement: {position: 0.05 mm}" in report
+    assert again.to_json()["instrument"] == {"sigma": None}
+
+
+def test_directions_and_repeats_stand_in_tables(visited: Any, once: Any) -> None:
+    found, report = visited[1].assessment, said(visited[1])
+    assert re.search(r"^along the task \(-y\) +as it stands", report, re.MULTILINE)
+    across = next(d for d in found.nominal.deviations if d.name == "across")
+    row = re.search(r"^across the task +as it stands +(\S+) +(\S+)", report, re.MULTILINE)
+    assert row
+    assert float(row[2]) == pytest.approx(1e3 * across.rms, abs=6e-4)
+    worst = max(pose.nominal.repeatability for pose in found.repeats.poses)
+    assert re.search(rf"^RP .* {1e3 * worst:.3f} ", report, re.MULTILINE)
+    assert "ISO 9283 asks for 30 visits" in report
+    assert "No posture was visited twice" in said(once[1])
+
+
+def test_every_axis_names_its_unit(figures: dict[str, Any], once: Any) -> None:
+    names = ["vectors", "joints", "inputs", "region", "shape", "repeats"]
+    assert list(figures) == [f"residual_{name}" for name in names]
+    assert once[1].assessment.repeats is None
+    for figure in figures.values():
+        FigureCanvasAgg(figure).draw()
+        for axes in figure.axes:
+            label = axes.get_xlabel()
+            assert not label or "[" in label or label == "line of the file"
+
+
+def test_arrows_are_the_errors_enlarged_as_stated_and_both_models_on_one_scale(
+    visited: Any, figures: dict[str, Any]
+) -> None:
+    shown, figure = Shown.of(visited[1]), figures["residual_vectors"]
+    factor = float(re.search(r"enlarged (\d+)", figure.get_suptitle())[1])
+    before, after = figure.axes
+    assert before.get_xlim() == after.get_xlim()
+    assert before.get_ylim() == after.get_ylim()
+    for axes, name in ((before, "nominal"), (after, "calibrated")):
+        (arrows,) = [a for a in axes.get_children() if isinstance(a, Quiver)]
+        np.testing.assert_allclose(arrows.U, factor * shown.errors[name][:, 0])
+        np.testing.assert_allclose(arrows.V, factor * shown.errors[name][:, 1])
+    assert after.get_title(loc="left") == "calibrated"
+    data = visited[1].data
+    off = 1e3 * (data.position[:, :2] - position(data.q))
+    np.testing.assert_allclose(shown.errors["nominal"][:, :2], off, atol=1e-9)
+
+
+def test_many_rows_are_drawn_by_lot_and_it_is_said(once: Any) -> None:
+    figure = plot_residual_vectors(Shown.of(once[1]))
+    assert "400 of 600 rows drawn by lot" in figure.get_suptitle()
+    rows = chosen_rows(10_000, 400)
+    assert len(set(rows)) == 400
+    assert rows.max() > 9000
+
+
+def test_arrows_are_long_enough_to_be_seen_and_short_enough_for_the_workspace() -> None:
+    for size in (1e-4, 0.013, 2.0, 900.0):
+        factor = exaggeration(size, 1000.0)
+        assert factor == 1 or 0.06 * 1000 <= factor * size <= 0.16 * 1000
+
+
+def test_an_error_of_a_gear_is_seen_over_its_joint(once: Any) -> None:
+    axes = plot_residuals_over_joints(Shown.of(once[1])).axes
+    calibrated = next(a for a in axes if a.get_xlabel() == "joint1 [deg]" and a.get_title() == "calibrated")
+    line = next(li for li in calibrated.lines if str(li.get_label()).startswith("mean of neighbours"))
+    x, mean = line.get_xdata(), line.get_ydata()
+    # 0.1 mrad three times a turn on the second joint's lever: the first joint's motion sees some of it.
+    assert np.corrcoef(mean, np.sin(3 * np.radians(x)))[0, 1] > 0.8
+
+
+def test_means_in_bins_are_those_of_the_values() -> None:
+    x = np.linspace(-2, 2, 400)
+    binned = Binned.of(x, np.sin(3 * x) + np.random.default_rng(3).normal(0, 0.1, 400))
+    np.testing.assert_allclose(binned.mean, np.sin(3 * binned.x), atol=0.15)  # 20 of a bin: ± 0.02, and its curvature
+    few = Binned.of(np.repeat([0.0, 2.0, 5.0], 50), np.repeat([1.0, 2.0, 3.0], 50))
+    assert few.x.tolist() == [0.0, 2.0, 5.0]
+    assert few.mean.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_the_band_of_a_mean_holds_it_in_95_of_100() -> None:
+    rng = np.random.default_rng(4)
+    x = np.linspace(0, 1, 200)
+    inside = []
+    for _ in range(200):
+        binned = Binned.of(x, rng.normal(size=200))
+        inside.append(np.abs(binned.mean) <= binned.band)
+    # 2000 bins: 95 % ± 0.5 %
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
+
+
+def test_inputs_have_a_panel_each(figures: dict[str, Any]) -> None:
+    labels = [axes.get_xlabel() for axes in figures["residual_inputs"].axes]
+    assert labels[::2][:3] == ["time [h]", "temperature [degC]", "payload [kg]"]
+    sides = [t.get_text() for t in figures["residual_inputs"].legends[0].get_texts()]
+    assert "joint arrives from below" in sides
+
+
+def test_the_drawn_ellipse_is_the_one_of_the_text_and_holds_the_errors(visited: Any, figures: dict[str, Any]) -> None:
+    axes, left = figures["residual_region"].axes[0], visited[1].assessment.remaining
+    (line,) = [li for li in axes.lines if "95 % ellipse for 40 poses" in str(li.get_label())]
+    lengths = np.linalg.norm(line.get_xydata(), axis=1)
+    np.testing.assert_allclose([lengths.min(), lengths.max()], 1e3 * left.factor * left.ellipse.semi_axes, rtol=1e-3)
+
+
+def test_visits_stand_beside_the_ellipse_that_joints_and_instrument_predict(
+    visited: Any, figures: dict[str, Any]
+) -> None:
+    data: Measurements = visited[1].data
+    panels = figures["residual_repeats"].axes
+    assert len(panels) == 6
+    for axes in panels:
+        row = np.flatnonzero(data.line == int(axes.get_title().rsplit(" ", 1)[1]))[0]
+        C = first_order(data.q[row], np.diag([*SHAKE**2, 0, 0]), (1.0, 1.0 + LONGER)) + NOISE**2 * np.eye(2)
+        (line,) = [li for li in axes.lines if li.get_label() == "95 % ellipse, predicted"]
+        inner = 1e-6 * np.einsum("ni,ij,nj->n", line.get_xydata(), np.linalg.inv(C), line.get_xydata())
+        np.testing.assert_allclose(inner, 2 * np.log(20), rtol=2e-3)  # χ² of a plane; the link is 10 µm surer or so
+        (dots,) = [li for li in axes.lines if li.get_label() == "visits about their mean"]
+        offsets = 1e3 * (data.position[row : row + 8, :2] - data.position[row : row + 8, :2].mean(axis=0))
+        np.testing.assert_allclose(dots.get_xydata(), offsets, atol=1e-9)
+
+
+def test_the_command_writes_the_figures_or_leaves_them_out(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-2.5, 2.5, (40, 2))
+    rows = np.column_stack([np.degrees(q), 1e3 * (position(q) + rng.normal(0, NOISE, q.shape))])
+    head = "joint1 [deg], joint2 [deg], x [mm], y [mm]"
+    np.savetxt(tmp_path / "data.csv", rows, delimiter=",", header=head, comments="")
+    (tmp_path / "p.yaml").write_text(po.problem_from_dict(DOCUMENT).to_yaml(), encoding="utf-8")
+    words = ["calibrate", str(tmp_path / "data.csv"), "--problem", str(tmp_path / "p.yaml"), "--no-plan", "--quiet"]
+    with_figures, without = tmp_path / "with", tmp_path / "without"
+    done = CliRunner().invoke(main, [*words, "--out", str(with_figures)])
+    assert done.exit_code == 0, done.stderr
+    files = {file.name for file in with_figures.iterdir()}
+    assert files <= OWN_FILES
+    assert {"residual_vectors.png", "residual_joints.svg", "residual_shape.png"} <= files
+    page = (with_figures / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png") == len([name for name in files if name.endswith(".png")])
+    done = CliRunner().invoke(main, [*words, "--out", str(without), "--no-plots"])
+    assert done.exit_code == 0, done.stderr
+    assert not [file for file in without.iterdir() if file.suffix in (".png", ".svg")]

@@ -1,0 +1,114 @@
+"""What the report says of the predicted spread, as a person reads it, and the figures beside it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from posture_opt.cli.main import main
+from posture_opt.report.blocks import Report
+from posture_opt.report.figures.truth import truth_figures
+from posture_opt.report.style import image
+from posture_opt.report.text import render
+from posture_opt.report.truth_blocks import truth_blocks, truth_lead
+from posture_opt.validation.spread_check import SpreadCheck
+from tests.helpers.planar_2r import position
+from tests.validation.test_spread_check import NOISE, SCATTER, STATED, arm, checked, measured
+
+PROBLEM = """
+robot:
+  kind: dh
+  joints: [{name: j1, type: revolute, a: 1 m}, {name: j2, type: revolute, a: 0.8 m}]
+uncertainty:
+  sigma: {j1.a: 1 mm, j2.a: 1 mm}
+  scatter: {j1.theta: 1 mrad, j2.theta: 2 mrad}
+  measurement: {position: 0.02 mm}
+"""
+
+
+def text_of(found: SpreadCheck) -> str:
+    return render(Report("Spread", (truth_lead(found),), truth_blocks(found)))
+
+
+@pytest.fixture(scope="module")
+def understated() -> SpreadCheck:
+    return checked(arm(STATED), *measured(np.random.default_rng(1), 30, 4, times=2.0, length=2e-4))
+
+
+def test_the_line_that_a_person_understands(understated: SpreadCheck) -> None:
+    line = truth_lead(understated)
+    share = round(100 * understated.coverage95["nominal"])
+    assert f"the predicted 95 % ellipse holds {share} % of what was measured" in line
+    assert "the spread is understated by " in line
+    factor = float(line.split("understated by ")[1].split("x")[0])
+    assert factor == pytest.approx(2.0, abs=0.4)
+
+
+def test_the_report_says_what_is_compared_with_what(understated: SpreadCheck) -> None:
+    text = " ".join(text_of(understated).split())
+    assert "Predicted from the file's scatter from visit to visit and the instrument." in text
+    assert "Errors that stay, such as wrong lengths, do not show between visits." in text
+    assert "times the predicted standard deviation" in text
+    assert "the scatter of visits is understated" in text
+    assert "What it leaves is scatter, for the most part." in text
+    assert "one σ for each joint predicts the scatter better than one round region" in text
+    assert "Against the file's own statement it gains" in text
+
+
+def test_no_line_is_too_wide(understated: SpreadCheck) -> None:
+    assert max(map(len, text_of(understated).splitlines())) <= 100
+
+
+def test_without_stated_uncertainty_and_repeats_that_is_said() -> None:
+    text = " ".join(text_of(checked(arm({}), *measured(np.random.default_rng(2), 40))).split())
+    assert "The problem states no uncertainty of the arm" in text
+    assert "No posture was visited twice" in text
+    assert "Estimated from what the calibration leaves" in text
+
+
+def test_repeats_that_scatter_less_than_what_is_left_are_no_scatter() -> None:
+    rng = np.random.default_rng(3)
+    q, points = measured(rng, 30, 3, times=0.02)
+    found = checked(arm({}), q, points + rng.normal(0, 1e-3, (30, 2)).repeat(3, axis=0))
+    assert "comes back the same at every visit: it is no scatter" in " ".join(text_of(found).split())
+
+
+def test_long_tails_are_told_from_a_wrong_size() -> None:
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-2.5, 2.5, (400, 2))
+    wide = np.where(rng.random(400) < 0.1, 3.0, 0.4)[:, None]  # one row in ten scatters seven times as much
+    points = position(q + wide * SCATTER * rng.normal(size=q.shape), (1.0, 0.8)) + NOISE * rng.normal(size=q.shape)
+    found = checked(arm({"scatter": {"j1.theta": "1 mrad", "j2.theta": "2 mrad"}}), q, points)
+    assert found.coverage["nominal"].held(0.5) > 0.7
+    assert "longer tails than normal ones" in " ".join(text_of(found).split())
+
+
+def test_the_figures_are_drawn(understated: SpreadCheck) -> None:
+    figures = truth_figures(understated)
+    assert set(figures) == {"truth_coverage", "truth_joints"}
+    assert all(image(figure, "png")[:4] == b"\x89PNG" for figure in figures.values())
+    axes = figures["truth_joints"].axes[0]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["j1", "j2"]
+
+
+def test_calibrate_writes_it_all(tmp_path: Path) -> None:
+    q, points = measured(np.random.default_rng(4), 15, 3)
+    (tmp_path / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
+    head = "j1 [rad],j2 [rad],x [m],y [m]"
+    np.savetxt(tmp_path / "data.csv", np.column_stack([q, points]), delimiter=",", header=head, comments="")
+    words = ["calibrate", str(tmp_path / "data.csv"), "--problem", str(tmp_path / "problem.yaml")]
+    result = CliRunner().invoke(main, [*words, "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.stderr
+    assert "Is the predicted spread true?" in result.stdout
+    document = json.loads((tmp_path / "out" / "calibration.json").read_text(encoding="utf-8"))
+    assert document["coverage95"] == {
+        name: found["share"] for name, found in document["spread_check"]["coverage"].items()
+    }
+    assert set(document["coverage95"]) == {"nominal", "calibrated"}
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "on the diagonal it is true" in page
+    assert (tmp_path / "out" / "truth_joints.png").stat().st_size > 5000

@@ -1,0 +1,181 @@
+"""Corrections of named parameters, and scatter from visit to visit beside what is known of a parameter."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from posture_opt.calibration.parameters import Parameter, prior_covariance
+from posture_opt.errors import InputError
+from posture_opt.problem.load import problem_from_dict
+from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import parse_yaml
+from posture_opt.robot.robot import Robot
+from tests.helpers.factors import pose
+
+URDF = """\
+<robot name="arm">
+  <link name="base"/><link name="a"/><link name="tip"/>
+  <joint name="j1" type="revolute">
+    <parent link="base"/><child link="a"/><origin xyz="0 0 0.3" rpy="0 0.1 0"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/>
+  </joint>
+  <joint name="j2" type="prismatic">
+    <parent link="a"/><child link="tip"/><origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.2" effort="1" velocity="1"/>
+  </joint>
+</robot>
+"""
+ROWS = [
+    {"name": "j1", "a": "0.3 m", "alpha": "90 deg", "limits": ["-90 deg", "90 deg"]},
+    {"name": "j2", "type": "prismatic", "theta": "20 deg", "limits": ["0 mm", "300 mm"]},
+]
+ARMS: dict[str, dict[str, Any]] = {
+    "dh": {"kind": "dh", "joints": ROWS},
+    "mdh": {"kind": "mdh", "joints": ROWS},
+    "urdf": {"kind": "urdf", "file": "arm.urdf"},
+    "preset": {"kind": "preset", "name": "scara"},
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "arm.urdf").write_text(URDF, encoding="utf-8")
+    return tmp_path
+
+
+def robot(section: dict[str, Any], folder: Path, **keys: Any) -> Robot:
+    return problem_from_dict({"robot": section | keys}, folder).robot
+
+
+@pytest.mark.parametrize("kind", ["dh", "mdh", "urdf"])
+def test_every_parameter_takes_a_correction(kind: str, folder: Path) -> None:
+    frames = {"base": {"xyz": ["1 m", "0 m", "0 m"]}, "tool": {"rpy": ["0 deg", "0 deg", "30 deg"]}}
+    plain = robot(ARMS[kind], folder, **frames)
+    angles = {name: factor.kind == "rotate" for name, factor in plain.parameters.items()}
+    assert {"j1.theta", "j2.d", "base.x", "tool.yaw", *(["j1.beta"] if kind == "dh" else [])} <= set(angles)
+    texts = {name: f"{k + 1} mrad" if angles[name] else f"{k + 1} mm" for k, name in enumerate(angles)}
+    found = robot(ARMS[kind], folder, **frames, corrections=texts)
+    errors = {name: 1e-3 * (k + 1) for k, name in enumerate(angles)}
+    for q in ([0.3, 0.1], [-0.7, 0.2]):
+        # Rounding of 20 factors: the product in tests/helpers takes parameters by itself.
+        np.testing.assert_allclose(pose(found, q), pose(plain, q, errors), atol=1e-14)
+    assert (found.lower, found.upper) == (plain.lower, plain.upper)  # of the joints as they are commanded
+
+
+def test_the_lean_of_the_axes_leaves_out_joints_base_and_tool(folder: Path) -> None:
+    turns = {
+        "j1.alpha": "1 mrad",
+        "j1.beta": "-2 mrad",
+        "j1.theta": "9 mrad",
+        "base.roll": "9 mrad",
+        "tool.yaw": "1 deg",
+    }
+    assert robot(ARMS["dh"], folder, corrections=turns).skew == pytest.approx(3e-3)
+    assert robot(ARMS["dh"], folder).skew == 0.0
+
+
+def test_corrections_of_a_preset_come_back(folder: Path) -> None:
+    plain = robot(ARMS["preset"], folder)
+    name = next(name for name in plain.parameters if name.endswith(".a"))
+    problem = problem_from_dict({"robot": ARMS["preset"] | {"corrections": {name: "0.25 mm"}}}, folder)
+    assert problem.robot.parameters[name].nominal == pytest.approx(plain.parameters[name].nominal + 0.25e-3)
+    again = problem_from_dict(parse_yaml(problem.to_yaml()).data, folder)
+    assert again.robot.factors == problem.robot.factors
+    assert problem.to_dict()["robot"]["corrections"] == {name: "0.25 mm"}
+
+
+@pytest.mark.parametrize(
+    ("corrections", "message"),
+    [
+        ({"j1.alhpa": "1 mrad"}, "corrections.j1.alhpa: the robot has no such parameter – did you mean 'j1.alpha'?"),
+        ({"j3.a": "1 mm"}, "robot.corrections.j3.a: the robot has no such parameter"),
+        ({"j1.a": "1 mrad"}, "robot.corrections.j1.a: 'mrad' is not a unit of length"),
+        ({"j1.alpha": 0.001}, "robot.corrections.j1.alpha: the angle has no unit"),
+        ({"j1.a": None}, "robot.corrections.j1.a: expected a length with its unit"),
+        (["j1.a"], "robot.corrections"),
+    ],
+)  # fmt: skip
+def test_corrections_that_cannot_be_are_refused(corrections: Any, message: str, folder: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        robot(ARMS["dh"], folder, corrections=corrections)
+    assert message in str(caught.value)
+
+
+def planar(folder: Path, **uncertainty: Any) -> Problem:
+    (folder / "known.csv").write_text(
+        "name, joint1.theta [mrad], joint2.a [mm]\njoint1.theta, 4, 0.3\njoint2.a, 0.3, 0.09\n", encoding="utf-8"
+    )
+    rows = [{"name": name, "a": "1 m", "limits": ["-180 deg", "180 deg"]} for name in ("joint1", "joint2")]
+    return problem_from_dict({"robot": {"kind": "dh", "joints": rows}, "uncertainty": uncertainty}, folder)
+
+
+def test_scatter_adds_to_a_covariance_and_is_no_prior(folder: Path) -> None:
+    scatter = {"joint1.theta": "1 mrad", "joint2.theta": "2 mrad"}
+    sources = planar(folder, covariance="known.csv", scatter=scatter).sources
+    assert sources.names == ("joint1.theta", "joint2.a", "joint2.theta")
+    constant = np.array([[4e-6, 0.3e-6, 0], [0.3e-6, 0.09e-6, 0], [0, 0, 0]])
+    np.testing.assert_allclose(sources.covariance, constant + np.diag([1e-6, 0, 4e-6]), rtol=1e-12)
+    np.testing.assert_allclose(sources.constant, constant, atol=1e-20)
+
+
+def test_scatter_adds_to_sigma(folder: Path) -> None:
+    problem = planar(folder, sigma={"joint1.theta": "3 mrad"}, scatter={"joint1.theta": "4 mrad"})
+    assert problem.sources.sigma == pytest.approx([5e-3])
+    parameters = [Parameter(name, "geometry", "rad", 0.0, 0) for name in ("joint1.theta", "joint2.theta")]
+    rows, covariance = prior_covariance(problem, parameters)
+    assert rows == [0]
+    assert covariance == pytest.approx(np.array([[9e-6]]))
+
+
+def test_a_repeatability_adds_to_a_covariance_file_but_not_to_sigma(folder: Path) -> None:
+    alone = planar(folder, repeatability="1 mm").sources
+    both = planar(folder, repeatability="1 mm", covariance="known.csv")
+    variance = dict(zip(both.sources.names, np.diag(both.sources.covariance), strict=True))
+    assert variance["joint1.theta"] == pytest.approx(4e-6 + alone.sigma[0] ** 2)
+    assert variance["joint2.theta"] == pytest.approx(alone.sigma[1] ** 2)
+    parameters = [Parameter(name, "geometry", "rad", 0.0, 0) for name in ("joint1.theta", "joint2.theta")]
+    assert prior_covariance(both, parameters)[0] == [0]
+    with pytest.raises(InputError, match=r"uncertainty.repeatability: the error of joint1.theta is stated twice"):
+        planar(folder, repeatability="1 mm", sigma={"joint1.theta": "1 mrad"})
+
+
+def test_scatter_alone_takes_the_place_of_the_data_sheet() -> None:
+    data = {"robot": {"kind": "preset", "name": "ur10e"}, "uncertainty": {"scatter": {"elbow.theta": "0.01 deg"}}}
+    assert problem_from_dict(data).sources.names == ("elbow.theta",)
+
+
+@pytest.mark.parametrize(
+    ("scatter", "message"),
+    [
+        ({"joint1.thta": "1 mrad"}, "uncertainty.scatter.joint1.thta: the robot has no such parameter"),
+        ({"joint1.a": "1 mrad"}, "uncertainty.scatter.joint1.a: 'mrad' is not a unit of length"),
+        ({"joint1.theta": "-1 mrad"}, "uncertainty.scatter.joint1.theta: the standard deviation -1 mrad is negative"),
+        ({"joint1.theta": 1}, "uncertainty.scatter.joint1.theta: the angle has no unit"),
+    ],
+)
+def test_scatter_that_cannot_be_is_refused(scatter: Any, message: str, folder: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        planar(folder, scatter=scatter)
+    assert message in str(caught.value)
+
+
+def test_scatter_is_read_where_the_robot_is_broken() -> None:
+    text = "robot: {kind: dh, joints: []}\nuncertainty: {scatter: {joint1.theta: 1 mm, joint1.a: -1 mm}}\n"
+    with pytest.raises(InputError) as caught:
+        problem_from_dict(parse_yaml(text).data)
+    assert "scatter.joint1.theta" in str(caught.value)
+    assert "scatter.joint1.a" in str(caught.value)
+
+
+def test_a_frame_that_is_free_is_no_prior() -> None:
+    robot = SimpleNamespace(base_free=True, tool_free=False)
+    sources = SimpleNamespace(names=("base.x",), constant=np.eye(1))
+    found = prior_covariance(SimpleNamespace(robot=robot, sources=sources), [Parameter("base.x", "base", "m", 0.0, 0)])  # type: ignore[arg-type]
+    assert found[0] == []
+    assert math.isfinite(found[1].sum())
