@@ -1,4 +1,4 @@
-"""What is frozen: the documents that the public functions return for problem files, shipped, simulated and real data."""
+"""What is frozen: the documents that the public functions return for problem files, shipped, simulated, real data."""
 
 from __future__ import annotations
 

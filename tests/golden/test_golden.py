@@ -1,7 +1,7 @@
 """The frozen documents: nothing that the program answers changes unnoticed.
 
-Numbers are compared to 1e-6 here, as another machine's linear algebra rounds otherwise; ``python -m tests.golden check``
-compares them to 1e-9 on the machine on which they were written.
+Numbers are compared to 1e-6 here, as another machine's linear algebra rounds otherwise; ``python -m tests.golden
+check`` compares them to 1e-9, on the machine on which they were written.
 """
 
 from __future__ import annotations
