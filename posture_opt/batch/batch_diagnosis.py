@@ -13,9 +13,9 @@ from posture_opt.calibration.error_statistics import By
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.diagnosis.causes import Finding, noise_finding
 from posture_opt.diagnosis.diagnosis import Outcome
-from posture_opt.diagnosis.linearised_data import scene_of
+from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.noise_candidates import standardised
-from posture_opt.diagnosis.noise_causes import NoiseCause, as_stated, uneven_noise
+from posture_opt.diagnosis.noise_causes import NoiseCause, find_uneven_noise, in_stated_units
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeat_groups import stays
 from posture_opt.model.effects import CorrelatedLengths, Rows
@@ -103,17 +103,19 @@ def _noise(problem: CalibrationProblem, batch: Batch, seed: int) -> list[NoiseCa
     """Uneven noise in the residuals of all robots."""
     parts = []
     for calibration in batch.calibrations:
-        scene = scene_of(calibration, 0, seed)
-        ground, block = scene.ground(), scene.tangents.residuals.block
-        Q = ground.Q.reshape(-1, block, ground.Q.shape[1])
-        e = standardised(ground.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
-        position = scene.tangents.residuals.data.position
+        linearised = linearise(calibration, 0, seed)
+        baseline, block = linearised.baseline(), linearised.sensitivities.residuals.block
+        Q = baseline.Q.reshape(-1, block, baseline.Q.shape[1])
+        e = standardised(baseline.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
+        position = linearised.sensitivities.residuals.data.position
         ranges = np.zeros(len(e)) if position is None else np.linalg.norm(position, axis=1)
-        e, columns, _ = as_stated(problem, scene.tangents.residuals, e, scene.tangents.joints)
-        parts.append((e, columns, ranges, stays(scene.tangents.residuals.data)))
+        e, columns, _ = in_stated_units(problem, linearised.sensitivities.residuals, e, linearised.sensitivities.joints)
+        parts.append((e, columns, ranges, stays(linearised.sensitivities.residuals.data)))
     e = np.concatenate([p[0] for p in parts])
     columns = np.concatenate([p[1] for p in parts], axis=1)
     sigma = batch.calibrations[0].residuals.sigma
     first = np.cumsum([0, *(len(p[3]) for p in parts[:-1])])
     visits = np.concatenate([start + p[3] for start, p in zip(first, parts, strict=True)])
-    return uneven_noise(e, Rows(problem.robot, columns, np.concatenate([p[2] for p in parts]), sigma, visits), seed)
+    return find_uneven_noise(
+        e, Rows(problem.robot, columns, np.concatenate([p[2] for p in parts]), sigma, visits), seed
+    )

@@ -15,10 +15,10 @@ from posture_opt.diagnosis.score_tests import (
     ProjectedBaseline,
     explained,
     log_p,
+    projected_basis,
     scan_frequencies,
-    surviving,
 )
-from posture_opt.diagnosis.unnamed_components import UnnamedComponent, umbrellas
+from posture_opt.diagnosis.unnamed_components import UnnamedComponent, unnamed_components
 from posture_opt.model.effects import EFFECTS, Effect, Excitation
 from posture_opt.model.effects.cyclic_error import OVERSAMPLING, CyclicError
 from posture_opt.model.effects.joint_compliance import JointCompliance
@@ -68,24 +68,24 @@ class ScoredCandidate:
     ``share`` is the part of the sum of squares that it explains, ``p_value`` family-wise.
     """
 
-    suspect: Candidate
+    candidate: Candidate
     rho: float
     log_p: float
     p_value: float
     share: float
 
 
-def catalogue(tangents: EffectSensitivities, case: Excitation) -> list[Candidate]:
+def list_candidates(sensitivities: EffectSensitivities, excitation: Excitation) -> list[Candidate]:
     """Every candidate but the cyclic errors, one for each shape of its grid."""
-    effects = [e for kind in EFFECTS for e in kind.candidates(case)]
-    if "masses" not in case.inputs:
-        effects += unknown_masses(tangents, case)
-    named = [(e, tangents.columns(e)) for e in effects]
+    effects = [e for kind in EFFECTS for e in kind.candidates(excitation)]
+    if "masses" not in excitation.inputs:
+        effects += point_mass_compliances(sensitivities, excitation)
+    named = [(e, sensitivities.columns(e)) for e in effects]
     shapes: dict[tuple[str, str], list[Array]] = {}
     for e, Z in named:
         shapes.setdefault((e.kind, e.target), []).append(Z)
-    searched = {key: max(independent(own), min(len(own), _SHAPES)) for key, own in shapes.items()}
-    nameless = list(umbrellas(tangents, case))
+    searched = {key: max(effective_number(own), min(len(own), _SHAPES)) for key, own in shapes.items()}
+    nameless = list(unnamed_components(sensitivities, excitation))
     grids = Counter((u.kind, u.target) for u, _ in nameless)
     return [
         *(Candidate(e, Z, searched[e.kind, e.target]) for e, Z in named),
@@ -93,7 +93,7 @@ def catalogue(tangents: EffectSensitivities, case: Excitation) -> list[Candidate
     ]
 
 
-def independent(shapes: Sequence[Array]) -> float:
+def effective_number(shapes: Sequence[Array]) -> float:
     """How many of the shapes (each (m, k)) of one cause count as different ones: ``(Σ √λ)² / Σ λ``.
 
     λ are the eigenvalues of the correlation of their first columns (Galwey 2009): neighbouring moments of a slip or
@@ -108,22 +108,22 @@ def independent(shapes: Sequence[Array]) -> float:
     return float(np.sum(np.sqrt(values)) ** 2 / max(np.sum(values), 1e-300))
 
 
-def unknown_masses(tangents: EffectSensitivities, case: Excitation) -> list[Effect]:
+def point_mass_compliances(sensitivities: EffectSensitivities, excitation: Excitation) -> list[Effect]:
     """Compliances of arms whose masses nobody states: point masses at the frames beyond each joint.
 
     Frames that pull at the joint alike, as those of a wrist do, count once.
     """
-    names = case.robot.joint_names
+    names = excitation.robot.joint_names
     effects: list[Effect] = []
     for i, name in enumerate(names):
-        if case.robot.joints[i].type != "revolute" or case.span[i] <= 1e-6:
+        if excitation.robot.joints[i].type != "revolute" or excitation.span[i] <= 1e-6:
             continue
         points: tuple[str, ...] = ()
         for point in ("tool", *reversed(names[i:-1])):
             wider = JointCompliance(joint=name, loads="points", points=(*points, point))
-            Z = tangents.columns(wider)
+            Z = sensitivities.columns(wider)
             norms = np.linalg.norm(Z, axis=0)
-            if norms[-1] > 1e-6 * np.linalg.norm(tangents.joints[i]):
+            if norms[-1] > 1e-6 * np.linalg.norm(sensitivities.joints[i]):
                 s = np.linalg.svd(Z / np.where(norms > 0, norms, 1.0), compute_uv=False)
                 points = wider.points if s[-1] > _ALIKE else points
         if points:
@@ -131,66 +131,66 @@ def unknown_masses(tangents: EffectSensitivities, case: Excitation) -> list[Effe
     return effects
 
 
-def judge(
-    ground: ProjectedBaseline,
-    suspects: Sequence[Candidate],
-    tangents: EffectSensitivities,
-    case: Excitation,
+def score_candidates(
+    baseline: ProjectedBaseline,
+    candidates: Sequence[Candidate],
+    sensitivities: EffectSensitivities,
+    excitation: Excitation,
     known: NullDistribution | None = None,
 ) -> tuple[list[ScoredCandidate], NullDistribution]:
     """The best of every kind and target on this ground, the least p-value first, and what chance can do.
 
     ``known`` is what chance can do where it need not be drawn again.
     """
-    rho, sizes, gains = explained(ground, [s.Z for s in suspects])
+    rho, sizes, gains = explained(baseline, [s.Z for s in candidates])
     alive = [int(i) for i in np.flatnonzero(sizes)]
-    sizes, gains = sizes[alive], _possible(ground, [suspects[i] for i in alive], gains[alive])
-    rss = ground.rss
-    freedom = np.r_[ground.effective, np.full(len(rss) - 1, ground.freedom)]
+    sizes, gains = sizes[alive], _possible(baseline, [candidates[i] for i in alive], gains[alive])
+    rss = baseline.rss
+    freedom = np.r_[baseline.effective, np.full(len(rss) - 1, baseline.freedom)]
     values = log_p(gains, rss[None, :], sizes[:, None], freedom[None, :]) if alive else np.zeros((0, len(rss)))
-    cyclic, lowest = _cyclic(ground, tangents, case)
-    families = np.array([suspects[i].family for i in alive])
+    cyclic, lowest = _cyclic(baseline, sensitivities, excitation)
+    families = np.array([candidates[i].family for i in alive])
     least = {family: _least(values[families == family]) for family in WEIGHTS}
     least[CyclicError.family] = np.minimum(least[CyclicError.family], lowest)
-    chance = known or NullDistribution(least)
+    null = known or NullDistribution(least)
     found: dict[tuple[str, str], ScoredCandidate] = {}
     for row, i in enumerate(alive):
-        p, suspect = float(values[row, 0]), suspects[i]
-        if suspect.key not in found or p < found[suspect.key].log_p:
+        p, candidate = float(values[row, 0]), candidates[i]
+        if candidate.key not in found or p < found[candidate.key].log_p:
             share = float(gains[row, 0] / rss[0])
-            found[suspect.key] = ScoredCandidate(
-                suspect, float(rho[i]), p, chance.family_wise(p, suspect.family), share
+            found[candidate.key] = ScoredCandidate(
+                candidate, float(rho[i]), p, null.family_wise(p, candidate.family), share
             )
-    judged = list(found.values())
-    for suspect, p in cyclic:
-        basis, left = surviving(ground, suspect.Z)
+    scored = list(found.values())
+    for candidate, p in cyclic:
+        basis, left = projected_basis(baseline, candidate.Z)
         if basis.shape[1]:
-            share = float(np.sum((basis.T @ ground.e) ** 2) / rss[0])
-            judged.append(ScoredCandidate(suspect, left, p, chance.family_wise(p, suspect.family), share))
-    return sorted(judged, key=lambda j: (j.p_value, j.log_p)), chance
+            share = float(np.sum((basis.T @ baseline.e) ** 2) / rss[0])
+            scored.append(ScoredCandidate(candidate, left, p, null.family_wise(p, candidate.family), share))
+    return sorted(scored, key=lambda j: (j.p_value, j.log_p)), null
 
 
-def _possible(ground: ProjectedBaseline, suspects: Sequence[Candidate], gains: Array) -> Array:
+def _possible(baseline: ProjectedBaseline, candidates: Sequence[Candidate], gains: Array) -> Array:
     """``gains`` (candidates, 1 + B) without those that take a parameter to where nature does not let it."""
     gains = gains.copy()
-    for row, suspect in enumerate(suspects):
-        low, high = suspect.what.limits if isinstance(suspect.what, Effect) else (-np.inf, np.inf)
+    for row, candidate in enumerate(candidates):
+        low, high = candidate.what.limits if isinstance(candidate.what, Effect) else (-np.inf, np.inf)
         if np.isfinite(low) or np.isfinite(high):
-            z = ground.project(suspect.Z)[:, 0]
-            size = -(z @ ground.flipped) / max(float(z @ z), 1e-300)
+            z = baseline.project(candidate.Z)[:, 0]
+            size = -(z @ baseline.flipped) / max(float(z @ z), 1e-300)
             gains[row, (size < low) | (size > high)] = 0.0
     return gains
 
 
 def absorbed(
-    ground: ProjectedBaseline, suspects: Sequence[Candidate], judged: Sequence[ScoredCandidate]
+    baseline: ProjectedBaseline, candidates: Sequence[Candidate], scored: Sequence[ScoredCandidate]
 ) -> tuple[tuple[Candidate, float], ...]:
     """Named suspects that the ground explains whole, one of each kind and target, with the share that is left of it."""
-    known = {j.suspect.key for j in judged}
+    known = {j.candidate.key for j in scored}
     found: dict[tuple[str, str], tuple[Candidate, float]] = {}
-    for suspect in suspects:
-        if suspect.named and suspect.key not in known:
-            found.setdefault(suspect.key, (suspect, surviving(ground, suspect.Z)[1]))
+    for candidate in candidates:
+        if candidate.named and candidate.key not in known:
+            found.setdefault(candidate.key, (candidate, projected_basis(baseline, candidate.Z)[1]))
     return tuple(found.values())
 
 
@@ -200,25 +200,25 @@ def _least(values: Array) -> Array:
 
 
 def _cyclic(
-    ground: ProjectedBaseline, tangents: EffectSensitivities, case: Excitation
+    baseline: ProjectedBaseline, sensitivities: EffectSensitivities, excitation: Excitation
 ) -> tuple[list[tuple[Candidate, float]], Array]:
     """The strongest lines of every joint, and the least log p-value in each flipped set."""
-    rss = ground.rss
+    rss = baseline.rss
     lowest = np.zeros(len(rss) - 1)
     found: list[tuple[Candidate, float]] = []
-    for joint, name in enumerate(case.robot.joint_names):
-        if case.robot.joints[joint].type != "revolute" or case.span[joint] < 1e-3:
+    for joint, name in enumerate(excitation.robot.joint_names):
+        if excitation.robot.joints[joint].type != "revolute" or excitation.span[joint] < 1e-3:
             continue
-        q = tangents.residuals.data.q[:, joint]
-        cycles = CyclicError.grid(case.span[joint])
+        q = sensitivities.residuals.data.q[:, joint]
+        cycles = CyclicError.grid(excitation.span[joint])
         if not len(cycles):
             continue
-        gains, most = scan_frequencies(ground, tangents.joints[joint], q, cycles)
-        lowest = np.minimum(lowest, log_p(most, rss[1:], 2, ground.freedom))
+        gains, most = scan_frequencies(baseline, sensitivities.joints[joint], q, cycles)
+        lowest = np.minimum(lowest, log_p(most, rss[1:], 2, baseline.freedom))
         for k in _peaks(gains):
             effect = CyclicError(joint=name, cycles=float(cycles[k]))
-            p = float(log_p(gains[k : k + 1], rss[:1], 2, ground.effective)[0])
-            found.append((Candidate(effect, tangents.columns(effect), len(cycles) / OVERSAMPLING), p))
+            p = float(log_p(gains[k : k + 1], rss[:1], 2, baseline.effective)[0])
+            found.append((Candidate(effect, sensitivities.columns(effect), len(cycles) / OVERSAMPLING), p))
     return found, lowest
 
 

@@ -16,17 +16,17 @@ from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.progress import Stages
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.causes import Finding, effect_findings, geometry_finding, noise_finding
-from posture_opt.diagnosis.discrimination_plan import SplitPlan, split_plan
+from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_discrimination
 from posture_opt.diagnosis.extended_fit import Extended, fit_calibrated, fit_extended
 from posture_opt.diagnosis.geometry_causes import geometry_causes
 from posture_opt.diagnosis.held_out import HeldOut, held_out
 from posture_opt.diagnosis.lack_of_fit import LEVEL, Adequacy, adequacy
-from posture_opt.diagnosis.linearised_data import frame_directions, points_of, scene_of
+from posture_opt.diagnosis.linearised_data import frame_directions, linearise, tool_points
 from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
 from posture_opt.diagnosis.other_session import Gain, SecondSession, second_session
-from posture_opt.diagnosis.outlier_reinclusion import readmitted
-from posture_opt.diagnosis.persistent_effects import lasting
-from posture_opt.diagnosis.search import SearchResult, still_nameless, with_names
+from posture_opt.diagnosis.outlier_reinclusion import reinclude_outliers
+from posture_opt.diagnosis.persistent_effects import persistent
+from posture_opt.diagnosis.search import SearchResult, prefer_named, remaining_unnamed
 from posture_opt.diagnosis.search_dependent_rows import find
 from posture_opt.diagnosis.undetectable import unknowable
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent
@@ -49,7 +49,7 @@ class Diagnosis:
         errors: cross-validated position errors [m] of the arm as it stands (``nominal``), ``calibrated``, and with
             the effects (``extended``).
         held: those errors row by row, by model.
-        model: the fitted arm with its effects; ``lasting`` the one to plan with, without those of time
+        model: the fitted arm with its effects; ``persistent`` the one to plan with, without those of time
             unless they were asked for.
         unexplained: umbrellas, curves without a name, that the residuals need beside the effects.
         adequacy: what is left after everything.
@@ -65,7 +65,7 @@ class Diagnosis:
     errors: Mapping[str, Statistics]
     held: Mapping[str, HeldOut]
     model: Extended
-    lasting: Extended
+    persistent: Extended
     search: SearchResult
     unexplained: tuple[UnnamedComponent, ...]
     adequacy: Adequacy
@@ -96,7 +96,7 @@ class Diagnosis:
         """The document ``diagnosis.json``: SI units and radians."""
         names = ("nominal", "calibrated", "extended")
         chosen = zip(self.search.chosen, self.search.p_values, strict=True)
-        p = min(self.adequacy.p_value, *(p for suspect, p in chosen if not suspect.named), 1.0)
+        p = min(self.adequacy.p_value, *(p for candidate, p in chosen if not candidate.named), 1.0)
         test = {} if self.test is None else {"test": self.test.to_json()}
         return {
             "verdict": self.outcome,
@@ -113,14 +113,14 @@ class Diagnosis:
             **test,
             "candidates": [
                 {
-                    "kind": j.suspect.kind,
-                    "target": j.suspect.target,
+                    "kind": j.candidate.kind,
+                    "target": j.candidate.target,
                     "p_value": j.p_value,
                     "gain": 1 - float(np.sqrt(max(1 - j.share, 0.0))),
                     "surviving_share": j.rho,
-                    "named": j.suspect.named,
+                    "named": j.candidate.named,
                 }
-                for j in self.search.judged
+                for j in self.search.scored
             ],
             "absorbed": [
                 {"kind": s.kind, "target": s.target, "surviving_share": rho} for s, rho in self.search.absorbed
@@ -139,11 +139,11 @@ class Diagnosis:
         return plot_curves(seen) if seen.effects else plot_scores(seen)
 
     @cached_property
-    def split(self) -> SplitPlan | None:
+    def split(self) -> DiscriminationPlan | None:
         """The measurements that would tell the named effects from their rivals; None where they have none."""
         if not self.rivals:
             return None
-        return split_plan(self.problem, scene_of(self.calibration, flips=0), self.model, self.rivals)
+        return plan_discrimination(self.problem, linearise(self.calibration, flips=0), self.model, self.rivals)
 
     @property
     def gain(self) -> Gain:
@@ -160,7 +160,7 @@ class Diagnosis:
         gain, split = self.test_gain(i), self.split
         document = self.findings[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
         place = sum(f.effect is not None for f in self.findings[:i])
-        if self.findings[i].effect is not None and split is not None and place in split.splits:
+        if self.findings[i].effect is not None and split is not None and place in split.pairs:
             document["split"] = split.to_json(place)
         return document
 
@@ -197,20 +197,22 @@ def diagnose(
     stages = Stages(progress, 20, 55, 5, 20)
     calibration = calibrate(problem, data, folds=folds, by=by, progress=stages.next())
     draws = flips or (FLIPS if len(data) < MANY else FEW)
-    scene = scene_of(calibration, draws, seed)
-    found = find(scene, calibration.design > 1, stages.rounds(stages.next()))
+    linearised = linearise(calibration, draws, seed)
+    found = find(linearised, calibration.design > 1, stages.rounds(stages.next()))
     stages.next()
-    wider = readmitted(calibration, found)
+    wider = reinclude_outliers(calibration, found)
     if len(wider.outliers) < len(calibration.outliers):
-        calibration, scene = wider, scene_of(wider, draws, seed)
-        found = find(scene, calibration.design > 1)
-    residuals = scene.tangents.residuals
-    names = with_names(scene, found) if not all(s.named for s in found.chosen) else found
-    nameless = tuple(s.what for s in still_nameless(scene, found, names) if isinstance(s.what, UnnamedComponent))
+        calibration, linearised = wider, linearise(wider, draws, seed)
+        found = find(linearised, calibration.design > 1)
+    residuals = linearised.sensitivities.residuals
+    names = prefer_named(linearised, found) if not all(s.named for s in found.chosen) else found
+    nameless = tuple(
+        s.what for s in remaining_unnamed(linearised, found, names) if isinstance(s.what, UnnamedComponent)
+    )
     named = [s for s in names.chosen if isinstance(s.what, Effect)]
     model = fit_calibrated(residuals, calibration, named)
-    everything = scene.ground(found.chosen)
-    left = adequacy(everything, residuals.data, points_of(scene), residuals.block)
+    everything = linearised.baseline(found.chosen)
+    left = adequacy(everything, residuals.data, tool_points(linearised), residuals.block)
     closed = 0.0 if nameless else left.p_value
     unclear = closed < LEVEL
     noise = noise_causes(problem, calibration, model, everything, closed, seed)
@@ -238,7 +240,7 @@ def diagnose(
         other = second_session(problem, test, calibration.x_nominal, base, model, known, refit_frames=refit_frames)
     stages.end()
     return Diagnosis(
-        outcome, findings, problem, calibration, statistics, held, model, lasting(model, known, with_time),
+        outcome, findings, problem, calibration, statistics, held, model, persistent(model, known, with_time),
         found, nameless, left, groups_by, groups, names.confused, other,
         (*calibration.notes, *(() if other is None else other.notes)),
     )  # fmt: skip

@@ -16,7 +16,7 @@ _OWN, _SWUNG, _ANYWHERE = 150, 350, 500  # candidates of each sort, before those
 _PAYLOADS = 4  # of the data; of more the least, the largest and some between
 
 
-def payloads_of(data: Measurements, stated: float) -> tuple[float, ...]:
+def available_payloads(data: Measurements, stated: float) -> tuple[float, ...]:
     """Payloads [kg] that are at hand: those of the data, the one that the file states, and none."""
     measured = np.unique(np.round(data.payload, 3)) if data.payload is not None else np.zeros(0)
     if len(measured) > _PAYLOADS:
@@ -24,7 +24,7 @@ def payloads_of(data: Measurements, stated: float) -> tuple[float, ...]:
     return tuple(sorted({0.0, round(stated, 3), *map(float, measured)}))
 
 
-def further_rows(residuals: Residuals, joints: Collection[int], sided: bool, seed: int = 0) -> Measurements:
+def candidate_rows(residuals: Residuals, joints: Collection[int], sided: bool, seed: int = 0) -> Measurements:
     """Rows that could be measured, none of them yet.
 
     Postures of the data again; the same with some joints anywhere in their range; and any others. They keep clear of
@@ -49,7 +49,7 @@ def further_rows(residuals: Residuals, joints: Collection[int], sided: bool, see
     q = room.rounded(np.concatenate([known[:_OWN], swung, anywhere]))
     q = q[room.allowed(q)]
     rows = planned_rows(robot, q, data.measured_axes, data.target_names[:1], residuals.oriented)
-    loads = payloads_of(data, robot.payload)
+    loads = available_payloads(data, robot.payload)
     return replace(
         rows,
         payload=None if loads == (0.0,) and data.payload is None else rng.choice(loads, len(q)),

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from posture_opt.calibration.parameters import CalibrationProblem
-from posture_opt.diagnosis.discrimination_candidates import further_rows
+from posture_opt.diagnosis.discrimination_candidates import candidate_rows
 from posture_opt.diagnosis.extended_fit import Extended
 from posture_opt.diagnosis.linearised_data import LinearisedData
-from posture_opt.diagnosis.model_discrimination import Duels, Rivals
-from posture_opt.diagnosis.noncentrality import ENOUGH, Parting, chance
+from posture_opt.diagnosis.model_discrimination import ModelDiscrimination, Rivals
+from posture_opt.diagnosis.noncentrality import ENOUGH, DiscriminationDesign, detection_probability
 from posture_opt.errors import InputError
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Mask
@@ -28,7 +28,7 @@ _PAIRS, _TRIES = 12, 3  # that a plan is made for, the weakest, and how often th
 
 
 @dataclass(frozen=True, eq=False)
-class Split:
+class DiscriminatedPair:
     """How well an effect is told from one that could stand for it.
 
     Args:
@@ -49,12 +49,12 @@ class Split:
         """Plain numbers; the angle in rad."""
         return {
             "kind": self.kind, "target": self.target, "angle": self.angle, "lambda_now": self.now,
-            "lambda": self.then, "chance": chance(self.then), "count": self.count,
+            "lambda": self.then, "chance": detection_probability(self.then), "count": self.count,
         }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
-class SplitPlan:
+class DiscriminationPlan:
     """Measurements that tell effects from their rivals.
 
     Args:
@@ -66,7 +66,7 @@ class SplitPlan:
         sided: (n,) the joints whose side of arrival matters.
     """
 
-    splits: Mapping[int, tuple[Split, ...]]
+    pairs: Mapping[int, tuple[DiscriminatedPair, ...]]
     counts: Mapping[int, int | None]
     rows: Measurements
     rounds: int
@@ -86,20 +86,20 @@ class SplitPlan:
 
     def to_json(self, place: int) -> dict[str, Any]:
         """The entry ``split`` of an effect: its weakest rival sets the pace."""
-        splits = self.splits[place]
+        pairs = self.pairs[place]
         return {
-            "angle": min(s.angle for s in splits),
-            "lambda_now": min(s.now for s in splits),
-            "lambda": min((s.then for s in splits if s.count is not None), default=None),
+            "angle": min(s.angle for s in pairs),
+            "lambda_now": min(s.now for s in pairs),
+            "lambda": min((s.then for s in pairs if s.count is not None), default=None),
             "count": self.counts[place],
             "postures": self.postures(self.counts[place] or 0),
-            "rivals": [s.to_json() for s in splits],
+            "rivals": [s.to_json() for s in pairs],
         }
 
 
-def split_plan(
-    problem: CalibrationProblem, scene: LinearisedData, model: Extended, rivals: Rivals, seed: int = 0
-) -> SplitPlan | None:
+def plan_discrimination(
+    problem: CalibrationProblem, linearised: LinearisedData, model: Extended, rivals: Rivals, seed: int = 0
+) -> DiscriminationPlan | None:
     """Postures that part the effects of a model from their rivals; None where nothing could be confused.
 
     One list for all pairs, those among the rivals of one effect too: each posture in turn is the one after which the
@@ -110,50 +110,54 @@ def split_plan(
     Args:
         rivals: by the place of an effect in the model, the suspects that could stand for it.
     """
-    duels = Duels.of(scene, model, rivals)
-    if not duels.all or scene.tangents.residuals.data.touches:
+    discrimination = ModelDiscrimination.of(linearised, model, rivals)
+    if not discrimination.all or linearised.sensitivities.residuals.data.touches:
         return None
     try:
-        rows = further_rows(scene.tangents.residuals, duels.joints, bool(duels.sided), seed)
+        rows = candidate_rows(
+            linearised.sensitivities.residuals, discrimination.joints, bool(discrimination.sided), seed
+        )
     except InputError:  # a slide without limits has no room to plan in
         return None
-    parting, now = duels.parting(problem, rows)
-    far = _bouts(parting.strengths(parting.after(range(len(rows)), _MOST / max(len(rows), 1))))
+    design, now = discrimination.design(problem, rows)
+    far = _weaker_side(design.noncentralities(design.after(range(len(rows)), _MOST / max(len(rows), 1))))
     possible = far >= ENOUGH
-    chosen = _chosen(parting, now, possible)
-    steps = list(_steps(parting, chosen, possible)) if chosen else []
-    places = np.array([place for place, _, _ in duels.bouts])
-    splits = _splits(duels, now, steps, possible)
-    return SplitPlan(
-        splits=splits,
-        counts={place: _count(steps, places == place, possible) for place in splits},
+    chosen = _chosen(design, now, possible)
+    steps = list(_steps(design, chosen, possible)) if chosen else []
+    places = np.array([place for place, _, _ in discrimination.pairs])
+    pairs = _discriminated(discrimination, now, steps, possible)
+    return DiscriminationPlan(
+        pairs=pairs,
+        counts={place: _count(steps, places == place, possible) for place in pairs},
         rows=rows.take(np.array(chosen, dtype=np.intp)),
         rounds=max(steps[-1][0] // len(chosen), 1) if steps else 1,
-        sided=duels.sided,
+        sided=discrimination.sided,
     )
 
 
-def _splits(duels: Duels, now: Array, steps: Steps, possible: Mask) -> dict[int, tuple[Split, ...]]:
+def _discriminated(
+    discrimination: ModelDiscrimination, now: Array, steps: Steps, possible: Mask
+) -> dict[int, tuple[DiscriminatedPair, ...]]:
     """By the place of each effect how it stands against its rivals."""
-    found: dict[int, tuple[Split, ...]] = {}
-    for k, duel in enumerate(duels.all):
-        b = duels.bouts.index((duel.place, duel.place, len(duels.model.suspects) + k))
+    found: dict[int, tuple[DiscriminatedPair, ...]] = {}
+    for k, rival in enumerate(discrimination.all):
+        b = discrimination.pairs.index((rival.place, rival.place, len(discrimination.model.suspects) + k))
         then = float(steps[-1][1][b]) if steps else 0.0
         count = _count(steps, np.arange(len(possible)) == b, possible)
         least = float(now[2 * b : 2 * b + 2].min())
-        one = Split(duel.rival.kind, duel.rival.target, duel.angle, least, then, count)
-        found[duel.place] = (*found.get(duel.place, ()), one)
+        one = DiscriminatedPair(rival.rival.kind, rival.rival.target, rival.angle, least, then, count)
+        found[rival.place] = (*found.get(rival.place, ()), one)
     return found
 
 
-def _chosen(parting: Parting, now: Array, possible: Mask) -> list[int]:
+def _chosen(design: DiscriminationDesign, now: Array, possible: Mask) -> list[int]:
     """Candidates for the bouts that are weakest now; if that leaves others weak, for these with them."""
     sides = np.flatnonzero(np.repeat(possible, 2))
     asked = [int(k) for k in sides[np.argsort(now[sides])][:_PAIRS]]
     chosen: list[int] = []
     for _ in range(_TRIES if asked else 0):
-        chosen = parting.only(asked).chosen(_LEAST, POSTURES)
-        reached = parting.strengths(parting.after(chosen))[sides]
+        chosen = design.only(asked).chosen(_LEAST, POSTURES)
+        reached = design.noncentralities(design.after(chosen))[sides]
         weak = [int(k) for k in sides[np.argsort(reached)][: _PAIRS // 2] if k not in asked]
         if not weak or reached.min() >= ENOUGH:
             break
@@ -161,15 +165,15 @@ def _chosen(parting: Parting, now: Array, possible: Mask) -> list[int]:
     return chosen
 
 
-def _steps(parting: Parting, chosen: list[int], possible: Mask) -> Iterator[tuple[int, Array]]:
+def _steps(design: DiscriminationDesign, chosen: list[int], possible: Mask) -> Iterator[tuple[int, Array]]:
     """(how many measurements, λ of every bout) as the plan grows, posture by posture and then round by round."""
     for n in range(min(_LEAST, len(chosen)), len(chosen) + 1):
-        reached = _bouts(parting.strengths(parting.after(chosen[:n])))
+        reached = _weaker_side(design.noncentralities(design.after(chosen[:n])))
         yield n, reached
     for rounds in range(2, _MOST // len(chosen) + 1):
         if reached[possible].min() >= ENOUGH:
             return
-        reached = _bouts(parting.strengths(parting.after(chosen, rounds)))
+        reached = _weaker_side(design.noncentralities(design.after(chosen, rounds)))
         yield rounds * len(chosen), reached
 
 
@@ -180,6 +184,6 @@ def _count(steps: Steps, asked: Mask, possible: Mask) -> int | None:
     return min(enough, default=None)
 
 
-def _bouts(strengths: Array) -> Array:
+def _weaker_side(strengths: Array) -> Array:
     """(bouts,) the weaker of the two sides of each."""
     return np.asarray(np.maximum(strengths.reshape(-1, 2).min(axis=1), 0.0))

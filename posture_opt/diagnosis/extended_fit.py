@@ -15,7 +15,7 @@ from posture_opt.calibration.estimation import FAIR, ROUNDS, known_rows, varianc
 from posture_opt.calibration.least_squares import Fit, least_squares
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.shape_refinement import reshaped
+from posture_opt.diagnosis.shape_refinement import with_shape
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes
 
@@ -190,7 +190,7 @@ def _reshaped(
         cycles, value = name == "cycles", float(getattr(suspects[i].what, name))
         limit = 0.02 if cycles else 0.3
         value += float(np.clip(step, -limit, limit)) * (1.0 if cycles else value)
-        what = reshaped(_effect(suspects[i]), name, value)
+        what = with_shape(_effect(suspects[i]), name, value)
         moved[i] = Candidate(what, tangents.columns(what), suspects[i].searched)
     return moved
 
@@ -227,8 +227,8 @@ def _shape_columns(
         effect = _effect(suspects[i])
         value = float(getattr(effect, name))
         step = _STEP if name == "cycles" else _STEP * value
-        more = tangents.columns(reshaped(effect, name, value + step))
-        less = tangents.columns(reshaped(effect, name, value - step))
+        more = tangents.columns(with_shape(effect, name, value + step))
+        less = tangents.columns(with_shape(effect, name, value - step))
         columns.append((more - less) @ theta[edges[i] : edges[i + 1]] / (2 * _STEP))
     return np.stack(columns, axis=1) if columns else np.zeros((m, 0))
 

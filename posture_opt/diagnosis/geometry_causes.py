@@ -56,7 +56,7 @@ def kind_of(parameter: Parameter) -> tuple[str, str]:
 
 
 def geometry_causes(
-    residuals: Residuals, x_frames: Array, known: Array, full: Extended, suspects: Sequence[Candidate]
+    residuals: Residuals, x_frames: Array, known: Array, full: Extended, candidates: Sequence[Candidate]
 ) -> list[GeometryCause]:
     """The geometric causes beside the suspects.
 
@@ -64,11 +64,11 @@ def geometry_causes(
         x_frames: (k,) deviations with only what is free fitted; known: (k, f) directions of what is free.
         full: everything fitted.
     """
-    nominal = fit_extended(residuals, x_frames, known, suspects)
+    nominal = fit_extended(residuals, x_frames, known, candidates)
     p = _f_test(nominal, full)
     if p > LEVEL:
         return []
-    few = _few(residuals, x_frames, known, full, suspects)
+    few = _few(residuals, x_frames, known, full, candidates)
     if few is not None:
         return few
     return [GeometryCause("geometry", "all", None, 0.0, 0.0, p)]
@@ -93,20 +93,20 @@ def _f_test(small: Extended, large: Extended) -> float:
 
 
 def _few(
-    residuals: Residuals, x_frames: Array, known: Array, full: Extended, suspects: Sequence[Candidate]
+    residuals: Residuals, x_frames: Array, known: Array, full: Extended, candidates: Sequence[Candidate]
 ) -> list[GeometryCause] | None:
     """Up to three parameters beside which the others add nothing, or nothing where there are no such three."""
     chosen: list[int] = []
-    model = fit_extended(residuals, x_frames, known, suspects)
+    model = fit_extended(residuals, x_frames, known, candidates)
     frames = {i for i in range(len(x_frames)) if np.any(known[i])}
     while len(chosen) < FEW:
         gains = _single_gains(model, [i for i in range(len(x_frames)) if i not in chosen and i not in frames])
         if not gains:
             return None
         chosen.append(max(gains, key=lambda i: gains[i]))
-        model = fit_extended(residuals, x_frames, _with(known, chosen, len(x_frames)), suspects)
+        model = fit_extended(residuals, x_frames, _with(known, chosen, len(x_frames)), candidates)
         if _f_test(model, full) > LEVEL:
-            return _causes(residuals, x_frames, known, model, chosen, suspects)
+            return _causes(residuals, x_frames, known, model, chosen, candidates)
     return None
 
 
@@ -140,14 +140,14 @@ def _single_gains(model: Extended, candidates: Sequence[int]) -> dict[int, float
 
 def _causes(
     residuals: Residuals, x_frames: Array, known: Array, model: Extended, chosen: list[int],
-    suspects: Sequence[Candidate],
+    candidates: Sequence[Candidate],
 ) -> list[GeometryCause]:  # fmt: skip
     causes = []
     rss, m = _rss(model), len(residuals.data) * residuals.block
     f = known.shape[1]
     for place, i in enumerate(chosen):
         rest = [j for j in chosen if j != i]
-        without = fit_extended(residuals, x_frames, _with(known, rest, len(x_frames)), suspects)
+        without = fit_extended(residuals, x_frames, _with(known, rest, len(x_frames)), candidates)
         others = _single_gains(without, [j for j in range(len(x_frames)) if j not in chosen and not np.any(known[j])])
         limit = rss * np.exp(_RIVALS / m)
         rivals = [kind_of(residuals.parameters[j]) for j, gain in others.items() if _rss(without) - gain <= limit]

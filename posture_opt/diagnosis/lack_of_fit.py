@@ -32,13 +32,13 @@ class Adequacy:
         return float(min(1.0, 2 * min(self.lack_of_fit, self.structure)))
 
 
-def adequacy(ground: ProjectedBaseline, data: Measurements, points: Array, block: int) -> Adequacy:
+def adequacy(baseline: ProjectedBaseline, data: Measurements, points: Array, block: int) -> Adequacy:
     """Both tests on what a ground leaves of the residuals; ``points`` (N, 3) [m] are the measured ones."""
-    structure, place = _structure(ground, data, points, block)
-    return Adequacy(_lack_of_fit(ground, data, block), structure, place)
+    structure, place = _structure(baseline, data, points, block)
+    return Adequacy(_lack_of_fit(baseline, data, block), structure, place)
 
 
-def _lack_of_fit(ground: ProjectedBaseline, data: Measurements, block: int) -> float:
+def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, block: int) -> float:
     """F test of the scatter about the model against the scatter between visits of one pose with one target.
 
     Readings of one visit share the joints' scatter, so they count by their mean: against the instrument alone every
@@ -53,10 +53,10 @@ def _lack_of_fit(ground: ProjectedBaseline, data: Measurements, block: int) -> f
     # The targets of one visit share its scatter too: so many residuals tell as much as one.
     shared = len(size) / (visit[-1] + 1)
     pure_freedom = int((visits - 1).sum()) * block / shared
-    freedom = (len(size) * block - ground.Q.shape[1]) / shared - pure_freedom
+    freedom = (len(size) * block - baseline.Q.shape[1]) / shared - pure_freedom
     if pure_freedom < 12 or freedom < 1:
         return 1.0
-    e = _means(ground.e.reshape(-1, block), cell, np.ones(len(cell)))
+    e = _means(baseline.e.reshape(-1, block), cell, np.ones(len(cell)))
     ratios = []
     for weights in (size.astype(float), np.ones(len(size))):
         pure = float(np.sum(weights[:, None] * (e - _means(e, code, weights)[code]) ** 2))
@@ -77,11 +77,11 @@ def _means(e: Array, code: Codes, weights: Array) -> Array:
     return np.stack([np.bincount(code, weights * column) / total for column in e.T], axis=1)
 
 
-def _structure(ground: ProjectedBaseline, data: Measurements, points: Array, block: int) -> tuple[float, str]:
+def _structure(baseline: ProjectedBaseline, data: Measurements, points: Array, block: int) -> tuple[float, str]:
     """Whether residuals of neighbours are alike: ``eᵀ K e`` of many kernels against flipped signs."""
     N = len(data)
     rows = np.arange(N) if N <= _ROWS else np.sort(np.random.default_rng(0).choice(N, _ROWS, replace=False))
-    series = ground.flipped.reshape(N, block, -1)[rows]
+    series = baseline.flipped.reshape(N, block, -1)[rows]
     names, values = [], []
     for name, K in _kernels(data, points, rows):
         np.fill_diagonal(K, 0.0)

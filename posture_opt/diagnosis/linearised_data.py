@@ -28,8 +28,8 @@ class LinearisedData:
         design: so many residuals tell as much as one alone would, as neighbouring postures err alike.
     """
 
-    tangents: EffectSensitivities
-    case: Excitation
+    sensitivities: EffectSensitivities
+    excitation: Excitation
     r: Array
     G: Array
     groups: Codes
@@ -38,7 +38,7 @@ class LinearisedData:
     count: int = 0
     design: float = 1.0
 
-    def ground(self, chosen: Sequence[Candidate] = (), flips: int | None = None) -> ProjectedBaseline:
+    def baseline(self, chosen: Sequence[Candidate] = (), flips: int | None = None) -> ProjectedBaseline:
         """What is left after the geometry and the chosen suspects."""
         columns = np.concatenate([self.G, *(s.Z for s in chosen)], axis=1)
         flips = self.flips if flips is None else flips
@@ -61,22 +61,24 @@ class LinearisedData:
         return replace(self, r=r, G=R[:, : self.G.shape[1]], groups=groups, flips=0, count=count), parts
 
 
-def scene_of(calibration: Calibration, flips: int = 299, seed: int = 0) -> LinearisedData:
+def linearise(calibration: Calibration, flips: int = 299, seed: int = 0) -> LinearisedData:
     """The residuals of a calibrated arm, without its outliers, ready for a search."""
     kept = np.setdiff1d(np.arange(len(calibration.residuals.data)), calibration.outliers)
     residuals = calibration.residuals.take(kept)
     r, J = residuals.both(calibration.x)
     rows = len(kept) * residuals.block
-    tangents = EffectSensitivities(residuals, calibration.x)
+    sensitivities = EffectSensitivities(residuals, calibration.x)
     poses = np.repeat(np.unique(residuals.data.pose, return_inverse=True)[1], residuals.block)
     G = J[:rows] @ calibration.identifiability.directions
-    return LinearisedData(tangents, case_of(residuals.data, residuals.robot), r[:rows], G, poses, flips, seed)
+    return LinearisedData(sensitivities, case_of(residuals.data, residuals.robot), r[:rows], G, poses, flips, seed)
 
 
-def points_of(scene: LinearisedData) -> Array:
+def tool_points(linearised: LinearisedData) -> Array:
     """(N, 3) the tool points of the rows [m]."""
-    n = len(scene.tangents.residuals.data)
-    return np.stack([np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in scene.tangents.walk.position], axis=1)
+    n = len(linearised.sensitivities.residuals.data)
+    return np.stack(
+        [np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in linearised.sensitivities.walk.position], axis=1
+    )
 
 
 def frame_directions(calibration: Calibration) -> Array:

@@ -53,7 +53,7 @@ def standardised(e: Array, leverage: Array) -> Array:
     return np.asarray(np.einsum("nij,nj->ni", root, e))
 
 
-def uneven(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
+def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
     """Every joint, and the range, as the cause of noise that is not the same everywhere.
 
     The null lets the residuals of a visit point anywhere and visits change places, so that heavy tails alone raise
@@ -68,15 +68,15 @@ def uneven(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
         return []
     found = [_ratio(sets, pattern) for pattern in patterns]
     most = np.stack([ratios for ratios, _, _ in found])[:, 1:].max(axis=0)
-    suspects = []
+    candidates = []
     for pattern, (ratios, value, s2) in zip(patterns, found, strict=True):
         ratio, size = float(ratios[0]), pattern.size(value, s2)
         p, std = tail(most, ratio), pattern.error(value, s2)
         named = partial(pattern.named, value, s2, std)
         spread = None if pattern.unit is None else pattern.unit * np.sqrt(pattern.inflation(value) - 1)[:, None]
         who = pattern.kind, pattern.target
-        suspects.append(NoiseCandidate(*who, ratio, p, pattern.quantity, size, std, named, spread))
-    return sorted(suspects, key=lambda s: -s.ratio)
+        candidates.append(NoiseCandidate(*who, ratio, p, pattern.quantity, size, std, named, spread))
+    return sorted(candidates, key=lambda s: -s.ratio)
 
 
 def _ratio(sets: Array, pattern: Pattern) -> tuple[Array, float, float]:
@@ -100,14 +100,14 @@ def _ratio(sets: Array, pattern: Pattern) -> tuple[Array, float, float]:
 
 def _likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
     """(F,) log likelihood and likeliest s² of noise of one size, from squares of residuals and their part along it."""
-    weighed, determinant, count = total, 0.0, total.shape[1] * d
+    rank_members, determinant, count = total, 0.0, total.shape[1] * d
     if along is not None:
         inflation = pattern.inflation(value)
-        weighed, determinant = (total - along) + along / inflation, float(np.log(inflation).sum())
+        rank_members, determinant = (total - along) + along / inflation, float(np.log(inflation).sum())
     level = pattern.level(value)
     if level is not None:
-        weighed, determinant = weighed * np.exp(-level), determinant + d * float(level.sum())
-    s2 = weighed.sum(axis=1) / count
+        rank_members, determinant = rank_members * np.exp(-level), determinant + d * float(level.sum())
+    s2 = rank_members.sum(axis=1) / count
     return -count / 2 * np.log(s2) - 0.5 * determinant, s2
 
 
@@ -121,7 +121,7 @@ def _summit(values: list[float]) -> float:
     return k + (0.5 * (left - right) / bend if bend < 0 else 0.0)
 
 
-def stated_sigma(variance: float, freedom: int, kurtosis: float) -> NoiseCandidate:
+def score_stated_sigma(variance: float, freedom: int, kurtosis: float) -> NoiseCandidate:
     """Whether the residual variance in units of the stated one is 1; long tails, by their kurtosis, widen the test."""
     from scipy.special import erfc
 
@@ -152,7 +152,7 @@ class Tails:
     evidence: float
 
 
-def tails(e: Array) -> Tails:
+def fit_tails(e: Array) -> Tails:
     """Gaussian, Student's t, or Gaussian with a few gross errors: the law of residuals (N, d) of equal covariance."""
     N, d = e.shape
     squares = np.einsum("nd,nd->n", e, e)

@@ -14,7 +14,13 @@ from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.diagnosis.extended_fit import Extended
 from posture_opt.diagnosis.lack_of_fit import LEVEL as UNCLEAR
-from posture_opt.diagnosis.noise_candidates import NoiseCandidate, standardised, stated_sigma, tails, uneven
+from posture_opt.diagnosis.noise_candidates import (
+    NoiseCandidate,
+    fit_tails,
+    score_stated_sigma,
+    score_uneven_noise,
+    standardised,
+)
 from posture_opt.diagnosis.score_tests import ProjectedBaseline
 from posture_opt.measurements.repeat_groups import stays
 from posture_opt.model.effects import NoiseEffect, Outliers, Rows
@@ -42,7 +48,7 @@ def noise_causes(
     problem: CalibrationProblem,
     calibration: Calibration,
     model: Extended,
-    ground: ProjectedBaseline,
+    baseline: ProjectedBaseline,
     closed: float,
     seed: int,
 ) -> list[NoiseCause]:
@@ -52,22 +58,22 @@ def noise_causes(
     """
     residuals = model.residuals
     block = residuals.block
-    Q = ground.Q.reshape(-1, block, ground.Q.shape[1])
-    e = standardised(ground.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
+    Q = baseline.Q.reshape(-1, block, baseline.Q.shape[1])
+    e = standardised(baseline.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
     columns = EffectSensitivities(residuals, model.x).joints
-    e, columns, whole = as_stated(problem, residuals, e, columns)
+    e, columns, whole = in_stated_units(problem, residuals, e, columns)
     level = BESIDE if model.suspects else LEVEL
     rows = Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma, stays(residuals.data))
-    found = uneven_noise(e, rows, seed, level)
+    found = find_uneven_noise(e, rows, seed, level)
     found += [] if closed < UNCLEAR else _outliers(calibration, model, bool(found))
     if position_sigma(problem, residuals.data) and not found and closed >= _DOUBTFUL:
         squares = e**2
         kurtosis = float(np.mean(squares**2) / np.mean(squares) ** 2 - 3)
         # Standardised residuals have their leverage back already.
-        variance = float(np.mean(squares)) if whole else float(ground.rss[0]) / ground.freedom
-        suspect = stated_sigma(variance, ground.freedom, kurtosis)
-        if suspect.p_value < _STATED and abs(np.log(suspect.size)) > np.log(_TASTE):
-            found.append(NoiseCause(suspect.named(), suspect.estimate, suspect.p_value))
+        variance = float(np.mean(squares)) if whole else float(baseline.rss[0]) / baseline.freedom
+        candidate = score_stated_sigma(variance, baseline.freedom, kurtosis)
+        if candidate.p_value < _STATED and abs(np.log(candidate.size)) > np.log(_TASTE):
+            found.append(NoiseCause(candidate.named(), candidate.estimate, candidate.p_value))
     return found
 
 
@@ -87,7 +93,7 @@ def _ranges(residuals: Residuals) -> Array | None:
     return None if position is None else np.asarray(np.linalg.norm(position, axis=1))
 
 
-def uneven_noise(e: Array, rows: Rows, seed: int, level: float = LEVEL) -> list[NoiseCause]:
+def find_uneven_noise(e: Array, rows: Rows, seed: int, level: float = LEVEL) -> list[NoiseCause]:
     """The joints, or the range, along which noise is larger than elsewhere, if any are.
 
     Each joint that is named is taken off, as if it were stated, before the next is asked for at a stricter level.
@@ -96,15 +102,15 @@ def uneven_noise(e: Array, rows: Rows, seed: int, level: float = LEVEL) -> list[
         e: (N, d) residuals in units of their stated covariance.
     """
     named: list[tuple[NoiseCandidate, list[tuple[str, str]]]] = []
-    suspects = uneven(e, rows, seed)
-    while suspects and suspects[0].p_value < (BESIDE if named else level):
-        first = suspects[0]
-        named.append((first, [(s.kind, s.target) for s in suspects[1:] if s.ratio > first.ratio - _RIVALS]))
+    candidates = score_uneven_noise(e, rows, seed)
+    while candidates and candidates[0].p_value < (BESIDE if named else level):
+        first = candidates[0]
+        named.append((first, [(s.kind, s.target) for s in candidates[1:] if s.ratio > first.ratio - _RIVALS]))
         if first.spread is None or len(named) == len(rows.levers):
             break
         e, rows = _without(e, rows, first.spread)
         taken = {(s.kind, s.target) for s, _ in named}
-        suspects = [s for s in uneven(e, rows, seed) if (s.kind, s.target) not in taken]
+        candidates = [s for s in score_uneven_noise(e, rows, seed) if (s.kind, s.target) not in taken]
     taken = {(s.kind, s.target) for s, _ in named}
     return [
         NoiseCause(s.named(), s.estimate, s.p_value, tuple(r for r in rivals if r not in taken)) for s, rivals in named
@@ -118,7 +124,7 @@ def _without(e: Array, rows: Rows, spread: Array) -> tuple[Array, Rows]:
     return e, replace(rows, levers=levers)
 
 
-def as_stated(
+def in_stated_units(
     problem: CalibrationProblem, residuals: Residuals, e: Array, columns: Array
 ) -> tuple[Array, Array, bool]:  # fmt: skip
     """Residuals (N, d) and joint columns (n, N, d) in units of what instrument and joints should scatter by.
@@ -144,11 +150,11 @@ def _outliers(calibration: Calibration, model: Extended, other: bool) -> list[No
         return []
     residuals = calibration.residuals
     rows = len(residuals.data) * residuals.block
-    tangents = EffectSensitivities(residuals, model.x)
-    Z = [tangents.columns(s.what) for s in model.suspects]  # type: ignore[arg-type]
+    sensitivities = EffectSensitivities(residuals, model.x)
+    Z = [sensitivities.columns(s.what) for s in model.suspects]  # type: ignore[arg-type]
     columns = np.concatenate([np.zeros((rows, 0)), *Z], axis=1)
     e = (residuals.whitened(model.x)[:rows] + columns @ model.theta).reshape(-1, residuals.block)
-    law = tails(e)
+    law = fit_tails(e)
     if law.shape != "outliers":
         return []
     count = int(law.rows.sum())

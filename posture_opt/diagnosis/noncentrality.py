@@ -27,15 +27,15 @@ _TIES = 1e-2  # weight of the mean over the pairs beside the weakest one
 _SWEEPS = 2
 
 
-def chance(strength: float) -> float:
+def detection_probability(value: float) -> float:
     """Probability ``Φ(√λ − 3.5)`` that a difference of noncentrality λ is seen."""
     from scipy.special import ndtr
 
-    return float(ndtr(np.sqrt(max(strength, 0.0)) - THRESHOLD))
+    return float(ndtr(np.sqrt(max(value, 0.0)) - THRESHOLD))
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class OrderedPair:
     """One explanation taken for true, and what is fitted in its place.
 
     Args:
@@ -50,7 +50,7 @@ class Pair:
 
 
 @dataclass(frozen=True, eq=False)
-class Parting:
+class DiscriminationDesign:
     """Pairs of explanations, what is known already, and what could be measured.
 
     Args:
@@ -58,19 +58,19 @@ class Parting:
         A: (N, b, K) columns at the candidates, in standard deviations of a measurement.
     """
 
-    pairs: tuple[Pair, ...]
+    pairs: tuple[OrderedPair, ...]
     information: Array
     A: Array
 
     @classmethod
-    def of(cls, pairs: Sequence[Pair], information: Array, A: Array) -> Parting:
+    def of(cls, pairs: Sequence[OrderedPair], information: Array, A: Array) -> DiscriminationDesign:
         """In columns of unit information of data and an average design, which any units are turned into."""
         average = np.einsum("nbk,nbk->k", A, A) / max(len(A), 1)
         scale = np.sqrt(np.maximum(np.diag(information) + average, 1e-300))
         M = information / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
         return cls(tuple(replace(p, signature=p.signature * scale) for p in pairs), M, A / scale)
 
-    def only(self, pairs: Sequence[int]) -> Parting:
+    def only(self, pairs: Sequence[int]) -> DiscriminationDesign:
         """Some of the pairs."""
         return replace(self, pairs=tuple(self.pairs[k] for k in pairs))
 
@@ -79,15 +79,15 @@ class Parting:
         flat = self.A[list(chosen)].reshape(-1, self.A.shape[-1])
         return np.asarray(self.information + rounds * flat.T @ flat)
 
-    def strengths(self, information: Array) -> Array:
+    def noncentralities(self, information: Array) -> Array:
         """(P,) λ of every pair that counts."""
-        return np.array([_strength(pair, information)[0] - pair.spent for pair in self.pairs])
+        return np.array([_noncentrality(pair, information)[0] - pair.spent for pair in self.pairs])
 
     def chosen(self, least: int, most: int) -> list[int]:
         """At most ``most`` candidates, each once, that make the weakest pair strong; fewer where they are enough."""
         found: list[int] = []
         while len(found) < min(most, len(self.A)):
-            if len(found) >= least and self.strengths(self.after(found)).min() >= ENOUGH:
+            if len(found) >= least and self.noncentralities(self.after(found)).min() >= ENOUGH:
                 break
             found.append(self._best(self.after(found), found))
         for _ in range(_SWEEPS):
@@ -109,13 +109,13 @@ class Parting:
         return order
 
     def _best(self, information: Array, taken: Sequence[int]) -> int:
-        reached = np.stack([_strengths_with(pair, information, self.A) for pair in self.pairs])
+        reached = np.stack([_noncentralities_with(pair, information, self.A) for pair in self.pairs])
         worth = reached.min(axis=0) + _TIES * np.minimum(reached, 2 * ENOUGH).mean(axis=0)
         worth[list(taken)] = -np.inf
         return int(np.argmax(worth))
 
 
-def _strength(pair: Pair, M: Array) -> tuple[float, Array, Array]:
+def _noncentrality(pair: OrderedPair, M: Array) -> tuple[float, Array, Array]:
     """λ, the coefficients (r,) that reach for the signature, and a root ``L`` (r, r), ``L Lᵀ = M_FF⁻¹``.
 
     Columns that are alike to rounding, as of parameters that nothing tells apart, are held to what their information
@@ -129,13 +129,13 @@ def _strength(pair: Pair, M: Array) -> tuple[float, Array, Array]:
     return max(float(s @ M @ s - reached @ reached), 0.0), np.asarray(L @ reached), np.asarray(L)
 
 
-def _strengths_with(pair: Pair, M: Array, A: Array) -> Array:
+def _noncentralities_with(pair: OrderedPair, M: Array, A: Array) -> Array:
     """(N,) λ once each of the candidates A (N, b, K) is measured too."""
-    strength, beta, L = _strength(pair, M)
-    strength -= pair.spent
+    value, beta, L = _noncentrality(pair, M)
+    value -= pair.spent
     V = A[:, :, pair.fitted]
     d = A @ pair.signature - V @ beta
     W = V @ L
     S = W @ np.swapaxes(W, 1, 2)
     S[:, range(S.shape[1]), range(S.shape[1])] += 1.0
-    return np.asarray(strength + np.einsum("nb,nb->n", d, np.linalg.solve(S, d[..., None])[..., 0]))
+    return np.asarray(value + np.einsum("nb,nb->n", d, np.linalg.solve(S, d[..., None])[..., 0]))

@@ -19,7 +19,7 @@ _ROUNDS = 8
 _TRIED = 8  # explanations: what was chosen, and that with one of its rivals in place
 
 
-def readmitted(calibration: Calibration, found: SearchResult) -> Calibration:
+def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibration:
     """The calibration without those outliers that what was found, or a rival of it, explains.
 
     A few rows far from all others are left out by a calibration that knows nothing of an effect which is largest there;

@@ -14,7 +14,7 @@ from posture_opt.numerics import Array
 _PLACE = ("base.x", "base.y", "base.z")
 
 
-def lasting(model: Extended, frames: Array, with_time: bool = False) -> Extended:
+def persistent(model: Extended, frames: Array, with_time: bool = False) -> Extended:
     """The estimate without the effects that belong to their session, those of time kept if ``with_time``.
 
     Nothing is fitted again: what changed during the session is still in its data, and geometry and the other effects

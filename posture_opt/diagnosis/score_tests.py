@@ -76,9 +76,9 @@ def orthonormal(columns: Array) -> Array:
     return np.asarray(U[:, s > 1e-7 * s.max(initial=1e-300)])
 
 
-def surviving(ground: ProjectedBaseline, Z: Array) -> tuple[Array, float]:
+def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float]:
     """An orthonormal basis (m, k) of what the ground leaves of a candidate, and the share ρ of it that is left."""
-    rest = ground.project(Z)
+    rest = baseline.project(Z)
     norms = np.linalg.norm(Z, axis=0)
     rho = float(np.max(np.linalg.norm(rest, axis=0) / np.where(norms > 0, norms, 1.0), initial=0.0))
     if rho < ABSORBED:
@@ -102,7 +102,7 @@ def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Arra
     return np.where(np.isfinite(exact) & (exact > -650), exact, tail)
 
 
-def explained(ground: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:
+def explained(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:
     """What the ground leaves of candidates (each (m, k)): shares ρ, numbers of directions, and what they explain.
 
     As `surviving` has it, and from the inner products alone. Shapes (candidates,), (candidates,) and
@@ -110,10 +110,10 @@ def explained(ground: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[A
     """
     sizes = [Z.shape[1] for Z in candidates]
     rho, kept = np.zeros(len(sizes)), np.zeros(len(sizes), dtype=int)
-    gains = np.zeros((len(sizes), ground.flipped.shape[1]))
-    for chunk in _chunks(sizes, len(ground.e)):
+    gains = np.zeros((len(sizes), baseline.flipped.shape[1]))
+    for chunk in _chunks(sizes, len(baseline.e)):
         Z = np.concatenate([candidates[i] for i in chunk], axis=1)
-        cross, scores = ground.Q.T @ Z, Z.T @ ground.flipped
+        cross, scores = baseline.Q.T @ Z, Z.T @ baseline.flipped
         edges = np.cumsum([0, *(sizes[i] for i in chunk)])
         for i, first, last in zip(chunk, edges[:-1], edges[1:], strict=True):
             own = slice(first, last)
@@ -170,7 +170,7 @@ class NullDistribution:
 
 
 def scan_frequencies(
-    ground: ProjectedBaseline, joint_columns: Array, q: Array, cycles: Array
+    baseline: ProjectedBaseline, joint_columns: Array, q: Array, cycles: Array
 ) -> tuple[Array, Array]:  # fmt: skip
     """(K,) explained by each of K frequencies and (B,) the most explained in each flipped set, one joint.
 
@@ -180,8 +180,8 @@ def scan_frequencies(
     """
     N, block = joint_columns.shape
     c = joint_columns
-    series = np.einsum("nb,nbf->nf", c, ground.flipped.reshape(N, block, -1))
-    basis = np.einsum("nb,nbk->nk", c, ground.Q.reshape(N, block, -1))
+    series = np.einsum("nb,nbf->nf", c, baseline.flipped.reshape(N, block, -1))
+    basis = np.einsum("nb,nbk->nk", c, baseline.Q.reshape(N, block, -1))
     square = np.einsum("nb,nb->n", c, c)
     observed, most = np.zeros(len(cycles)), np.zeros(series.shape[1] - 1)
     step = max(1, _CHUNK // (2 * N))

@@ -6,8 +6,8 @@ import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.score_tests import ProjectedBaseline, surviving
-from posture_opt.diagnosis.unnamed_components import UnnamedComponent, between
+from posture_opt.diagnosis.score_tests import ProjectedBaseline, projected_basis
+from posture_opt.diagnosis.unnamed_components import UnnamedComponent, finer_phases
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.slip import STEPS, Slip
 from posture_opt.numerics import Array
@@ -17,78 +17,80 @@ _EVALUATIONS = 16
 _TRIED = 24  # moments of a slip at the least, where there are so many
 
 
-def refined(tangents: EffectSensitivities, ground: ProjectedBaseline, suspect: Candidate) -> Candidate:
+def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate) -> Candidate:
     """The suspect at the shape, between the neighbours on its grid, that explains most of the ground's residuals."""
-    effect = suspect.what
+    effect = candidate.what
     if isinstance(effect, UnnamedComponent):
-        return _between(tangents, ground, suspect, effect)
+        return _between(sensitivities, baseline, candidate, effect)
     if isinstance(effect, Slip):
-        return _moment(tangents, ground, suspect, effect)
+        return _moment(sensitivities, baseline, candidate, effect)
     if not effect.shape or effect.target == "linear":
-        return suspect
+        return candidate
     name = effect.shape[0]
     if name == "lsb":
-        return suspect
+        return candidate
     from scipy.optimize import minimize_scalar
 
     value = float(getattr(effect, name))
-    low, high = _bracket(tangents, effect, name, value)
+    low, high = _bracket(sensitivities, effect, name, value)
 
     def loss(trial: float) -> float:
-        return -_gain(ground, tangents.columns(reshaped(effect, name, trial)))
+        return -_gain(baseline, sensitivities.columns(with_shape(effect, name, trial)))
 
     found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"maxiter": _EVALUATIONS})
     if found.fun >= loss(value):
-        return suspect
-    better = reshaped(effect, name, float(found.x))
-    return Candidate(better, tangents.columns(better), suspect.searched)
+        return candidate
+    better = with_shape(effect, name, float(found.x))
+    return Candidate(better, sensitivities.columns(better), candidate.searched)
 
 
 def _between(
-    tangents: EffectSensitivities, ground: ProjectedBaseline, suspect: Candidate, umbrella: UnnamedComponent
+    sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate, component: UnnamedComponent
 ) -> Candidate:
-    near = [suspect, *(Candidate(u, Z, suspect.searched) for u, Z in between(tangents, umbrella))]
-    return max(near, key=lambda s: _gain(ground, s.Z))
+    near = [candidate, *(Candidate(u, Z, candidate.searched) for u, Z in finer_phases(sensitivities, component))]
+    return max(near, key=lambda s: _gain(baseline, s.Z))
 
 
-def _moment(tangents: EffectSensitivities, ground: ProjectedBaseline, suspect: Candidate, slip: Slip) -> Candidate:
+def _moment(
+    sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate, slip: Slip
+) -> Candidate:
     """The slip between the two rows, no further off than the next moments of the grid, where it explains most.
 
     Any moment between two rows is the same column. Where rows are many, some are tried first, and then those beside
     the best of them: what a slip explains falls off to both sides of its moment.
     """
-    times = np.unique(np.asarray(tangents.site.inputs.time, dtype=float))
+    times = np.unique(np.asarray(sensitivities.site.inputs.time, dtype=float))
     step = float(np.ptp(times)) / STEPS
     near = (times[:-1] < slip.moment + step) & (times[1:] > slip.moment - step)
     between_rows = ((times[:-1] + times[1:]) / 2)[near]
 
     def gain(k: int) -> float:
-        return _gain(ground, tangents.columns(reshaped(slip, "moment", float(between_rows[k]))))
+        return _gain(baseline, sensitivities.columns(with_shape(slip, "moment", float(between_rows[k]))))
 
     count = len(between_rows)
     stride = max(count // _TRIED, 1)
     some = max(range(stride // 2, count, stride), key=gain)
     best = max(range(max(some - stride + 1, 0), min(some + stride, count)), key=gain)
-    if gain(best) < _gain(ground, suspect.Z):
-        return suspect
-    better = reshaped(slip, "moment", float(between_rows[best]))
-    return Candidate(better, tangents.columns(better), suspect.searched)
+    if gain(best) < _gain(baseline, candidate.Z):
+        return candidate
+    better = with_shape(slip, "moment", float(between_rows[best]))
+    return Candidate(better, sensitivities.columns(better), candidate.searched)
 
 
-def _gain(ground: ProjectedBaseline, Z: Array) -> float:
+def _gain(baseline: ProjectedBaseline, Z: Array) -> float:
     """What columns (m, k) explain of the ground's residuals."""
-    return float(np.sum((surviving(ground, Z)[0].T @ ground.e) ** 2))
+    return float(np.sum((projected_basis(baseline, Z)[0].T @ baseline.e) ** 2))
 
 
-def _bracket(tangents: EffectSensitivities, effect: Effect, name: str, value: float) -> tuple[float, float]:
+def _bracket(sensitivities: EffectSensitivities, effect: Effect, name: str, value: float) -> tuple[float, float]:
     if name == "cycles":
-        q = tangents.residuals.data.q[:, tangents.residuals.robot.joint_names.index(effect.target)]
+        q = sensitivities.residuals.data.q[:, sensitivities.residuals.robot.joint_names.index(effect.target)]
         step = 2 * np.pi / float(np.ptp(q)) / 3
         return value - step, value + step
     factor = _RANGE.get(name, 1.5)
     return value / factor, value * factor
 
 
-def reshaped(effect: Effect, name: str, value: float) -> Effect:
+def with_shape(effect: Effect, name: str, value: float) -> Effect:
     """The effect with another shape [SI]."""
     return effect.model_copy(update={name: value})

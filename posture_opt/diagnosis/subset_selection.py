@@ -31,7 +31,7 @@ class Pool:
     bases: Sequence[Array]
     e: Array
     freedom: float
-    price: Array
+    penalty: Array
     rivals: Codes
 
     @cached_property
@@ -73,7 +73,7 @@ class Pool:
 
     def _criterion(self, rss: float, chosen: Chosen) -> float:
         m = self.freedom
-        cost = sum(float(self.price[i]) for i in chosen)
+        cost = sum(float(self.penalty[i]) for i in chosen)
         return float(m * np.log(max(rss, 1e-300) / m) + cost)
 
     def additions(self, chosen: Chosen) -> list[tuple[float, Chosen]]:

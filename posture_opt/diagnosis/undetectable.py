@@ -31,8 +31,8 @@ def not_looked_for(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str,
 
     A joint that gives way is looked for without the masses of the links too: they are unknowns then.
     """
-    case = case_of(residuals.data, residuals.robot)
-    have = set(case.inputs)
+    excitation = case_of(residuals.data, residuals.robot)
+    have = set(excitation.inputs)
     if any(np.isfinite(j.gear_ratio) for j in residuals.robot.joints):
         have.add("gear_ratio")
     missing: dict[str, list[str]] = {}

@@ -31,56 +31,62 @@ class UnnamedComponent:
     shape: float = 0.0
 
 
-def umbrellas(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+def unnamed_components(
+    sensitivities: EffectSensitivities, excitation: Excitation
+) -> Iterator[tuple[UnnamedComponent, Array]]:
     """Every umbrella with its columns (m, k)."""
-    yield from _joint_curves(tangents, case)
-    yield from _dents(tangents, case)
-    yield from _square_waves(tangents, case)
-    yield from _products(tangents, case)
-    if "approach" in case.inputs:
-        yield from _sides(tangents, case)
-    yield from _fields(tangents, case)
+    yield from _joint_curves(sensitivities, excitation)
+    yield from _dents(sensitivities, excitation)
+    yield from _square_waves(sensitivities, excitation)
+    yield from _products(sensitivities, excitation)
+    if "approach" in excitation.inputs:
+        yield from _sides(sensitivities, excitation)
+    yield from _fields(sensitivities, excitation)
 
 
-def _moving(case: Excitation) -> list[int]:
-    return [i for i, span in enumerate(case.span) if span > 1e-6]
+def _moving(excitation: Excitation) -> list[int]:
+    return [i for i, span in enumerate(excitation.span) if span > 1e-6]
 
 
-def _joint_curves(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+def _joint_curves(
+    sensitivities: EffectSensitivities, excitation: Excitation
+) -> Iterator[tuple[UnnamedComponent, Array]]:
     """Radial bases of one joint."""
-    names = case.robot.joint_names
-    for joint in _moving(case):
-        q = tangents.residuals.data.q[:, joint]
-        yield UnnamedComponent("curve", names[joint]), tangents.of_joint(joint, bumps(q))
+    names = excitation.robot.joint_names
+    for joint in _moving(excitation):
+        q = sensitivities.residuals.data.q[:, joint]
+        yield UnnamedComponent("curve", names[joint]), sensitivities.of_joint(joint, bumps(q))
 
 
-def _dents(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+def _dents(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
     """One bump somewhere in the range of a joint."""
-    names = case.robot.joint_names
-    for joint in _moving(case):
-        q = tangents.residuals.data.q[:, joint]
+    names = excitation.robot.joint_names
+    for joint in _moving(excitation):
+        q = sensitivities.residuals.data.q[:, joint]
         shape = 0
         for width in _WIDTHS:
             count = int(np.clip(np.ptp(q) / (1.5 * width), 4, 24))
             for centre in np.linspace(q.min(), q.max(), count):
                 bump = np.exp(-0.5 * ((q - centre) / width) ** 2)
                 if (bump > 0.3).sum() >= _FEWEST:
-                    yield UnnamedComponent("dent", names[joint], shape), tangents.of_joint(joint, bump[:, None])
+                    yield UnnamedComponent("dent", names[joint], shape), sensitivities.of_joint(joint, bump[:, None])
                     shape += 1
 
 
-def between(tangents: EffectSensitivities, umbrella: UnnamedComponent) -> Iterator[tuple[UnnamedComponent, Array]]:
+def finer_phases(
+    sensitivities: EffectSensitivities, component: UnnamedComponent
+) -> Iterator[tuple[UnnamedComponent, Array]]:
     """Square waves with phases between those of the grid, about one of it: an edge that is off costs much."""
-    if umbrella.kind != "square wave":
+    if component.kind != "square wave":
         return
-    joint = tangents.residuals.data.joint_names.index(umbrella.target)
-    q = tangents.residuals.data.q[:, joint]
-    waves = _WAVES[int(umbrella.shape) // _PHASES]
+    joint = sensitivities.residuals.data.joint_names.index(component.target)
+    q = sensitivities.residuals.data.q[:, joint]
+    waves = _WAVES[int(component.shape) // _PHASES]
     for part in np.arange(-_FINER, _FINER + 1) / (2 * _FINER):
-        wave = _square(q, waves, umbrella.shape % _PHASES + part)
+        wave = _square(q, waves, component.shape % _PHASES + part)
         yield (
-            UnnamedComponent(umbrella.kind, umbrella.target, umbrella.shape + part),
-            tangents.of_joint(joint, wave[:, None]),
+            UnnamedComponent(component.kind, component.target, component.shape + part),
+            sensitivities.of_joint(joint, wave[:, None]),
         )
 
 
@@ -96,64 +102,66 @@ def bumps(q: Array, count: int = _BUMPS) -> Array:
     return np.exp(-0.5 * ((q[:, None] - centres) / (0.7 * width)) ** 2)
 
 
-def _square_waves(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
-    names = case.robot.joint_names
-    for joint in _moving(case):
-        if case.robot.joints[joint].type != "revolute":
+def _square_waves(
+    sensitivities: EffectSensitivities, excitation: Excitation
+) -> Iterator[tuple[UnnamedComponent, Array]]:
+    names = excitation.robot.joint_names
+    for joint in _moving(excitation):
+        if excitation.robot.joints[joint].type != "revolute":
             continue
-        q = tangents.residuals.data.q[:, joint]
+        q = sensitivities.residuals.data.q[:, joint]
         for i, waves in enumerate(_WAVES):
             for phase in range(_PHASES):
                 wave = _square(q, waves, phase)
                 if np.abs(wave.mean()) < 0.95:
-                    umbrella = UnnamedComponent("square wave", names[joint], i * _PHASES + phase)
-                    yield umbrella, tangents.of_joint(joint, wave[:, None])
+                    component = UnnamedComponent("square wave", names[joint], i * _PHASES + phase)
+                    yield component, sensitivities.of_joint(joint, wave[:, None])
 
 
-def _products(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+def _products(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
     """The error of one joint as a product of it and another."""
-    names, q = case.robot.joint_names, tangents.residuals.data.q
-    pairs = list(combinations(_moving(case), 2))
+    names, q = excitation.robot.joint_names, sensitivities.residuals.data.q
+    pairs = list(combinations(_moving(excitation), 2))
     for a, b in [*pairs, *((b, a) for a, b in pairs)]:
         waves = [np.stack([np.sin(q[:, j]), np.cos(q[:, j])], axis=1) for j in (a, b)]
         features = (waves[0][:, :, None] * waves[1][:, None, :]).reshape(len(q), -1)
-        yield UnnamedComponent("product", f"{names[a]} x {names[b]}"), tangents.of_joint(a, features)
+        yield UnnamedComponent("product", f"{names[a]} x {names[b]}"), sensitivities.of_joint(a, features)
 
 
-def _sides(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+def _sides(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
     """The side of approach times something that no named effect has."""
-    names, data, site = case.robot.joint_names, tangents.residuals.data, tangents.site
-    for joint in _moving(case):
+    names, data, site = excitation.robot.joint_names, sensitivities.residuals.data, sensitivities.site
+    for joint in _moving(excitation):
         side, q = data.approach[:, joint], data.q[:, joint]
         waves = side[:, None] * np.stack([np.sin(q), np.cos(q)], axis=1)
-        yield UnnamedComponent("side and posture", names[joint]), tangents.of_joint(joint, waves)
-        for other in _moving(case):
+        yield UnnamedComponent("side and posture", names[joint]), sensitivities.of_joint(joint, waves)
+        for other in _moving(excitation):
             if other == joint:
                 continue
-            if "masses" in case.inputs:
+            if "masses" in excitation.inputs:
                 torque = np.abs(np.broadcast_to(np.asarray(site.torque(other), dtype=float), (len(q),)))
                 yield (
                     UnnamedComponent("side and load", f"{names[joint]} x {names[other]}"),
-                    tangents.of_joint(joint, (side * torque)[:, None]),
+                    sensitivities.of_joint(joint, (side * torque)[:, None]),
                 )
             foreign = data.approach[:, other][:, None]
             yield (
                 UnnamedComponent("foreign side", f"{names[joint]} x {names[other]}"),
-                tangents.of_joint(joint, foreign),
+                sensitivities.of_joint(joint, foreign),
             )
 
 
-def _fields(tangents: EffectSensitivities, case: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
+def _fields(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
     """A wave over the workspace, and a smooth course over time."""
-    n = len(tangents.residuals.data)
-    p = np.stack([np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in tangents.walk.position], axis=1)
+    n = len(sensitivities.residuals.data)
+    p = np.stack([np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in sensitivities.walk.position], axis=1)
     size = float(np.linalg.norm(np.ptp(p, axis=0)))
     axes = np.ptp(p, axis=0) > 1e-6
     directions = [d for d in _DIRECTIONS if not np.any(d[~axes])]
     for shape, (direction, share) in enumerate((d, s) for d in directions for s in _LENGTHS):
         phase = 2 * np.pi / (share * max(size, 1e-9)) * (p @ (direction / np.linalg.norm(direction)))
         waves = np.stack([np.sin(phase), np.cos(phase)], axis=1)
-        yield UnnamedComponent("field", "tool point", shape), tangents.of_point(waves)
-    if "time" in case.inputs:
-        t = np.asarray(tangents.site.inputs.time, dtype=float)
-        yield UnnamedComponent("course", "time"), tangents.of_point(bumps(t, 5))
+        yield UnnamedComponent("field", "tool point", shape), sensitivities.of_point(waves)
+    if "time" in excitation.inputs:
+        t = np.asarray(sensitivities.site.inputs.time, dtype=float)
+        yield UnnamedComponent("course", "time"), sensitivities.of_point(bumps(t, 5))

@@ -69,7 +69,7 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
 
 def extended_calibration(diagnosis: Diagnosis) -> Calibration:
     """The calibration with the geometry of the extended arm, and the errors that it leaves."""
-    model, calibration = diagnosis.lasting, diagnosis.calibration
+    model, calibration = diagnosis.persistent, diagnosis.calibration
     g = model.directions.shape[1]
     covariance = model.directions @ model.covariance[:g, :g] @ model.directions.T
     errors = calibration.errors.copy()
@@ -118,7 +118,7 @@ def _weighed(problem: Problem, x: dict[str, float]) -> dict[str, Any]:
 def _exported(diagnosis: Diagnosis) -> tuple[list[Effect], list[tuple[str, int, str]]]:
     """The effects to plan with, and (name, place in theta, unit) of their parameters."""
     effects, parameters = [], []
-    for effect, part in zip(diagnosis.lasting.effects(), diagnosis.lasting.slices, strict=True):
+    for effect, part in zip(diagnosis.persistent.effects(), diagnosis.persistent.slices, strict=True):
         effects.append(effect)
         for k, (name, (_, dimension)) in enumerate(zip(effect.parameter_names, effect.dimensions, strict=True)):
             parameters.append((name, part.start + k, dimension_unit(dimension)))
@@ -129,7 +129,7 @@ def _with_effects(
     problem: Problem, diagnosis: Diagnosis, geometry: Sources, parameters: Sequence[tuple[str, int, str]]
 ) -> Sources:
     """The sources of the geometry with those of the effects, correlated as they were estimated."""
-    model = diagnosis.lasting
+    model = diagnosis.persistent
     together = covariance_at_shapes(model)
     g, k, e = model.directions.shape[1], len(geometry.names), len(parameters)
     names = [p.name for p in diagnosis.calibration.parameters]
@@ -182,7 +182,7 @@ def _header(diagnosis: Diagnosis, scatter: RemainingScatter) -> tuple[str, ...]:
     errors = ", ".join(f"{diagnosis.errors[n].rms * 1e3:.3g} mm {n}" for n in ("nominal", "calibrated", "extended"))
     named = [f for f in diagnosis.findings if f.effect is not None or (f.noise is not None and f.noise.of_arm)]
     named_text = ", ".join(f"{f.kind} of {f.target}" for f in named) or "no effect"
-    stays = {effect.name for effect in diagnosis.lasting.effects()}
+    stays = {effect.name for effect in diagnosis.persistent.effects()}
     left = [effect for effect in diagnosis.model.effects() if effect.name not in stays]
     read = [f.noise.name for f in diagnosis.findings if f.noise is not None and not f.noise.of_arm]
     lines = [

@@ -81,7 +81,7 @@ def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
     rows.append(("Evidence", _evidence(finding.p_value)))
     brings = _brings(diagnosed, finding)
     rows += [("Brings", brings)] if brings else []
-    stays = {effect.name for effect in diagnosed.diagnosis.lasting.effects()}
+    stays = {effect.name for effect in diagnosed.diagnosis.persistent.effects()}
     if finding.effect is not None and finding.effect.name in stays and not finding.effect.for_planning:
         rows.append(("Planning", "kept, as asked for: the 'time' of the task says when it is done"))
     elif finding.effect is not None and not finding.effect.for_planning:

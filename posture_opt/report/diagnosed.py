@@ -55,11 +55,11 @@ class Diagnosed:
         return self.diagnosis.model.residuals
 
     @cached_property
-    def scene(self) -> LinearisedData:
+    def linearised(self) -> LinearisedData:
         """What the search saw, without its null."""
-        from posture_opt.diagnosis.linearised_data import scene_of
+        from posture_opt.diagnosis.linearised_data import linearise
 
-        return scene_of(self.diagnosis.calibration, flips=0)
+        return linearise(self.diagnosis.calibration, flips=0)
 
     @cached_property
     def effects(self) -> tuple[tuple[int, Finding], ...]:
@@ -79,7 +79,7 @@ class Diagnosed:
 
     def turns(self, place: int) -> tuple[float, float]:
         """Least and largest turn of its joint by an effect that acts on one joint [rad]."""
-        model, tangents = self.diagnosis.model, self.scene.tangents
+        model, tangents = self.diagnosis.model, self.linearised.sensitivities
         moves = model.suspects[place].what.moves(tangents.site)  # type: ignore[union-attr]
         turned = np.zeros(len(self.residuals.data))
         for move, value in zip(moves, model.theta[model.slices[place]], strict=True):

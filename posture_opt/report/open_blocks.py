@@ -58,28 +58,28 @@ def _sums(diagnosed: Diagnosed) -> dict[str, list[str]]:
 
 def scores_block(diagnosed: Diagnosed) -> Block:
     """The best candidates on the calibrated arm alone."""
-    judged = diagnosed.diagnosis.search.judged
+    scored = diagnosed.diagnosis.search.scored
     text = (
-        f"{len(judged)} causes and curves without a name were set against what the calibrated arm leaves, each by "
+        f"{len(scored)} causes and curves without a name were set against what the calibrated arm leaves, each by "
         "itself. 'Explains' is of the sum of squares; 'geometry leaves' is the share of the trace of a cause that no "
         "length or angle can imitate; 'by chance' counts in that so many were tried."
     )
     rows = tuple(
         (
-            short_words(j.suspect.kind, j.suspect.target, _cycles(j)),
-            "yes" if j.suspect.named else "no",
+            short_words(j.candidate.kind, j.candidate.target, _cycles(j)),
+            "yes" if j.candidate.named else "no",
             percent(j.share),
             percent(j.rho),
             odds(j.p_value),
         )
-        for j in judged[:_SHOWN]
+        for j in scored[:_SHOWN]
     )
     headers = ("candidate", "in the catalogue", "explains", "geometry leaves", "by chance")
     return Block("What competed", (text, Table(headers, rows, text_columns=2)), "diagnosis_scores")
 
 
-def _cycles(judged: ScoredCandidate) -> dict[str, tuple[float, float, str]] | None:
-    cycles = getattr(judged.suspect.what, "cycles", None)
+def _cycles(scored: ScoredCandidate) -> dict[str, tuple[float, float, str]] | None:
+    cycles = getattr(scored.candidate.what, "cycles", None)
     return None if cycles is None else {"cycles": (float(cycles), float("nan"), "")}
 
 
@@ -89,7 +89,9 @@ def absorbed_block(diagnosed: Diagnosed) -> Block:
 
     search = diagnosed.diagnosis.search
     hidden = [short_words(s.kind, s.target) for s, _ in search.absorbed]
-    faint = [short_words(j.suspect.kind, j.suspect.target) for j in search.judged if j.suspect.named and j.rho < _FAINT]
+    faint = [
+        short_words(j.candidate.kind, j.candidate.target) for j in search.scored if j.candidate.named and j.rho < _FAINT
+    ]
     items: list[str | Facts | Table] = []
     if hidden:
         items.append(

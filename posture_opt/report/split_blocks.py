@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.diagnosis.noncentrality import chance
+from posture_opt.diagnosis.noncentrality import detection_probability
 from posture_opt.measurements.header import AXES, QUATERNION
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.effect_words import short_words
 from posture_opt.report.units_text import angle, count, fixed, joint_unit, percent
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.discrimination_plan import Split, SplitPlan
+    from posture_opt.diagnosis.discrimination_plan import DiscriminatedPair, DiscriminationPlan
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.report.diagnosed import Diagnosed
     from posture_opt.robot.robot import Robot
@@ -42,7 +42,7 @@ def split_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
         f"{count(len(plan.rows), 'posture')}{often} would tell, whichever of two is the true one; 'needed' says how "
         f"many measurements, from the first, it takes for nine chances in ten. {_READ}",
         pairs,
-        *([_HOPE] if any(s.count is None for each in plan.splits.values() for s in each) else []),
+        *([_HOPE] if any(s.count is None for each in plan.pairs.values() for s in each) else []),
         _postures(diagnosed, plan),
         "They keep clear of the arm itself and go no lower than its foot, or than these data went; nothing else is "
         f"checked, so drive slowly the first time. {FILE} has them, to be copied and filled in: put the rows below "
@@ -51,25 +51,25 @@ def split_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
     return (Block(_TITLE, tuple(items)),)
 
 
-def _pairs(diagnosed: Diagnosed, plan: SplitPlan) -> Table:
+def _pairs(diagnosed: Diagnosed, plan: DiscriminationPlan) -> Table:
     rows = []
     for place, finding in diagnosed.effects:
-        for split in plan.splits.get(place, ()):
+        for split in plan.pairs.get(place, ()):
             names = short_words(finding.kind, finding.target, finding.estimate), short_words(split.kind, split.target)
-            rows.append((*names, angle(split.angle), _odds(chance(split.now)), *_then(split)))
+            rows.append((*names, angle(split.angle), _odds(detection_probability(split.now)), *_then(split)))
     table = Table(("cause", "or", "angle", "told now", "then", "needed"), tuple(rows), text_columns=2)
     return table if len(plan.rows) else Table(table.headers[:4], tuple(row[:4] for row in table.rows), text_columns=2)
 
 
-def _then(split: Split) -> tuple[str, str]:
-    return ("", "") if split.count is None else (_odds(chance(split.then)), str(split.count))
+def _then(split: DiscriminatedPair) -> tuple[str, str]:
+    return ("", "") if split.count is None else (_odds(detection_probability(split.then)), str(split.count))
 
 
 def _odds(p: float) -> str:
     return "above 99.9 %" if p > 0.999 else "below 0.1 %" if p < 0.001 else percent(p)
 
 
-def _postures(diagnosed: Diagnosed, plan: SplitPlan) -> Table:
+def _postures(diagnosed: Diagnosed, plan: DiscriminationPlan) -> Table:
     robot, rows = diagnosed.residuals.robot, plan.rows
     heads = [f"{joint.name.replace('_', ' ')} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
     sides = [f"{robot.joint_names[j]} arrives" for j in plan.sided]
@@ -77,7 +77,7 @@ def _postures(diagnosed: Diagnosed, plan: SplitPlan) -> Table:
     return Table(("no.", *heads, *sides, *load), tuple(_cells(robot, plan, i) for i in range(len(rows))), 0)
 
 
-def _cells(robot: Robot, plan: SplitPlan, i: int) -> tuple[str, ...]:
+def _cells(robot: Robot, plan: DiscriminationPlan, i: int) -> tuple[str, ...]:
     rows = plan.rows
     values = [fixed(float(v) * joint_unit(j.type)[1]) for v, j in zip(rows.q[i], robot.joints, strict=True)]
     sides = ["upwards" if rows.approach[i, j] > 0 else "downwards" for j in plan.sided]

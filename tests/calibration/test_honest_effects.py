@@ -8,7 +8,7 @@ import pytest
 import posture_opt as po
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.extended_fit import Extended, fit_calibrated
-from posture_opt.diagnosis.linearised_data import scene_of
+from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
 
 LENGTHS = (0.5, 0.4)
@@ -35,9 +35,9 @@ def fitted(seed: int, copies: int) -> Extended:
     })  # fmt: skip
     table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
     calibration = po.calibrate(problem, po.read_measurements(table, problem), folds=2)
-    tangents = scene_of(calibration, flips=0).tangents
+    sensitivities = linearise(calibration, flips=0).sensitivities
     effect = GearEccentricity(joint="joint1")
-    return fit_calibrated(tangents.residuals, calibration, [Candidate(effect, tangents.columns(effect))])
+    return fit_calibrated(sensitivities.residuals, calibration, [Candidate(effect, sensitivities.columns(effect))])
 
 
 def test_errors_of_effects_know_that_neighbouring_postures_err_alike() -> None:

@@ -12,7 +12,7 @@ from posture_opt.calibration.error_statistics import folds_of, groups_of
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.extended_fit import Extended, fit_calibrated
 from posture_opt.diagnosis.held_out import held_out
-from posture_opt.diagnosis.linearised_data import scene_of
+from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
 
 LENGTHS = (0.5, 0.4)
@@ -63,7 +63,7 @@ def test_what_is_stated_of_the_geometry_keeps_the_diagnosed_arm_right_where_noth
     errors, nominal = [], []
     for seed in range(8):
         calibration, off = calibrated(seed)
-        model = fit_calibrated(scene_of(calibration, flips=0).tangents.residuals, calibration, [])
+        model = fit_calibrated(linearise(calibration, flips=0).sensitivities.residuals, calibration, [])
         # The same rows, the same prior, the same weight: the same arm.
         np.testing.assert_allclose(model.x, calibration.x, atol=2e-6)
         C = model.directions @ model.covariance @ model.directions.T
@@ -76,7 +76,7 @@ def test_what_is_stated_of_the_geometry_keeps_the_diagnosed_arm_right_where_noth
 
 def test_folds_are_fitted_with_what_is_stated() -> None:
     calibration, _ = calibrated(3)
-    residuals = scene_of(calibration, flips=0).tangents.residuals
+    residuals = linearise(calibration, flips=0).sensitivities.residuals
     model = fit_calibrated(residuals, calibration, [])
     groups = groups_of(residuals.data, "pose", 5)
     held = held_out(model, folds_of(groups, 5, "pose"))
@@ -86,9 +86,9 @@ def test_folds_are_fitted_with_what_is_stated() -> None:
 
 def test_an_effect_is_fitted_beside_what_is_stated() -> None:
     calibration, _ = calibrated(5)
-    tangents = scene_of(calibration, flips=0).tangents
+    sensitivities = linearise(calibration, flips=0).sensitivities
     effect = GearEccentricity(joint="joint1")
-    model = fit_calibrated(tangents.residuals, calibration, [Candidate(effect, tangents.columns(effect))])
+    model = fit_calibrated(sensitivities.residuals, calibration, [Candidate(effect, sensitivities.columns(effect))])
     names = [p.name for p in calibration.parameters]
     C = model.directions @ model.covariance[:-2, :-2] @ model.directions.T
     for name, sigma in STATED.items():

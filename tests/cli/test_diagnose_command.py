@@ -18,7 +18,7 @@ from posture_opt.cli.main import main
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.causes import Finding
 from posture_opt.diagnosis.extended_fit import fit_extended
-from posture_opt.diagnosis.linearised_data import scene_of
+from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.other_session import Gain
 from posture_opt.diagnosis.undetectable import not_looked_for
 from posture_opt.model.effects import CATALOGUE
@@ -289,10 +289,10 @@ def test_effects_that_lean_on_each_other_are_fitted_together(folder: Path) -> No
     file = folder / "dent.csv"
     write(file, q, position(q + np.stack([dent, 0 * dent], axis=1)) + rng.normal(0, NOISE, (90, 2)))
     data = po.read_measurements(file, problem)
-    scene = scene_of(po.calibrate(problem, data), flips=0)
+    linearised = linearise(po.calibrate(problem, data), flips=0)
     waves = [CyclicError(joint="joint1", cycles=k) for k in (2.6, 3.4)]
-    suspects = [Candidate(wave, scene.tangents.columns(wave)) for wave in waves]
-    residuals, calibration = scene.tangents.residuals, po.calibrate(problem, data)
+    suspects = [Candidate(wave, linearised.sensitivities.columns(wave)) for wave in waves]
+    residuals, calibration = linearised.sensitivities.residuals, po.calibrate(problem, data)
     model = fit_extended(residuals, calibration.x, calibration.identifiability.directions, suspects)
     r = model.whitened()
     Z = model.columns

@@ -9,7 +9,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.diagnosis.linearised_data import scene_of
+from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.search import search
 from posture_opt.diagnosis.search_dependent_rows import dependence, find
 from tests.helpers.planar_2r import position
@@ -51,14 +51,14 @@ def arm(folder: Path, places: int, neighbours: int, seed: int) -> Calibration:
 def test_as_many_rows_as_tell_something_new(seed: int, tmp_path: Path) -> None:
     calibration = arm(tmp_path, 80, 12, seed)
     assert calibration.design > 3
-    scene = scene_of(calibration, 99)
+    linearised = linearise(calibration, 99)
     # Twelve neighbours tell as much as one.
-    found = find(scene, True)
+    found = find(linearised, True)
     assert 5 < found.design < 13
     named = [(s.kind, s.target) for s in found.chosen if s.named]
     assert ("gear_eccentricity", "joint2") in named
     # By all rows, ever more of the rough curves' lines are "sure".
-    by_all = search(scene)
+    by_all = search(linearised)
     assert len(found.chosen) <= len(by_all.chosen) // 2
 
 
@@ -68,9 +68,9 @@ def test_independent_rows_are_searched_as_ever(tmp_path: Path) -> None:
     # So much that the geometry alone leaves neighbours alike; once it is taken away they are not.
     error = np.stack([np.zeros(150), 1e-3 * np.sin(q[:, 1] + 0.5)], axis=1)
     data = measured(tmp_path, "data.csv", q, error, rng)
-    scene = scene_of(po.calibrate(po.problem_from_dict(PROBLEM), data))
-    assert dependence(scene, ()) > 1.5
-    found, plain = find(scene, True), search(scene)
+    linearised = linearise(po.calibrate(po.problem_from_dict(PROBLEM), data))
+    assert dependence(linearised, ()) > 1.5
+    found, plain = find(linearised, True), search(linearised)
     assert [str(s.what) for s in found.chosen] == [str(s.what) for s in plain.chosen]
     assert [s.kind for s in found.chosen] == ["gear_eccentricity"]
     assert found.p_values == plain.p_values

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.candidates import Candidate, catalogue
+from posture_opt.diagnosis.candidates import Candidate, list_candidates
 from posture_opt.diagnosis.extended_fit import Extended, fit_extended
 from posture_opt.diagnosis.held_out import held_out
 from posture_opt.diagnosis.linear_model import LinearModel
-from posture_opt.diagnosis.linearised_data import LinearisedData, scene_of
+from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
 from posture_opt.diagnosis.score_tests import ABSORBED, explained, waves
-from posture_opt.diagnosis.search import weighed
+from posture_opt.diagnosis.search import rank_members
 from tests.helpers.planar_2r import position
 
 PROBLEM = {
@@ -28,7 +28,7 @@ PROBLEM = {
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> LinearisedData:
+def linearised(tmp_path_factory: pytest.TempPathFactory) -> LinearisedData:
     rng = np.random.default_rng(3)
     q = rng.uniform(-2.5, 2.5, (80, 2))
     error = np.stack([3e-4 * np.sin(q[:, 0]), 2e-4 * np.cos(2 * q[:, 1])], axis=1)
@@ -36,33 +36,33 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> LinearisedData:
     file = tmp_path_factory.mktemp("linear") / "data.csv"
     np.savetxt(file, table, "%.9f", ",", header="joint1 [deg], joint2 [deg], x [mm], y [mm]", comments="")
     problem = po.problem_from_dict(PROBLEM)
-    return scene_of(po.calibrate(problem, po.read_measurements(file, problem)), flips=20)
+    return linearise(po.calibrate(problem, po.read_measurements(file, problem)), flips=20)
 
 
 @pytest.fixture(scope="module")
-def member(scene: LinearisedData) -> Callable[[str, str], Candidate]:
-    everyone = catalogue(scene.tangents, scene.case)
+def member(linearised: LinearisedData) -> Callable[[str, str], Candidate]:
+    everyone = list_candidates(linearised.sensitivities, linearised.excitation)
     return lambda kind, target: next(s for s in everyone if (s.kind, s.target) == (kind, target))
 
 
 @pytest.fixture(scope="module")
-def model(scene: LinearisedData, member: Callable[[str, str], Candidate]) -> Extended:
+def model(linearised: LinearisedData, member: Callable[[str, str], Candidate]) -> Extended:
     suspects = [member("gear_eccentricity", "joint1"), member("gear_second_harmonic", "joint2")]
-    directions = np.linalg.svd(scene.G, full_matrices=False)  # any directions do, as long as they are determined
-    k = len(scene.tangents.x)
-    J = scene.tangents.residuals.both(scene.tangents.x)[1]
-    V = np.linalg.svd(J, full_matrices=False)[2][: scene.G.shape[1]]
+    directions = np.linalg.svd(linearised.G, full_matrices=False)  # any directions do, as long as they are determined
+    k = len(linearised.sensitivities.x)
+    J = linearised.sensitivities.residuals.both(linearised.sensitivities.x)[1]
+    V = np.linalg.svd(J, full_matrices=False)[2][: linearised.G.shape[1]]
     assert V.shape == (len(directions[1]), k)
-    return fit_extended(scene.tangents.residuals, scene.tangents.x, V.T, suspects)
+    return fit_extended(linearised.sensitivities.residuals, linearised.sensitivities.x, V.T, suspects)
 
 
-def test_candidates_from_inner_products(scene: LinearisedData) -> None:
-    ground = scene.ground()
-    everyone = catalogue(scene.tangents, scene.case)
-    rho, sizes, gains = explained(ground, [s.Z for s in everyone])
+def test_candidates_from_inner_products(linearised: LinearisedData) -> None:
+    baseline = linearised.baseline()
+    everyone = list_candidates(linearised.sensitivities, linearised.excitation)
+    rho, sizes, gains = explained(baseline, [s.Z for s in everyone])
     for i, s in enumerate(everyone):
         unit = s.Z / np.maximum(np.linalg.norm(s.Z, axis=0), 1e-300)
-        rest = unit - ground.Q @ (ground.Q.T @ unit)
+        rest = unit - baseline.Q @ (baseline.Q.T @ unit)
         assert rho[i] == pytest.approx(np.linalg.norm(rest, axis=0).max(), abs=1e-7)
         if rho[i] < ABSORBED:
             assert sizes[i] == 0
@@ -70,7 +70,7 @@ def test_candidates_from_inner_products(scene: LinearisedData) -> None:
         U, singular, _ = np.linalg.svd(rest, full_matrices=False)
         U = U[:, singular > max(ABSORBED, 1e-6 * singular[0])]
         assert sizes[i] == U.shape[1]
-        np.testing.assert_allclose(gains[i], np.sum((U.T @ ground.flipped) ** 2, axis=0), rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(gains[i], np.sum((U.T @ baseline.flipped) ** 2, axis=0), rtol=1e-8, atol=1e-8)
 
 
 def test_evenly_spaced_waves() -> None:
@@ -83,20 +83,20 @@ def test_evenly_spaced_waves() -> None:
 
 
 def test_members_are_worth_as_much_in_few_coordinates(
-    scene: LinearisedData, member: Callable[[str, str], Candidate]
+    linearised: LinearisedData, member: Callable[[str, str], Candidate]
 ) -> None:
     members = [member("gear_eccentricity", "joint1"), member("gear_second_harmonic", "joint2")]
-    small, few = scene.reduced(members)
+    small, few = linearised.reduced(members)
     assert len(small.r) < 20
-    whole, part = scene.ground([members[0]], flips=0), small.ground([few[0]], flips=0)
+    whole, part = linearised.baseline([members[0]], flips=0), small.baseline([few[0]], flips=0)
     assert part.freedom == whole.freedom
     assert part.rss[0] == pytest.approx(whole.rss[0], rel=1e-10)
-    chosen, weights = weighed(scene, members)
-    rest = scene.ground(members, flips=0).rss[0]
-    alone = [scene.ground([s], flips=0) for s in chosen[::-1]]  # each without the other
-    for (p, _), ground in zip(weights, alone, strict=True):
+    chosen, weights = rank_members(linearised, members)
+    rest = linearised.baseline(members, flips=0).rss[0]
+    alone = [linearised.baseline([s], flips=0) for s in chosen[::-1]]  # each without the other
+    for (p, _), baseline in zip(weights, alone, strict=True):
         # The leading term of the F test of two directions; the rest of it is of the order of one.
-        assert p == pytest.approx((ground.freedom - 2) / 2 * np.log(rest / ground.rss[0]), abs=1e-6)
+        assert p == pytest.approx((baseline.freedom - 2) / 2 * np.log(rest / baseline.rss[0]), abs=1e-6)
 
 
 @pytest.mark.parametrize("without", [None, 0, 1])

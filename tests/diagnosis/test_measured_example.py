@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.linearised_data import scene_of
+from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.search import search
 from posture_opt.problem.calibrated_problem import replanned
 from posture_opt.problem.load import load_builtin, problems_folder
@@ -79,6 +79,6 @@ def test_no_cause_is_made_up_where_the_joints_scatter(seed: int) -> None:
     # by chance one time in 20 (4799 flips); with 299 of them some draws make it one in 200.
     problem = load_builtin("insert_planar_2r_measured")
     data = po.read_measurements(problems_folder() / "planar_2r_measured.csv", problem)
-    found = search(scene_of(po.calibrate(problem, data), seed=seed))
+    found = search(linearise(po.calibrate(problem, data), seed=seed))
     assert not found.chosen
-    assert 0.035 < found.judged[0].p_value < 0.1
+    assert 0.035 < found.scored[0].p_value < 0.1

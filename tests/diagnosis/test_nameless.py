@@ -9,8 +9,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.linearised_data import LinearisedData, scene_of
-from posture_opt.diagnosis.search import SearchResult, search, still_nameless
+from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
+from posture_opt.diagnosis.search import SearchResult, remaining_unnamed, search
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent
 from posture_opt.model.effects.cyclic_error import CyclicError
 from tests.helpers.planar_2r import position
@@ -44,21 +44,21 @@ def dented(tmp_path_factory: pytest.TempPathFactory) -> tuple[po.Problem, po.Mea
 
 @pytest.fixture(scope="module")
 def scanned(dented: tuple[po.Problem, po.Measurements]) -> tuple[LinearisedData, SearchResult]:
-    scene = scene_of(po.calibrate(*dented))
-    return scene, search(scene)
+    linearised = linearise(po.calibrate(*dented))
+    return linearised, search(linearised)
 
 
 def test_what_the_names_stand_for_is_listed_no_more(scanned: tuple[LinearisedData, SearchResult]) -> None:
-    scene, found = scanned
+    linearised, found = scanned
     curves = [s for s in found.chosen if not s.named]
     assert {s.target for s in curves} == {"joint1", "joint2"}
     # A name that does all that the first curve does, under the name of a wave.
     stand_in = Candidate(CyclicError(joint=curves[0].target, cycles=3.0), curves[0].Z)
     others = [s for s in curves if s.target != curves[0].target]
-    assert list(still_nameless(scene, found, replace(found, chosen=(stand_in,)))) == others
-    assert list(still_nameless(scene, found, found)) == curves
+    assert list(remaining_unnamed(linearised, found, replace(found, chosen=(stand_in,)))) == others
+    assert list(remaining_unnamed(linearised, found, found)) == curves
     everything = tuple(Candidate(CyclicError(joint=s.target, cycles=3.0), s.Z) for s in curves)
-    assert list(still_nameless(scene, found, replace(found, chosen=everything))) == curves
+    assert list(remaining_unnamed(linearised, found, replace(found, chosen=everything))) == curves
 
 
 def test_the_document_tells_where_and_how_surely(dented: tuple[po.Problem, po.Measurements]) -> None:

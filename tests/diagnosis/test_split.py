@@ -14,8 +14,8 @@ from click.testing import CliRunner
 
 import posture_opt as po
 from posture_opt.cli.main import main
-from posture_opt.diagnosis.model_discrimination import Duel, Duels
-from posture_opt.diagnosis.noncentrality import ENOUGH, Pair, Parting, chance
+from posture_opt.diagnosis.model_discrimination import ModelDiscrimination, RivalExplanation
+from posture_opt.diagnosis.noncentrality import ENOUGH, DiscriminationDesign, OrderedPair, detection_probability
 from tests.helpers.planar_2r import position
 
 NOISE, SCALE = 2e-5, 4e-4  # m of each coordinate; rad per rad of joint1
@@ -148,7 +148,7 @@ def test_the_report_tells_the_pairs_and_the_postures(narrow: Any) -> None:
 
 
 @pytest.fixture
-def parting() -> tuple[np.ndarray, np.ndarray, Parting]:
+def parting() -> tuple[np.ndarray, np.ndarray, DiscriminationDesign]:
     """Data (30, 6), candidates (40, 3, 6), and two pairs: columns 4 and 5 against each other."""
     rng = np.random.default_rng(2)
     D, A = rng.normal(size=(30, 6)), rng.normal(size=(40, 3, 6))
@@ -156,8 +156,8 @@ def parting() -> tuple[np.ndarray, np.ndarray, Parting]:
     A[:, :, 5] = A[:, :, 4] + 0.3 * rng.normal(size=(40, 3))
     own, other = np.zeros(6), np.zeros(6)
     own[4], other[5] = 2.0, 1.5
-    pairs = [Pair(own, np.array([0, 1, 2, 3, 5])), Pair(other, np.arange(5))]
-    return D, A, Parting.of(pairs, D.T @ D, A)
+    pairs = [OrderedPair(own, np.array([0, 1, 2, 3, 5])), OrderedPair(other, np.arange(5))]
+    return D, A, DiscriminationDesign.of(pairs, D.T @ D, A)
 
 
 def by_hand(D: np.ndarray, A: np.ndarray, chosen: list[int], rounds: int = 1) -> np.ndarray:
@@ -166,16 +166,16 @@ def by_hand(D: np.ndarray, A: np.ndarray, chosen: list[int], rounds: int = 1) ->
     return np.array([np.sum(rest(np.delete(rows, k, axis=1), size * rows[:, k]) ** 2) for k, size in ends])
 
 
-def test_strengths_are_what_a_fit_leaves(parting: tuple[np.ndarray, np.ndarray, Parting]) -> None:
+def test_strengths_are_what_a_fit_leaves(parting: tuple[np.ndarray, np.ndarray, DiscriminationDesign]) -> None:
     D, A, question = parting
     for chosen, rounds in (([], 1), ([3], 1), ([3, 7, 11], 1), ([3, 7], 4)):
-        assert question.strengths(question.after(chosen, rounds)) == pytest.approx(
+        assert question.noncentralities(question.after(chosen, rounds)) == pytest.approx(
             by_hand(D, A, chosen, rounds), rel=1e-6
         )
 
 
 def test_a_plan_is_as_good_as_the_best_of_all_pairs_of_candidates(
-    parting: tuple[np.ndarray, np.ndarray, Parting],
+    parting: tuple[np.ndarray, np.ndarray, DiscriminationDesign],
 ) -> None:
     D, A, question = parting
     plan = question.chosen(2, 2)
@@ -187,29 +187,29 @@ def test_a_plan_is_as_good_as_the_best_of_all_pairs_of_candidates(
 
 
 def test_what_the_data_promised_and_did_not_keep_counts_no_more() -> None:
-    pair = Pair(np.array([0.0, 4.0]), np.array([0]), spent=10.0)
-    question = Parting.of([pair], np.eye(2), np.zeros((1, 1, 2)))
-    assert question.strengths(question.information) == pytest.approx([6.0])
+    pair = OrderedPair(np.array([0.0, 4.0]), np.array([0]), spent=10.0)
+    question = DiscriminationDesign.of([pair], np.eye(2), np.zeros((1, 1, 2)))
+    assert question.noncentralities(question.information) == pytest.approx([6.0])
 
 
 def test_nine_chances_in_ten() -> None:
-    assert chance(ENOUGH) == pytest.approx(0.9, abs=1e-4)
-    assert chance(3.5**2) == pytest.approx(0.5)
-    assert chance(0.0) < 3e-4
+    assert detection_probability(ENOUGH) == pytest.approx(0.9, abs=1e-4)
+    assert detection_probability(3.5**2) == pytest.approx(0.5)
+    assert detection_probability(0.0) < 3e-4
 
 
 def test_every_two_of_an_effect_and_its_rivals_are_parted() -> None:
     model = SimpleNamespace(suspects=[None] * 3)
-    duels = [Duel(place, None, np.zeros(1), 0.1) for place in (0, 2, 0)]  # type: ignore[arg-type]
-    assert Duels(None, model, tuple(duels)).bouts == [(0, 0, 3), (0, 0, 5), (0, 3, 5), (2, 2, 4)]  # type: ignore[arg-type]
+    explanations = [RivalExplanation(place, None, np.zeros(1), 0.1) for place in (0, 2, 0)]  # type: ignore[arg-type]
+    assert ModelDiscrimination(None, model, tuple(explanations)).pairs == [(0, 0, 3), (0, 0, 5), (0, 3, 5), (2, 2, 4)]  # type: ignore[arg-type]
 
 
-def test_columns_that_are_alike_do_no_harm(parting: tuple[np.ndarray, np.ndarray, Parting]) -> None:
+def test_columns_that_are_alike_do_no_harm(parting: tuple[np.ndarray, np.ndarray, DiscriminationDesign]) -> None:
     D, A, _ = parting
     double = np.concatenate([D, D[:, :1] + 1e-13], axis=1), np.concatenate([A, A[:, :, :1]], axis=2)
     own = np.zeros(7)
     own[4] = 2.0
-    pair = Pair(own, np.array([0, 1, 2, 3, 5, 6]))
-    twin = Parting.of([pair], double[0].T @ double[0], double[1])
+    pair = OrderedPair(own, np.array([0, 1, 2, 3, 5, 6]))
+    twin = DiscriminationDesign.of([pair], double[0].T @ double[0], double[1])
     chosen = twin.chosen(2, 5)
-    assert twin.strengths(twin.after(chosen)) == pytest.approx(by_hand(D, A, chosen)[:1], rel=1e-4)
+    assert twin.noncentralities(twin.after(chosen)) == pytest.approx(by_hand(D, A, chosen)[:1], rel=1e-4)

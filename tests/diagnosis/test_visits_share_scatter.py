@@ -11,8 +11,8 @@ from posture_opt.calibration.calibrate import calibrate
 from posture_opt.diagnosis import noise_candidates, noise_causes
 from posture_opt.diagnosis.extended_fit import fit_extended
 from posture_opt.diagnosis.lack_of_fit import adequacy
-from posture_opt.diagnosis.linearised_data import scene_of
-from posture_opt.diagnosis.noise_candidates import stated_sigma, uneven
+from posture_opt.diagnosis.linearised_data import linearise
+from posture_opt.diagnosis.noise_candidates import score_stated_sigma, score_uneven_noise
 from posture_opt.diagnosis.score_tests import ProjectedBaseline
 from posture_opt.model.effects import Rows
 from posture_opt.validation.repeat_covariance import whitened
@@ -38,8 +38,8 @@ def lack_of_fit(seed: int, passes: int, readings: int, targets: int, wrong: floa
     data = po.read_measurements(table, po.problem_from_dict(yaml.safe_load(RR)))
     e = 5 * rng.normal(size=(visit.max() + 1, 2))[visit] + rng.normal(size=(len(q), 2))
     e += wrong * rng.normal(size=(40, 2))[order]
-    ground = ProjectedBaseline.of(e.ravel(), rng.normal(size=(e.size, 4)), np.repeat(order, 2), 19, 0)
-    return adequacy(ground, data, np.column_stack([q, order]), 2).lack_of_fit
+    baseline = ProjectedBaseline.of(e.ravel(), rng.normal(size=(e.size, 4)), np.repeat(order, 2), 19, 0)
+    return adequacy(baseline, data, np.column_stack([q, order]), 2).lack_of_fit
 
 
 @pytest.mark.parametrize(("readings", "targets"), [(3, 1), (1, 2), (2, 2)])
@@ -53,7 +53,9 @@ def test_readings_and_targets_of_one_visit_are_no_repeats(readings: int, targets
 def test_a_scatter_of_nothing_leaves_the_residual_variance_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """24 residuals and some 5 unknowns: leverage taken off twice would swell the variance by a fourth."""
     seen = []
-    monkeypatch.setattr(noise_causes, "stated_sigma", lambda *given: seen.append(given[0]) or stated_sigma(*given))
+    monkeypatch.setattr(
+        noise_causes, "score_stated_sigma", lambda *given: seen.append(given[0]) or score_stated_sigma(*given)
+    )
     rng = np.random.default_rng(3)
     q = rng.uniform(-2, 2, (12, 2))
     first, both = q[:, 0], q.sum(axis=1)
@@ -65,7 +67,7 @@ def test_a_scatter_of_nothing_leaves_the_residual_variance_as_it_is(monkeypatch:
         stated = po.problem_from_dict(document)
         calibration = calibrate(stated, po.read_measurements(table, stated), folds=2)
         model = fit_extended(calibration.residuals, calibration.x, calibration.identifiability.directions, [])
-        noise_causes.noise_causes(stated, calibration, model, scene_of(calibration, 9).ground(), 1.0, 0)
+        noise_causes.noise_causes(stated, calibration, model, linearise(calibration, 9).baseline(), 1.0, 0)
     assert seen[1] == pytest.approx(seen[0], rel=0.1)
 
 
@@ -78,7 +80,7 @@ def test_rows_of_one_visit_are_no_independent_witnesses_of_a_noisy_joint(monkeyp
     for seed in range(40):
         e = rng.normal(size=(30, 2))[visits] + 0.1 * rng.normal(size=(120, 2))
         rows = Rows(robot, rng.normal(size=(2, 30, 2))[:, visits], None, 2e-5, visits)
-        p.append(uneven(e, rows, seed)[0].p_value)
+        p.append(score_uneven_noise(e, rows, seed)[0].p_value)
     assert np.sum(np.array(p) < 0.05) <= 6
 
 
@@ -101,7 +103,7 @@ def test_every_noisy_joint_is_named(sigma: tuple[float, float], named: list[str]
     c = np.stack([0.5 * elbow + 0.4 * tool, 0.4 * tool])
     e = rng.normal(size=(150, 2)) + np.einsum("nj,jnd->nd", rng.normal(size=(150, 2)) * sigma, c)
     robot = po.problem_from_dict(yaml.safe_load(RR)).robot
-    found = noise_causes.uneven_noise(e, Rows(robot, c, None, 2e-5), 0)
+    found = noise_causes.find_uneven_noise(e, Rows(robot, c, None, 2e-5), 0)
     assert [cause.effect.target for cause in found] == named
     assert not any(cause.confounded_with for cause in found)
     for cause, true in zip(found, sigma, strict=False):

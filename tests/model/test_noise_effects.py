@@ -15,7 +15,7 @@ import posture_opt as po
 from posture_opt.calibration.frames import compare
 from posture_opt.calibration.instrument import readings
 from posture_opt.diagnosis import noise_candidates
-from posture_opt.diagnosis.noise_candidates import uneven
+from posture_opt.diagnosis.noise_candidates import score_uneven_noise
 from posture_opt.errors import InputError
 from posture_opt.model import effects
 from posture_opt.model.effects import CATALOGUE, NOISES, Evidence, NoiseEffect, Rows
@@ -213,7 +213,7 @@ def test_patterns_are_likelihood_ratios_of_their_covariances() -> None:
     robot, N = problem().robot, 30
     rows = Rows(robot, rng.normal(size=(2, N, 2)), rng.uniform(1, 3, N), 2e-5)
     e = rng.normal(size=(N, 2)) + rng.normal(size=(N, 1)) * rows.levers[1]
-    for suspect in uneven(e, rows, seed=0):
+    for suspect in score_uneven_noise(e, rows, seed=0):
         pattern = next(p for cls in NOISES for p in cls.patterns(rows) if p.target == suspect.target)
         plain = multivariate_normal(cov=np.mean(e**2)).logpdf(e.ravel()[:, None]).sum()
         best = -np.inf
@@ -236,13 +236,13 @@ def test_named_noise_has_the_size_that_was_drawn() -> None:
     c = 5e3 * rng.normal(size=(2, N, 2))
     # One joint with 0.2 mrad, in units of the instrument: 2000 rows tell it to 1.6 %.
     e = rng.normal(size=(N, 2)) + 2e-4 * rng.normal(size=(N, 1)) * c[1]
-    first = uneven(e, Rows(robot, c, ranges, sigma), seed=0)[0]
+    first = score_uneven_noise(e, Rows(robot, c, ranges, sigma), seed=0)[0]
     assert (first.kind, first.target) == ("joint_noise", "joint2")
     ((_, value, _),) = first.named().sizes
     assert value == pytest.approx(2e-4, rel=0.05)
     # σ = 10 µm + 20 µm/m r; the search has its logarithm a straight line, which is 10 % off in the middle.
     e = rng.normal(size=(N, 2)) * ((1e-5 + 2e-5 * ranges) / sigma)[:, None]
-    first = uneven(e, Rows(robot, c, ranges, sigma), seed=0)[0]
+    first = score_uneven_noise(e, Rows(robot, c, ranges, sigma), seed=0)[0]
     assert first.kind == "range_noise"
     found = first.named().reading(np.full(3, sigma), np.array([0.5, 1.75, 3.0]))
     np.testing.assert_allclose(found, 1e-5 + 2e-5 * np.array([0.5, 1.75, 3.0]), rtol=0.2)
@@ -259,11 +259,11 @@ def test_the_interval_of_named_noise_holds_its_size(loud: float, monkeypatch: py
         c, r = 1e4 * rng.normal(size=(2, N, 2)), rng.uniform(0.5, 2.0, N)
         rows = Rows(robot, c, r, 2e-5)
         noise = rng.normal(size=(N, 2)) + loud * rng.normal(size=(N, 1)) * c[1]
-        joint = next(s for s in uneven(noise, rows, seed=0) if s.target == "joint2")
+        joint = next(s for s in score_uneven_noise(noise, rows, seed=0) if s.target == "joint2")
         inside["joint_noise"] += abs(joint.size - loud) < 1.96 * joint.std
         slope = 1e4 * loud / 4
         noise = rng.normal(size=(N, 2)) * np.exp(slope * (r - r.mean()) / np.ptp(r))[:, None]
-        growth = next(s for s in uneven(noise, rows, seed=0) if s.kind == "range_noise")
+        growth = next(s for s in score_uneven_noise(noise, rows, seed=0) if s.kind == "range_noise")
         inside["range_noise"] += abs(growth.size - np.expm1(slope)) < 1.96 * growth.std
     assert all(106 <= count <= 120 for count in inside.values()), inside
 

@@ -107,22 +107,22 @@ def _course(lengths: Floats) -> tuple[Floats, Floats]:
 
 def evidence(diagnosed: Diagnosed) -> list[tuple[ScoredCandidate, float]]:
     """Every candidate with the logarithm of its p-value over that which the best one has by chance, the most first."""
-    judged = diagnosed.diagnosis.search.judged
+    scored = diagnosed.diagnosis.search.scored
     found = diagnosed.diagnosis.search
-    chance = found.at_first or found.chance
-    lines = {family: critical_log_p(chance, family) for family in {j.suspect.family for j in judged}}
-    pairs = [(j, max(j.log_p / lines[j.suspect.family], 0.0)) for j in judged]
+    null = found.initial_null or found.null
+    lines = {family: critical_log_p(null, family) for family in {j.candidate.family for j in scored}}
+    pairs = [(j, max(j.log_p / lines[j.candidate.family], 0.0)) for j in scored]
     return sorted(pairs, key=lambda pair: -pair[1])
 
 
-def critical_log_p(chance: NullDistribution, family: str) -> float:
+def critical_log_p(null: NullDistribution, family: str) -> float:
     """The log p-value that a candidate of a family needs to be more than chance, the whole search counted in."""
     from posture_opt.diagnosis.search import FIRST
 
     low, high = -60.0, -1e-6
     for _ in range(50):
         middle = (low + high) / 2
-        low, high = (middle, high) if chance.family_wise(middle, family) < FIRST else (low, middle)
+        low, high = (middle, high) if null.family_wise(middle, family) < FIRST else (low, middle)
     return low
 
 
@@ -132,23 +132,23 @@ def plot_scores(diagnosed: Diagnosed) -> Figure:
     from posture_opt.diagnosis.search import FIRST
 
     pairs = evidence(diagnosed)
-    judged = [j for j, _ in pairs[:_MOST]]
+    scored = [j for j, _ in pairs[:_MOST]]
     # Evidence spans from a little to hundreds of times what chance does: its root shows both ends.
     size = [math.sqrt(value) for _, value in pairs[:_MOST]]
-    ends = [_chosen(j, diagnosed) for j in judged]
-    figure = new_figure(8.4, 1.4 + 0.24 * max(len(judged), 4))
+    ends = [_chosen(j, diagnosed) for j in scored]
+    figure = new_figure(8.4, 1.4 + 0.24 * max(len(scored), 4))
     axes = figure.add_subplot()
-    for k, (j, width, end) in enumerate(zip(judged, size, ends, strict=True)):
-        colour = (GREEN if end else BLUE) if j.suspect.named else PURPLE
+    for k, (j, width, end) in enumerate(zip(scored, size, ends, strict=True)):
+        colour = (GREEN if end else BLUE) if j.candidate.named else PURPLE
         axes.barh(
             k, width, height=0.72, color=colour, zorder=2, edgecolor="white", lw=0.5,
-            hatch="///" if end and not j.suspect.named else None,
+            hatch="///" if end and not j.candidate.named else None,
         )  # fmt: skip
     axes.axvline(1, color="black", lw=1.2, ls="--", zorder=3)
-    nameless = any(end and not j.suspect.named for j, end in zip(judged, ends, strict=True))
-    handles = _handles(any(end and j.suspect.named for j, end in zip(judged, ends, strict=True)), nameless, FIRST)
-    axes.set_yticks(range(len(judged)), [_label(j) for j in judged], fontsize=9)
-    axes.set_ylim(max(len(judged), 4) - 0.5, -0.5)
+    nameless = any(end and not j.candidate.named for j, end in zip(scored, ends, strict=True))
+    handles = _handles(any(end and j.candidate.named for j, end in zip(scored, ends, strict=True)), nameless, FIRST)
+    axes.set_yticks(range(len(scored)), [_label(j) for j in scored], fontsize=9)
+    axes.set_ylim(max(len(scored), 4) - 0.5, -0.5)
     right = 1.04 * max([*size, 1.5])
     ticks = [t for t in _TICKS if math.sqrt(t) <= right and (t in (0, 1) or math.sqrt(t) > 0.12 * right)]
     axes.set_xticks([math.sqrt(t) for t in ticks], [f"{t:g}" for t in ticks], fontsize=9)
@@ -156,17 +156,17 @@ def plot_scores(diagnosed: Diagnosed) -> Figure:
     axes.set_xlabel("evidence of each by itself: log p-value over that of the line")
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)
-    if len(pairs) > len(judged):
-        axes.set_title(f"the first {len(judged)} of {len(pairs)} candidates", fontsize=10)
+    if len(pairs) > len(scored):
+        axes.set_title(f"the first {len(scored)} of {len(pairs)} candidates", fontsize=10)
     figure.legend(*handles, loc="outside lower center", ncols=2)
     return figure
 
 
-def _chosen(judged: ScoredCandidate, diagnosed: Diagnosed) -> bool:
+def _chosen(scored: ScoredCandidate, diagnosed: Diagnosed) -> bool:
     """Whether the candidate is part of the final model; a line of a periodogram as that very line."""
-    cycles = getattr(judged.suspect.what, "cycles", None)
+    cycles = getattr(scored.candidate.what, "cycles", None)
     return any(
-        s.key == judged.suspect.key and (cycles is None or abs(getattr(s.what, "cycles", 0.0) - cycles) < _SAME)
+        s.key == scored.candidate.key and (cycles is None or abs(getattr(s.what, "cycles", 0.0) - cycles) < _SAME)
         for s in (*diagnosed.diagnosis.model.suspects, *(s for s in diagnosed.diagnosis.search.chosen if not s.named))
     )
 
@@ -186,7 +186,7 @@ def _handles(named: bool, nameless: bool, level: float) -> tuple[list[Any], list
     return [e[0] for e in entries], [e[1] for e in entries]
 
 
-def _label(judged: ScoredCandidate) -> str:
-    cycles = getattr(judged.suspect.what, "cycles", None)
+def _label(scored: ScoredCandidate) -> str:
+    cycles = getattr(scored.candidate.what, "cycles", None)
     estimate = None if cycles is None else {"cycles": (float(cycles), math.nan, "")}
-    return short_words(judged.suspect.kind, judged.suspect.target, estimate)
+    return short_words(scored.candidate.kind, scored.candidate.target, estimate)

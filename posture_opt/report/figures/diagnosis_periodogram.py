@@ -28,22 +28,22 @@ def plot_periodogram(diagnosed: Diagnosed) -> Figure:
     from posture_opt.report.figures.diagnosis import critical_log_p
 
     joints = diagnosed.cyclic_joints[:_MOST]
-    scene, model = diagnosed.scene, diagnosed.diagnosis.model
+    linearised, model = diagnosed.linearised, diagnosed.diagnosis.model
     chosen = list(model.suspects)
-    line = critical_log_p(diagnosed.diagnosis.search.chance, CyclicError.family)
+    line = critical_log_p(diagnosed.diagnosis.search.null, CyclicError.family)
     figure = new_figure(9.0, 0.9 + 2.2 * len(joints))
     grid = figure.subplots(len(joints), 1, squeeze=False, sharex=True).ravel()
-    after = scene.ground(chosen, flips=0)
+    after = linearised.baseline(chosen, flips=0)
     for axes, joint in zip(grid, joints, strict=True):
         name = diagnosed.residuals.data.joint_names[joint]
         mine = [s for s in chosen if s.kind in CYCLIC and s.target == name]
-        before = scene.ground([s for s in chosen if s not in mine], flips=0)
+        before = linearised.baseline([s for s in chosen if s not in mine], flips=0)
         cycles, share = _spectrum(diagnosed, before, joint)
         axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label="before its cyclic errors are named", zorder=3)
         cycles, share = _spectrum(diagnosed, after, joint)
         axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all named effects", zorder=4)
-        chance = f"chance reaches this line in {100 * FIRST:.1f} of 100 data sets"
-        axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=chance, zorder=5)
+        null = f"chance reaches this line in {100 * FIRST:.1f} of 100 data sets"
+        axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=null, zorder=5)
         for k, cycles_a_turn in enumerate(sorted(_cycles(suspect.what) for suspect in mine)):
             _mark(axes, cycles_a_turn, k)
         axes.set(title=name, ylabel="explains [%]", xscale="log", ylim=(0, None))
@@ -54,24 +54,24 @@ def plot_periodogram(diagnosed: Diagnosed) -> Figure:
     return figure
 
 
-def _spectrum(diagnosed: Diagnosed, ground: ProjectedBaseline, joint: int) -> tuple[Floats, Floats]:
+def _spectrum(diagnosed: Diagnosed, baseline: ProjectedBaseline, joint: int) -> tuple[Floats, Floats]:
     from posture_opt.diagnosis.score_tests import scan_frequencies
     from posture_opt.model.effects.cyclic_error import CyclicError
 
-    tangents = diagnosed.scene.tangents
+    tangents = diagnosed.linearised.sensitivities
     q = diagnosed.residuals.data.q[:, joint]
     cycles = CyclicError.grid(float(np.ptp(q)))
-    return cycles, scan_frequencies(ground, tangents.joints[joint], q, cycles)[0] / float(ground.rss[0])
+    return cycles, scan_frequencies(baseline, tangents.joints[joint], q, cycles)[0] / float(baseline.rss[0])
 
 
-def _share_of(line: float, ground: ProjectedBaseline) -> float:
+def _share_of(line: float, baseline: ProjectedBaseline) -> float:
     """The share that one frequency must explain for its log p-value to be that of the line."""
     from posture_opt.diagnosis.score_tests import log_p
 
     low, high = 0.0, 1.0
     for _ in range(40):
         middle = (low + high) / 2
-        value = float(log_p(np.array([middle]), np.array([1.0]), 2, ground.freedom)[0])
+        value = float(log_p(np.array([middle]), np.array([1.0]), 2, baseline.freedom)[0])
         low, high = (low, middle) if value < line else (middle, high)
     return high
 

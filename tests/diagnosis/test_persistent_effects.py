@@ -11,8 +11,8 @@ import posture_opt as po
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.causes import _estimate
 from posture_opt.diagnosis.extended_fit import Extended, fit_extended
-from posture_opt.diagnosis.linearised_data import scene_of
-from posture_opt.diagnosis.persistent_effects import lasting
+from posture_opt.diagnosis.linearised_data import linearise
+from posture_opt.diagnosis.persistent_effects import persistent
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.drift import Drift
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
@@ -42,9 +42,9 @@ def measured(folder: Path, case: str) -> tuple[po.Problem, po.Measurements]:
 
 def fitted(problem: po.Problem, data: po.Measurements, *effects: Effect) -> Extended:
     calibration = po.calibrate(problem, data, folds=2)
-    tangents = scene_of(calibration, flips=0).tangents
-    suspects = [Candidate(effect, tangents.columns(effect)) for effect in effects]
-    return fit_extended(tangents.residuals, calibration.x, calibration.identifiability.directions, suspects)
+    sensitivities = linearise(calibration, flips=0).sensitivities
+    suspects = [Candidate(effect, sensitivities.columns(effect)) for effect in effects]
+    return fit_extended(sensitivities.residuals, calibration.x, calibration.identifiability.directions, suspects)
 
 
 def test_the_constant_of_a_drift_is_told_with_its_error(tmp_path: Path) -> None:
@@ -60,7 +60,7 @@ def test_the_constant_of_a_drift_is_told_with_its_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize("case", list(TIMED))
 def test_what_is_kept_is_the_arm_before_it_changed(case: str, tmp_path: Path) -> None:
     model = fitted(*measured(tmp_path, case), TIMED[case], ECCENTRIC)
-    kept = lasting(model, np.zeros((len(model.x), 0)))
+    kept = persistent(model, np.zeros((len(model.x), 0)))
     assert [s.what for s in kept.suspects] == [ECCENTRIC]
     assert np.all(np.abs(kept.theta - [SINE, 0.0]) < 4 * kept.std)  # fitted without it, the drift makes 0.1 mrad more
     assert np.all(kept.std < 6e-6)  # 150 rows of 20 µm at 1 m, and the geometry with them
@@ -68,7 +68,7 @@ def test_what_is_kept_is_the_arm_before_it_changed(case: str, tmp_path: Path) ->
     assert np.all(deviations < 1e-5)  # m: of two links, 2 µm each; fitted without a drift they take up 25 µm
     np.testing.assert_array_equal(kept.std, model.std[model.slices[1]])
     assert kept.variance == model.variance < 1.3
-    assert lasting(model, np.zeros((len(model.x), 0)), with_time=True) is model
+    assert persistent(model, np.zeros((len(model.x), 0)), with_time=True) is model
 
 
 def test_the_file_says_what_the_report_says(tmp_path: Path) -> None:
