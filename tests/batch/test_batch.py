@@ -161,6 +161,7 @@ def test_a_repeatability_becomes_scatter_beside_zeros_that_vary(problem: Any) ->
     assert np.trace(again.visit) == pytest.approx(np.trace(sheet.sources.visit), rel=1e-3)
 
 
+@pytest.mark.campaign
 def test_intervals_hold_correlation_and_sigma_in_95_percent_of_300_batches() -> None:
     rng = np.random.default_rng(3)
     held = np.zeros(3)
@@ -174,6 +175,7 @@ def test_intervals_hold_correlation_and_sigma_in_95_percent_of_300_batches() -> 
     assert np.all((held >= 276) & (held <= 294)), held
 
 
+@pytest.mark.campaign
 def test_errors_of_the_estimates_are_taken_off() -> None:
     """Estimates as uncertain as the batch is wide, with errors that hang together the other way."""
     rng = np.random.default_rng(4)

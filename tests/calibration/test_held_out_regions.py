@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import posture_opt as po
 from posture_opt.calibration.error_statistics import folds_of
@@ -21,6 +22,7 @@ PROBLEM = {
 }
 
 
+@pytest.mark.campaign
 def test_regions_of_a_planar_arm_hold_what_they_say_with_few_rows() -> None:
     """Noise drawn anew each time: twelve rows of two coordinates, and five parameters or so fitted to them."""
     rng = np.random.default_rng(1)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
 import posture_opt as po
 from posture_opt.calibration.calibrate import calibrate
@@ -22,6 +23,7 @@ PLANAR = {"base": {"xyz": ["0 m"] * 3}, "tool": {"xyz": ["0 m"] * 3}}
 WRONG = {"j1.theta": 2e-3, "j1.a": 1e-3, "j2.theta": -3e-3, "j2.a": -5e-4}
 
 
+@pytest.mark.campaign
 def test_intervals_of_95_percent_hold_the_truth_in_95_percent_of_300_draws() -> None:
     problem = problem_of(TWO, robot=PLANAR)
     rng = np.random.default_rng(7)
@@ -46,6 +48,7 @@ def test_intervals_of_95_percent_hold_the_truth_in_95_percent_of_300_draws() -> 
     assert (hits <= 294).all()
 
 
+@pytest.mark.campaign
 def test_predicted_regions_hold_95_percent_of_what_was_left_out() -> None:
     problem = problem_of(TWO, robot=PLANAR)
     shares = []
@@ -58,6 +61,7 @@ def test_predicted_regions_hold_95_percent_of_what_was_left_out() -> None:
     assert 0.935 < np.mean(shares) < 0.965
 
 
+@pytest.mark.campaign
 def test_standard_errors_know_that_neighbouring_postures_err_alike() -> None:
     # Each joint reads a sine of its own angle wrong, which no parameter of the model can express: 600 rows in 60 heaps
     # tell hardly more than the 60 would. Over 40 arms, the estimates must scatter as far as their errors say.

@@ -89,6 +89,7 @@ def test_standard_errors_are_those_of_the_information_by_differences() -> None:
     np.testing.assert_allclose([*found.std, found.instrument_std], observed, rtol=0.15)
 
 
+@pytest.mark.campaign
 def test_intervals_of_95_percent_hold_the_truth_in_95_percent_of_300_draws() -> None:
     rng = np.random.default_rng(3)
     held = np.zeros(3)
@@ -102,6 +103,7 @@ def test_intervals_of_95_percent_hold_the_truth_in_95_percent_of_300_draws() -> 
     assert np.all((held >= 276) & (held <= 294)), held
 
 
+@pytest.mark.campaign
 def test_a_joint_without_scatter_stays_at_zero_and_its_bound_holds() -> None:
     rng = np.random.default_rng(4)
     at_zero, held = 0, 0

@@ -71,6 +71,7 @@ def test_a_scatter_of_nothing_leaves_the_residual_variance_as_it_is(monkeypatch:
     assert seen[1] == pytest.approx(seen[0], rel=0.1)
 
 
+@pytest.mark.campaign
 def test_rows_of_one_visit_are_no_independent_witnesses_of_a_noisy_joint(monkeypatch: pytest.MonkeyPatch) -> None:
     """40 sets of 30 visits, four readings each that repeat what the visit was off by, anywhere: 5 % are below 5 %."""
     monkeypatch.setattr(noise_candidates, "_DRAWS", 99)

@@ -12,7 +12,7 @@ import time
 import warnings
 from pathlib import Path
 
-from tests.golden.cases import document, quick, slow
+from tests.golden.cases import document, missing, quick, slow
 from tests.golden.compare import differences
 
 FOLDER = Path(__file__).parent / "documents"
@@ -30,6 +30,9 @@ def main() -> int:
     wrong = 0
     for name, case in (*quick(), *(slow() if options.slow else ())):
         if not name.startswith(tuple(options.only)):
+            continue
+        if reason := missing(name):
+            print(f"{name}: skipped, {reason}", flush=True)
             continue
         start = time.perf_counter()
         try:

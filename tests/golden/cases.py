@@ -110,6 +110,12 @@ def slow() -> Iterator[tuple[str, Case]]:
         yield f"real-diagnose-{name}", partial(diagnosed, REAL / data, REAL / problem, other)
 
 
+def missing(name: str) -> str:
+    """Why a case cannot be looked at here; empty where it can."""
+    lacks = name.startswith("real-") and not REAL.is_dir()
+    return f"the measurements of real arms are not there: {REAL}" if lacks else ""
+
+
 def document(case: Case) -> Any:
     """The document of a case as JSON text would give it back, without what a clock or a version says."""
     return strip(json.loads(json.dumps(case())))

@@ -248,6 +248,7 @@ def test_named_noise_has_the_size_that_was_drawn() -> None:
     np.testing.assert_allclose(found, 1e-5 + 2e-5 * np.array([0.5, 1.75, 3.0]), rtol=0.2)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("loud", [1e-4, 4e-4])
 def test_the_interval_of_named_noise_holds_its_size(loud: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """120 sets of 100 rows: 95 ± 2 % of the intervals hold the truth."""

@@ -214,6 +214,7 @@ def test_a_box_in_the_plane_of_a_skew_arm_is_reached() -> None:
     assert 0.8 - 1e-6 <= solution.spread.position[0] <= 1.0 + 1e-6
 
 
+@pytest.mark.campaign
 def test_predicted_regions_hold_the_true_landings() -> None:
     """95 % regions of the calibrated arm, visits included, over arms drawn anew."""
     case, inside, trials = CASES["planar 2R"], 0, 80

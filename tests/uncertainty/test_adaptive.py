@@ -72,6 +72,7 @@ def test_more_digits_take_more_trials_and_keep_the_promise():
     assert abs(found.kp - 2.447746831) < 2 * found.tolerances.coverage_factor
 
 
+@pytest.mark.campaign
 def test_the_errors_reached_are_the_true_ones():
     runs = [adaptive(draw_additive, seed=seed) for seed in range(25)]
     scatter = 2 * np.std([run.mean for run in runs] - np.zeros(2), axis=0, ddof=1)

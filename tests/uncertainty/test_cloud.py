@@ -82,6 +82,7 @@ def test_pose_covariance_is_sampled_too():
     assert (np.abs(cloud.pose_covariance - closed) < 5 * error).all()
 
 
+@pytest.mark.campaign
 def test_intervals_hold_the_truth_as_often_as_they_say():
     # 300 clouds of 400; the closed form is exact. Two-sided tail of a true 95 % interval below 1e-4: 0.90 .. 0.985;
     # the intervals are asymptotic, at n = 400 they lose about a percent.

@@ -133,6 +133,7 @@ def test_a_robot_that_repeats_perfectly():
     assert found.accuracy_interval == (0.25, 0.25)
 
 
+@pytest.mark.campaign
 def test_intervals_hold_the_true_values():
     C = diagonal([1e-4, 0.5e-4, 0.3e-4])
     offset = np.array([4e-4, 1e-4, 0.0])

@@ -130,6 +130,7 @@ def test_holm_gives_up_no_more_than_it_may() -> None:
     assert holm([0.2, float("nan")]) == [False, False]
 
 
+@pytest.mark.campaign
 def test_false_alarms_over_the_workspace_stay_at_five_percent() -> None:
     rng = np.random.default_rng(6)
     places = rng.uniform(-1, 1, (130, 3))
@@ -152,6 +153,7 @@ def test_false_alarms_over_the_workspace_stay_at_five_percent() -> None:
     assert careless > 60  # rows of one pose are no independent rows
 
 
+@pytest.mark.campaign
 def test_fitted_parameters_make_no_false_alarms() -> None:
     rng = np.random.default_rng(7)
     problem = planar()

@@ -99,6 +99,7 @@ def test_the_joints_scatter_is_learned_and_predicts_other_postures(understated: 
     assert by["round"].gain == 0
 
 
+@pytest.mark.campaign
 def test_a_true_spread_is_called_right() -> None:
     rng = np.random.default_rng(2)
     verdicts = []
@@ -118,6 +119,7 @@ def test_an_overstated_spread_is_called_so() -> None:
     assert found.visits.interval[0] < 0.4 * 1.05  # the instrument's part is not overstated
 
 
+@pytest.mark.campaign
 def test_predicted_regions_of_the_arm_as_it_stands_hold_95_percent_over_300_robots() -> None:
     """Base and tool are fitted to the rows: what they swallow of the errors is not predicted."""
     rng = np.random.default_rng(4)
@@ -145,6 +147,7 @@ def test_predicted_regions_of_the_arm_as_it_stands_hold_95_percent_over_300_robo
     assert 0.92 <= np.mean(inside) <= 0.98
 
 
+@pytest.mark.campaign
 def test_predicted_regions_of_the_calibrated_arm_hold_95_percent_over_300_draws() -> None:
     from posture_opt.calibration.estimation import estimate
     from posture_opt.calibration.identifiability import identify
@@ -173,6 +176,7 @@ def test_predicted_regions_of_the_calibrated_arm_hold_95_percent_over_300_draws(
     assert 0.92 <= np.mean(inside) <= 0.98
 
 
+@pytest.mark.campaign
 def test_scatter_that_a_calibration_leaves_is_not_inflated_by_its_own_errors() -> None:
     """Near a singular posture the joints do not scatter along the arm; what the fit leaves there is not theirs."""
     rng = np.random.default_rng(6)
@@ -185,6 +189,7 @@ def test_scatter_that_a_calibration_leaves_is_not_inflated_by_its_own_errors() -
     assert np.all(np.max(found, axis=0) < 1.6 * SCATTER)
 
 
+@pytest.mark.campaign
 def test_the_interval_of_the_factor_holds_it_in_95_percent_of_300_draws() -> None:
     rng = np.random.default_rng(7)
     n, common = 50, rng.normal(0, 1e-3, (50, 2, 2))

@@ -1,0 +1,194 @@
+"""The source of a package read as text: its modules, what they import and where, and what they define.
+
+Standard library only, so that any state of the repository can be measured, also one that does not run.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+Where = Literal["top", "typing", "function"]
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+@dataclass(frozen=True)
+class Import:
+    """One imported module: its full name, the line, and whether it is imported for good, for types, or when called."""
+
+    module: str
+    line: int
+    where: Where
+
+
+@dataclass(frozen=True)
+class Module:
+    """One file of a package."""
+
+    name: str
+    path: Path
+    text: str
+
+    @cached_property
+    def tree(self) -> ast.Module:
+        return ast.parse(self.text)
+
+    @property
+    def room(self) -> str:
+        """The folder or file right below the package; empty for the package's own ``__init__``."""
+        return [*self.name.split("."), ""][1]
+
+    @cached_property
+    def lines(self) -> list[str]:
+        return self.text.splitlines()
+
+    @cached_property
+    def statements(self) -> list[tuple[ast.stmt, Where]]:
+        """Every import statement of the file with where it stands."""
+        return list(_statements(self.tree.body, "top"))
+
+    @cached_property
+    def docstrings(self) -> list[ast.Constant]:
+        """Docstrings of the module, its classes and functions, and the strings right behind an assignment."""
+        found = []
+        for node in ast.walk(self.tree):
+            for body in (getattr(node, field, None) for field in ("body", "orelse", "finalbody")):
+                if isinstance(body, list):
+                    found += [s.value for s in body if isinstance(s, ast.Expr) and _is_text(s.value)]
+        return found  # type: ignore[return-value]
+
+    def functions(self) -> Iterator[Function]:
+        yield from (node for node in ast.walk(self.tree) if isinstance(node, Function))
+
+    def classes(self) -> Iterator[ast.ClassDef]:
+        yield from (node for node in ast.walk(self.tree) if isinstance(node, ast.ClassDef))
+
+    def strings(self) -> Iterator[ast.Constant]:
+        """String constants that are no docstrings and no keys of f-strings."""
+        texts = {id(node) for node in self.docstrings}
+        yield from (node for node in ast.walk(self.tree) if _is_text(node) and id(node) not in texts)
+
+
+def _is_text(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, str)
+
+
+def _statements(body: list[ast.stmt], where: Where) -> Iterator[tuple[ast.stmt, Where]]:
+    for node in body:
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            yield node, where
+            continue
+        inside = where
+        if isinstance(node, Function):
+            inside = "function"
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            inside = "typing"
+        for field in ("body", "orelse", "finalbody", "handlers", "cases"):
+            below = getattr(node, field, [])
+            inner = where if field == "orelse" and inside == "typing" else inside
+            for part in below:
+                yield from _statements([part] if isinstance(part, ast.stmt) else part.body, inner)
+
+
+def modules_of(package: Path) -> dict[str, Module]:
+    """Every file of a package by its full name."""
+    found = {}
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package.parent).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        found[name] = Module(name, path, path.read_text(encoding="utf-8"))
+    return found
+
+
+def imports_of(module: Module, known: dict[str, Module]) -> list[Import]:
+    """What a module imports; ``from package import module`` counts as the module."""
+    found = []
+    for node, where in module.statements:
+        if isinstance(node, ast.Import):
+            found += [Import(alias.name, node.lineno, where) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            source = node.module or ""
+            if node.level:
+                parts = module.name.split(".")
+                keep = len(parts) - node.level + (module.path.name == "__init__.py")
+                source = ".".join([*parts[:keep], *([source] if source else [])])
+            targets = {f"{source}.{alias.name}" for alias in node.names}
+            inner = targets & known.keys()
+            found += [Import(target, node.lineno, where) for target in sorted(inner)]
+            found += [Import(source, node.lineno, where)] if targets - inner else []
+    return found
+
+
+def circles(modules: dict[str, Module], kinds: tuple[Where, ...] = ("top", "typing", "function")) -> list[list[str]]:
+    """Groups of modules that import each other in a circle (strongly connected components, Tarjan 1972)."""
+    graph = {
+        name: {i.module for i in imports_of(module, modules) if i.where in kinds and i.module in modules} - {name}
+        for name, module in modules.items()
+    }
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(name: str) -> None:
+        index[name] = low[name] = len(index)
+        stack.append(name)
+        for other in sorted(graph[name]):
+            if other not in index:
+                visit(other)
+            if other in stack:
+                low[name] = min(low[name], low[other])
+        if low[name] == index[name]:
+            group = stack[stack.index(name) :]
+            del stack[stack.index(name) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for name in graph:
+        if name not in index:
+            visit(name)
+    return sorted(found)
+
+
+def defined_twice(modules: dict[str, Module]) -> dict[str, list[str]]:
+    """Names of classes that more than one module defines, with those modules."""
+    homes = defaultdict(list)
+    for module in modules.values():
+        for node in module.classes():
+            homes[node.name].append(module.name)
+    return {name: where for name, where in sorted(homes.items()) if len(where) > 1}
+
+
+def stems_twice(modules: dict[str, Module]) -> dict[str, list[str]]:
+    """Names of files that stand in more than one room, with those rooms."""
+    rooms = defaultdict(set)
+    for module in modules.values():
+        if not module.path.stem.startswith("__"):
+            rooms[module.path.stem].add(module.room)
+    return {stem: sorted(found) for stem, found in sorted(rooms.items()) if len(found) > 1}
+
+
+def kinds_in(modules: dict[str, Module], folder: str) -> set[str]:
+    """What ``kind: Literal[...]`` says in the classes below a package."""
+    found = set()
+    for module in modules.values():
+        if not module.name.startswith(folder):
+            continue
+        for cls in module.classes():
+            for node in cls.body:
+                if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "kind":
+                    found |= {c.value for c in ast.walk(node.annotation) if _is_text(c)}  # type: ignore[attr-defined]
+    return found
+
+
+def body_lines(function: Function) -> int:
+    """Lines of a function's body, its docstring left out; 0 where nothing else is in it."""
+    body = function.body
+    if isinstance(body[0], ast.Expr) and _is_text(body[0].value):
+        body = body[1:]
+    return (body[-1].end_lineno or 0) - body[0].lineno + 1 if body else 0
