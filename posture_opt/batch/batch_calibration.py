@@ -139,7 +139,7 @@ def calibrate_batch(
     estimates = np.array([c.x[columns] for c in calibrations])
     errors = np.array([c.covariance[np.ix_(columns, columns)] for c in calibrations])
     spread = between(estimates, errors)
-    robots = np.repeat(np.arange(len(rows)), [len(c.errors) - len(c.outliers) for c in calibrations])
+    robots = np.repeat(np.arange(len(rows)), [len(c.kept_rows) for c in calibrations])
     return Batch(
         robots=data.robot_names,
         calibrations=calibrations,
@@ -159,7 +159,7 @@ def calibrate_batch(
 
 def _counted(calibrations: tuple[Calibration, ...], errors: list[Array]) -> Array:
     """Errors (N, 3) of all robots, outliers left out."""
-    return np.concatenate([np.delete(e, list(c.outliers), axis=0) for c, e in zip(calibrations, errors, strict=True)])
+    return np.concatenate([e[c.kept_rows] for c, e in zip(calibrations, errors, strict=True)])
 
 
 def _check(data: Measurements) -> None:

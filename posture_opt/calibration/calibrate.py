@@ -88,7 +88,7 @@ class _Fitted:
 
 def _fit(problem: CalibrationProblem, residuals: Residuals, groups: int, priors: bool) -> _Fitted:
     """The free frames, then everything that the data determine; ``groups`` counts what hangs together."""
-    x_nominal = fit_frames(problem.robot, residuals)
+    x_nominal = fit_frames(residuals)
     held = held_length(residuals)
     check_frames(residuals, position_errors(residuals, x_nominal))
     known = determine(problem, residuals, x_nominal, held, priors)

@@ -13,7 +13,7 @@ from posture_opt.calibration.estimation import Beforehand
 from posture_opt.calibration.identifiability import Identifiability
 from posture_opt.calibration.parameters import Parameter
 from posture_opt.calibration.residuals import Residuals
-from posture_opt.numerics import Array, Mask
+from posture_opt.numerics import Array, Codes, Mask
 
 CORRELATED = 0.9  # from here on, one of two estimates leans on the other
 
@@ -67,6 +67,11 @@ class Calibration:
     design: float = 1.0
     beforehand: Beforehand | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def kept_rows(self) -> Codes:
+        """(M,) rows that are no outliers."""
+        return np.setdiff1d(np.arange(len(self.residuals.data)), self.outliers)
 
     @property
     def std(self) -> Array:

@@ -46,7 +46,7 @@ def predict(
         learn = found.kept.copy()
         learn[left_out] = False
         training = residuals.take(np.flatnonzero(learn))
-        x = fit_frames(residuals.robot, training)
+        x = fit_frames(training)
         if known is not None:
             again = estimate(
                 training, x, known.directions, known.prior, robust=False, near=found.fit.x,
@@ -74,7 +74,7 @@ def _inside(rest: Residuals, errors: Array, taught: Array, x: Array, found: Esti
     C = np.broadcast_to(taught.T @ taught / free, (len(e), d, d))
     if found is not None:
         J = rest.both(x)[1][: len(e) * rest.block].reshape(len(e), rest.block, -1)[:, :d] * rest.sigma
-        J = about_points(rest, J)
+        J = rest.data.about_points(J)
         C = C + J @ found.covariance @ np.swapaxes(J, -1, -2)
     return in_regions(e, C, free)
 
@@ -90,22 +90,11 @@ def in_regions(e: Array, C: Array, free: float) -> Mask:
     return np.asarray(squared <= d * free / (free - d + 1) * fdtri(d, free - d + 1, 0.95))
 
 
-def about_points(residuals: Residuals, rows: Array) -> Array:
-    """Rows (N, …) less the mean over the touches of the same point."""
-    if residuals.data.position is not None:
-        return rows
-    rows = rows.copy()
-    for code in np.unique(residuals.data.point):
-        mine = residuals.data.point == code
-        rows[mine] -= rows[mine].mean(axis=0)
-    return rows
-
-
 def position_errors(residuals: Residuals, x: Array) -> Array:
     """Position errors (N, 3) [m]; of touched points, about the mean of each point, which no one knows otherwise."""
     error = residuals.error(x)
     if residuals.data.position is None:
-        return about_points(residuals, error)
+        return residuals.data.about_points(error)
     error[:, ~residuals.data.measured_axes] = 0.0
     return error
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posture_opt.calibration.parameters import tool_unknown
 from posture_opt.calibration.residuals import Residuals
-from posture_opt.calibration.starting_values import frame_rotation, rpy, start, tool_unknown
+from posture_opt.calibration.starting_values import frame_rotation, rpy, start
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Factor, Robot, frame_factors
 

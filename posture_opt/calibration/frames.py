@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +11,12 @@ from posture_opt.calibration.estimation import Estimate, estimate
 from posture_opt.calibration.identifiability import identify
 from posture_opt.calibration.instrument import position_sigma, rotation_sigma
 from posture_opt.calibration.least_squares import noise
-from posture_opt.calibration.parameters import CalibrationProblem, Parameter, candidates, prior_covariance
+from posture_opt.calibration.parameters import CalibrationProblem, Parameter, candidates, prior_covariance, tool_unknown
 from posture_opt.calibration.residuals import Distance, Residuals
-from posture_opt.calibration.starting_values import start, tool_unknown
+from posture_opt.calibration.starting_values import start
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
-from posture_opt.robot.robot import Robot
 
 SIGMA = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
 
@@ -79,22 +79,20 @@ def _distances(problem: CalibrationProblem, data: Measurements, sigma: float) ->
     return tuple(found)
 
 
-def fit_frames(robot: Robot, residuals: Residuals) -> Array:
+def fit_frames(residuals: Residuals) -> Array:
     """Deviations (k,) from nominal with only what is free fitted: frames and touched points."""
     x0 = start(residuals)
-    groups = {"point"} | ({"base"} if robot.base_free else set())
-    groups |= {"tool"} if tool_unknown(robot, residuals.data) else set()
-    found = fit_groups(residuals, x0, groups)
+    found = fit_groups(residuals, x0, residuals.free_groups)
     return x0 if found is None else found.x
 
 
-def fit_groups(residuals: Residuals, x0: Array, groups: set[str]) -> Estimate | None:
+def fit_groups(residuals: Residuals, x0: Array, groups: Collection[str]) -> Estimate | None:
     """The estimate of the parameters of some groups alone, or ``None`` where there are none."""
     directions = _directions(residuals, x0, groups)
     return None if directions is None else estimate(residuals, x0, directions)
 
 
-def _directions(residuals: Residuals, x0: Array, groups: set[str]) -> Array | None:
+def _directions(residuals: Residuals, x0: Array, groups: Collection[str]) -> Array | None:
     """(k, rank) what the data determine of the parameters of some groups, or ``None`` where there are none."""
     columns = [i for i, p in enumerate(residuals.parameters) if p.group in groups]
     if not columns:

@@ -59,6 +59,11 @@ class Parameter:
     axis: int = 0
 
 
+def tool_unknown(robot: Robot, data: Measurements) -> bool:
+    """Whether the tool is found from the data: it is free, or carries several targets, each at an offset of its own."""
+    return robot.tool_free or len(data.target_names) > 1
+
+
 def candidates(robot: Robot, data: Measurements, *, orientation: bool = False) -> tuple[Parameter, ...]:
     """Every parameter that measurements of this kind could tell something about, from base to tool.
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.calibration.parameters import Parameter
+from posture_opt.calibration.parameters import Parameter, tool_unknown
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.row_inputs import extended_for
 from posture_opt.model.chain import Walk
@@ -51,6 +51,20 @@ class Residuals:
     def block(self) -> int:
         """The number of residuals of one row."""
         return len(self.axes) + 3 * self.oriented
+
+    @property
+    def free_groups(self) -> frozenset[str]:
+        """The groups of parameters that are fitted to the nominal arm too: touched points and free frames.
+
+        Several targets are several points of one tool, of which the file can state but one: their offsets are free.
+        """
+        free = {"point": True, "base": self.robot.base_free, "tool": tool_unknown(self.robot, self.data)}
+        return frozenset(group for group, is_free in free.items() if is_free)
+
+    @property
+    def free(self) -> Codes:
+        """(f,) the parameters of those groups."""
+        return np.array([i for i, p in enumerate(self.parameters) if p.group in self.free_groups], dtype=np.intp)
 
     def take(self, rows: Codes) -> Residuals:
         """The residuals of some rows."""

@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from posture_opt.calibration.parameters import tool_unknown
 from posture_opt.calibration.residuals import Residuals, _stacked, matrices
-from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.measurements import group_means
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Codes
-from posture_opt.robot.robot import Factor, Robot
+from posture_opt.robot.robot import Factor
 
 
 def kabsch(a: Array, b: Array) -> tuple[Array, Array]:
@@ -28,11 +29,6 @@ def nearest_rotation(M: Array) -> Array:
     """The rotation closest to a (3, 3) matrix in the Frobenius norm; never a reflection."""
     U, _, Vt = np.linalg.svd(M)
     return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
-
-
-def tool_unknown(robot: Robot, data: Measurements) -> bool:
-    """Whether the tool is found from the data: it is free, or carries several targets, each at an offset of its own."""
-    return robot.tool_free or len(data.target_names) > 1
 
 
 def start(residuals: Residuals) -> Array:
@@ -140,11 +136,8 @@ def _sockets(
         # The points are means: without them, only how far each row strays from the mean of its point is left.
         A = np.zeros((len(p), 3, 3 * len(offset)))
         _tool_columns(A, R, codes, 0)
-        b = p.copy()
-        for k in np.unique(point):
-            mine = point == k
-            A[mine] -= A[mine].mean(axis=0)
-            b[mine] -= b[mine].mean(axis=0)
+        own = np.unique(point, return_inverse=True)[1]
+        A, b = A - group_means(A, own)[own], p - group_means(p, own)[own]
         solution = np.linalg.lstsq(A.reshape(3 * len(p), -1), b.ravel(), rcond=1e-9)[0]
         offset = np.asarray(solution.reshape(len(offset), 3))
     reached = p + np.einsum("nij,nj->ni", R, offset[codes])

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.calibration.cross_validation import about_points, in_regions
+from posture_opt.calibration.cross_validation import in_regions
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.diagnosis.extended_fit import Extended
 from posture_opt.diagnosis.linear_model import LinearModel
@@ -92,7 +92,7 @@ def _expected(residuals: Residuals, r: Array, told: Array, left_out: Codes, root
         C = root[left_out] @ C @ np.swapaxes(root[left_out], -1, -2)
     others = np.delete(r, _index(left_out, block))
     variance = float(others @ others) / max(len(others) - told.shape[1], 1)
-    L = about_points(residuals.take(left_out), rows[left_out]) * residuals.sigma
+    L = residuals.data.take(left_out).about_points(rows[left_out]) * residuals.sigma
     return C + variance * L @ np.swapaxes(L, -1, -2), free
 
 

@@ -63,7 +63,7 @@ class LinearisedData:
 
 def linearise(calibration: Calibration, flips: int = 299, seed: int = 0) -> LinearisedData:
     """The residuals of a calibrated arm, without its outliers, ready for a search."""
-    kept = np.setdiff1d(np.arange(len(calibration.residuals.data)), calibration.outliers)
+    kept = calibration.kept_rows
     residuals = calibration.residuals.take(kept)
     r, J = residuals.both(calibration.x)
     rows = len(kept) * residuals.block
@@ -83,11 +83,8 @@ def tool_points(linearised: LinearisedData) -> Array:
 
 def frame_directions(calibration: Calibration) -> Array:
     """Directions of what is free in the arm as it stands: frames and touched points."""
-    robot = calibration.residuals.robot
-    groups = {"point"} | ({"base"} if robot.base_free else set()) | ({"tool"} if robot.tool_free else set())
-    columns = [i for i, p in enumerate(calibration.parameters) if p.group in groups]
-    k = len(calibration.parameters)
-    if not columns:
+    columns, k = calibration.residuals.free, len(calibration.parameters)
+    if not len(columns):
         return np.zeros((k, 0))
     J = calibration.residuals.both(calibration.x_nominal)[1][:, columns]
     part = identify([calibration.parameters[i].name for i in columns], J, len(calibration.residuals.data))

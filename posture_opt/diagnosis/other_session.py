@@ -158,7 +158,7 @@ class _Sight:
             moved = np.where(residuals.data.measured_axes, residuals.data.position - shift, residuals.data.position)
             residuals = replace(residuals, data=replace(residuals.data, position=moved))
             return position_errors(*self._stood(residuals, x))
-        return position_errors(*self._stood(residuals, x)) + _about_points(shift, residuals.data)
+        return position_errors(*self._stood(residuals, x)) + residuals.data.about_points(shift)
 
     def _stood(self, residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
         """The arm as it stood in the other session."""
@@ -173,13 +173,6 @@ class _Sight:
             rows = (tangents.columns(suspect.what) @ values).reshape(-1, residuals.block)
             shift[:, residuals.axes] += rows[:, : len(residuals.axes)] * residuals.sigma
         return shift
-
-
-def _about_points(shift: Array, data: Measurements) -> Array:
-    shift = shift.copy()
-    for code in np.unique(data.point):
-        shift[data.point == code] -= shift[data.point == code].mean(axis=0)
-    return shift
 
 
 def _without(sight: _Sight, model: Extended, about: LinearModel, left_out: int, moved: Array) -> Array:

@@ -174,7 +174,7 @@ def given_knowledge(
     counts with what the fit leaves in place of the ``expected`` variance.
     """
     residuals, notes = compare(problem, data)
-    x = fit_frames(problem.robot, residuals)
+    x = fit_frames(residuals)
     _, J = residuals.both(x)
     names = [p.name for p in residuals.parameters]
     known = determine(problem, residuals, x, held_length(residuals), priors=True)

@@ -78,11 +78,31 @@ class Measurements:
         """Whether the rows touch fixed points and no instrument measured."""
         return self.position is None
 
+    def about_points(self, values: Floats) -> Floats:
+        """Rows ``values`` (N, …) less their mean over all touches of the same point; as they are where none is touched.
+
+        Nobody knows where a touched point lies: errors there count from the mean of its touches.
+        """
+        return values - self.point_means(values) if self.touches else values
+
+    def point_means(self, values: Floats) -> Floats:
+        """(N, …) the mean of ``values`` (N, …) over all touches of the same point, for each row."""
+        codes = np.unique(self.point, return_inverse=True)[1]
+        return np.asarray(group_means(values, codes)[codes])
+
     def take(self, rows: object) -> Measurements:
         """The measurements of ``rows``, indices or a mask (N,); codes and names keep their meaning."""
         index = np.asarray(rows)
         chosen = {name: values[index] for name in _BY_ROW if (values := getattr(self, name)) is not None}
         return replace(self, **chosen)
+
+
+def group_means(values: Floats, groups: Codes) -> Floats:
+    """(G, …) means of rows ``values`` (N, …) over each group of ``groups`` (N,), in the order of their codes."""
+    _, codes, count = np.unique(groups, return_inverse=True, return_counts=True)
+    sums = np.zeros((len(count), *values.shape[1:]))
+    np.add.at(sums, codes, values)
+    return np.asarray(sums / count.reshape(-1, *[1] * (values.ndim - 1)))
 
 
 _WHOLE = {"joint_names", "measured_axes", "target_names", "robot_names", "point_names", "file", "warnings"}

@@ -73,8 +73,7 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration:
     g = model.directions.shape[1]
     covariance = model.directions @ model.covariance[:g, :g] @ model.directions.T
     errors = calibration.errors.copy()
-    kept = np.setdiff1d(np.arange(len(errors)), calibration.outliers)
-    errors[kept] = diagnosis.held["extended"].errors
+    errors[calibration.kept_rows] = diagnosis.held["extended"].errors
     # Sums over blocks hold what each row makes of the estimate, and no model of single rows may stand in for them.
     design = max(calibration.design, model.design)
     return replace(calibration, x=model.x, covariance=covariance, errors=errors, variance=model.variance, design=design)

@@ -125,7 +125,7 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
     group by group of rows of one pose; fitted parameters have taken a share of them, so that the tests err on
     the side of zero. ``data`` are the measurements that ``calibration`` was made from.
     """
-    kept = np.setdiff1d(np.arange(len(data)), calibration.outliers)
+    kept = calibration.kept_rows
     axes = calibration.residuals.axes
     used = data.take(kept)
     direction = _direction(problem)

@@ -95,13 +95,6 @@ def hotelling(estimate: Array, S: Array, dof: float) -> float:
     return float(fdtrc(rank, rest, t2 * rest / (rank * dof)))
 
 
-def group_means(vectors: Array, groups: Codes) -> Array:
-    """(G, d) means of the rows of each group: rows of one posture share what is wrong there."""
-    _, codes, count = np.unique(groups, return_inverse=True, return_counts=True)
-    sums = np.stack([np.bincount(codes, column) for column in vectors.T], axis=-1)
-    return np.asarray(sums / count[:, None])
-
-
 def block_tests(vectors: Array, places: Array) -> tuple[BlockMean, ...]:
     """Tests of the means of vectors (n, d) [m] in blocks of the workspace, together of size 5 %.
 

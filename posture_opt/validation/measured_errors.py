@@ -142,7 +142,7 @@ def measured_errors(
 def _errors(problem: Problem, data: Measurements) -> Floats:
     """(M, 3) model minus measurement [m]; frames that the file leaves free are fitted."""
     residuals, _ = compare(problem, data)
-    return position_errors(residuals, fit_frames(problem.robot, residuals))
+    return position_errors(residuals, fit_frames(residuals))
 
 
 def _inside(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Floats, instrument: float) -> Floats:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.measurements import Measurements, group_means
 from posture_opt.numerics import Array, Codes
-from posture_opt.validation.mean_test import BlockMean, MeanTest, block_tests, group_means, mean_test
+from posture_opt.validation.mean_test import BlockMean, MeanTest, block_tests, mean_test
 
 _TILT = 1e-6  # rad: rounding of a direction that was written down
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.residuals import Residuals
+from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.derivatives import position_column, rotation_column
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.uncertainty.sources import Sources
@@ -119,7 +120,7 @@ def nominal_prediction(
         fitted = np.einsum("pnb,nbc,qnc->pq", G, V[train], G, optimize=True)
         common[left_out] = A @ root
         visit[left_out] = V[left_out][:, :d, :d] + Fi @ fitted @ np.swapaxes(Fi, -1, -2)
-    return Prediction(residuals.sigma * common, residuals.sigma**2 * _about_points(residuals, visit))
+    return Prediction(residuals.sigma * common, residuals.sigma**2 * _about_points(residuals.data, visit))
 
 
 def calibrated_prediction(
@@ -133,10 +134,10 @@ def calibrated_prediction(
     """
     N, d = len(residuals.data), len(residuals.axes)
     J = residuals.both(x)[1][: N * residuals.block].reshape(N, residuals.block, -1)[:, :d] * residuals.sigma
-    J = J - _means(residuals, J)
+    J = residuals.data.about_points(J)
     S = joint_columns(residuals, x) * scatter
     visit = S @ np.swapaxes(S, -1, -2) + max(instrument, _LEAST) ** 2 * np.eye(d)
-    return Prediction(J @ _even_root(covariance / taught), _about_points(residuals, visit))
+    return Prediction(J @ _even_root(covariance / taught), _about_points(residuals.data, visit))
 
 
 def _root(covariance: Array) -> Array:
@@ -157,10 +158,7 @@ def _even_root(covariance: Array) -> Array:
 
 
 def _free_columns(residuals: Residuals, x: Array) -> Array:
-    robot = residuals.robot
-    groups = {"point"} | ({"base"} if robot.base_free else set()) | ({"tool"} if robot.tool_free else set())
-    free = [i for i, p in enumerate(residuals.parameters) if p.group in groups]
-    N = len(residuals.data)
+    N, free = len(residuals.data), residuals.free
     return np.asarray(residuals.both(x)[1][: N * residuals.block, free].reshape(N, residuals.block, len(free)))
 
 
@@ -172,21 +170,10 @@ def _pseudo_inverse(F: Array) -> Array:
     return np.asarray(scale[:, None] * np.linalg.pinv(flat * scale, rcond=1e-6))
 
 
-def _means(residuals: Residuals, values: Array) -> Array:
-    """Of touched points, the mean of each point's rows: errors of a place nobody knows count from there."""
-    if residuals.data.position is not None:
-        return np.zeros_like(values)
-    found = np.empty_like(values)
-    for code in np.unique(residuals.data.point):
-        mine = residuals.data.point == code
-        found[mine] = values[mine].mean(axis=0)
-    return found
-
-
-def _about_points(residuals: Residuals, scatter: Array) -> Array:
+def _about_points(data: Measurements, scatter: Array) -> Array:
     """Scatter about the mean of n touches of a point is less than about the point: by 1/n of it."""
-    if residuals.data.position is not None:
+    if not data.touches:
         return scatter
-    share = 1.0 / np.bincount(residuals.data.point)[residuals.data.point]
+    share = 1.0 / np.bincount(data.point)[data.point]
     own = np.maximum(1 - 2 * share, 0.0)  # a point touched once has no error at all; it keeps its region
-    return np.asarray(scatter * own[:, None, None] + share[:, None, None] * _means(residuals, scatter))
+    return np.asarray(scatter * own[:, None, None] + share[:, None, None] * data.point_means(scatter))

@@ -86,7 +86,7 @@ def unseen_errors(calibration: Calibration) -> tuple[Array, Array, Codes]:
     scatter along the arm, and all that is left there would be laid on them.
     """
     residuals = calibration.residuals
-    rows = np.setdiff1d(np.arange(len(residuals.data)), calibration.outliers)
+    rows = calibration.kept_rows
     kept = residuals.take(rows)
     none = np.zeros(residuals.robot.n)
     known = calibrated_prediction(kept, calibration.x, calibration.covariance, none, 0.0, _TAUGHT).covariance
@@ -139,7 +139,7 @@ def covariance_under(calibration: Calibration, scatter: RemainingScatter, withou
     A = _without(calibration.covariance / s2, residuals.take(left_out), calibration.x)
     if not scatter.measured or residuals.oriented or residuals.distances:
         return s2 * A
-    rows = np.setdiff1d(np.arange(len(residuals.data)), [*calibration.outliers, *left_out])
+    rows = np.setdiff1d(calibration.kept_rows, left_out)
     kept = residuals.take(rows)
     n, d = len(rows), len(kept.axes)
     J = kept.both(calibration.x)[1][: n * d]

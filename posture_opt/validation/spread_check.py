@@ -105,7 +105,7 @@ def check_spread(
     using the stochastic ellipsoid approach, Robotica 24 (2006) 477.
     """
     residuals = calibration.residuals
-    rows, axes = _kept(calibration), residuals.axes
+    rows, axes = calibration.kept_rows, residuals.axes
     used = residuals.take(rows)
     errors = Errors.of(residuals, problem.sources)
     remaining = remaining_scatter(problem, calibration)
@@ -152,7 +152,7 @@ def predictions(
     problem: CalibrationProblem, calibration: Calibration, folds: int = 5, remaining: RemainingScatter | None = None
 ) -> dict[str, tuple[Array, Prediction, Codes]]:
     """Held-out errors (N, d) [m] by model, what is predicted of them, and the groups (N,) that hang together."""
-    residuals, rows = calibration.residuals, _kept(calibration)
+    residuals, rows = calibration.residuals, calibration.kept_rows
     remaining = remaining or remaining_scatter(problem, calibration)
     groups = groups_of(residuals.data, calibration.by, folds)
     parts = folds_of(groups, folds, calibration.by)
@@ -182,11 +182,6 @@ def _by_folds(calibration: Calibration, remaining: RemainingScatter, parts: list
         )  # fmt: skip
         common[part], visit[part] = found.common[part], found.visit[part]
     return Prediction(common, visit)
-
-
-def _kept(calibration: Calibration) -> Codes:
-    """The rows that are no outliers."""
-    return np.setdiff1d(np.arange(len(calibration.residuals.data)), calibration.outliers)
 
 
 def _sigma(remaining: RemainingScatter, residuals: Residuals) -> Array:

@@ -150,7 +150,7 @@ def test_the_jacobian_is_the_derivative_of_the_residuals() -> None:
     np.testing.assert_allclose(J[position], numeric[position], atol=1e-4 * 5e4)
     assert np.abs(J[position]).max() > 1e4
     # Rotations far from their measurement: the Jacobian is that of a small rotation vector, so test it there.
-    start = fit_frames(problem.robot, residuals)
+    start = fit_frames(residuals)
     assert start.shape == x.shape
 
 

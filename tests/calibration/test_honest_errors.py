@@ -120,7 +120,7 @@ def test_the_whole_fit_agrees_with_scipy() -> None:
     q = rng.uniform(-2.5, 2.5, (40, 2))
     data = rows(problem, q, simulated(TWO, q, np.eye(4), np.eye(4), WRONG) + rng.normal(0, 2e-5, (40, 3)))
     residuals, _ = compare(problem, data)
-    x0 = fit_frames(problem.robot, residuals)
+    x0 = fit_frames(residuals)
     D = determine(problem, residuals, x0, None, False).directions
     ours = estimate(residuals, x0, D, robust=False)
     theirs = least_squares(lambda z: residuals.whitened(x0 + D @ z), np.zeros(D.shape[1]), xtol=1e-14, ftol=1e-14)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.measurements import Measurements, group_means
 from posture_opt.measurements.reading import read_measurements
-from posture_opt.validation.mean_test import block_tests, group_means, holm, mean_test
+from posture_opt.validation.mean_test import block_tests, holm, mean_test
 from posture_opt.validation.trends import trend
 from tests.helpers.planar_2r import position, postures_at
 

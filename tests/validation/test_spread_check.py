@@ -140,7 +140,7 @@ def test_predicted_regions_of_the_arm_as_it_stands_hold_95_percent_over_300_robo
         points = np.column_stack([position(reached, lengths) + NOISE * rng.normal(size=q.shape), np.zeros(24)])
         object.__setattr__(noisy, "position", points)
         object.__setattr__(residuals, "data", noisy)
-        x = fit_frames(problem.robot, residuals.take(train))
+        x = fit_frames(residuals.take(train))
         e = residuals.take(left_out).error(x)[:, :2]
         squared = np.einsum("ni,ni->n", e, np.linalg.solve(predicted, e[..., None])[..., 0])
         inside.append((squared <= chi2.ppf(0.95, 2)).mean())

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from posture_opt.measurements.measurements import group_means
 from posture_opt.report.style import GREY, legend_below, new_figure, styled
-from posture_opt.validation.mean_test import group_means
 
 if TYPE_CHECKING:
     from posture_opt.report.figures.residuals import Shown

@@ -56,7 +56,7 @@ class Shown:
         from posture_opt.model.derivatives import position_column
 
         found = learned.calibration
-        kept = np.setdiff1d(np.arange(len(learned.data)), found.outliers)
+        kept = found.kept_rows
         residuals = found.residuals.take(kept)
         reached = residuals.walk(found.x)
         errors = {"nominal": -1e3 * found.errors_nominal[kept], "calibrated": -1e3 * found.errors[kept]}
