@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tests.helpers.source import (
+    ROOMS,
     Module,
     body_lines,
     circles,
@@ -27,13 +28,12 @@ from tests.helpers.source import (
     imports_of,
     kinds_in,
     modules_of,
+    room_of,
     stems_twice,
 )
 
 HERE = Path(__file__).parents[1]
 EFFECTS = "posture_opt.model.effects"
-ROOMS = ["errors", "units", "spec", "numerics", "nearest", "robot", "model", "uncertainty", "selection"]
-ROOMS += ["measurements", "calibration", "validation", "experiments", "diagnosis", "batch", "problem", "report", "cli"]
 SOURCE = re.compile(
     r"\b(1[89]|20)\d\d\b|\b(ISO|GUM|JCGM|NIST|IEC|DIN|doi|eq\.|data sheet|chapter|section)\b", re.IGNORECASE
 )
@@ -109,7 +109,7 @@ def upward(modules: dict[str, Module]) -> list[str]:
     found = []
     for module in modules.values():
         for imported in imports_of(module, modules):
-            there = [*imported.module.split("."), ""][1]
+            there = room_of(imported.module)
             if imported.module.startswith("posture_opt") and {module.room, there} <= set(ROOMS):
                 found += [module.name] if ROOMS.index(there) > ROOMS.index(module.room) else []
     return found

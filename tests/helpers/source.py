@@ -13,6 +13,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
+ROOMS = ["errors", "units", "spec", "numerics", "nearest", "robot", "model", "uncertainty", "selection"]
+ROOMS += ["measurements", "calibration", "validation", "experiments", "diagnosis", "batch", "problem", "report", "cli"]
+"""The rooms of the package in the order in which they may import each other: each only those before it."""
+
 Where = Literal["top", "typing", "function"]
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -41,7 +45,7 @@ class Module:
     @property
     def room(self) -> str:
         """The folder or file right below the package; empty for the package's own ``__init__``."""
-        return [*self.name.split("."), ""][1]
+        return room_of(self.name)
 
     @cached_property
     def lines(self) -> list[str]:
@@ -72,6 +76,11 @@ class Module:
         """String constants that are no docstrings and no keys of f-strings."""
         texts = {id(node) for node in self.docstrings}
         yield from (node for node in ast.walk(self.tree) if _is_text(node) and id(node) not in texts)
+
+
+def room_of(module: str) -> str:
+    """The folder or file right below a package in which a module stands; empty for the package itself."""
+    return [*module.split("."), ""][1]
 
 
 def _is_text(node: ast.AST) -> bool:
