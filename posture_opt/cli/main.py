@@ -16,8 +16,7 @@ import click
 
 from posture_opt import __version__
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
-from posture_opt.errors import PostureOptError
-from posture_opt.nearest import nearest
+from posture_opt.errors import PostureOptError, nearest
 
 COMMANDS = {
     # name -> one line for --help; each is the function `command` of the file of its name (- is _)

@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 import click
 
 from posture_opt.cli.sigma import entries, exact_note, joint_sigmas
-from posture_opt.errors import InputError, Issue, KeyPath
-from posture_opt.nearest import did_you_mean, nearest, nearest_file
+from posture_opt.errors import InputError, Issue, KeyPath, did_you_mean, nearest
+from posture_opt.files import nearest_file
 from posture_opt.problem.load import builtin_names, builtin_problem, load_builtin, load_problem, problem_from_dict
 from posture_opt.problem.problem import Problem
 from posture_opt.robot import preset_names

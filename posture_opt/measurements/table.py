@@ -12,8 +12,8 @@ from typing import Any, TextIO
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.files import nearest_file
 from posture_opt.measurements.faults import Faults
-from posture_opt.nearest import nearest_file
 
 _BLOCK = 8192  # rows held as texts at a time
 _LONGEST = 100_000  # characters of a line; 20 joints with 20 digits each have 1000

@@ -7,11 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from posture_opt.errors import InputError, Issue, KeyPath
+from posture_opt.errors import InputError, Issue, KeyPath, one_of
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.extension import Extension
 from posture_opt.model.inputs import REFERENCE_TEMPERATURE, Inputs
-from posture_opt.nearest import one_of
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task

@@ -12,8 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from posture_opt.errors import Issue, KeyPath
-from posture_opt.nearest import did_you_mean, nearest, one_of
+from posture_opt.errors import Issue, KeyPath, did_you_mean, nearest, one_of
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.schema_tree import bound_at, example_at, known_keys, nodes_at, size_at
 

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.errors import InputError, Issue
-from posture_opt.nearest import did_you_mean
+from posture_opt.errors import InputError, Issue, did_you_mean
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document, read_yaml
 

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from posture_opt.errors import InputError, Issue, KeyPath
-from posture_opt.nearest import nearest_file
+from posture_opt.files import nearest_file
 
 _LARGEST = 1_000_000  # bytes; the largest problem file written by hand has some thousand
 _MOST_IN_LINE = 2  # parameters; of more, a line breaks between number and unit

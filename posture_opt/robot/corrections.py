@@ -7,8 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
-from posture_opt.errors import InputError, Issue
-from posture_opt.nearest import listed, nearest
+from posture_opt.errors import InputError, Issue, listed, nearest
 from posture_opt.robot.robot import Factor, Robot
 from posture_opt.units import parse_quantity
 

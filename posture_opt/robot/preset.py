@@ -10,8 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from posture_opt.errors import InputError, Issue
-from posture_opt.nearest import one_of
+from posture_opt.errors import InputError, Issue, one_of
 from posture_opt.robot.dh import DhRobot
 from posture_opt.robot.format import RobotFormat
 from posture_opt.robot.mdh import MdhRobot

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from posture_opt.errors import InputError, Issue
-from posture_opt.nearest import listed
+from posture_opt.errors import InputError, Issue, listed
+from posture_opt.files import located
 from posture_opt.numerics import Array
 from posture_opt.robot.format import FULL_TURN, MAX_JOINTS, RobotFormat, joint_name_fault, limits_fault
 from posture_opt.robot.robot import Axis, Factor, Joint, Robot, frame_factors
-from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree, read_urdf
+from posture_opt.robot.urdf_reader import in_urdf, read_urdf
+from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
 
 FLANGE = "tool0"
 MOVING = ("revolute", "continuous", "prismatic")
@@ -47,9 +49,11 @@ class UrdfRobot(RobotFormat):
             InputError: no such file, no URDF, no such link, no chain between the links, or a joint in it that a
                 serial arm with one variable a joint cannot have (mimic, floating, planar).
         """
-        tree = read_urdf(Path(folder) / Path(self.file).expanduser())
+        file = self._located(folder)
+        tree = read_urdf(file)
         path = self._path(tree)
-        _check(path)
+        if issues := [*_faults(path)]:
+            raise InputError([in_urdf(issue, file) for issue in issues])
         segments = _segments(path)
         links = tuple(_link_factors(segment, index) for index, segment in enumerate(segments))
         joints = tuple(_joint(tree, segment) for segment in segments)
@@ -59,6 +63,12 @@ class UrdfRobot(RobotFormat):
             source=f"{self.file}, from {path[0].parent} to {path[-1].child}",
             notes=tuple(f"joint {name} has no <limit>: a turn either way is taken" for name in free),
         )
+
+    def _located(self, folder: Path) -> Path:
+        try:
+            return located(folder, self.file)
+        except InputError as error:
+            raise InputError([issue.at("file") for issue in error.issues]) from None
 
     def _path(self, tree: UrdfTree) -> list[UrdfJoint]:
         base = self.base_link or _only(tree.roots(), "base_link", "root links, the file falls apart")
@@ -81,38 +91,37 @@ def _only(links: list[str], key: str, what: str) -> str:
     raise InputError(Issue(f"the URDF has {len(links)} {what}", (key,), None, f"name one: {key}: {listed(links)}"))
 
 
-def _check(path: list[UrdfJoint]) -> None:
-    """InputError with every joint of the chain that cannot be used."""
-    issues = [Issue(fault, ("file",)) for joint in path if (fault := _fault(joint))]
+def _faults(path: list[UrdfJoint]) -> Iterator[Issue]:
+    """Every joint of the chain that cannot be used, and a chain that nothing can be chosen of."""
+    for joint in path:
+        if joint.type != "fixed" and (fault := _fault(joint)):
+            yield replace(fault, line=joint.line)
     moving = [joint for joint in path if joint.type != "fixed"]
     if not moving:
-        issues.append(Issue(f"no joint moves between '{path[0].parent}' and '{path[-1].child}'", ("tip_link",)))
+        message = f"no joint moves between '{path[0].parent}' and '{path[-1].child}'"
+        yield Issue(message, mend="choose another tip_link or base_link")
     if len(moving) > MAX_JOINTS:
-        fault = f"{len(moving)} moving joints are more than the {MAX_JOINTS} that a serial arm may have here"
-        issues.append(Issue(fault, ("tip_link",)))
-    if issues:
-        raise InputError(issues)
+        message = f"{len(moving)} moving joints are more than the {MAX_JOINTS} that a serial arm may have here"
+        yield Issue(message, mend="choose a tip_link nearer to the base_link")
 
 
-def _fault(joint: UrdfJoint) -> str:
-    """What is wrong with a joint of the chain, or an empty text."""
-    name = f"joint '{joint.name}'"
-    if joint.type == "fixed":
-        return ""
+def _fault(joint: UrdfJoint) -> Issue | None:
+    """What is wrong with a moving joint of the chain."""
+    name, chain = f"joint '{joint.name}'", f"only {', '.join(MOVING)} and fixed joints can stand in the chain"
     if joint.mimics:
-        return f"{name} mimics '{joint.mimics}': coupled joints cannot stand in the chain; choose another tip_link"
+        message = f"{name} mimics '{joint.mimics}': coupled joints cannot stand in the chain"
+        return Issue(message, mend="choose another tip_link")
     if joint.type not in MOVING:
-        kind = f"is {joint.type}" if joint.type else "has no type"
-        return f"{name} {kind}: only {', '.join(MOVING)} and fixed joints can stand in the chain"
+        return Issue(f"{name} {f'is {joint.type}' if joint.type else 'has no type'}", mend=chain)
     if fault := joint_name_fault(joint.name):
-        return fault
+        return Issue(fault)
     if not np.linalg.norm(joint.axis) > 0:
-        return f"{name} has an axis of length zero"
+        return Issue(f"{name} has an axis of length zero", mend='write for example <axis xyz="0 0 1"/>')
     if joint.type == "prismatic" and (joint.lower is None or joint.upper is None):
-        return f'{name} is prismatic and has no limits; write <limit lower="0" upper="0.2" …/>'
+        return Issue(f"{name} is prismatic and has no limits", mend='write <limit lower="0" upper="0.2" …/>')
     if fault := limits_fault(*_limits(joint)):
-        return f"{name}: {fault}"
-    return ""
+        return Issue(f"{name}: {fault}")
+    return None
 
 
 def _limits(joint: UrdfJoint) -> tuple[float, float]:

@@ -6,6 +6,7 @@ import csv
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.nearest import nearest_file
+from posture_opt.files import content
 from posture_opt.numerics import Array
 from posture_opt.robot.corrections import name_issues
 from posture_opt.units import parse_quantity
@@ -70,14 +71,11 @@ def _scale_of(unit: str) -> float:
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Line number and cells of every row that is not blank."""
     try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(Issue(f"the covariance file is larger than {_LARGEST // 10**6} MB", file=str(path)))
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            return _filled(csv.reader(stream))
-    except FileNotFoundError:
-        near = nearest_file(path)
-        raise InputError(Issue(f"no such file: {path}", mend=f"did you mean {near}?" if near else "")) from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        text = content(path, _LARGEST).decode("utf-8-sig")
+        return _filled(csv.reader(StringIO(text, newline="")))
+    except InputError as error:
+        raise InputError([replace(issue, message=f"{issue.message}: {path}") for issue in error.issues]) from None
+    except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(Issue(f"cannot read the covariance file {path}: {error}")) from None
 
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.errors import InputError, Issue
-from posture_opt.nearest import did_you_mean
+from posture_opt.errors import InputError, Issue, did_you_mean
 from posture_opt.robot.robot import Joint, Robot
 
 PostureLike = Mapping[str, float] | Sequence[float] | Any

@@ -10,8 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from posture_opt.errors import InputError, Issue
-from posture_opt.nearest import one_of
+from posture_opt.errors import InputError, Issue, one_of
 from posture_opt.robot.corrections import name_issues
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import os
 import re
 import time
 from collections.abc import Iterator
@@ -284,7 +285,29 @@ def test_urdf_that_does_not_exist(tmp_path: Path) -> None:
     (found,) = faults(tmp_path, text)
     assert found == "problem.yaml:1: robot.file: am.urdf: no such file – did you mean arm.urdf in the same folder?"
     (found,) = faults(tmp_path, text.replace("am.", "arm."))
-    assert found.startswith("problem.yaml:1: robot.file: arm.urdf: the file is not XML: ")
+    assert found.startswith("problem.yaml:1: robot.file: arm.urdf:1: the file is not XML: ")
+
+
+@pytest.mark.parametrize(
+    ("file", "message"),
+    [
+        ('"a\\0b.urdf"', "the file name holds a character that no file name has"),
+        ('"\\ud800.urdf"', "the file name holds characters that no text has"),
+        ("/dev/zero", "/dev/zero: this is a device or a pipe, not a file"),
+        ("pipe.urdf", "pipe.urdf: this is a device or a pipe, not a file"),
+        ("folder", "folder: this is a folder, not a file"),
+        ("~nosuchuser/b.urdf", "there is no home folder ~nosuchuser – write the whole path"),
+        ("huge.urdf", "huge.urdf: the file is larger than 50 MB"),
+    ],
+)
+def test_urdf_that_is_no_file_to_be_read(file: str, message: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.urdf")
+    (tmp_path / "folder").mkdir()
+    with (tmp_path / "huge.urdf").open("wb") as stream:
+        stream.truncate(100_000_000)
+    (found,) = faults(tmp_path, f"robot: {{kind: urdf, file: {file}}}\n")
+    assert found.startswith("problem.yaml:1: robot.file: ")
+    assert message in found
 
 
 def test_urdf_named_relative_to_a_folder_says_where_it_was_looked_for(
@@ -333,7 +356,14 @@ def test_fault_in_a_covariance_file(table: str, message: str, tmp_path: Path) ->
 def test_missing_covariance_file(tmp_path: Path) -> None:
     (tmp_path / "cov.csv").write_text("")
     (found,) = faults(tmp_path, ROBOT + "uncertainty: {covariance: cvo.csv}\n")
-    assert found.startswith("problem.yaml:7: uncertainty.covariance: no such file: cvo.csv – did you mean cov.csv?")
+    assert found.startswith("problem.yaml:7: uncertainty.covariance: no such file: cvo.csv – did you mean cov.csv in")
+
+
+@pytest.mark.parametrize(("file", "message"), [("/dev/zero", "this is a device or a pipe"), ('"a\\0b"', "a character")])
+def test_covariance_that_is_no_file_to_be_read(file: str, message: str, tmp_path: Path) -> None:
+    (found,) = faults(tmp_path, ROBOT + f"uncertainty: {{covariance: {file}}}\n")
+    assert found.startswith("problem.yaml:7: uncertainty.covariance: ")
+    assert message in found
 
 
 def test_bad_dict_names_keys_without_a_file() -> None:

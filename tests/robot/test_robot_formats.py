@@ -241,7 +241,8 @@ CHAIN = urdf_text([(name, (0, 0, 1), (0, 0, 0), (0, 0, 1), None) for name in ("f
     ("robot: {}", "not XML"),
     ("<robot name='x'><link name='a'></robot>", "not XML"),
     ("<sdf version='1.7'/>", "begins with <sdf>"),
-    ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>', "expand it first"),
+    ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>',
+     "1: this is a xacro file, not a URDF: it holds <xacro:arm> – expand it first"),
     ("<robot name='x'/>", "no <link>"),
     (GOOD.replace('name="link1"', 'name="base"'), "two links are named 'base'"),
     (CHAIN.replace('name="second"', 'name="first"'), "two joints are named 'first'"),
@@ -250,11 +251,15 @@ CHAIN = urdf_text([(name, (0, 0, 1), (0, 0, 0), (0, 0, 1), None) for name in ("f
     (CHAIN.replace('<parent link="base"/>', '<parent link="link2"/>').replace('<link name="base"/>', ""),
      "closed loop"),
     (GOOD.replace('<child link="link1"/>', '<child link="hand"/>'), "'hand' that the file does not have"),
-    (GOOD.replace('<child link="link1"/>', ""), "lacks a part"),
-    (GOOD.replace('xyz="0 0 1"', 'xyz="0 0 one"'), "lacks a part or holds no numbers"),
-    (GOOD.replace('origin xyz="0 0 1"', 'origin xyz="0 0 nan"'), "not finite"),
+    (GOOD.replace('<child link="link1"/>', ""), "4: joint 'j' has no <child> – write <child link"),
+    (GOOD.replace(' name="j"', ""), "4: a <joint> lacks its name"),
+    (GOOD.replace('<child link="link1"/>', "<child/>"), "<child> of joint 'j' lacks its link"),
+    (GOOD.replace('xyz="0 0 1"', 'xyz="0 0 one"'),
+     '4: joint \'j\': <origin xyz="0 0 one"> does not hold 3 finite numbers'),
+    (GOOD.replace('origin xyz="0 0 1"', 'origin xyz="0 0 nan"'), "does not hold 3 finite"),
+    (GOOD.replace('lower="-3"', 'lower=""'), '<limit lower=""> does not hold one finite number'),
     (GOOD.replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"'), "axis of length zero"),
-    (GOOD.replace('axis xyz="0 0 1"', 'axis xyz="0 1"'), "not three"),
+    (GOOD.replace('axis xyz="0 0 1"', 'axis xyz="0 1"'), "does not hold 3 finite"),
     (GOOD.replace('lower="-3"', 'lower="4"'), "crossed"),
     (GOOD.replace('name="j"', 'name="j.1"'), "'j.1' holds '.'"),
     (GOOD.replace('"revolute"', '"fixed"'), "no joint moves"),
@@ -264,7 +269,12 @@ CHAIN = urdf_text([(name, (0, 0, 1), (0, 0, 0), (0, 0, 1), None) for name in ("f
     (CHAIN.replace("</joint>\n</robot>", '<mimic joint="first"/></joint></robot>'), "mimics 'first'"),
     (GOOD.replace("</robot>", LINK.format("lonely") + "</robot>"), "2 root links"),
     (urdf_text([(f"j{i}", (0, 0, 1), (0, 0, 0), (0, 0, 1), None) for i in range(21)]), "21 moving joints"),
-    ('<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><robot name="&b;"/>', "file"),
+    ('<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><robot name="&b;"/>',
+     "1: a robot description has no DOCTYPE and no entities – remove <!DOCTYPE"),
+    ('<?xml version="1.0" encoding="utf-9"?><robot name="x"/>', "unknown encoding: utf-9"),
+    ("<robot>" + "<a/>" * 100_000 + "</robot>", "more than 100000 elements"),
+    (GOOD.replace("</robot>", '<link name="a"/><link name="b"/><joint name="k"><parent link="a"/><child link="b"/>'
+     '</joint><joint name="l"><parent link="b"/><child link="a"/></joint></robot>'), "closed loop, 'k' among them"),
 ])  # fmt: skip
 def test_bad_urdf_files(tmp_path, text, message):
     (tmp_path / "arm.urdf").write_text(text)
@@ -274,11 +284,35 @@ def test_bad_urdf_files(tmp_path, text, message):
     assert all(issue.key for issue in caught.value.issues)
 
 
-def test_every_bad_joint_of_a_chain_at_once(tmp_path):
-    (tmp_path / "arm.urdf").write_text(CHAIN.replace('"revolute"', '"planar"'))
+@pytest.mark.parametrize(("good", "bad"), [
+    ('"revolute"', '"planar"'),  # in the chain
+    ('xyz="0 0 1"', 'xyz="x"'),  # origin and axis
+    ('<parent link="', '<parent link="no_'),
+])  # fmt: skip
+def test_every_bad_joint_of_a_chain_at_once(good, bad, tmp_path):
+    (tmp_path / "arm.urdf").write_text(CHAIN.replace(good, bad))
     with pytest.raises(InputError) as caught:
         UrdfRobot(file="arm.urdf").build(tmp_path)
-    assert len(caught.value.issues) == 2
+    lines = [issue.message.split(":")[1] for issue in caught.value.issues]
+    assert sorted(set(lines)) == ["4", "6"]
+
+
+@pytest.mark.parametrize(
+    "declared", ['<!ENTITY mm "e-3">', '<!ENTITY pi "3.14159">', '<!ENTITY x SYSTEM "/etc/hosts">', ""]
+)
+def test_no_entity_changes_a_number(declared, tmp_path):
+    text = GOOD.replace('xyz="0 0 1"', 'xyz="500&mm; 0 0"', 1)
+    (tmp_path / "arm.urdf").write_text(f"<?xml version='1.0'?>\n<!DOCTYPE robot [{declared}]>\n{text}")
+    with pytest.raises(InputError, match=r"arm\.urdf:2: a robot description has no DOCTYPE and no entities"):
+        UrdfRobot(file="arm.urdf").build(tmp_path)
+
+
+def test_what_the_kinematics_do_not_need_is_not_looked_at(tmp_path):
+    extra = '<visual><origin xyz="a b c"/><geometry><mesh filename="none.stl" scale="x"/></geometry></visual>'
+    text = GOOD.replace('<link name="base"/>', f'<link name="base">{extra}</link><gazebo><sensor:ray n="1"/></gazebo>')
+    text = text.replace("<joint ", '<transmission name="t"/><!-- <joint name="no"/> --><joint ', 1)
+    (tmp_path / "arm.urdf").write_text(text, encoding="utf-16")
+    assert UrdfRobot(file="arm.urdf").build(tmp_path).joint_names == ("j",)
 
 
 @pytest.mark.parametrize(("keys", "key", "message"), [
@@ -296,7 +330,7 @@ def test_links_that_make_no_chain(tmp_path, keys, key, message):
 
 def test_missing_file_and_folder(tmp_path):
     for file in ("none.urdf", "."):
-        with pytest.raises(InputError, match=r"no such file|cannot be read") as caught:
+        with pytest.raises(InputError, match=r"no such file|this is a folder") as caught:
             UrdfRobot(file=file).build(tmp_path)
         assert caught.value.issues[0].key == ("file",)
 

@@ -6,9 +6,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from posture_opt.errors import one_of
 from posture_opt.model.effects.catalogue_entry import Evidence, Limit
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect
-from posture_opt.nearest import one_of
 from posture_opt.robot.robot import Robot
 
 FEW_ROBOTS = 10

@@ -1,0 +1,158 @@
+"""A URDF file read into a tree of links and joints: what is wrong with it is told all at once, each with its line.
+
+Source: ROS, "URDF XML specification", elements link and joint. Meshes, colours, sensors and plugins are not looked at.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.files import content
+from posture_opt.numerics import Array
+from posture_opt.robot.urdf_tree import Inertial, UrdfJoint, UrdfTree
+from posture_opt.robot.xml_elements import Element, read_elements
+
+MAX_BYTES = 50_000_000  # a robot of some hundred links takes a few hundred kB
+
+
+def read_urdf(path: Path) -> UrdfTree:
+    """The tree of the file at ``path``.
+
+    Raises:
+        InputError: no such file, not XML, not a URDF, a part missing, numbers that are none, or no tree.
+    """
+    try:
+        return _tree(_robot(content(path, MAX_BYTES)), path.stem)
+    except InputError as error:
+        raise InputError([in_urdf(issue, path) for issue in error.issues]) from None
+
+
+def in_urdf(issue: Issue, path: Path) -> Issue:
+    """The issue about a line of the URDF file as one about the key ``file``, with the place where it was looked for."""
+    line = f":{issue.line}" if issue.line else ""
+    where = "" if path.is_absolute() else f" (in {path.absolute().parent})"
+    return replace(issue, message=f"{path}{line}{where}: {issue.message}", key=("file",), value=str(path), line=0)
+
+
+def _robot(data: bytes) -> Element:
+    """The element ``<robot>`` of the file."""
+    root, *others = read_elements(data)
+    if root.tag != "robot":
+        message = f"the file is no URDF: it begins with <{root.tag}>, not <robot>"
+        raise InputError(Issue(message, mend="name a URDF file", line=root.line))
+    for element in others:
+        if element.tag.startswith("xacro:"):
+            message = f"this is a xacro file, not a URDF: it holds <{element.tag}>"
+            raise InputError(Issue(message, mend="expand it first: xacro FILE > robot.urdf", line=element.line))
+    return root
+
+
+def _tree(robot: Element, stem: str) -> UrdfTree:
+    reader = _UrdfReader([])
+    links = [(reader.name(element), element) for element in robot.each("link")]
+    tree = UrdfTree(
+        robot.attributes.get("name") or stem,
+        tuple(name for name, _ in links),
+        tuple(reader.joint(element) for element in robot.each("joint")),
+        {name: reader.inertial(name, inside) for name, link in links for inside in link.each("inertial")},
+    )
+    if issues := reader.issues or [*tree.faults()]:
+        raise InputError(issues)
+    return tree
+
+
+@dataclass(frozen=True)
+class _UrdfReader:
+    """Turns elements into links and joints; ``issues`` gathers what is wrong with them."""
+
+    issues: list[Issue]
+
+    def name(self, element: Element) -> str:
+        return self._text(element, "name", f"a <{element.tag}>")
+
+    def joint(self, element: Element) -> UrdfJoint:
+        name = self.name(element)
+        owner = f"joint '{name}'"
+        limit, mimic = element.first("limit"), element.first("mimic")
+        axis = element.first("axis")
+        return UrdfJoint(
+            name=name,
+            type=element.attributes.get("type", ""),
+            parent=self._end(element, "parent", owner),
+            child=self._end(element, "child", owner),
+            origin=self._origin(element, owner),
+            axis=self._vector(axis, "xyz", owner) if axis and "xyz" in axis.attributes else np.array([1.0, 0.0, 0.0]),
+            lower=self._number(limit, "lower", owner),
+            upper=self._number(limit, "upper", owner),
+            mimics=mimic.attributes.get("joint", "another joint") if mimic else "",
+            line=element.line,
+        )
+
+    def inertial(self, link: str, element: Element) -> Inertial:
+        owner = f"link '{link}'"
+        mass = self._number(element.first("mass"), "value", owner) or 0.0
+        if mass < 0:
+            self.issues.append(Issue(f"{owner} has a negative mass", line=element.line))
+        return Inertial(mass, self._origin(element, owner)[:3, 3])
+
+    def _text(self, element: Element, key: str, owner: str) -> str:
+        if not element.attributes.get(key):
+            message = f"{owner} lacks its {key}"
+            self.issues.append(Issue(message, mend=f'write <{element.tag} {key}="…">', line=element.line))
+        return element.attributes.get(key, "")
+
+    def _end(self, joint: Element, tag: str, owner: str) -> str:
+        """The link that ``<parent>`` or ``<child>`` of a joint names."""
+        if element := joint.first(tag):
+            return self._text(element, "link", f"<{tag}> of {owner}")
+        self.issues.append(Issue(f"{owner} has no <{tag}>", mend=f'write <{tag} link="…"/>', line=joint.line))
+        return ""
+
+    def _origin(self, element: Element, owner: str) -> Array:
+        """(4, 4) of the element's ``<origin>``; where there is none, the frame itself."""
+        origin = element.first("origin")
+        return _transform(self._vector(origin, "xyz", owner), self._vector(origin, "rpy", owner))
+
+    def _vector(self, element: Element | None, key: str, owner: str) -> Array:
+        """(3,) of an attribute; zero where it is left out."""
+        given = element.attributes.get(key) if element else None
+        if element is None or given is None:
+            return np.zeros(3)
+        return np.array(self._numbers(element, key, given.split(), 3, owner))
+
+    def _number(self, element: Element | None, key: str, owner: str) -> float | None:
+        given = element.attributes.get(key) if element else None
+        return None if element is None or given is None else self._numbers(element, key, [given], 1, owner)[0]
+
+    def _numbers(self, element: Element, key: str, words: list[str], count: int, owner: str) -> list[float]:
+        """``count`` finite numbers; zeros and an issue where the words are none."""
+        numbers = [_float(word) for word in words]
+        if len(numbers) == count and all(map(math.isfinite, numbers)):
+            return numbers
+        given, wanted = element.attributes[key], "one finite number" if count == 1 else f"{count} finite numbers"
+        message = f'{owner}: <{element.tag} {key}="{given}"> does not hold {wanted}'
+        self.issues.append(Issue(message, value=given, line=element.line))
+        return [0.0] * count
+
+
+def _float(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
+
+
+def _transform(xyz: Array, rpy: Array) -> Array:
+    """(4, 4) ``Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)`` of position (3,) [m] and angles (3,) [rad]."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    T = np.eye(4)
+    T[:3, 0] = cy * cp, sy * cp, -sp
+    T[:3, 1] = cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr
+    T[:3, 2] = cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr
+    T[:3, 3] = xyz
+    return T
