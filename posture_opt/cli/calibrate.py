@@ -45,7 +45,7 @@ def _calibrated(
             problem, measured, priors=priors, folds=folds, by=session.by, test=other, refit_frames=again,
             progress=progress,
         )  # fmt: skip
-    from posture_opt.problem.calibrated_problem import replanned
+    from posture_opt.problem.calibrated_problem import compare_calibrated
     from posture_opt.report.calibration_report import Learned
     from posture_opt.report.write import calibration_document, write_calibration
 
@@ -54,7 +54,7 @@ def _calibrated(
         calibrated=(calibrated := po.calibrated_problem(problem, found)),
         assessment=po.assess(problem, measured, found),
         spread_check=po.check_spread(problem, measured, found, folds=folds),
-        replanned=replanned(problem, found, calibrated, seed=common.seed) if session.plan else None,
+        comparison=compare_calibrated(problem, found, calibrated, seed=common.seed) if session.plan else None,
     )  # fmt: skip
     if folder is not None:
         write_calibration(folder, problem, learned, common.plots)

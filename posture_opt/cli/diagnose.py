@@ -50,17 +50,18 @@ def _diagnosed(
         _tell_insufficient(common, error)
         raise
     from posture_opt.diagnosis.measured_goals import measured_goals
-    from posture_opt.problem.extended_problem import extended_problem, models_of, plan_again
+    from posture_opt.problem.extended_problem import compare_extended, extended_problem, models_of
     from posture_opt.report.diagnosed import Diagnosed
     from posture_opt.report.write import diagnosis_document, write_diagnosis
 
     extended = extended_problem(problem, found)
-    plans, goals = {}, None
+    comparison, goals = None, None
     if problem.task is not None and session.plan:
         models = models_of(problem, found, extended)
-        plans, goals = plan_again(models, common.seed), measured_goals(found, models)
+        comparison = compare_extended(problem, models, seed=common.seed)
+        goals = measured_goals(found, models)
     frames = session.refit_frames
-    diagnosed = Diagnosed(measured, found, session.folds, other, frames, extended, plans, goals, problem)
+    diagnosed = Diagnosed(measured, found, session.folds, other, frames, extended, comparison, goals, problem)
     if folder is not None:
         write_diagnosis(folder, problem, diagnosed, common.plots)
     return partial(diagnosis_document, diagnosed), rendered("diagnosis_report", problem, diagnosed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,8 @@ from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeat_groups import rows_of
 from posture_opt.measurements.row_inputs import extended_for
-from posture_opt.problem.problem import Problem
 from posture_opt.selection.goal import Goal
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.reach import Reach
 from posture_opt.uncertainty.ball import central_radii
 from posture_opt.uncertainty.tool_point import ToolPoint
@@ -70,10 +70,10 @@ class MeasuredGoals:
         sent: by model, the posture in which it predicts the least scatter, with the tool sent there by this model:
             what is missed is what the model gets wrong of rows that it has not seen; the effects
             themselves were chosen on all rows.
-        uncorrected: by model, the posture in which it predicts the arm as it stands to miss by least, and what the
-            arm misses there with the tool sent as ever; the model as it stands predicts no miss anywhere.
-        anyhow: (G,) mean of what the arm as it stands misses over the postures of each goal [m].
-        chance: share of the goals in which a blind choice is the better one.
+        uncorrected: by model, the posture in which it predicts the smallest miss of a tool that is sent by the model
+            before calibration, and what was missed there; that model itself predicts no miss anywhere.
+        anyhow: (G,) mean over the postures of each goal of what that tool misses [m].
+        chance: share of the goals in which a random choice is the better one.
         clearance: of the task [m]; None without one.
     """
 
@@ -103,7 +103,7 @@ class MeasuredGoals:
         }  # fmt: skip
 
 
-def measured_goals(diagnosis: Diagnosis, models: Mapping[str, Problem]) -> MeasuredGoals | None:
+def measured_goals(diagnosis: Diagnosis, models: Mapping[str, HasTask]) -> MeasuredGoals | None:
     """What each model would have chosen where a goal was measured in several postures; None without such goals.
 
     Every row counts as predicted by a model that has not seen its group of the cross-validation. A goal is one
@@ -144,7 +144,7 @@ def goals_in_postures(data: Measurements) -> list[Postures]:
     return [postures for postures in found if len(postures) > 1]
 
 
-def _basis(problem: Problem) -> Floats:
+def _basis(problem: HasTask) -> Floats:
     """(3, m) the part of an error that the task cares about, world; of an arm in a plane, in its plane."""
     assert problem.task is not None
     reach = Reach.of(problem.robot, problem.task.tool_axis)
@@ -157,16 +157,15 @@ def _basis(problem: Problem) -> Floats:
     return reach.directions if planar else np.eye(3)
 
 
-def _scatter(models: Mapping[str, Problem], name: str, data: Measurements, B: Floats) -> Floats:
+def _scatter(models: Mapping[str, HasTask], name: str, data: Measurements, B: Floats) -> Floats:
     """(N,) distance that 95 of 100 visits stay within, as a model predicts it for the posture of every row [m].
 
-    As for the task itself, a model that states no scatter takes that of the extended one.
+    As in a comparison of plans, a model that states no scatter takes that of the extended one.
     """
-    problem = models[name]
-    if problem.sources.empty and problem.robot.extension is None:
-        problem = replace(problem, sources=models["extended"].sources)
-    robot = extended_for(problem.robot, data)
-    moments = ToolPoint.of(robot, problem.sources).moments([np.ascontiguousarray(c) for c in data.q.T], complete=False)
+    stated = models[name].sources
+    robot = extended_for(models[name].robot, data)
+    tool_point = ToolPoint.of(robot, models["extended"].sources if stated.empty else stated)
+    moments = tool_point.moments([np.ascontiguousarray(c) for c in data.q.T], complete=False)
     C = np.broadcast_to(np.asarray(moments.covariance, dtype=float), (len(data), 3, 3))
     return central_radii(0.95, B.T @ C @ B)
 

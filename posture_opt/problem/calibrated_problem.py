@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from posture_opt.problem.noise_section import of_a_type
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.robot import Factor
-from posture_opt.selection.plan_comparison import Replanned, replan
+from posture_opt.selection.plan_comparison import Comparison, compare_plans
 from posture_opt.uncertainty.covariance_file import covariance_text
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.units import DIMENSIONS
@@ -64,17 +63,15 @@ def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
     )
 
 
-def replanned(
+def compare_calibrated(
     problem: Problem, calibration: Calibration, calibrated: Problem, *, seed: int | None = None, workers: int = 1
-) -> Replanned | None:
+) -> Comparison | None:
     """The task planned with the nominal arm and with the calibrated one; None where the problem has no task.
 
     The nominal arm stands where the measurements saw it, if its frames are free.
     """
-    found = replan(arm_of_frames(problem, calibration), calibrated, seed=seed, workers=workers)
-    if found is None or not found.reasons or not problem.robot.base_free:
-        return found
-    return replace(found, reasons=(*found.reasons, ELSEWHERE))
+    models = {"nominal": arm_of_frames(problem, calibration), "calibrated": calibrated}
+    return compare_plans(models, seed=seed, workers=workers, hint=ELSEWHERE if problem.robot.base_free else "")
 
 
 def arm_of_frames(problem: Problem, calibration: Calibration) -> Problem:

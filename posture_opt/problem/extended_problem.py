@@ -12,11 +12,11 @@ import numpy as np
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.effect_sensitivities import gravity_of
 from posture_opt.diagnosis.diagnosis import Diagnosis
-from posture_opt.diagnosis.measured_goals import MeasuredGoals
 from posture_opt.diagnosis.persistent_effects import covariance_at_shapes
 from posture_opt.model.effects import Effect, NoiseEffect
 from posture_opt.numerics import Array
 from posture_opt.problem.calibrated_problem import (
+    ELSEWHERE,
     arm_of_frames,
     calibrated_problem,
     corrected_section,
@@ -31,7 +31,7 @@ from posture_opt.problem.calibrated_problem import (
 from posture_opt.problem.noise_section import of_a_type
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document
-from posture_opt.selection.plan_comparison import Replanned, replan_with
+from posture_opt.selection.plan_comparison import Comparison, compare_plans
 from posture_opt.uncertainty.covariance_file import covariance_text
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.validation.residual_scatter import remaining_scatter
@@ -80,7 +80,7 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration:
 
 
 def models_of(problem: Problem, diagnosis: Diagnosis, extended: Problem) -> dict[str, Problem]:
-    """The arm as it stands, calibrated and extended, each where the measurements saw its base and tool."""
+    """The arm before calibration, calibrated and extended, each where the measurements saw its base and tool."""
     calibration = diagnosis.calibration
     return {
         "nominal": arm_of_frames(problem, calibration),
@@ -89,22 +89,9 @@ def models_of(problem: Problem, diagnosis: Diagnosis, extended: Problem) -> dict
     }
 
 
-def plan_again(models: Mapping[str, Problem], seed: int | None = None) -> dict[str, Replanned]:
-    """The task planned with the arm as it stands and with the calibrated one, each judged by the extended one."""
-    if models["nominal"].task is None:
-        return {}
-    return replan_with({name: models[name] for name in ("nominal", "calibrated")}, models["extended"], seed=seed)
-
-
-def posture_document(plans: Mapping[str, Replanned], goals: MeasuredGoals | None = None) -> dict[str, Any]:
-    """The part ``posture`` of diagnosis.json: what each arm would choose, as the extended one and the data see it."""
-    document: dict[str, Any] = {} if goals is None else {"goals": goals.to_json()}
-    for name, plan in plans.items():
-        parts = plan.to_json("extended")
-        document[name] = parts["nominal"]
-        document["extended"] = parts["extended"]
-        document["reasons"] = parts["reasons"]
-    return document
+def compare_extended(problem: Problem, models: Mapping[str, Problem], *, seed: int | None = None) -> Comparison | None:
+    """The task planned with every model, judged by the extended one; None where the problem has no task."""
+    return compare_plans(models, seed=seed, hint=ELSEWHERE if problem.robot.base_free else "")
 
 
 def _weighed(problem: Problem, x: dict[str, float]) -> dict[str, Any]:

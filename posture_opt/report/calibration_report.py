@@ -10,19 +10,20 @@ import numpy as np
 
 from posture_opt.calibration.instrument import position_sigma
 from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.comparison_blocks import comparison_blocks, comparison_lead
 from posture_opt.report.parameter_blocks import parameters_block, undetermined_block
 from posture_opt.report.parts import note_facts, robot_facts
-from posture_opt.report.replanned_blocks import replanned_blocks, replanned_lead
 from posture_opt.report.residual_blocks import residual_blocks
 from posture_opt.report.truth_blocks import truth_blocks, truth_lead
 from posture_opt.report.units_text import count, decimals_of, fixed, number, stated_length
+from posture_opt.report.words import MODEL_NAMES
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.calibration.error_statistics import Statistics
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
-    from posture_opt.selection.plan_comparison import Replanned
+    from posture_opt.selection.plan_comparison import Comparison
     from posture_opt.validation.assessment import Assessment
     from posture_opt.validation.spread_check import SpreadCheck
 
@@ -33,7 +34,6 @@ _LEFT_OUT = {
     "block": "its block of the workspace",
     "place": "the place that it touches",
 }
-_NOMINAL, _CALIBRATED = "as it stands", "calibrated"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class Learned:
     test: Measurements | None = None
     refit_frames: bool = False
     calibrated: Problem | None = None
-    replanned: Replanned | None = None
+    comparison: Comparison | None = None
     assessment: Assessment | None = None
     spread_check: SpreadCheck | None = None
 
@@ -63,11 +63,14 @@ def calibration_report(problem: Problem, learned: Learned) -> Report:
         undetermined_block(learned.calibration),
         outliers_block(learned),
         *([test_block(learned)] if learned.test is not None else []),
-        *(replanned_blocks(learned.replanned) if learned.replanned is not None else ()),
+        *comparison_blocks(learned.comparison),
     )
     truth = (truth_lead(learned.spread_check),) if learned.spread_check is not None else ()
-    plan = replanned_lead(learned.replanned) if learned.replanned is not None else ()
-    return Report(problem.name or "Calibration", (_answer(learned.calibration), *plan, *truth), blocks)
+    return Report(
+        problem.name or "Calibration",
+        (_answer(learned.calibration), *comparison_lead(learned.comparison), *truth),
+        blocks,
+    )
 
 
 def _answer(found: Calibration) -> str:
@@ -104,9 +107,9 @@ def errors_block(problem: Problem, learned: Learned) -> Block:
     rounds = min(learned.folds, len(np.unique(learned.data.pose)))
     how += "." if found.by == "place" else f", in {rounds} rounds."
     free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
-    frames = f" As it stands, the arm has only its free {' and '.join(free)} fitted." if free else ""
+    frames = f" Before calibration, the arm has only its free {' and '.join(free)} fitted." if free else ""
     gone = f" {count(len(found.outliers), 'outlier is', 'outliers are')} not counted." if found.outliers else ""
-    table = statistics_table({_NOMINAL: found.nominal, _CALIBRATED: found.calibrated})
+    table = statistics_table({MODEL_NAMES["nominal"]: found.nominal, MODEL_NAMES["calibrated"]: found.calibrated})
     text = f"{how}{frames} The interval holds the RMS with 95 % confidence.{gone}"
     return Block("What the simulation gets wrong", (text, table))
 
@@ -146,8 +149,7 @@ def test_block(learned: Learned) -> Block:
     assert learned.test is not None
     how = "base and tool fitted again to it" if learned.refit_frames else "nothing fitted to it"
     text = f"{Path(learned.test.file).name or 'table'}, {count(len(learned.test), 'row')}: {how}."
-    named = {"nominal": _NOMINAL, "calibrated": _CALIBRATED}
-    table = statistics_table({named[name]: statistics for name, statistics in learned.calibration.test.items()})
+    table = statistics_table({MODEL_NAMES[name]: statistics for name, statistics in learned.calibration.test.items()})
     test, own = learned.calibration.test["calibrated"].rms, learned.calibration.calibrated.rms
     moved = not learned.refit_frames and test > _ELSEWHERE * own
     hint = "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.report.effect_words import amplitude
+from posture_opt.report.words import MODEL_NAMES
 
 if TYPE_CHECKING:
     from posture_opt.calibration.residuals import Residuals
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.measured_goals import MeasuredGoals
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
-    from posture_opt.selection.plan_comparison import Replanned
+    from posture_opt.selection.plan_comparison import Comparison
 
 Floats = NDArray[np.float64]
-MODELS = {"nominal": "as it stands", "calibrated": "calibrated", "extended": "with its effects"}
+MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated", "extended")}
 CYCLIC = ("cyclic_error", "gear_ripple")
 _REPEATS = 12  # degrees of freedom of repeats, from which on they tell the noise
 
@@ -34,8 +34,8 @@ class Diagnosed:
 
     Args:
         data: the measurements; ``test`` another file, predicted with base and tool refitted if ``refit_frames``.
-        extended: the problem with the calibrated arm and its effects; ``plans`` by model its task planned again;
-            ``goals`` those that were measured in several postures.
+        extended: the problem with the calibrated arm and its effects; ``comparison`` its task planned with
+            every model; ``goals`` those that were measured in several postures.
         problem: what the file states of the arm; ``None`` where nobody needs to know.
     """
 
@@ -45,7 +45,7 @@ class Diagnosed:
     test: Measurements | None = None
     refit_frames: bool = False
     extended: Problem | None = None
-    plans: Mapping[str, Replanned] = field(default_factory=dict)
+    comparison: Comparison | None = None
     goals: MeasuredGoals | None = None
     problem: Problem | None = None
 

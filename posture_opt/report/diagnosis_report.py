@@ -10,11 +10,11 @@ import numpy as np
 from posture_opt.calibration.instrument import position_sigma
 from posture_opt.report.blocks import Block, Facts, Report
 from posture_opt.report.cause_blocks import causes_block, confusion_block, cyclic_block
+from posture_opt.report.comparison_blocks import comparison_blocks, comparison_lead
 from posture_opt.report.diagnosed import MODELS, Diagnosed
 from posture_opt.report.effect_words import cause_words, main_size
 from posture_opt.report.elsewhere_blocks import elsewhere_lead, test_block
 from posture_opt.report.error_blocks import errors_block, mm
-from posture_opt.report.extended_blocks import choice_block, choice_lead
 from posture_opt.report.finding_words import finding_words
 from posture_opt.report.goal_blocks import goals_block, goals_lead
 from posture_opt.report.open_blocks import absorbed_block, left_block, scores_block, unknowable_block
@@ -36,7 +36,7 @@ def diagnosis_report(problem: Problem, diagnosed: Diagnosed) -> Report:
         *cyclic_block(diagnosed),
         errors_block(diagnosed),
         *([test_block(diagnosed)] if diagnosed.diagnosis.test is not None else []),
-        *choice_block(diagnosed.plans, bool(diagnosed.effects)),
+        *comparison_blocks(diagnosed.comparison, MODELS if diagnosed.effects else MODELS | {"extended": "extended"}),
         *goals_block(diagnosed.goals),
         *confusion_block(diagnosed),
         *split_block(diagnosed),
@@ -70,7 +70,7 @@ def answer(diagnosed: Diagnosed) -> tuple[str, ...]:
         first,
         _improvement(diagnosed),
         *elsewhere_lead(diagnosed),
-        *choice_lead(diagnosed.plans),
+        *comparison_lead(diagnosed.comparison),
         *goals_lead(diagnosed.goals),
     )
 

@@ -15,7 +15,7 @@ from posture_opt.report.words import PARTS
 if TYPE_CHECKING:
     from posture_opt.diagnosis.measured_goals import Choice, MeasuredGoals
 
-_TITLE = "Choose again, as measured"
+_TITLE = "Comparison of plans, as measured"
 
 
 def goals_lead(goals: MeasuredGoals | None) -> tuple[str, ...]:
@@ -24,24 +24,24 @@ def goals_lead(goals: MeasuredGoals | None) -> tuple[str, ...]:
         return ()
     old, new = (goals.sent[name].missed for name in ("nominal", "extended"))
     return (
-        f"Over {_goals(goals)}, the tool sent by the old model missed by {_median(old)} in the posture that this model "
-        f"would choose; sent by the new one, by {_median(new)} (medians, as measured).",
+        f"Over {_goals(goals)}, the tool sent by the model before calibration missed by {_median(old)} in the posture "
+        f"that this model chooses; sent by the extended one, by {_median(new)} (medians, as measured).",
     )
 
 
 def goals_block(goals: MeasuredGoals | None) -> tuple[Block, ...]:
-    """Both choices, of the tool sent by each model and of the arm left as it stands."""
+    """Both choices, of the tool sent by each model and of the arm sent as before calibration."""
     if goals is None:
         return ()
     part = PARTS[goals.within]
     sent = (
         f"{_goals(goals)[:1].upper()}{_goals(goals)[1:]}: there the data themselves say what a choice is worth. Each "
-        f"model takes the posture where it expects the least scatter {part}, and sends the tool there; what is then "
-        f"missed {part} was measured, and no model had seen the row. Medians over the goals:"
+        f"model takes the posture where it predicts the least scatter {part}, and sends the tool there; what is then "
+        f"missed {part} was measured, on rows held out from the fit. Medians over the goals:"
     )
     left = (
-        "Where the tool goes on being sent by the model as it stands, a better one still tells beforehand in which "
-        "posture that misses by less:"
+        "Where the tool is still sent by the model before calibration, a better model can predict in which posture "
+        "that misses by less:"
     )
     return (
         Block(
@@ -64,7 +64,7 @@ def _goals(goals: MeasuredGoals) -> str:
 
 
 def _table(head: str, choices: Mapping[str, Choice], clearance: float | None) -> Table:
-    meets = [] if clearance is None else ["meets the clearance"]
+    meets = [] if clearance is None else ["fits"]
     headers = (head, "missed there [mm]", "95 % below", *meets, "in the others [mm]", "better chosen")
     return Table(headers, tuple((MODELS[name], *_cells(choice, clearance)) for name, choice in choices.items()))
 
@@ -72,7 +72,7 @@ def _table(head: str, choices: Mapping[str, Choice], clearance: float | None) ->
 def _left(goals: MeasuredGoals) -> Table:
     table = _table("chosen with the model", goals.uncorrected, goals.clearance)
     blank = [""] * (len(table.headers) - 4)
-    blind = ("as it stands: any", *(_mm(goals.anyhow, q) for q in (0.5, 0.95)), *blank, percent(goals.chance))
+    blind = ("any posture", *(_mm(goals.anyhow, q) for q in (0.5, 0.95)), *blank, percent(goals.chance))
     return Table(table.headers, (blind, *table.rows))
 
 
@@ -88,13 +88,13 @@ def _worth(goals: MeasuredGoals) -> str:
     chosen = goals.sent["extended"]
     if abs(chosen.better - goals.chance) <= goals.margin:
         return (
-            "Once the arm is known as well as that, the expected scatter does not tell the better posture any more: "
+            "With the arm known that well, the predicted scatter no longer tells the better posture: "
             f"{_median(chosen.missed)} are missed in the chosen ones, {_median(chosen.elsewhere)} in the others."
         )
     if chosen.better > goals.chance:
-        return f"The scatter that the extended model expects tells the better posture in {percent(chosen.better)}."
+        return f"The scatter that the extended model predicts tells the better posture in {percent(chosen.better)}."
     return (
-        "What is left of the errors is no scatter of the kind that the extended model expects: its choice is the "
+        "The remaining errors are no scatter of the kind that the extended model predicts: its choice is the "
         f"better one in only {percent(chosen.better)}."
     )
 
@@ -102,7 +102,7 @@ def _worth(goals: MeasuredGoals) -> str:
 def _told(goals: MeasuredGoals) -> str:
     best = goals.uncorrected["extended"]
     if best.better <= goals.chance + goals.margin:
-        return "Here it cannot: its choice is no better than a blind one."
+        return "Here it cannot: its choice is no better than a random one."
     return (
         f"With its effects the model finds the better posture in {percent(best.better)} of the goals, and misses by "
         f"{_median(best.missed)} where the other posture misses by {_median(best.elsewhere)}."

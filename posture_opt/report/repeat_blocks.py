@@ -8,13 +8,14 @@ import numpy as np
 
 from posture_opt.report.blocks import Block, Table
 from posture_opt.report.units_text import count, fixed, length, lengths, number
+from posture_opt.report.words import MODEL_NAMES
 from posture_opt.validation.repeatability_tests import CYCLES
 
 if TYPE_CHECKING:
     from posture_opt.validation.assessment import Assessment
     from posture_opt.validation.repeatability_tests import Distances, PosePerformance, Repeats
 
-MODELS = {"nominal": "as it stands", "calibrated": "calibrated"}
+MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
 
 
 def goals_block(found: Assessment) -> Block:
@@ -22,10 +23,10 @@ def goals_block(found: Assessment) -> Block:
     goals = found.goals
     assert goals is not None
     text = (
-        f"{count(goals.goals, 'goal was', 'goals were')} reached in two postures or more. By the model as it stands "
-        f"they should land {length(goals.said['nominal'].median)} apart, measured are "
+        f"{count(goals.goals, 'goal was', 'goals were')} reached in two postures or more. By the model before "
+        f"calibration they should land {length(goals.said['nominal'].median)} apart, measured are "
         f"{length(goals.measured.median)} (medians). Once calibrated, the model misses "
-        f"{length(goals.missed['calibrated'].median)} of the way between them, as it stands "
+        f"{length(goals.missed['calibrated'].median)} of the way between them, before calibration "
         f"{length(goals.missed['nominal'].median)}."
     )
     rows = [("measured apart", *_distance_cells(goals.measured))]

@@ -36,6 +36,13 @@ CRITERIA = {
 }
 REGIONS = {0: "95 % region", 1: "95 % interval", 2: "95 % ellipse", 3: "95 % ellipsoid"}
 """What the 95 % region of a covariance of that rank is called."""
+MODEL_NAMES = {
+    "nominal": "before calibration",
+    "calibrated": "calibrated",
+    "extended": "with effects",
+    "delivered": "as delivered",
+}
+"""Models of one arm, by their names in JSON."""
 PARTS = {"across": "across the direction", "along": "along the direction", "all": "in space"}
 METHODS = {
     "exact": "closed form, exact for normally distributed errors",

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
     from posture_opt.report.calibration_report import Learned
     from posture_opt.report.diagnosed import Diagnosed
+    from posture_opt.selection.plan_comparison import Comparison
     from posture_opt.selection.solution import Solution
     from posture_opt.uncertainty.cloud import Cloud
     from posture_opt.uncertainty.spread import Spread
@@ -105,8 +106,8 @@ def calibration_document(learned: Learned) -> dict[str, Any]:
     if learned.spread_check is not None:
         document["coverage95"] = learned.spread_check.coverage95
         document["spread_check"] = learned.spread_check.to_json()
-    if learned.replanned is not None:
-        document["posture"] = learned.replanned.to_json()
+    if learned.comparison is not None:
+        document["posture"] = learned.comparison.to_json()
     return document
 
 
@@ -120,11 +121,7 @@ def write_diagnosis(folder: Path, problem: Problem, diagnosed: Diagnosed, plots:
         from posture_opt.report.figures.diagnosis import diagnosis_figures
 
         figures = diagnosis_figures(diagnosed)
-        nominal = diagnosed.plans.get("nominal")
-        if nominal is not None and nominal.landed is not None and nominal.landing is not None:
-            from posture_opt.report.figures.landing import plot_landing
-
-            figures = {**figures, "landing": plot_landing(nominal, "extended")}
+        figures = {**figures, **_landing(diagnosed.comparison)}
     report = diagnosis_report(problem, diagnosed)
     files = report_files("diagnosis", diagnosis_document(diagnosed), report, figures, problem)
     if diagnosed.extended is not None:
@@ -137,10 +134,9 @@ def write_diagnosis(folder: Path, problem: Problem, diagnosed: Diagnosed, plots:
 def diagnosis_document(diagnosed: Diagnosed) -> dict[str, Any]:
     """The document ``diagnosis.json``."""
     document = diagnosed.diagnosis.to_json()
-    if diagnosed.plans:
-        from posture_opt.problem.extended_problem import posture_document
-
-        document["posture"] = posture_document(diagnosed.plans, diagnosed.goals)
+    if diagnosed.comparison is not None:
+        goals = {} if diagnosed.goals is None else {"goals": diagnosed.goals.to_json()}
+        document["posture"] = goals | diagnosed.comparison.to_json()
     return document
 
 
@@ -224,12 +220,16 @@ def _calibration_figures(problem: Problem, learned: Learned) -> dict[str, Figure
         from posture_opt.report.figures.truth import truth_figures
 
         figures |= truth_figures(learned.spread_check)
-    again = learned.replanned
-    if again is not None and again.before is not None and again.after is not None:
-        from posture_opt.report.figures.landing import plot_landing
+    return figures | _landing(learned.comparison)
 
-        figures["landing"] = plot_landing(again)
-    return figures
+
+def _landing(comparison: Comparison | None) -> dict[str, Figure]:
+    """The figure of a comparison in which the model before calibration and the reference have a posture."""
+    if comparison is None or not {"nominal", comparison.reference} <= set(comparison.answered):
+        return {}
+    from posture_opt.report.figures.landing import plot_landing
+
+    return {"landing": plot_landing(comparison)}
 
 
 def _points(cloud: Cloud) -> bytes:

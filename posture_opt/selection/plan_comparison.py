@@ -1,10 +1,10 @@
-"""The task planned twice, with the arm as it was believed to be and as measurements know it: what that changes."""
+"""Comparison of named models of one arm: what each chooses for the task, and where a reference model sees it land."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,24 +12,29 @@ import numpy as np
 from posture_opt.errors import InputError, NoSolutionError, SolverError
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
-from posture_opt.problem.problem import Problem
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.selector import select_posture
 from posture_opt.selection.solution import Solution
+from posture_opt.selection.solvers import Solver
+from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.ball import radius_in_space
 from posture_opt.uncertainty.clearance import radius_for, success_probability
+from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.spread import propagate
 
 
 @dataclass(frozen=True, eq=False)
 class Landing:
-    """Where the tool point comes to lie in one posture, by what the measurements say of the arm.
+    """Where the tool point lands in one posture, as the reference model predicts it.
 
     Args:
-        miss: (3,) mean tool point minus the target, world [m].
-        across: (m,) the part of it that the task cares about [m].
-        sigma_max: largest standard deviation of that part [m].
-        critical_error: distance from the target that 95 of 100 visits stay within, in that part [m].
+        miss: (3,) mean tool point minus the target [m], world.
+        across: (m,) its components that the task cares about [m].
+        sigma_max: largest standard deviation of these components [m].
+        critical_error: distance from the target that 95 of 100 visits stay within, in these components [m].
         success_probability: of staying within the clearance; None without one.
+        covariance: (3, 3) of the tool point [m²], world.
     """
 
     miss: Array
@@ -37,84 +42,129 @@ class Landing:
     sigma_max: float
     critical_error: float
     success_probability: float | None
+    covariance: Array
 
     @property
     def distance(self) -> float:
-        """How far the mean lies off the target in the part that counts [m]."""
+        """Distance of the mean from the target in the components that count [m]."""
         return float(np.linalg.norm(self.across))
 
 
 @dataclass(frozen=True, eq=False)
-class Replanned:
-    """The best posture of the arm as it was believed to be, and of the arm as it is known now.
+class PlannedPosture:
+    """The best posture of one model: the answer and where it lands, or the reasons why there is none."""
 
-    Args:
-        before, after: the two answers; None where there is none.
-        landed: where the arm comes to lie in the first posture; the second one is corrected for.
-        landing: the same of the second posture.
-        reasons: why there is no answer, in sentences.
-    """
-
-    before: Solution | None = None
-    after: Solution | None = None
-    landed: Landing | None = None
+    solution: Solution | None = None
     landing: Landing | None = None
     reasons: tuple[str, ...] = ()
 
-    def to_json(self, after: str = "calibrated") -> dict[str, Any]:
-        """The part ``posture`` of a document: both postures, and what is to be expected of each [m, rad]."""
+    def to_json(self) -> dict[str, Any] | None:
+        """The posture, the σ that the model predicts, and what the reference predicts [m, rad]; None without one."""
+        if self.solution is None or self.landing is None:
+            return None
         return {
-            "nominal": _json(self.before, self.landed),
-            after: _json(self.after, self.landing),
-            "reasons": list(self.reasons),
+            "posture": self.solution.posture,
+            "predicted_sigma_max": self.solution.critical.sigma_max,
+            "sigma_max": self.landing.sigma_max,
+            "miss": self.landing.miss.tolist(),
+            "critical_error": self.landing.critical_error,
+            "success_probability": self.landing.success_probability,
         }
 
 
-def replan(old: Problem, new: Problem, *, seed: int | None = None, workers: int = 1) -> Replanned | None:
-    """The task of ``old`` planned with both arms, the first posture judged by the second; None without a task.
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """One task planned with several models of an arm, every posture judged by the last of them, the reference.
 
-    Where the old problem states no scatter, that of the new one is taken for it. Where the new arm has no posture for
-    the task, the old one is not asked.
+    Args:
+        plans: what each model chooses, by its name.
     """
-    if old.task is None or new.task is None:
+
+    plans: Mapping[str, PlannedPosture]
+
+    @property
+    def reference(self) -> str:
+        """The name of the model that judges."""
+        return next(reversed(list(self.plans)))
+
+    @property
+    def answered(self) -> dict[str, tuple[Solution, Landing]]:
+        """The models that have a posture, with where it lands."""
+        return {
+            name: (plan.solution, plan.landing)
+            for name, plan in self.plans.items()
+            if plan.solution is not None and plan.landing is not None
+        }
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why models have no posture, in sentences, each once."""
+        return tuple(dict.fromkeys(reason for plan in self.plans.values() for reason in plan.reasons))
+
+    def to_json(self) -> dict[str, Any]:
+        """The part ``posture`` of a document: what each model chooses and what the reference expects of it [m, rad]."""
+        return {**{name: plan.to_json() for name, plan in self.plans.items()}, "reasons": list(self.reasons)}
+
+
+def compare_plans(
+    models: Mapping[str, HasTask], *, seed: int | None = None, workers: int = 1, hint: str = ""
+) -> Comparison | None:
+    """The task planned with each model, every posture judged by the last of them; None without a task.
+
+    A model that states no scatter takes that of the reference. Where the reference has no posture for the task, the
+    others are not asked: the search for reasons is long, and theirs would be the same.
+
+    Args:
+        models: by name, the reference last.
+        hint: told beside the reasons where a model has no posture.
+    """
+    *others, reference = models
+    known = models[reference]
+    if any(model.task is None for model in models.values()):
         return None
-    if old.sources.empty:
-        old = replace(old, sources=new.sources)
-    after, reasons = _planned(new, seed, workers)
-    if after is None:  # the search for reasons is long, and the old arm would have the same
-        return Replanned(reasons=reasons)
-    before, reasons = _planned(old, seed, workers)
-    landed = None if before is None else _landing(new, before, after.basis)
-    return Replanned(before, after, landed, _landing(new, after, after.basis), reasons)
+    chosen = _planned(known, seed, workers, hint)
+    if chosen.solution is None:
+        return Comparison({**dict.fromkeys(others, PlannedPosture()), reference: chosen})
+    basis = chosen.solution.basis
+    plans = {name: _planned(_scattering(models[name], known.sources), seed, workers, hint) for name in others}
+    return Comparison({name: _judged(plan, known, basis) for name, plan in (plans | {reference: chosen}).items()})
 
 
-def replan_with(
-    olds: Mapping[str, Problem], new: Problem, *, seed: int | None = None
-) -> dict[str, Replanned]:  # fmt: skip
-    """The task planned with each of several arms, every posture judged by the arm of ``new``."""
-    after, reasons = _planned(new, seed, 1)
-    if after is None:
-        return {name: Replanned(reasons=reasons) for name in olds}
-    landing = _landing(new, after, after.basis)
-    found = {}
-    for name, old in olds.items():
-        old = replace(old, sources=new.sources) if old.sources.empty and old.robot.extension is None else old
-        before, reasons = _planned(old, seed, 1)
-        landed = None if before is None else _landing(new, before, after.basis)
-        found[name] = Replanned(before, after, landed, landing, reasons)
-    return found
+@dataclass(frozen=True, eq=False)
+class _Assumed:
+    """A problem under sources of error that it does not state itself."""
+
+    name: str
+    robot: Robot
+    sources: Sources
+    task: Task | None
+    solver: Solver
+    notes: tuple[str, ...]
 
 
-def _planned(problem: Problem, seed: int | None, workers: int) -> tuple[Solution | None, tuple[str, ...]]:
+def _scattering(model: HasTask, sources: Sources) -> HasTask:
+    if not model.sources.empty:
+        return model
+    return _Assumed(model.name, model.robot, sources, model.task, model.solver, model.notes)
+
+
+def _planned(problem: HasTask, seed: int | None, workers: int, hint: str) -> PlannedPosture:
+    told = (hint,) if hint else ()
     if far := _far_away(problem):
-        return None, (far,)
+        return PlannedPosture(reasons=(far, *told))
     try:
-        return select_posture(problem, seed=seed, workers=workers), ()
+        return PlannedPosture(select_posture(problem, seed=seed, workers=workers))
     except (NoSolutionError, InputError, SolverError) as error:
-        return None, tuple(str(error).splitlines())
+        return PlannedPosture(reasons=(*str(error).splitlines(), *told))
 
 
-def _far_away(problem: Problem) -> str:
+def _judged(plan: PlannedPosture, reference: HasTask, basis: Array) -> PlannedPosture:
+    if plan.solution is None:
+        return plan
+    return PlannedPosture(plan.solution, _landing(reference, plan.solution, basis), plan.reasons)
+
+
+def _far_away(problem: HasTask) -> str:
     """Why the target is out of reach of any arm of this length, or an empty text; a search would take much longer."""
     robot, task = problem.robot, problem.task
     assert task is not None
@@ -132,8 +182,8 @@ def _far_away(problem: Problem) -> str:
     )
 
 
-def _landing(problem: Problem, solution: Solution, basis: Array) -> Landing:
-    """By the arm of ``problem``, at the posture of a solution that another arm may have been asked for."""
+def _landing(problem: HasTask, solution: Solution, basis: Array) -> Landing:
+    """As ``problem`` predicts it at the posture of a solution that another model may have chosen."""
     spread = propagate(problem, solution.q)
     wanted = np.clip(solution.spread.position, solution.goal.lower, solution.goal.upper)
     miss = spread.position + spread.bias - wanted
@@ -146,17 +196,5 @@ def _landing(problem: Problem, solution: Solution, basis: Array) -> Landing:
         sigma_max=math.sqrt(max(float(np.linalg.eigvalsh(C)[-1]), 0.0)),
         critical_error=radius_for(0.95, C, across) if len(C) < 3 else radius_in_space(0.95, C, across),
         success_probability=hit,
+        covariance=spread.covariance,
     )
-
-
-def _json(solution: Solution | None, landing: Landing | None) -> dict[str, Any] | None:
-    if solution is None or landing is None:
-        return None
-    return {
-        "posture": solution.posture,
-        "predicted_sigma_max": solution.critical.sigma_max,
-        "sigma_max": landing.sigma_max,
-        "miss": landing.miss.tolist(),
-        "critical_error": landing.critical_error,
-        "success_probability": landing.success_probability,
-    }

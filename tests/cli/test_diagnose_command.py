@@ -258,7 +258,7 @@ def test_the_task_is_planned_again_with_the_extended_arm(folder: Path, tmp_path:
     assert postures["extended"]["critical_error"] < 5e-5 < 1e-4 < postures["nominal"]["critical_error"]
     extended = po.load_problem(out / "extended.yaml")
     assert [effect.kind for effect in extended.effects] == ["cyclic_error"]
-    assert "Choose again" in result.stdout
+    assert "Comparison of plans" in result.stdout
 
 
 def test_effects_of_time_are_planned_with_where_they_are_asked_for(folder: Path, tmp_path: Path) -> None:

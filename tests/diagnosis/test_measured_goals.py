@@ -65,7 +65,7 @@ def told(session: tuple[Path, np.ndarray, np.ndarray]) -> tuple[dict[str, Any], 
     return json.loads((out / "diagnosis.json").read_text(encoding="utf-8")), result.stdout
 
 
-def test_the_choice_of_the_arm_as_it_stands_is_counted_by_hand(
+def test_the_choice_of_the_arm_before_calibration_is_counted_by_hand(
     session: tuple[Path, np.ndarray, np.ndarray], told: tuple[dict[str, Any], str]
 ) -> None:
     _, q, measured = session
@@ -116,8 +116,8 @@ def test_the_extended_arm_knows_where_the_uncorrected_one_misses_least(
 
 def test_the_report_tells_it(told: tuple[dict[str, Any], str]) -> None:
     flat = " ".join(told[1].split())
-    assert "Over the 70 goals that were measured in two postures, the tool sent by the old model missed by" in flat
-    assert "Choose again, as measured" in told[1]
+    assert "Over the 70 goals that were measured in two postures, the tool sent by the model before calibration" in flat
+    assert "Comparison of plans, as measured" in told[1]
     assert "the model finds the better posture in" in flat
 
 

@@ -17,7 +17,7 @@ from click.testing import CliRunner, Result
 import posture_opt as po
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.cli.main import main
-from posture_opt.problem.calibrated_problem import arm_of_frames, quantity, replanned
+from posture_opt.problem.calibrated_problem import arm_of_frames, compare_calibrated, quantity
 from posture_opt.problem.problem import Problem
 from posture_opt.report.figures.landing import plot_landing
 from posture_opt.robot.robot import Factor
@@ -339,7 +339,7 @@ def test_the_file_says_what_it_is(commanded: tuple[Path, Known, Result]) -> None
 
 def test_the_report_tells_both_postures_and_their_errors(commanded: tuple[Path, Known, Result]) -> None:
     folder, found, result = commanded
-    block = result.stdout.split("Posture before and after\n")[1]
+    block = result.stdout.split("Comparison of plans\n")[1]
     document = json.loads((folder / "out" / "calibration.json").read_text(encoding="utf-8"))["posture"]
     old, new = document["nominal"], document["calibrated"]
     q = np.array(list(old["posture"].values()))
@@ -351,24 +351,24 @@ def test_the_report_tells_both_postures_and_their_errors(commanded: tuple[Path, 
     assert re.search(r"missed the target by 0\.\d+ mm", block)
     assert [line.split()[0] for line in block.splitlines() if line.startswith("j")] == ["j1", "j2"]
     quiet = run("calibrate", folder / "data.csv", "--problem", folder / "problem.yaml", "--no-plan")
-    assert "Posture before and after" not in quiet.stdout
+    assert "Comparison of plans" not in quiet.stdout
 
 
 def test_the_figure_shows_both_postures_about_the_target(commanded: tuple[Path, Known, Result]) -> None:
     found = commanded[1]
-    again = replanned(found.problem, found.calibration, found.calibrated)
+    again = compare_calibrated(found.problem, found.calibration, found.calibrated)
     assert again is not None
-    assert again.landed is not None
+    landed = again.answered["nominal"][1]
     (axes,) = plot_landing(again).axes
     labels = [str(line.get_label()) for line in axes.lines]
     assert [label for label in labels if not label.startswith("_")] == [
-        "posture of the model as it stands: 95 % ellipse",
-        "posture of the calibrated model: 95 % ellipse",
+        "before calibration: 95 % ellipse",
+        "calibrated: 95 % ellipse",
         "target",
         "clearance 0.3 mm",
     ]
     old = np.asarray(axes.lines[0].get_xydata(), dtype=float)
-    np.testing.assert_allclose((old.min(axis=0) + old.max(axis=0)) / 2, 1e3 * again.landed.miss[:2], atol=1e-3)  # mm
+    np.testing.assert_allclose((old.min(axis=0) + old.max(axis=0)) / 2, 1e3 * landed.miss[:2], atol=1e-3)  # mm
 
 
 @pytest.mark.parametrize("task", [
@@ -379,16 +379,15 @@ def test_the_figure_shows_both_postures_about_the_target(commanded: tuple[Path, 
 def test_the_miss_is_that_of_the_arm_as_drawn(commanded: tuple[Path, Known, Result], task: dict[str, Any]) -> None:
     found = commanded[1]
     problem = po.problem_from_dict(found.problem.to_dict() | {"task": task})
-    again = replanned(problem, found.calibration, po.calibrated_problem(problem, found.calibration))
+    again = compare_calibrated(problem, found.calibration, po.calibrated_problem(problem, found.calibration))
     assert again is not None
-    assert again.before is not None
-    assert again.landed is not None
-    assert again.landing is not None
-    drawn = SimulatedArm(found.case.table).points(again.before.q)[0]  # where the workpiece stands, or is put
-    true = found.arm.points(again.before.q)[0] - drawn
-    np.testing.assert_allclose(again.landed.miss[:2], true[:2], atol=4 * 2e-5)  # 80 poses tell the arm to about 20 µm
-    assert again.landing.distance < 1e-7
-    assert again.landing.critical_error < again.landed.critical_error
+    before, landed = again.answered["nominal"]
+    _, landing = again.answered["calibrated"]
+    drawn = SimulatedArm(found.case.table).points(before.q)[0]  # where the workpiece stands, or is put
+    true = found.arm.points(before.q)[0] - drawn
+    np.testing.assert_allclose(landed.miss[:2], true[:2], atol=4 * 2e-5)  # 80 poses tell the arm to about 20 µm
+    assert landing.distance < 1e-7
+    assert landing.critical_error < landed.critical_error
 
 
 def test_a_calibrated_problem_is_changed_without_its_files(known: Known) -> None:
@@ -432,9 +431,9 @@ def test_found_frames_are_numbers_and_no_longer_free() -> None:
     nominal = arm_of_frames(problem, found)
     assert not nominal.robot.base_free
     assert "corrections" not in nominal.to_dict()["robot"]
-    again = replanned(problem, found, calibrated)
+    again = compare_calibrated(problem, found, calibrated)
     assert again is not None
-    assert again.before is None
+    assert not again.answered
     assert "out of reach" in " ".join(again.reasons)
     assert "the world is the frame of the instrument" in again.reasons[-1]
     assert again.to_json()["calibrated"] is None
@@ -504,7 +503,7 @@ def test_without_a_task_nothing_is_planned() -> None:
     case = CASES["planar 2R"]
     found = learnt(case)
     problem = po.problem_from_dict({key: value for key, value in found.problem.to_dict().items() if key != "task"})
-    assert replanned(problem, found.calibration, po.calibrated_problem(problem, found.calibration)) is None
+    assert compare_calibrated(problem, found.calibration, po.calibrated_problem(problem, found.calibration)) is None
 
 
 def test_what_was_stated_of_other_parameters_stays() -> None:

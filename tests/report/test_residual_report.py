@@ -133,9 +133,9 @@ def test_nobody_knows_an_instrument_of_which_nothing_is_stated(once: Any) -> Non
 
 def test_directions_and_repeats_stand_in_tables(visited: Any, once: Any) -> None:
     found, report = visited[1].assessment, said(visited[1])
-    assert re.search(r"^along the task \(-y\) +as it stands", report, re.MULTILINE)
+    assert re.search(r"^along the task \(-y\) +before calibration", report, re.MULTILINE)
     across = next(d for d in found.nominal.deviations if d.name == "across")
-    row = re.search(r"^across the task +as it stands +(\S+) +(\S+)", report, re.MULTILINE)
+    row = re.search(r"^across the task +before calibration +(\S+) +(\S+)", report, re.MULTILINE)
     assert row
     assert float(row[2]) == pytest.approx(1e3 * across.rms, abs=6e-4)
     worst = max(pose.nominal.repeatability for pose in found.repeats.poses)

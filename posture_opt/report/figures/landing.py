@@ -1,4 +1,4 @@
-"""Where the tool lands about the target: in the posture of the old model, and in that of the new one."""
+"""Where the tool lands about the target in the posture of each of several models."""
 
 from __future__ import annotations
 
@@ -7,36 +7,35 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from posture_opt.report.comparison_blocks import distinct_columns
 from posture_opt.report.figures.section import clearance_lines, view_basis
-from posture_opt.report.style import BLUE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.style import BLUE, GREEN, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.units_text import length_unit
-from posture_opt.report.words import line_words
+from posture_opt.report.words import MODEL_NAMES, line_words
 from posture_opt.uncertainty.regions import Ellipsoid
-from posture_opt.uncertainty.spread import propagate
 
 if TYPE_CHECKING:
-    from posture_opt.selection.plan_comparison import Replanned
+    from posture_opt.selection.plan_comparison import Comparison
 
+_COLOURS = {"nominal": VERMILLION, "calibrated": ORANGE, "extended": BLUE, "delivered": GREEN}
 _SEEN = 0.03  # of the picture: an ellipse that is smaller hides behind the mark of its centre
 
 
 @styled
-def plot_landing(replanned: Replanned, after: str = "calibrated") -> Figure:
-    """The 95 % ellipses of both postures about the target, by what the measurements say of the arm."""
-    assert replanned.before is not None
-    assert replanned.after is not None
-    B, problem = view_basis(replanned.after), replanned.after.problem
+def plot_landing(comparison: Comparison) -> Figure:
+    """The 95 % ellipses of all postures about the target, as the reference model predicts them.
+
+    Raises:
+        KeyError: the reference model has no posture.
+    """
+    chosen, _ = comparison.answered[comparison.reference]
+    B = view_basis(chosen)
     figure = new_figure(6.2, 6.4)
     axes = figure.add_subplot()
-    parts = (
-        (replanned.before, replanned.landed, VERMILLION, "posture of the model as it stands"),
-        (replanned.after, replanned.landing, BLUE, f"posture of the {after} model"),
-    )
-    regions = []
-    for solution, landing, colour, label in parts:
-        assert landing is not None
-        region = Ellipsoid(B @ landing.miss, B @ propagate(problem, solution.q).covariance @ B.T)
-        regions.append((region, colour, label))
+    regions = [
+        (Ellipsoid(B @ landing.miss, B @ landing.covariance @ B.T), _COLOURS[name], MODEL_NAMES[name])
+        for name, (_, landing) in distinct_columns(comparison).items()
+    ]
     every = np.vstack([region.points(0.95) for region, *_ in regions])
     half = 1.12 * float(np.abs(every).max())
     unit, scale = length_unit([half])
@@ -50,7 +49,7 @@ def plot_landing(replanned: Replanned, after: str = "calibrated") -> Figure:
         axes.plot(*(scale * region.center), color=colour, zorder=5, label=hidden, **look)
     axes.plot(0, 0, "x", color="black", ms=6, mew=1.2, zorder=6, label="target")
     half *= scale
-    clearance_lines(axes, replanned.after, B, scale, half)
+    clearance_lines(axes, chosen, B, scale, half)
     axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
     names = [f"{line_words(b)}, off the target [{unit}]" for b in B]
     axes.set(xlabel=names[0], ylabel=names[1])

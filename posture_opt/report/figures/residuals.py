@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from posture_opt.numerics import Codes
 from posture_opt.report.style import BLUE, ORANGE, new_figure, styled
 from posture_opt.report.units_text import number
+from posture_opt.report.words import MODEL_NAMES
 
 if TYPE_CHECKING:
     from posture_opt.calibration.residuals import Residuals
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-TITLES = {"nominal": "as it stands", "calibrated": "calibrated"}
+TITLES = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
 COLOURS = {"nominal": ORANGE, "calibrated": BLUE}
 _ARROWS = 400  # more of them hide each other
 _LONG = 0.16  # of the workspace: the arrow of a large error

@@ -9,13 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.report.style import BLUE, GREY, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
-from posture_opt.report.words import REGIONS
+from posture_opt.report.words import MODEL_NAMES, REGIONS
 from posture_opt.validation.coverage import LEVELS
 
 if TYPE_CHECKING:
     from posture_opt.validation.spread_check import SpreadCheck
 
-_TITLES = {"nominal": "as it stands", "calibrated": "calibrated"}
 _COLOURS = {"nominal": ORANGE, "calibrated": BLUE}
 _CLIP = 1.15  # times the largest value that is well told: beyond, a bar says nothing but that
 
@@ -40,7 +39,7 @@ def plot_reliability(found: SpreadCheck) -> Figure:
     for name, c in found.coverage.items():
         n = len(c.probability)
         shares = 100 * np.arange(1, n + 1) / n
-        label = _TITLES[name] + ("" if name != "nominal" or found.stated else " (the instrument alone)")
+        label = MODEL_NAMES[name] + ("" if name != "nominal" or found.stated else " (the instrument alone)")
         axes.step(100 * c.probability, shares, where="post", color=_COLOURS[name], label=label)
         ends = 100 * np.array(c.interval)
         off = {"nominal": -0.6, "calibrated": 0.6}[name]

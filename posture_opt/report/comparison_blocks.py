@@ -1,0 +1,121 @@
+"""The comparison of models of one arm in a report: what each chooses for the task, and where that lands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from posture_opt.report.blocks import Block, Table
+from posture_opt.report.parts import sentence
+from posture_opt.report.units_text import joint_value, length, percent
+from posture_opt.report.words import MODEL_NAMES, PARTS
+
+if TYPE_CHECKING:
+    from posture_opt.selection.plan_comparison import Comparison, Landing
+    from posture_opt.selection.solution import Solution
+
+FIGURE = "landing"
+_TITLE = "Comparison of plans"
+_FIRST = "nominal"
+_HARDLY = 0.7  # of the error before: a gain that hardly shows at the task
+_NOTHING = 1e-7  # m: a miss that the plan corrected for is rounding
+_MODELS = {
+    "nominal": "the model before calibration",
+    "calibrated": "the calibrated model",
+    "extended": "the extended model",
+    "delivered": "the delivered model",
+}
+Columns = dict[str, "tuple[Solution, Landing]"]
+
+
+def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
+    """What it means for the task, in a sentence; nothing where one of the postures is missing."""
+    columns = {} if comparison is None else comparison.answered
+    if comparison is None or _FIRST not in columns or comparison.reference not in columns:
+        return ()
+    before, now = (columns[name][1].critical_error for name in (_FIRST, comparison.reference))
+    lead = (
+        f"For the task: planned before calibration, the tool would have come within {_length(before, [before, now])} "
+        f"of the target in 95 of 100 visits; planned with {_MODELS[comparison.reference]}, it comes within "
+        f"{_length(now, [before, now])}."
+    )
+    left = "What is left is scatter, and what these data do not tell of the arm."
+    return (f"{lead} {left}",) if now > _HARDLY * before else (lead,)
+
+
+def comparison_blocks(comparison: Comparison | None, names: Mapping[str, str] = MODEL_NAMES) -> tuple[Block, ...]:
+    """The posture of each model, its predicted errors, or why there is none; nothing without a task.
+
+    Args:
+        comparison: of named models; ``names`` heads their columns.
+    """
+    if comparison is None:
+        return ()
+    reasons, judge = tuple(sentence(reason) for reason in comparison.reasons), _MODELS[comparison.reference]
+    if comparison.reference not in comparison.answered:
+        return (Block(_TITLE, (f"{_capital(judge)} has no posture for this task.", *reasons)),)
+    columns = distinct_columns(comparison)
+    items: tuple[str | Table, ...] = (
+        *_sentences(columns, comparison.reference),
+        *reasons,
+        comparison_table(columns, names),
+    )
+    return (Block(_TITLE, items, FIGURE if _FIRST in columns else ""),)
+
+
+def distinct_columns(comparison: Comparison) -> Columns:
+    """The answers by the name of the model; one that repeats the one before it in the table is left out."""
+    columns: Columns = {}
+    for name, answer in comparison.answered.items():
+        former = next(reversed(columns.values()), None)
+        if former is None or _cells(former, [former[1].critical_error]) != _cells(answer, [former[1].critical_error]):
+            columns[name] = answer
+    return columns
+
+
+def comparison_table(columns: Columns, names: Mapping[str, str] = MODEL_NAMES) -> Table:
+    """A column a model: joints, σ as itself and as the reference predicts it, errors, probability of success."""
+    sizes = [landing.critical_error for _, landing in columns.values()]
+    cells = [_cells(answer, sizes) for answer in columns.values()]
+    first = next(solution for solution, _ in columns.values())
+    labels = [joint.name for joint in first.programme.robot.joints]
+    labels += ["largest σ, as planned", "largest σ, as judged", "mean off the target"]
+    labels += ["95 of 100 visits within", "fits (probability of success)"]
+    rows = [row for row in zip(labels, *cells, strict=True) if any(row[1:])]
+    return Table(("planned with the model", *(names[name] for name in columns)), tuple(rows))
+
+
+def _cells(answer: tuple[Solution, Landing], sizes: list[float]) -> tuple[str, ...]:
+    solution, landing = answer
+    joints = [joint_value(q, joint.type) for q, joint in zip(solution.q, solution.programme.robot.joints, strict=True)]
+    errors = (solution.critical.sigma_max, landing.sigma_max, landing.distance, landing.critical_error)
+    odds = landing.success_probability
+    return (*joints, *(_length(value, sizes) for value in errors), "" if odds is None else _odds(odds))
+
+
+def _sentences(columns: Columns, reference: str) -> tuple[str, ...]:
+    judge = _MODELS[reference]
+    if _FIRST not in columns:
+        return (f"{_capital(_MODELS[_FIRST])} has no posture for this task.",)
+    old, new = columns[_FIRST][1], next(reversed(columns.values()))[1]
+    part, before = PARTS[columns[_FIRST][0].critical.within], old.critical_error
+    return (
+        f"Planned before calibration, the tool would have missed the target by {length(old.distance, among=[before])} "
+        f"{part} and stayed within {length(before)} of it in 95 of 100 visits; planned with {judge}, it stays within "
+        f"{length(new.critical_error)}. Every posture is judged by {judge}.",
+    )
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
+def _length(metres: float, among: list[float]) -> str:
+    if not math.isfinite(metres):
+        return ""
+    return length(metres, among=among) if metres > _NOTHING else "0"
+
+
+def _odds(p: float) -> str:
+    return percent(p) if p < 0.9995 else "> 99.9 %"
