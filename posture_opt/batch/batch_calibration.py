@@ -8,8 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from posture_opt.batch.batch_covariance import BatchCovariance, between
-from posture_opt.batch.correlated_pairs import Pair, pairs_of, stated_sigmas
+from posture_opt.batch.batch_covariance import BatchCovariance, Pair, between, pairs_of, stated_sigmas
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.error_statistics import By, Statistics

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.batch.batch_calibration import Batch, calibrate_batch
-from posture_opt.batch.correlated_pairs import Pair
+from posture_opt.batch.batch_covariance import Pair
 from posture_opt.calibration.error_statistics import By
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.diagnosis.causes import Finding, noise_finding

@@ -9,8 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from posture_opt.measurements.data_spec import DataSpec
-from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.measurements import DataSpec, Measurements
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.sources import Sources

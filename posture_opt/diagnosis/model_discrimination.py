@@ -17,7 +17,7 @@ from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.noncentrality import DiscriminationDesign, OrderedPair
 from posture_opt.diagnosis.score_tests import orthonormal
 from posture_opt.diagnosis.search import RIVALS
-from posture_opt.experiments.knowledge_stages import Beforehand
+from posture_opt.experiments.expected_errors import Beforehand
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes

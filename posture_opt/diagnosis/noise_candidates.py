@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.diagnosis.score_tests import tail
 from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, StatedSigma
 from posture_opt.numerics import Array, Mask
-from posture_opt.validation.repeat_covariance import chance_sets
+from posture_opt.validation.scatter_model import chance_sets
 
 _DRAWS = 399
 _COMMON = 0.1  # share of rows: so many gross errors are no outliers but the noise itself

@@ -25,7 +25,7 @@ from posture_opt.diagnosis.score_tests import ProjectedBaseline
 from posture_opt.measurements.repeat_groups import stays
 from posture_opt.model.effects import NoiseEffect, Outliers, Rows
 from posture_opt.numerics import Array
-from posture_opt.validation.repeat_covariance import whitened
+from posture_opt.validation.scatter_model import whitened
 from posture_opt.validation.stated_scatter import joint_errors
 
 LEVEL, BESIDE = 0.002, 0.001  # of the 5 % for the whole verdict; beside a cause that is named already

@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.calibration.parameters import Parameter
 from posture_opt.experiments.candidate_postures import Room
-from posture_opt.experiments.knowledge_stages import Stage
+from posture_opt.experiments.expected_errors import Stage
 from posture_opt.experiments.visiting_order import Tour
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Mask

@@ -8,8 +8,8 @@ import numpy as np
 
 from posture_opt.experiments.candidate_postures import Room
 from posture_opt.experiments.exchange import Criterion, exchange, inverse
+from posture_opt.experiments.expected_errors import Unknowns
 from posture_opt.experiments.information import Instrument
-from posture_opt.experiments.knowledge_stages import Unknowns
 from posture_opt.numerics import Array, Progress
 
 _STARTS = 4  # of the exchange; fewer for large plans, where one ends as well as another

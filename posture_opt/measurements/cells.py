@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import Column
 from posture_opt.measurements.measurements import Floats
-from posture_opt.measurements.table import Block
+from posture_opt.measurements.table import Block, Faults
 from posture_opt.numerics import Codes
 
 _HUGE = 1e15  # in any unit; squares of larger numbers leave the range of floats sooner or later

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from posture_opt.errors import nearest
-from posture_opt.measurements.faults import Faults
+from posture_opt.measurements.table import Faults
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, parse_quantity
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, field_validator
 
 from posture_opt.numerics import Codes, Mask
+from posture_opt.spec import Spec
+from posture_opt.units import Length
 
 Floats = NDArray[np.float64]
+Distance = Annotated[tuple[str, str, Length], Field(examples=[["front/0", "front/1", "50 mm"]])]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,3 +112,23 @@ def group_means(values: Floats, groups: Codes) -> Floats:
 
 _WHOLE = {"joint_names", "measured_axes", "target_names", "robot_names", "point_names", "file", "warnings"}
 _BY_ROW = tuple(f.name for f in fields(Measurements) if f.name not in _WHOLE and not f.name.endswith("_given"))
+
+
+class DataSpec(Spec):
+    """What is known about the measurements: distances between touched points."""
+
+    distances: tuple[Distance, ...] = Field((), description="[point, point, distance with its unit]")
+
+    @field_validator("distances")
+    @classmethod
+    def _between_two_points(cls, distances: tuple[tuple[str, str, float], ...]) -> tuple[tuple[str, str, float], ...]:
+        seen: set[frozenset[str]] = set()
+        for a, b, length in distances:
+            if a == b:
+                raise ValueError(f"the distance of '{a}' to itself is given; name two different points")
+            if length <= 0:
+                raise ValueError(f"the distance of '{a}' and '{b}' is {length:g} m; a distance is greater than 0")
+            if frozenset((a, b)) in seen:
+                raise ValueError(f"the distance of '{a}' and '{b}' is given twice; keep one")
+            seen.add(frozenset((a, b)))
+        return distances

@@ -13,10 +13,10 @@ from itertools import combinations
 import numpy as np
 
 from posture_opt.measurements.affine_fit import Agreement, Misfit, agreement, reach, sample_rows, touch_misfit
-from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import AXES, Column
 from posture_opt.measurements.measurements import Floats, Measurements
 from posture_opt.measurements.nominal_points import nominal_poses
+from posture_opt.measurements.table import Faults
 from posture_opt.robot.robot import Robot
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254}

@@ -10,13 +10,11 @@ import numpy as np
 
 from posture_opt.errors import did_you_mean
 from posture_opt.measurements.cells import Cells, read_cells
-from posture_opt.measurements.data_spec import DataSpec
-from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.header import AXES, QUATERNION, Column, read_header
-from posture_opt.measurements.measurements import Floats, Measurements
+from posture_opt.measurements.measurements import DataSpec, Floats, Measurements
 from posture_opt.measurements.nominal_points import nominal_poses, still_axes
 from posture_opt.measurements.plausibility import suspicions
-from posture_opt.measurements.table import TableLike, open_table
+from posture_opt.measurements.table import Faults, TableLike, open_table
 from posture_opt.numerics import Codes
 from posture_opt.robot.robot import Robot
 

@@ -7,19 +7,53 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NoReturn, TextIO
 
 import numpy as np
 
-from posture_opt.errors import InputError, Issue
+from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import nearest_file
-from posture_opt.measurements.faults import Faults
 
+_LISTED = 20  # a column of texts has a fault in every row; what is wrong is seen from the first ones
 _BLOCK = 8192  # rows held as texts at a time
 _LONGEST = 100_000  # characters of a line; 20 joints with 20 digits each have 1000
-
 TableLike = str | PathLike[str] | Mapping[str, Any] | Any
 """The path of a CSV file, a pandas DataFrame, or a mapping from column head to values."""
+
+
+class Faults:
+    """Issues of one file: the first ones are kept, all are counted."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.count = 0
+        self._kept: list[Issue] = []
+
+    def add(self, message: str, column: str = "", value: Any = None, mend: str = "", line: int = 0) -> None:
+        """One more fault; ``column`` is the key of the message."""
+        self.count += 1
+        if len(self._kept) < _LISTED:
+            key: KeyPath = (column,) if column else ()
+            self._kept.append(Issue(message, key, value, mend, self.file, line))
+
+    def refuse(self) -> None:
+        """Ends the reading where anything was wrong.
+
+        Raises:
+            InputError: the issues in the order of their lines, and how many more there are.
+        """
+        if not self.count:
+            return
+        issues = sorted(self._kept, key=lambda issue: issue.line)
+        if more := self.count - len(issues):
+            issues.append(Issue(f"{more} more {'fault' if more == 1 else 'faults'} of this kind", file=self.file))
+        raise InputError(issues)
+
+    def stop(self, message: str, mend: str = "", line: int = 0) -> NoReturn:
+        """A fault behind which nothing more can be read."""
+        self.add(message, mend=mend, line=line)
+        self.refuse()
+        raise AssertionError("a fault was added")
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from posture_opt.errors import InputError, Issue, KeyPath
-from posture_opt.measurements.data_spec import DataSpec
+from posture_opt.measurements.measurements import DataSpec
 from posture_opt.problem.effects_section import effect_sources, extended_robot, extension_notes, moving_effects
 from posture_opt.problem.issues import schema_issues
 from posture_opt.problem.noise_section import measurement_issues, noise_notes, noisy_sources

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import ConfigDict, Field
 
-from posture_opt.measurements.data_spec import DataSpec
+from posture_opt.measurements.measurements import DataSpec
 from posture_opt.problem.effect_list import EffectList
 from posture_opt.robot import RobotSpec
 from posture_opt.selection.solvers import SolverSpec

@@ -16,7 +16,7 @@ from posture_opt.report.words import source_words
 
 if TYPE_CHECKING:
     from posture_opt.batch.batch_calibration import Batch
-    from posture_opt.batch.correlated_pairs import Pair
+    from posture_opt.batch.batch_covariance import Pair
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
 

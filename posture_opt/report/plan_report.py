@@ -23,7 +23,7 @@ from posture_opt.report.units_text import (
 )
 
 if TYPE_CHECKING:
-    from posture_opt.experiments.knowledge_stages import Stage
+    from posture_opt.experiments.expected_errors import Stage
     from posture_opt.experiments.measurement_plan import MeasurementPlan
     from posture_opt.problem.problem import Problem
 

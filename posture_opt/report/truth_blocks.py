@@ -14,8 +14,8 @@ from posture_opt.report.words import REGIONS
 
 if TYPE_CHECKING:
     from posture_opt.validation.coverage import Coverage
-    from posture_opt.validation.joint_prediction import HeldOut
-    from posture_opt.validation.scatter_test import ScatterTest
+    from posture_opt.validation.repeat_scatter import ScatterTest
+    from posture_opt.validation.scatter_prediction import HeldOut
     from posture_opt.validation.spread_check import SpreadCheck
 
 _LISTED = 8  # postures

@@ -17,8 +17,8 @@ from posture_opt.model.derivatives import position_column
 from posture_opt.numerics import Array, Codes
 from posture_opt.uncertainty.regions import Ellipsoid, hotelling_factor
 from posture_opt.validation.model_errors import ModelErrors, model_errors, told
+from posture_opt.validation.repeat_scatter import slides
 from posture_opt.validation.repeatability_tests import Goals, Repeats, goals_of, repeats_of
-from posture_opt.validation.scatter_between_repeats import slides
 from posture_opt.validation.trends import Sides, Trend, sides_of, trends_of
 
 TEN_TIMES = 10.0  # better than what it judges an instrument should be

@@ -11,10 +11,10 @@ import numpy as np
 from posture_opt.calibration.cross_validation import position_errors
 from posture_opt.calibration.frames import compare, fit_frames
 from posture_opt.calibration.instrument import position_sigma
+from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.nominal_points import nominal_poses
-from posture_opt.problem.problem import Problem
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.target_map import TargetMap
 from posture_opt.uncertainty.ball import central_radii
@@ -97,8 +97,8 @@ class MeasuredErrors:
 
 
 def measured_errors(
-    problem: Problem, uncorrected: Problem, data: Measurements, targets: TargetMap, projected: Floats,
-    tool_point: ToolPoint,
+    problem: CalibrationProblem, uncorrected: CalibrationProblem, data: Measurements, targets: TargetMap,
+    projected: Floats, tool_point: ToolPoint,
 ) -> MeasuredErrors:  # fmt: skip
     """The rows of the first target, their errors by both arms, and what is predicted for them.
 
@@ -139,7 +139,7 @@ def measured_errors(
     )
 
 
-def _errors(problem: Problem, data: Measurements) -> Floats:
+def _errors(problem: CalibrationProblem, data: Measurements) -> Floats:
     """(M, 3) model minus measurement [m]; frames that the file leaves free are fitted."""
     residuals, _ = compare(problem, data)
     return position_errors(residuals, fit_frames(residuals))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from posture_opt.calibration.instrument import position_sigma
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.errors import InsufficientDataError
+from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.validation.joint_variances import JointNoise, estimate_joint_noise
 from posture_opt.validation.prediction import calibrated_prediction, joint_columns
@@ -25,10 +25,6 @@ from posture_opt.validation.stated_scatter import (
     scatter_of_effects,
     stated_scatter,
 )
-
-if TYPE_CHECKING:
-    from posture_opt.model.effects import NoiseEffect
-
 
 _TAUGHT = 0.8  # of the rows taught the arm that predicts a row: five folds
 _LEVER = 0.1  # of the longest of a turning joint

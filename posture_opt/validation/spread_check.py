@@ -14,8 +14,6 @@ from posture_opt.calibration.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.validation.coverage import Coverage
-from posture_opt.validation.joint_prediction import HeldOut
-from posture_opt.validation.joint_scatter import joint_scatter, worth_showing
 from posture_opt.validation.joint_variances import JointNoise
 from posture_opt.validation.prediction import (
     Errors,
@@ -24,9 +22,9 @@ from posture_opt.validation.prediction import (
     joint_errors,
     nominal_prediction,
 )
+from posture_opt.validation.repeat_scatter import Between, ScatterTest
 from posture_opt.validation.residual_scatter import covariance_under, remaining_scatter
-from posture_opt.validation.scatter_between_repeats import Between
-from posture_opt.validation.scatter_test import ScatterTest
+from posture_opt.validation.scatter_prediction import HeldOut, joint_scatter, worth_showing
 from posture_opt.validation.stated_scatter import RemainingScatter
 
 

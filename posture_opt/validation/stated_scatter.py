@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.model.effects import NoiseEffect
 from posture_opt.robot.robot import Robot
+from posture_opt.uncertainty.repeatability import joint_sigmas
 
 _ROUNDING = 1e-6  # of a variance
 
@@ -57,8 +59,6 @@ def stated_scatter(problem: CalibrationProblem) -> RemainingScatter:
         )
     sheet = problem.robot.repeatability
     if sheet is not None:
-        from posture_opt.uncertainty.repeatability import joint_sigmas
-
         found = joint_sigmas(problem.robot, sheet.value)
         sigma = dict(zip(found.names, map(float, found.sigma), strict=True))
         return RemainingScatter(sigma, note="scatter of the joints from the data sheet: the data do not tell it")
@@ -67,10 +67,6 @@ def stated_scatter(problem: CalibrationProblem) -> RemainingScatter:
 
 def scatter_of_effects(robot: Robot, effects: Sequence[object]) -> dict[str, float]:
     """JOINT.theta or JOINT.d -> σ from visit to visit that effects state [rad or m]."""
-    if not effects:
-        return {}
-    from posture_opt.model.effects import NoiseEffect
-
     total: dict[str, float] = {}
     for effect in effects:
         total = plus(total, effect.scatter(robot)) if isinstance(effect, NoiseEffect) else total

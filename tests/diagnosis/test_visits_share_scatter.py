@@ -15,7 +15,7 @@ from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.noise_candidates import score_stated_sigma, score_uneven_noise
 from posture_opt.diagnosis.score_tests import ProjectedBaseline
 from posture_opt.model.effects import Rows
-from posture_opt.validation.repeat_covariance import whitened
+from posture_opt.validation.scatter_model import whitened
 
 RR = """
 robot:

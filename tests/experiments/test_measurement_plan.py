@@ -15,8 +15,8 @@ from posture_opt.calibration.estimation import Prior
 from posture_opt.calibration.identifiability import identify
 from posture_opt.errors import InputError, InsufficientDataError, NoSolutionError
 from posture_opt.experiments.exchange import exchange
+from posture_opt.experiments.expected_errors import Beforehand, Unknowns
 from posture_opt.experiments.information import Given, given_knowledge, instrument, nothing_given
-from posture_opt.experiments.knowledge_stages import Beforehand, Unknowns
 from posture_opt.experiments.visiting_order import tour
 from tests.helpers.simulated_arm import DEG, SimulatedArm, shift, turn
 

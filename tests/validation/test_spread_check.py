@@ -18,9 +18,9 @@ from posture_opt.measurements.reading import read_measurements
 from posture_opt.measurements.repeat_groups import revisits
 from posture_opt.validation.coverage import Coverage, share_interval
 from posture_opt.validation.prediction import Errors, Prediction, calibrated_prediction, nominal_prediction
+from posture_opt.validation.repeat_scatter import scatter_test
 from posture_opt.validation.residual_scatter import covariance_under, remaining_scatter
 from posture_opt.validation.scatter_model import Scatter
-from posture_opt.validation.scatter_test import scatter_test
 from posture_opt.validation.spread_check import SpreadCheck, check_spread
 from tests.helpers.planar_2r import position
 

@@ -14,7 +14,7 @@ from posture_opt.uncertainty.regions import Ellipsoid
 
 if TYPE_CHECKING:
     from posture_opt.batch.batch_calibration import Batch
-    from posture_opt.batch.correlated_pairs import Pair
+    from posture_opt.batch.batch_covariance import Pair
     from posture_opt.problem.problem import Problem
 
 _PANELS = 3

@@ -15,7 +15,7 @@ from posture_opt.report.style import BLUE, ORANGE, VERMILLION, legend_below, new
 from posture_opt.report.words import line_words
 from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
 from posture_opt.validation.prediction import Errors, columns
-from posture_opt.validation.scatter_between_repeats import slides, visit_errors
+from posture_opt.validation.repeat_scatter import slides, visit_errors
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
