@@ -25,23 +25,21 @@ from posture_opt.problem.batch_section import batch_uncertainty, batch_yaml
 from posture_opt.problem.load import load_builtin, problems_folder
 from tests.helpers import batch_planar_2r as shop
 from tests.helpers.planar_2r import position
+from tests.helpers.planar_files import PLANAR
 
 SIGMA = np.array([1e-3, 1e-3])  # m, of the lengths across the batch
 RHO = 0.8
 NOISE = 2e-5  # m
 ROBOTS, POSES = 30, 12
-PROBLEM = """
-robot:
-  kind: dh
-  joints:
-    - {name: joint1, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
-    - {name: joint2, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
-uncertainty:
+PROBLEM = (
+    PLANAR
+    + """uncertainty:
   sigma: {joint1.a: 2 mm, joint2.a: 2 mm, tool.x: 0.01 mm}
   scatter: {joint1.theta: 0.05 mrad, joint2.theta: 0.05 mrad}
   measurement: {position: 0.02 mm}
 task: {kind: insert, direction: [0, -1, 0], position: [0.9 m, 0.4 m, 0 m]}
 """
+)
 
 
 def lengths(rng: np.random.Generator, robots: int = ROBOTS, rho: float = RHO) -> np.ndarray:

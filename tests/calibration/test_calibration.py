@@ -18,81 +18,18 @@ from posture_opt.calibration.least_squares import least_squares, outlying
 from posture_opt.errors import InputError, InsufficientDataError
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.reading import read_measurements
-
-DATA = Path(__file__).parents[3] / "shared" / "data"
-real = pytest.mark.skipif(not DATA.is_dir(), reason=f"the measurements of real arms are not there: {DATA}")
-
-# name, theta, d, a, alpha: a 6R arm with a spherical wrist, three axes of it parallel or meeting
-SIX = [
-    ("j1", 0.0, 0.40, 0.10, np.pi / 2), ("j2", 0.0, 0.0, 0.50, 0.0), ("j3", 0.0, 0.0, 0.05, np.pi / 2),
-    ("j4", 0.0, 0.45, 0.0, -np.pi / 2), ("j5", 0.0, 0.0, 0.0, np.pi / 2), ("j6", 0.0, 0.10, 0.0, 0.0),
-]  # fmt: skip
-TWO = [("j1", 0.0, 0.0, 1.0, 0.0), ("j2", 0.0, 0.0, 0.8, 0.0)]
-
-
-def turn(axis: int, angle: float) -> np.ndarray:
-    T = np.eye(4)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    T[i, i] = T[j, j] = np.cos(angle)
-    T[j, i] = np.sin(angle)
-    T[i, j] = -T[j, i]
-    return T
-
-
-def shift(x: float, y: float, z: float) -> np.ndarray:
-    T = np.eye(4)
-    T[:3, 3] = x, y, z
-    return T
-
-
-def simulated(
-    table: list[Any], q: np.ndarray, base: np.ndarray, tool: np.ndarray, errors: dict[str, float]
-) -> np.ndarray:
-    """Tool points (N, 3) of a DH arm with hidden errors, by the textbook product of 4x4 matrices."""
-    points = []
-    for row in q:
-        T = base
-        for (name, theta, d, a, alpha), angle in zip(table, row, strict=True):
-            e = {key: errors.get(f"{name}.{key}", 0.0) for key in ("theta", "d", "a", "alpha", "beta")}
-            T = T @ turn(2, theta + angle + e["theta"]) @ shift(0, 0, d + e["d"])
-            T = T @ shift(a + e["a"], 0, 0) @ turn(0, alpha + e["alpha"]) @ turn(1, e["beta"])
-        points.append((T @ tool)[:3, 3])
-    return np.array(points)
-
-
-def problem_of(table: list[Any], **sections: Any) -> Any:
-    joints = [
-        {"name": n, "type": "revolute", "theta": f"{t} rad", "d": f"{d} m", "a": f"{a} m", "alpha": f"{al} rad"}
-        for n, t, d, a, al in table
-    ]
-    robot = {"kind": "dh", "joints": joints, "base": "free", "tool": "free", **sections.pop("robot", {})}
-    robot = {key: value for key, value in robot.items() if value is not None}
-    uncertainty = {"measurement": {"position": "0.02 mm"}, **sections.pop("uncertainty", {})}
-    return po.problem_from_dict({"robot": robot, "uncertainty": uncertainty, **sections})
-
-
-def rows(problem: Any, q: np.ndarray, points: np.ndarray, **more: Any) -> Measurements:
-    columns = {f"{name} [rad]": q[:, i] for i, name in enumerate(problem.robot.joint_names)}
-    columns |= {f"{axis} [m]": points[:, i] for i, axis in enumerate("xyz"[: points.shape[1]])}
-    return read_measurements({**columns, **more}, problem)
-
-
-BASE = shift(1.2, -0.4, 0.3) @ turn(2, 0.7) @ turn(1, -0.3) @ turn(0, 0.2)
-TOOL = shift(0.03, -0.05, 0.12)
-
-
-def hidden(table: list[Any], rng: np.random.Generator, beta: tuple[str, ...] = ()) -> dict[str, float]:
-    errors = {f"{n}.{k}": rng.normal(0, 5e-4) for n, *_ in table for k in ("theta", "d", "a", "alpha")}
-    return errors | {f"{n}.beta": rng.normal(0, 5e-4) for n in beta}
+from tests.helpers.free_arms import BASE, SIX, TOOL, TWO, hidden_errors, problem_of, quaternion, rows, simulated_points
+from tests.helpers.real_arms import DATA, needs_real_arms
+from tests.helpers.simulated_arm import shift, turn
 
 
 @pytest.fixture(scope="module")
 def six() -> tuple[Any, Measurements, dict[str, float], Calibration]:
     rng = np.random.default_rng(1)
     problem = problem_of(SIX)
-    errors = hidden(SIX, rng, ("j2",))
+    errors = hidden_errors(SIX, rng, ("j2",))
     q = rng.uniform(-2.5, 2.5, (120, 6))
-    data = rows(problem, q, simulated(SIX, q, BASE, TOOL, errors) + rng.normal(0, 2e-5, (120, 3)))
+    data = rows(problem, q, simulated_points(SIX, q, BASE, TOOL, errors) + rng.normal(0, 2e-5, (120, 3)))
     return problem, data, errors, calibrate(problem, data)
 
 
@@ -109,7 +46,7 @@ def test_hidden_errors_of_a_6r_arm_are_found_within_their_stated_errors(six: Any
 def test_postures_never_seen_are_predicted_to_the_instruments_noise(six: Any) -> None:
     problem, data, errors, result = six
     q = np.random.default_rng(5).uniform(-2.5, 2.5, (200, 6))
-    other = rows(problem, q, simulated(SIX, q, BASE, TOOL, errors))
+    other = rows(problem, q, simulated_points(SIX, q, BASE, TOOL, errors))
     x = compare(problem, other)[0].error(result.x)
     # About 30 parameters from 360 coordinates of 20 µm: 20 µm · √3 · √(30/360) ≈ 10 µm on average.
     assert np.sqrt((x**2).sum(axis=1).mean()) < 2e-5
@@ -167,7 +104,7 @@ def test_orientation_residuals_differentiate_where_they_are_small() -> None:
         )
         for row in q
     ]
-    w = np.array([_quaternion(T[:3, :3]) for T in robot])
+    w = np.array([quaternion(T[:3, :3]) for T in robot])
     more = {name: w[:, i] for i, name in enumerate(("qw", "qx", "qy", "qz"))}
     data = rows(problem, q, np.array([T[:3, 3] for T in robot]), **more)
     residuals, _ = compare(problem, data)
@@ -182,26 +119,12 @@ def test_orientation_residuals_differentiate_where_they_are_small() -> None:
     np.testing.assert_allclose(J, numeric, atol=1e-4 * 5e4)
 
 
-def _quaternion(R: np.ndarray) -> np.ndarray:
-    """By the eigenvector of Bar-Itzhack's matrix (2000), another way than the reader's."""
-    K = np.array(
-        [
-            [R[0, 0] - R[1, 1] - R[2, 2], R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] - R[1, 2]],
-            [R[1, 0] + R[0, 1], R[1, 1] - R[0, 0] - R[2, 2], R[2, 1] + R[1, 2], R[0, 2] - R[2, 0]],
-            [R[2, 0] + R[0, 2], R[2, 1] + R[1, 2], R[2, 2] - R[0, 0] - R[1, 1], R[1, 0] - R[0, 1]],
-            [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], np.trace(R)],
-        ]
-    )
-    x, y, z, w = np.linalg.eigh(K / 3)[1][:, -1]
-    return np.array([w, x, y, z]) * (1 if w >= 0 else -1)
-
-
 def test_a_planar_arm_measured_in_its_plane() -> None:
     rng = np.random.default_rng(4)
     problem = problem_of(TWO, robot={"base": {"xyz": ["0 m"] * 3}, "tool": {"xyz": ["0 m"] * 3}})
     errors = {"j1.theta": 2e-3, "j2.theta": -3e-3, "j1.a": 1e-3, "j2.a": -2e-3}
     q = rng.uniform(-2.5, 2.5, (60, 2))
-    points = simulated(TWO, q, np.eye(4), np.eye(4), errors) + rng.normal(0, 2e-5, (60, 3))
+    points = simulated_points(TWO, q, np.eye(4), np.eye(4), errors) + rng.normal(0, 2e-5, (60, 3))
     result = calibrate(problem, rows(problem, q, points[:, :2]))
     names = [p.name for p in result.parameters]
     assert not any(name.startswith(("base", "tool")) for name in names)  # stated, hence known
@@ -253,7 +176,7 @@ def test_stated_sigmas_are_priors_and_decide_what_data_cannot() -> None:
     sigma = {"j1.theta": "1 mrad", "j2.theta": "1 mrad", "j1.a": "1 mm", "j2.a": "1 mm"}
     problem = problem_of(TWO, robot={"base": "free", "tool": {"xyz": ["0 m"] * 3}}, uncertainty={"sigma": sigma})
     q = rng.uniform(-2.5, 2.5, (60, 2))
-    points = simulated(TWO, q, np.eye(4), np.eye(4), {"j1.a": 1e-3}) + rng.normal(0, 2e-5, (60, 3))
+    points = simulated_points(TWO, q, np.eye(4), np.eye(4), {"j1.a": 1e-3}) + rng.normal(0, 2e-5, (60, 3))
     data = rows(problem, q, points)
     with_priors, without = calibrate(problem, data), calibrate(problem, data, priors=False)
     names = [p.name for p in with_priors.parameters]
@@ -280,7 +203,7 @@ def test_postures_that_are_practically_equal_stay_on_one_side_of_a_fold() -> Non
     problem = problem_of(TWO, robot={"base": {"xyz": ["0 m"] * 3}, "tool": {"xyz": ["0 m"] * 3}})
     q = rng.uniform(-2.5, 2.5, (40, 2))
     again = np.concatenate([q, q + rng.uniform(-4e-4, 4e-4, q.shape)])  # revisits that are not marked as such
-    points = simulated(TWO, again, np.eye(4), np.eye(4), {})
+    points = simulated_points(TWO, again, np.eye(4), np.eye(4), {})
     groups = groups_of(rows(problem, again, points), "pose", 5)
     assert len(np.unique(groups)) == 40
     assert np.array_equal(groups[:40], groups[40:])
@@ -337,7 +260,7 @@ def load(folder: str, file: str, problem: str = "problem.yaml") -> tuple[Any, Ca
     return loaded, lambda name=file: read_measurements(DATA / folder / name, loaded)
 
 
-@real
+@needs_real_arms
 def test_ur5_predicts_another_session() -> None:
     problem, read = load("jacobi_ur5", "grid.csv")
     result = calibrate(problem, read("grid.csv"), test=read("random.csv"))
@@ -347,7 +270,7 @@ def test_ur5_predicts_another_session() -> None:
     assert result.calibrated.rms < 0.115e-3
 
 
-@real
+@needs_real_arms
 @pytest.mark.parametrize(("file", "every"), [("series_b.csv", 3), ("series_a.csv", 20)])
 def test_ur10_geometry(file: str, every: int) -> None:
     problem, read = load("ipa_ur10", file)
@@ -359,7 +282,7 @@ def test_ur10_geometry(file: str, every: int) -> None:
     assert result.nominal.rms > 0.8e-3
 
 
-@real
+@needs_real_arms
 @pytest.mark.parametrize(("file", "problem", "most"), [("panda_3", "panda", 0.22e-3), ("kuka_14", "iiwa", 0.30e-3)])
 def test_sockets_calibrate_without_an_instrument(file: str, problem: str, most: float) -> None:
     loaded, read = load("mukca_sockets", f"{file}.csv", f"problem_{problem}.yaml")

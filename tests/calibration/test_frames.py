@@ -9,7 +9,8 @@ import pytest
 
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.measurements.measurements import Measurements
-from tests.calibration.test_calibration import SIX, _quaternion, hidden, problem_of, rows, shift, turn
+from tests.helpers.free_arms import SIX, hidden_errors, problem_of, quaternion, rows, simulated_poses
+from tests.helpers.simulated_arm import shift, turn
 
 NOISE, TWIST = 2e-5, 1e-4  # m, rad
 
@@ -18,23 +19,10 @@ def rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
     return turn(2, np.radians(yaw)) @ turn(1, np.radians(pitch)) @ turn(0, np.radians(roll))
 
 
-def poses(q: np.ndarray, base: np.ndarray, tool: np.ndarray, errors: dict[str, float]) -> np.ndarray:
-    """(N, 4, 4) by the textbook product of matrices."""
-    found = []
-    for row in q:
-        T = base
-        for (name, theta, d, a, alpha), angle in zip(SIX, row, strict=True):
-            e = {key: errors.get(f"{name}.{key}", 0.0) for key in ("theta", "d", "a", "alpha", "beta")}
-            T = T @ turn(2, theta + angle + e["theta"]) @ shift(0, 0, d + e["d"]) @ shift(a + e["a"], 0, 0)
-            T = T @ turn(0, alpha + e["alpha"]) @ turn(1, e["beta"])
-        found.append(T @ tool)
-    return np.array(found)
-
-
 def measured(base: np.ndarray, tool: np.ndarray, orientation: bool) -> tuple[Any, Measurements]:
     rng = np.random.default_rng(21)
     q = rng.uniform(-2.5, 2.5, (100, 6))
-    T = poses(q, base, tool, hidden(SIX, rng, ("j2",)))
+    T = simulated_poses(SIX, q, base, tool, hidden_errors(SIX, rng, ("j2",)))
     points = T[:, :3, 3] + rng.normal(0, NOISE, (100, 3))
     more = {}
     if orientation:
@@ -42,7 +30,7 @@ def measured(base: np.ndarray, tool: np.ndarray, orientation: bool) -> tuple[Any
         for R in T[:, :3, :3]:
             angle = rng.normal(0, TWIST, 3)
             wxyz.append(
-                _quaternion(turn(2, angle[2])[:3, :3] @ turn(1, angle[1])[:3, :3] @ turn(0, angle[0])[:3, :3] @ R)
+                quaternion(turn(2, angle[2])[:3, :3] @ turn(1, angle[1])[:3, :3] @ turn(0, angle[0])[:3, :3] @ R)
             )
         more = {name: np.array(wxyz)[:, i] for i, name in enumerate(("qw", "qx", "qy", "qz"))}
     instrument = {"position": "0.02 mm"} | ({"orientation": "0.1 mrad"} if orientation else {})
@@ -92,7 +80,7 @@ def test_on_a_wall_roll_and_yaw_have_no_values_of_their_own() -> None:
     problem = problem_of(SIX, uncertainty={"measurement": instrument, "sigma": sigma})
     q = rng.uniform(-2.5, 2.5, (60, 6))
     T_base = shift(0.4, -1.3, 0.8) @ rpy(0, 90, 0)
-    points = poses(q, T_base, shift(0.03, -0.05, 0.12), errors)[:, :3, 3] + rng.normal(0, NOISE, (60, 3))
+    points = simulated_poses(SIX, q, T_base, shift(0.03, -0.05, 0.12), errors)[:, :3, 3] + rng.normal(0, NOISE, (60, 3))
     result = calibrate(problem, rows(problem, q, points))
     at = {p.name: i for i, p in enumerate(result.parameters)}
     assert not result.fixed[at["base.roll"]]

@@ -13,8 +13,9 @@ from click.testing import CliRunner, Result
 from posture_opt.cli.main import main
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write
+from tests.helpers.real_arms import DATA, needs_real_arms
 
-JACOBI = Path(__file__).parents[3] / "shared" / "data" / "jacobi_ur5"
+JACOBI = DATA / "jacobi_ur5"
 LONGER = 3e-3  # m: what the second link has more than the problem file says
 NOISE = 2e-5  # m, of each measured coordinate
 OUTLIER = 7  # the row that the instrument got wrong by 50 mm; its line is two more
@@ -178,7 +179,7 @@ def test_what_cannot_be_done_is_said_and_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(not JACOBI.is_dir(), reason=f"the measurements of a real arm are not there: {JACOBI}")
+@needs_real_arms
 def test_a_real_arm_predicts_another_session() -> None:
     words = ["--problem", JACOBI / "problem.yaml", "--test", JACOBI / "random.csv"]
     result = run(JACOBI / "grid.csv", *words, "--json")

@@ -16,15 +16,7 @@ from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
 from posture_opt.diagnosis.score_tests import ABSORBED, explained, waves
 from posture_opt.diagnosis.search import rank_members
 from tests.helpers.planar_2r import position
-
-PROBLEM = {
-    "name": "Planar arm",
-    "robot": {
-        "kind": "dh",
-        "joints": [{"name": f"joint{i}", "type": "revolute", "a": "1 m"} for i in (1, 2)],
-    },
-    "uncertainty": {"measurement": {"position": "0.02 mm"}},
-}
+from tests.helpers.planar_files import PROBLEM, write
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +24,8 @@ def linearised(tmp_path_factory: pytest.TempPathFactory) -> LinearisedData:
     rng = np.random.default_rng(3)
     q = rng.uniform(-2.5, 2.5, (80, 2))
     error = np.stack([3e-4 * np.sin(q[:, 0]), 2e-4 * np.cos(2 * q[:, 1])], axis=1)
-    table = np.column_stack([np.degrees(q), 1e3 * (position(q + error) + rng.normal(0, 2e-5, q.shape))])
     file = tmp_path_factory.mktemp("linear") / "data.csv"
-    np.savetxt(file, table, "%.9f", ",", header="joint1 [deg], joint2 [deg], x [mm], y [mm]", comments="")
+    write(file, q, position(q + error) + rng.normal(0, 2e-5, q.shape))
     problem = po.problem_from_dict(PROBLEM)
     return linearise(po.calibrate(problem, po.read_measurements(file, problem)), flips=20)
 

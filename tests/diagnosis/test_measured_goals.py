@@ -15,22 +15,20 @@ from posture_opt.cli.main import main
 from posture_opt.diagnosis.measured_goals import MeasuredGoals, goals_in_postures, measured_goals
 from posture_opt.problem.extended_problem import extended_problem, models_of
 from tests.helpers.planar_2r import position, postures_at
+from tests.helpers.planar_files import PLANAR
+from tests.helpers.real_arms import DATA, needs_real_arms
 
-UR10 = Path(__file__).parents[3] / "shared" / "data" / "ipa_ur10"
+UR10 = DATA / "ipa_ur10"
 NOISE, SIGMA = 2e-5, (4e-4, 1e-4)  # m; rad, what the file states of joint1 and joint2
 LONGER, CYCLES, WAVE = 2e-4, 7.0, 4e-4  # m of link 2; the error of joint1, rad
-PROBLEM = """
-name: Planar arm
-robot:
-  kind: dh
-  joints:
-    - {name: joint1, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
-    - {name: joint2, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
-uncertainty:
+PROBLEM = (
+    PLANAR
+    + """uncertainty:
   measurement: {position: 0.02 mm}
   sigma: {joint1.theta: 0.4 mrad, joint2.theta: 0.1 mrad}
 task: {kind: insert, direction: [0, -1, 0], position: [0.9 m, 0.4 m, 0 m], clearance: 0.5 mm}
 """
+)
 
 
 def tool(q: np.ndarray, wave: float = 0.0, longer: float = 0.0) -> np.ndarray:
@@ -146,7 +144,7 @@ def test_a_goal_under_two_payloads_is_two_goals(tmp_path: Path) -> None:
     assert [[list(rows) for rows in postures] for postures in goals_in_postures(data)] == [[[2], [3]], [[4], [5]]]
 
 
-@pytest.mark.skipif(not UR10.exists(), reason="the measured UR10 is not there")
+@needs_real_arms
 def test_the_measured_ur10_is_better_sent_and_better_chosen() -> None:
     problem = po.load_problem(UR10 / "problem.yaml")
     whole = po.read_measurements(UR10 / "series_b.csv", problem)

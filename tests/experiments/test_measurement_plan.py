@@ -18,9 +18,10 @@ from posture_opt.experiments.exchange import exchange
 from posture_opt.experiments.expected_errors import Beforehand, Unknowns
 from posture_opt.experiments.information import Given, given_knowledge, instrument, nothing_given
 from posture_opt.experiments.visiting_order import tour
+from tests.helpers.real_arms import DATA, needs_real_arms
 from tests.helpers.simulated_arm import DEG, SimulatedArm, shift, turn
 
-JACOBI = Path(__file__).parents[3] / "shared" / "data" / "jacobi_ur5"
+JACOBI = DATA / "jacobi_ur5"
 
 # A 6R arm with a spherical wrist, two of its axes parallel.
 TABLE = (
@@ -352,7 +353,7 @@ def test_slides_and_arms_with_few_joints_are_planned_for() -> None:
     assert {p.name for p, s in zip(one.parameters, one.settled, strict=True) if s} == {"j1.theta", "j1.a"}
 
 
-@pytest.mark.skipif(not JACOBI.is_dir(), reason=f"the measurements of a real arm are not there: {JACOBI}")
+@needs_real_arms
 def test_few_chosen_rows_of_a_real_arm_predict_the_others_better_than_random_ones() -> None:
     problem = po.load_problem(JACOBI / "problem.yaml")
     grid = po.read_measurements(JACOBI / "grid.csv", problem)

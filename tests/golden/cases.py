@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import posture_opt as po
+from tests.helpers.real_arms import DATA
 from tests.hidden.draw import draw
 from tests.hidden.files import write
 
 ROOT = Path(__file__).parents[2]
 PROBLEMS = ROOT / "problems"
-REAL = ROOT.parent / "shared" / "data"
 SEED = 2026
 HIDDEN = [(family, 0) for family in ("full", "kr16", "narrow", "two", "clean", "outside", "planar", "joint_noise")]
 MORE_HIDDEN = [
@@ -104,16 +104,16 @@ def slow() -> Iterator[tuple[str, Case]]:
     for family, index in MORE_HIDDEN:
         yield f"hidden-{family}-{index}", partial(hidden, family, index)
     for data, problem, test in REAL_SETS:
-        other = REAL / test if test else None
+        other = DATA / test if test else None
         name = data.removesuffix(".csv").replace("/", "-")
-        yield f"real-calibrate-{name}", partial(calibrated, REAL / data, REAL / problem, other)
-        yield f"real-diagnose-{name}", partial(diagnosed, REAL / data, REAL / problem, other)
+        yield f"real-calibrate-{name}", partial(calibrated, DATA / data, DATA / problem, other)
+        yield f"real-diagnose-{name}", partial(diagnosed, DATA / data, DATA / problem, other)
 
 
 def missing(name: str) -> str:
     """Why a case cannot be looked at here; empty where it can."""
-    lacks = name.startswith("real-") and not REAL.is_dir()
-    return f"the measurements of real arms are not there: {REAL}" if lacks else ""
+    lacks = name.startswith("real-") and not DATA.is_dir()
+    return f"the measurements of real arms are not there: {DATA}" if lacks else ""
 
 
 def document(case: Case) -> Any:

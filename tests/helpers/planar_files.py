@@ -13,6 +13,12 @@ robot:
     - {name: joint1, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
     - {name: joint2, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
 """
+PROBLEM = {
+    "name": "Planar arm",
+    "robot": {"kind": "dh", "joints": [{"name": f"joint{i}", "type": "revolute", "a": "1 m"} for i in (1, 2)]},
+    "uncertainty": {"measurement": {"position": "0.02 mm"}},
+}
+"""The same as a dict, measured by an instrument of 20 µm."""
 
 
 def write(file, q, points, **more):

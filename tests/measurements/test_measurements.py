@@ -13,9 +13,9 @@ import posture_opt as po
 from posture_opt.errors import InputError
 from posture_opt.robot import load_preset
 from tests.helpers.planar_2r import position as planar_position
+from tests.helpers.real_arms import DATA, needs_real_arms
 
 DEG = math.pi / 180
-SHARED = Path(__file__).parents[3] / "shared" / "data"
 
 PLANAR = {
     "robot": {
@@ -480,6 +480,7 @@ def touches() -> dict[str, np.ndarray]:
     return {"point": np.array(names), **{f"j{k + 1} [rad]": column for k, column in enumerate(np.array(rows).T)}}
 
 
+@needs_real_arms
 @pytest.mark.parametrize(
     ("file", "problem", "rows"),
     [
@@ -492,18 +493,15 @@ def touches() -> dict[str, np.ndarray]:
     ],
 )
 def test_real_measurements(file: str, problem: str, rows: int) -> None:
-    if not (SHARED / file).is_file():
-        pytest.skip(f"the real data {file} are not beside this repository")
-    data = po.read_measurements(SHARED / file, po.load_problem(SHARED / problem))
+    data = po.read_measurements(DATA / file, po.load_problem(DATA / problem))
     assert len(data) == rows
     assert data.warnings == ()
 
 
+@needs_real_arms
 @pytest.mark.parametrize("file", ["grid.csv", "random.csv"])
 def test_mistakes_in_real_measurements(file: str, tmp_path: Path) -> None:
-    path = SHARED / "jacobi_ur5" / file
-    if not path.is_file():
-        pytest.skip(f"the real data jacobi_ur5/{file} are not beside this repository")
+    path = DATA / "jacobi_ur5" / file
     head, _, rows = path.read_text(encoding="utf-8").partition("\n")
     problem = po.load_problem(path.parent / "problem.yaml")
     for wrong, said in (

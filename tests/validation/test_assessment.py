@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,7 @@ from posture_opt.measurements.reading import read_measurements
 from posture_opt.validation.mean_test import block_tests, holm, mean_test
 from posture_opt.validation.trends import trend
 from tests.helpers.planar_2r import position, postures_at
-
-DATA = Path(__file__).parents[3] / "shared" / "data"
-real = pytest.mark.skipif(not DATA.is_dir(), reason=f"the measurements of real arms are not there: {DATA}")
+from tests.helpers.real_arms import DATA, needs_real_arms
 
 NOISE = 2e-5  # m, of each measured coordinate
 SHAKE = np.array([1e-4, 2e-4])  # rad, of the joints from visit to visit
@@ -291,7 +288,7 @@ def test_the_instrument_is_set_against_what_it_judges(assessed: Any) -> None:
     assert found.to_json()["instrument"]["sufficient"] == {"nominal": True, "calibrated": False}
 
 
-@real
+@needs_real_arms
 def test_ur10_lands_two_millimetres_apart_in_two_postures() -> None:
     problem = po.load_problem(DATA / "ipa_ur10" / "problem.yaml")
     data = read_measurements(DATA / "ipa_ur10" / "series_b.csv", problem)

@@ -14,17 +14,9 @@ from posture_opt.diagnosis.search import SearchResult, remaining_unnamed, search
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent
 from posture_opt.model.effects.cyclic_error import CyclicError
 from tests.helpers.planar_2r import position
-from tests.helpers.planar_files import write
+from tests.helpers.planar_files import PROBLEM, write
 
 NOISE = 2e-5  # m
-PROBLEM = {
-    "name": "Planar arm",
-    "robot": {
-        "kind": "dh",
-        "joints": [{"name": f"joint{i}", "type": "revolute", "a": "1 m"} for i in (1, 2)],
-    },
-    "uncertainty": {"measurement": {"position": "0.02 mm"}},
-}
 
 
 def dent(q: np.ndarray, at: float) -> np.ndarray:

@@ -17,7 +17,7 @@ from posture_opt.report.text import render
 from posture_opt.report.truth_blocks import truth_blocks, truth_lead
 from posture_opt.validation.spread_check import SpreadCheck
 from tests.helpers.planar_2r import position
-from tests.validation.test_spread_check import NOISE, SCATTER, STATED, arm, checked, measured
+from tests.helpers.scattering_arm import NOISE, SCATTER, STATED, arm, checked, measured
 
 PROBLEM = """
 robot:

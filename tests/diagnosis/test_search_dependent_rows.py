@@ -13,17 +13,11 @@ from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.search import search
 from posture_opt.diagnosis.search_dependent_rows import dependence, find
 from tests.helpers.planar_2r import position
+from tests.helpers.planar_files import PROBLEM, write
+from tests.helpers.real_arms import DATA, needs_real_arms
 
 NOISE = 2e-5  # m
-PROBLEM = {
-    "name": "Planar arm",
-    "robot": {
-        "kind": "dh",
-        "joints": [{"name": f"joint{i}", "type": "revolute", "a": "1 m"} for i in (1, 2)],
-    },
-    "uncertainty": {"measurement": {"position": "0.02 mm"}},
-}
-DATA = Path(__file__).parents[3] / "shared" / "data" / "ipa_ur10"
+UR10 = DATA / "ipa_ur10"
 
 
 def rough(q: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -33,8 +27,7 @@ def rough(q: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def measured(folder: Path, name: str, q: np.ndarray, error: np.ndarray, rng: np.random.Generator) -> po.Measurements:
-    table = np.column_stack([np.degrees(q), 1e3 * (position(q + error) + rng.normal(0, NOISE, q.shape))])
-    np.savetxt(folder / name, table, "%.9f", ",", header="joint1 [deg], joint2 [deg], x [mm], y [mm]", comments="")
+    write(folder / name, q, position(q + error) + rng.normal(0, NOISE, q.shape))
     return po.read_measurements(folder / name, po.problem_from_dict(PROBLEM))
 
 
@@ -91,10 +84,10 @@ def test_another_session_stands_in_another_frame(tmp_path: Path) -> None:
     assert found.test.models["calibrated"].rms > 10 * NOISE
 
 
-@pytest.mark.skipif(not DATA.exists(), reason="the measured arms lie in ../shared/data, which is missing here")
+@needs_real_arms
 def test_ur10_lines_of_one_session_improve_another() -> None:
-    problem = po.load_problem(DATA / "problem.yaml")
-    first, second = (po.read_measurements(DATA / f"series_{name}.csv", problem) for name in "ab")
+    problem = po.load_problem(UR10 / "problem.yaml")
+    first, second = (po.read_measurements(UR10 / f"series_{name}.csv", problem) for name in "ab")
     # Every 24th place of the first session, with all postures of the wrist about each, for time.
     places = np.unique(np.round(first.q[:, :3] / 0.02), axis=0, return_inverse=True)[1].ravel()
     learnt = first.take(np.flatnonzero(places % 24 == 0))

@@ -10,19 +10,19 @@ import pytest
 
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.errors import InputError, InsufficientDataError
-from tests.calibration.test_calibration import BASE, SIX, TOOL, hidden, problem_of, rows, simulated
+from tests.helpers.free_arms import BASE, SIX, TOOL, hidden_errors, problem_of, rows, simulated_points
 
 NOISE = 2e-5  # m
 
 
 def measured(q: np.ndarray, rng: np.random.Generator, errors: dict[str, float], base: np.ndarray = BASE) -> np.ndarray:
-    return simulated(SIX, q, base, TOOL, errors) + rng.normal(0, NOISE, (len(q), 3))
+    return simulated_points(SIX, q, base, TOOL, errors) + rng.normal(0, NOISE, (len(q), 3))
 
 
 @pytest.fixture
 def setting() -> tuple[Any, np.ndarray, np.random.Generator, dict[str, float]]:
     rng = np.random.default_rng(1)
-    errors = hidden(SIX, rng, ("j2",))
+    errors = hidden_errors(SIX, rng, ("j2",))
     return problem_of(SIX), rng.uniform(-2.5, 2.5, (80, 6)), rng, errors
 
 

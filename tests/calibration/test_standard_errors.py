@@ -15,7 +15,7 @@ from posture_opt.calibration.clustered_covariance import clustered_covariance
 from posture_opt.calibration.estimation import estimate
 from posture_opt.calibration.frames import compare, fit_frames
 from posture_opt.calibration.prior import determine
-from tests.calibration.test_calibration import BASE, TOOL, TWO, problem_of, rows, simulated
+from tests.helpers.free_arms import BASE, TOOL, TWO, problem_of, rows, simulated_points
 from tests.helpers.pin import robots_folder
 from tests.helpers.simulated_arm import SimulatedArm
 
@@ -28,7 +28,7 @@ def test_intervals_of_95_percent_hold_the_truth_in_95_percent_of_300_draws() -> 
     problem = problem_of(TWO, robot=PLANAR)
     rng = np.random.default_rng(7)
     q = rng.uniform(-2.5, 2.5, (30, 2))
-    exact = simulated(TWO, q, np.eye(4), np.eye(4), WRONG)
+    exact = simulated_points(TWO, q, np.eye(4), np.eye(4), WRONG)
     data = rows(problem, q, exact[:, :2])
     residuals, _ = compare(problem, data)
     zero = np.zeros(len(residuals.parameters))
@@ -55,7 +55,7 @@ def test_predicted_regions_hold_95_percent_of_what_was_left_out() -> None:
     for seed in range(30):
         rng = np.random.default_rng(seed)
         q = rng.uniform(-2.5, 2.5, (60, 2))
-        points = simulated(TWO, q, np.eye(4), np.eye(4), WRONG)[:, :2] + rng.normal(0, 2e-5, (60, 2))
+        points = simulated_points(TWO, q, np.eye(4), np.eye(4), WRONG)[:, :2] + rng.normal(0, 2e-5, (60, 2))
         shares.append(calibrate(problem, rows(problem, q, points), folds=2).coverage["calibrated"])
     # 1800 rows: 95 % ± 0.5 %.
     assert 0.935 < np.mean(shares) < 0.965
@@ -71,7 +71,7 @@ def test_standard_errors_know_that_neighbouring_postures_err_alike() -> None:
         rng = np.random.default_rng(seed)
         q = np.repeat(rng.uniform(-2.5, 2.5, (60, 2)), 10, axis=0) + rng.normal(0, 0.01, (600, 2))
         wrong = q + 1e-3 * np.sin(11 * q + rng.uniform(0, 6.28, 2))
-        data = rows(problem, q, simulated(TWO, wrong, np.eye(4), np.eye(4), {}) + rng.normal(0, 1e-5, (600, 3)))
+        data = rows(problem, q, simulated_points(TWO, wrong, np.eye(4), np.eye(4), {}) + rng.normal(0, 1e-5, (600, 3)))
         residuals, _ = compare(problem, data)
         zero = np.zeros(len(residuals.parameters))
         known = determine(problem, residuals, zero, None, True)
@@ -118,7 +118,7 @@ def test_the_whole_fit_agrees_with_scipy() -> None:
     problem = problem_of(TWO, robot={"base": "free", "tool": {"xyz": ["0 m"] * 3}})
     rng = np.random.default_rng(13)
     q = rng.uniform(-2.5, 2.5, (40, 2))
-    data = rows(problem, q, simulated(TWO, q, np.eye(4), np.eye(4), WRONG) + rng.normal(0, 2e-5, (40, 3)))
+    data = rows(problem, q, simulated_points(TWO, q, np.eye(4), np.eye(4), WRONG) + rng.normal(0, 2e-5, (40, 3)))
     residuals, _ = compare(problem, data)
     x0 = fit_frames(residuals)
     D = determine(problem, residuals, x0, None, False).directions
