@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
+from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.score_tests import (
-    WEIGHTS,
     NullDistribution,
     ProjectedBaseline,
     explained,
@@ -23,11 +23,6 @@ from posture_opt.model.effects import EFFECTS, Effect, Excitation
 from posture_opt.model.effects.cyclic_error import OVERSAMPLING, CyclicError
 from posture_opt.model.effects.joint_compliance import JointCompliance
 from posture_opt.numerics import Array
-
-PEAKS = 4  # frequencies a joint that stay in the running
-_COUNTED = 50  # shapes of one cause that are compared: more of them, closer together, count no more
-_SHAPES = 8.0  # how much a shape that is fitted counts at least: it is a parameter too
-_ALIKE = 0.05  # singular value of unit columns: below, two point masses cannot be told apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +51,19 @@ class Candidate:
         return self.what.family if isinstance(self.what, Effect) else "nameless"
 
     @property
+    def specific(self) -> bool:
+        """Whether it has a name, and a shape of its own."""
+        return isinstance(self.what, Effect) and not self.what.flexible
+
+    @property
     def key(self) -> tuple[str, str]:
-        """Kind and target; several cyclic errors of one joint are told apart by their frequency."""
+        """Kind and target: of all shapes the best one is kept."""
         return self.kind, self.target
+
+    @property
+    def exclusive(self) -> object:
+        """Candidates that have it in common are shapes of one effect, of which a model holds one."""
+        return self.what.exclusive
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +89,9 @@ def list_candidates(sensitivities: EffectSensitivities, excitation: Excitation) 
     shapes: dict[tuple[str, str], list[Array]] = {}
     for e, Z in named:
         shapes.setdefault((e.kind, e.target), []).append(Z)
-    searched = {key: max(effective_number(own), min(len(own), _SHAPES)) for key, own in shapes.items()}
+    searched = {
+        key: max(effective_number(own), min(len(own), levels.SHAPES_OF_A_PARAMETER)) for key, own in shapes.items()
+    }
     nameless = list(unnamed_components(sensitivities, excitation))
     grids = Counter((u.kind, u.target) for u, _ in nameless)
     return [
@@ -101,7 +108,7 @@ def effective_number(shapes: Sequence[Array]) -> float:
     """
     if len(shapes) == 1:
         return 1.0
-    first = np.stack([Z[:, 0] for Z in shapes[:: -(-len(shapes) // _COUNTED)]], axis=1)
+    first = np.stack([Z[:, 0] for Z in shapes[:: -(-len(shapes) // levels.COMPARED_SHAPES)]], axis=1)
     norms = np.linalg.norm(first, axis=0)
     first = first / np.where(norms > 0, norms, 1.0)
     values = np.maximum(np.linalg.eigvalsh(first.T @ first), 0.0)
@@ -125,7 +132,7 @@ def point_mass_compliances(sensitivities: EffectSensitivities, excitation: Excit
             norms = np.linalg.norm(Z, axis=0)
             if norms[-1] > 1e-6 * np.linalg.norm(sensitivities.joints[i]):
                 s = np.linalg.svd(Z / np.where(norms > 0, norms, 1.0), compute_uv=False)
-                points = wider.points if s[-1] > _ALIKE else points
+                points = wider.points if s[-1] > levels.DISTINCT_MASSES else points
         if points:
             effects.append(JointCompliance(joint=name, loads="points", points=points))
     return effects
@@ -150,7 +157,7 @@ def score_candidates(
     values = log_p(gains, rss[None, :], sizes[:, None], freedom[None, :]) if alive else np.zeros((0, len(rss)))
     cyclic, lowest = _cyclic(baseline, sensitivities, excitation)
     families = np.array([candidates[i].family for i in alive])
-    least = {family: _least(values[families == family]) for family in WEIGHTS}
+    least = {family: _least(values[families == family]) for family in levels.FAMILY_SHARES}
     least[CyclicError.family] = np.minimum(least[CyclicError.family], lowest)
     null = known or NullDistribution(least)
     found: dict[tuple[str, str], ScoredCandidate] = {}
@@ -227,4 +234,4 @@ def _peaks(gains: Array) -> list[int]:
     left = np.r_[True, gains[1:] >= gains[:-1]]
     right = np.r_[gains[:-1] >= gains[1:], True]
     peaks = np.flatnonzero(left & right)
-    return [int(k) for k in peaks[np.argsort(-gains[peaks])][:PEAKS]]
+    return [int(k) for k in peaks[np.argsort(-gains[peaks])][: levels.PERIODOGRAM_PEAKS]]

@@ -14,20 +14,20 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.progress import Stages
+from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.causes import Finding, effect_findings, geometry_finding, noise_finding
 from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_discrimination
 from posture_opt.diagnosis.extended_fit import Extended, fit_calibrated, fit_extended
 from posture_opt.diagnosis.geometry_causes import geometry_causes
 from posture_opt.diagnosis.held_out import HeldOut, held_out
-from posture_opt.diagnosis.lack_of_fit import LEVEL, Adequacy, adequacy
+from posture_opt.diagnosis.lack_of_fit import Adequacy, adequacy
 from posture_opt.diagnosis.linearised_data import frame_directions, linearise, tool_points
 from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
 from posture_opt.diagnosis.other_session import Gain, SecondSession, second_session
 from posture_opt.diagnosis.outlier_reinclusion import reinclude_outliers
 from posture_opt.diagnosis.persistent_effects import persistent
-from posture_opt.diagnosis.search import SearchResult, prefer_named, remaining_unnamed
-from posture_opt.diagnosis.search_dependent_rows import find
+from posture_opt.diagnosis.search import SearchResult, prefer_named, remaining_unnamed, search
 from posture_opt.diagnosis.undetectable import unknowable
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent
 from posture_opt.measurements.measurements import Measurements
@@ -35,8 +35,6 @@ from posture_opt.model.effects import Effect
 from posture_opt.numerics import Codes, Progress
 
 Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_data"]
-FLIPS, FEW, MANY = 299, 99, 3000
-"""Draws of the null, and those for so many rows that nothing hangs on the last digit of a p-value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,14 +194,14 @@ def diagnose(
     """
     stages = Stages(progress, 20, 55, 5, 20)
     calibration = calibrate(problem, data, folds=folds, by=by, progress=stages.next())
-    draws = flips or (FLIPS if len(data) < MANY else FEW)
+    draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
     linearised = linearise(calibration, draws, seed)
-    found = find(linearised, calibration.design > 1, stages.rounds(stages.next()))
+    found = search(linearised, calibration.design > 1, stages.rounds(stages.next()))
     stages.next()
     wider = reinclude_outliers(calibration, found)
     if len(wider.outliers) < len(calibration.outliers):
         calibration, linearised = wider, linearise(wider, draws, seed)
-        found = find(linearised, calibration.design > 1)
+        found = search(linearised, calibration.design > 1)
     residuals = linearised.sensitivities.residuals
     names = prefer_named(linearised, found) if not all(s.named for s in found.chosen) else found
     nameless = tuple(
@@ -214,7 +212,7 @@ def diagnose(
     everything = linearised.baseline(found.chosen)
     left = adequacy(everything, residuals.data, tool_points(linearised), residuals.block)
     closed = 0.0 if nameless else left.p_value
-    unclear = closed < LEVEL
+    unclear = closed < levels.LACK_OF_FIT
     noise = noise_causes(problem, calibration, model, everything, closed, seed)
     known = frame_directions(calibration)
     full = _of_data(model, calibration)
@@ -241,7 +239,7 @@ def diagnose(
     stages.end()
     return Diagnosis(
         outcome, findings, problem, calibration, statistics, held, model, persistent(model, known, with_time),
-        found, nameless, left, groups_by, groups, names.confused, other,
+        found, nameless, left, groups_by, groups, names.confusable, other,
         (*calibration.notes, *(() if other is None else other.notes)),
     )  # fmt: skip
 

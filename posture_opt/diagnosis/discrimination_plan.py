@@ -9,22 +9,17 @@ from typing import Any
 import numpy as np
 
 from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.discrimination_candidates import candidate_rows
 from posture_opt.diagnosis.extended_fit import Extended
 from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.model_discrimination import ModelDiscrimination, Rivals
-from posture_opt.diagnosis.noncentrality import ENOUGH, DiscriminationDesign, detection_probability
+from posture_opt.diagnosis.noncentrality import DiscriminationDesign, detection_probability
 from posture_opt.errors import InputError
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Mask
 
-Mask = Mask
 Steps = Sequence[tuple[int, Array]]
-
-POSTURES = 10  # in a plan; more measurements are rounds of them
-_LEAST = 5  # so that no single reading decides
-_MOST = 300  # measurements: what takes more is no matter of postures
-_PAIRS, _TRIES = 12, 3  # that a plan is made for, the weakest, and how often those are added that it leaves weak
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +115,10 @@ def plan_discrimination(
     except InputError:  # a slide without limits has no room to plan in
         return None
     design, now = discrimination.design(problem, rows)
-    far = _weaker_side(design.noncentralities(design.after(range(len(rows)), _MOST / max(len(rows), 1))))
-    possible = far >= ENOUGH
+    far = _weaker_side(
+        design.noncentralities(design.after(range(len(rows)), levels.MOST_MEASUREMENTS / max(len(rows), 1)))
+    )
+    possible = far >= levels.DISCRIMINATED
     chosen = _chosen(design, now, possible)
     steps = list(_steps(design, chosen, possible)) if chosen else []
     places = np.array([place for place, _, _ in discrimination.pairs])
@@ -153,13 +150,13 @@ def _discriminated(
 def _chosen(design: DiscriminationDesign, now: Array, possible: Mask) -> list[int]:
     """Candidates for the bouts that are weakest now; if that leaves others weak, for these with them."""
     sides = np.flatnonzero(np.repeat(possible, 2))
-    asked = [int(k) for k in sides[np.argsort(now[sides])][:_PAIRS]]
+    asked = [int(k) for k in sides[np.argsort(now[sides])][: levels.PLANNED_PAIRS]]
     chosen: list[int] = []
-    for _ in range(_TRIES if asked else 0):
-        chosen = design.only(asked).chosen(_LEAST, POSTURES)
+    for _ in range(levels.PLAN_ATTEMPTS if asked else 0):
+        chosen = design.only(asked).chosen(levels.FEWEST_POSTURES, levels.PLANNED_POSTURES)
         reached = design.noncentralities(design.after(chosen))[sides]
-        weak = [int(k) for k in sides[np.argsort(reached)][: _PAIRS // 2] if k not in asked]
-        if not weak or reached.min() >= ENOUGH:
+        weak = [int(k) for k in sides[np.argsort(reached)][: levels.PLANNED_PAIRS // 2] if k not in asked]
+        if not weak or reached.min() >= levels.DISCRIMINATED:
             break
         asked += weak
     return chosen
@@ -167,11 +164,11 @@ def _chosen(design: DiscriminationDesign, now: Array, possible: Mask) -> list[in
 
 def _steps(design: DiscriminationDesign, chosen: list[int], possible: Mask) -> Iterator[tuple[int, Array]]:
     """(how many measurements, λ of every bout) as the plan grows, posture by posture and then round by round."""
-    for n in range(min(_LEAST, len(chosen)), len(chosen) + 1):
+    for n in range(min(levels.FEWEST_POSTURES, len(chosen)), len(chosen) + 1):
         reached = _weaker_side(design.noncentralities(design.after(chosen[:n])))
         yield n, reached
-    for rounds in range(2, _MOST // len(chosen) + 1):
-        if reached[possible].min() >= ENOUGH:
+    for rounds in range(2, levels.MOST_MEASUREMENTS // len(chosen) + 1):
+        if reached[possible].min() >= levels.DISCRIMINATED:
             return
         reached = _weaker_side(design.noncentralities(design.after(chosen, rounds)))
         yield rounds * len(chosen), reached
@@ -180,7 +177,7 @@ def _steps(design: DiscriminationDesign, chosen: list[int], possible: Mask) -> I
 def _count(steps: Steps, asked: Mask, possible: Mask) -> int | None:
     """How many measurements it takes for all bouts that are asked for and possible; None where none is, or too many."""
     asked = asked & possible
-    enough = [count for count, reached in steps if asked.any() and reached[asked].min() >= ENOUGH]
+    enough = [count for count, reached in steps if asked.any() and reached[asked].min() >= levels.DISCRIMINATED]
     return min(enough, default=None)
 
 

@@ -9,14 +9,10 @@ import numpy as np
 
 from posture_opt.calibration.parameters import Parameter
 from posture_opt.calibration.residuals import Residuals
+from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.extended_fit import Extended, fit_extended
 from posture_opt.numerics import Array
-
-LEVEL = 0.01
-FEW = 3
-_RIVALS = 6.0
-_SLIGHT = 1e-3  # of what the other parameters of its unit do
 
 KINDS = {
     "theta": "joint_offset",
@@ -66,7 +62,7 @@ def geometry_causes(
     """
     nominal = fit_extended(residuals, x_frames, known, candidates)
     p = _f_test(nominal, full)
-    if p > LEVEL:
+    if p > levels.GEOMETRY:
         return []
     few = _few(residuals, x_frames, known, full, candidates)
     if few is not None:
@@ -99,13 +95,13 @@ def _few(
     chosen: list[int] = []
     model = fit_extended(residuals, x_frames, known, candidates)
     frames = {i for i in range(len(x_frames)) if np.any(known[i])}
-    while len(chosen) < FEW:
+    while len(chosen) < levels.FEW_PARAMETERS:
         gains = _single_gains(model, [i for i in range(len(x_frames)) if i not in chosen and i not in frames])
         if not gains:
             return None
         chosen.append(max(gains, key=lambda i: gains[i]))
         model = fit_extended(residuals, x_frames, _with(known, chosen, len(x_frames)), candidates)
-        if _f_test(model, full) > LEVEL:
+        if _f_test(model, full) > levels.GEOMETRY:
             return _causes(residuals, x_frames, known, model, chosen, candidates)
     return None
 
@@ -133,7 +129,9 @@ def _single_gains(model: Extended, candidates: Sequence[int]) -> dict[int, float
         column = J[:, i]
         rest = column - Q @ (Q.T @ column)
         # What tilts a planar arm out of its plane acts in it to second order only: no cause of first order.
-        if np.linalg.norm(rest) > max(1e-4 * lengths[i], _SLIGHT * most[residuals.parameters[i].unit], 1e-300):
+        if np.linalg.norm(rest) > max(
+            1e-4 * lengths[i], levels.SLIGHT_PARAMETER * most[residuals.parameters[i].unit], 1e-300
+        ):
             gains[i] = float((rest @ r) ** 2 / (rest @ rest))
     return gains
 
@@ -149,7 +147,7 @@ def _causes(
         rest = [j for j in chosen if j != i]
         without = fit_extended(residuals, x_frames, _with(known, rest, len(x_frames)), candidates)
         others = _single_gains(without, [j for j in range(len(x_frames)) if j not in chosen and not np.any(known[j])])
-        limit = rss * np.exp(_RIVALS / m)
+        limit = rss * np.exp(levels.RIVAL_CRITERION / m)
         rivals = [kind_of(residuals.parameters[j]) for j, gain in others.items() if _rss(without) - gain <= limit]
         kind, target = kind_of(residuals.parameters[i])
         deviation = float(model.x[i] - x_frames[i]) + float(x_frames[i])

@@ -7,15 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.score_tests import ProjectedBaseline, tail
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeat_groups import stays
 from posture_opt.numerics import Array, Codes
-
-LEVEL = 0.006
-_ROWS = 1200  # of a kernel: more are thinned out
-_SCALES = (0.5, 0.15)  # of the range of a joint
-_FIELD = (0.5, 0.2)  # of the size of the workspace
 
 
 @dataclass(frozen=True)
@@ -54,7 +50,7 @@ def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, block: int) ->
     shared = len(size) / (visit[-1] + 1)
     pure_freedom = int((visits - 1).sum()) * block / shared
     freedom = (len(size) * block - baseline.Q.shape[1]) / shared - pure_freedom
-    if pure_freedom < 12 or freedom < 1:
+    if pure_freedom < levels.REPEAT_FREEDOM or freedom < 1:
         return 1.0
     e = _means(baseline.e.reshape(-1, block), cell, np.ones(len(cell)))
     ratios = []
@@ -80,7 +76,11 @@ def _means(e: Array, code: Codes, weights: Array) -> Array:
 def _structure(baseline: ProjectedBaseline, data: Measurements, points: Array, block: int) -> tuple[float, str]:
     """Whether residuals of neighbours are alike: ``eᵀ K e`` of many kernels against flipped signs."""
     N = len(data)
-    rows = np.arange(N) if N <= _ROWS else np.sort(np.random.default_rng(0).choice(N, _ROWS, replace=False))
+    rows = (
+        np.arange(N)
+        if N <= levels.KERNEL_ROWS
+        else np.sort(np.random.default_rng(0).choice(N, levels.KERNEL_ROWS, replace=False))
+    )
     series = baseline.flipped.reshape(N, block, -1)[rows]
     names, values = [], []
     for name, K in _kernels(data, points, rows):
@@ -104,20 +104,23 @@ def _kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[tuple[s
         span = float(np.ptp(q[:, j]))
         if span < 1e-6:
             continue
-        for scale in _SCALES:
+        for scale in levels.JOINT_KERNELS:
             near = _gaussian(q[:, j : j + 1] / (scale * span))
             yield name, near
         side = np.sign(data.approach[rows, j])
         if len(np.unique(side)) > 1:
-            yield f"side of {name}", np.outer(side, side) * _gaussian(q[:, j : j + 1] / (_SCALES[0] * span))
+            yield (
+                f"side of {name}",
+                np.outer(side, side) * _gaussian(q[:, j : j + 1] / (levels.JOINT_KERNELS[0] * span)),
+            )
     size = float(np.linalg.norm(np.ptp(points[rows], axis=0)))
-    for scale in _FIELD:
+    for scale in levels.FIELD_KERNELS:
         yield "tool point", _gaussian(points[rows] / max(scale * size, 1e-9))
     for name in ("time", "payload", "temperature"):
         values = getattr(data, name)
         values = np.arange(len(data), dtype=float) if values is None and name == "time" else values
         if values is not None and np.ptp(values[rows]) > 0:
-            yield name, _gaussian(values[rows][:, None] / (0.15 * np.ptp(values[rows])))
+            yield name, _gaussian(values[rows][:, None] / (levels.INPUT_KERNEL * np.ptp(values[rows])))
 
 
 def _gaussian(x: Array) -> Array:

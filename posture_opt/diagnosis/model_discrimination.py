@@ -11,12 +11,12 @@ import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.extended_fit import Extended, shape_column
 from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.noncentrality import DiscriminationDesign, OrderedPair
 from posture_opt.diagnosis.score_tests import orthonormal
-from posture_opt.diagnosis.search import RIVALS
 from posture_opt.experiments.expected_errors import Beforehand
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
@@ -24,7 +24,6 @@ from posture_opt.numerics import Array, Codes
 
 Rivals = Mapping[int, Sequence[Candidate]]
 
-_EFFECTS, _RIVALS = 6, 4  # that are looked at, the weightiest
 _ELSEWHERE = frozenset({"time", "temperature"})  # inputs that no choice of postures varies
 
 
@@ -50,9 +49,9 @@ class ModelDiscrimination:
     def of(cls, linearised: LinearisedData, model: Extended, rivals: Rivals) -> ModelDiscrimination:
         """The rivals that a choice of postures could part."""
         explanations = []
-        for place, others in list(rivals.items())[:_EFFECTS]:
+        for place, others in list(rivals.items())[: levels.DISCRIMINATED_EFFECTS]:
             if by_posture(model.suspects[place]):
-                able = [s for s in others if by_posture(s)][:_RIVALS]
+                able = [s for s in others if by_posture(s)][: levels.DISCRIMINATED_RIVALS]
                 explanations += [_explanation(linearised, model, place, s) for s in able]
         return cls(linearised, model, tuple(explanations))
 
@@ -112,7 +111,7 @@ class ModelDiscrimination:
         M[:k, :k] += prior.T @ prior
         pairs = [self._pair(pair[0], *two, k, places) for pair in self.pairs for two in (pair[1:], pair[:0:-1])]
         now = DiscriminationDesign.of(pairs, M, A).noncentralities(DiscriminationDesign.of(pairs, M, A).information)
-        spent = np.maximum(now - RIVALS, 0.0)
+        spent = np.maximum(now - levels.RIVAL_CRITERION, 0.0)
         pairs = [replace(pair, spent=float(s)) for pair, s in zip(pairs, spent, strict=True)]
         return DiscriminationDesign.of(pairs, M, A), now
 

@@ -8,13 +8,11 @@ from functools import partial
 
 import numpy as np
 
+from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.score_tests import tail
 from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, StatedSigma
 from posture_opt.numerics import Array, Mask
 from posture_opt.validation.scatter_model import chance_sets
-
-_DRAWS = 399
-_COMMON = 0.1  # share of rows: so many gross errors are no outliers but the noise itself
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
     Args:
         e: (N, d) standardised residuals.
     """
-    sets = np.concatenate([e[None], chance_sets(e, rows.visits, _DRAWS, np.random.default_rng(seed))])
+    sets = np.concatenate([e[None], chance_sets(e, rows.visits, levels.NOISE_DRAWS, np.random.default_rng(seed))])
     patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
     if not patterns:
         return []
@@ -164,7 +162,7 @@ def fit_tails(e: Array) -> Tails:
         "heavy": -2 * student + 2 * np.log(N),
         "outliers": -2 * mixture + 3 * np.log(N),
     }
-    if not 0 < rows.sum() <= max(1.0, _COMMON * N):
+    if not 0 < rows.sum() <= max(1.0, levels.OUTLIER_SHARE * N):
         values["outliers"] = np.inf
     order = sorted(values, key=lambda name: values[name])
     return Tails(order[0], freedom, share, rows, float(values[order[1]] - values[order[0]]))

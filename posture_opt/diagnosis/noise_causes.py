@@ -12,8 +12,8 @@ from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.instrument import position_sigma, relative
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals
+from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.extended_fit import Extended
-from posture_opt.diagnosis.lack_of_fit import LEVEL as UNCLEAR
 from posture_opt.diagnosis.noise_candidates import (
     NoiseCandidate,
     fit_tails,
@@ -27,11 +27,6 @@ from posture_opt.model.effects import NoiseEffect, Outliers, Rows
 from posture_opt.numerics import Array
 from posture_opt.validation.scatter_model import whitened
 from posture_opt.validation.stated_scatter import joint_errors
-
-LEVEL, BESIDE = 0.002, 0.001  # of the 5 % for the whole verdict; beside a cause that is named already
-_STATED, _TASTE = 0.002, 1.2  # a stated σ is true enough within this factor: less is not worth a word
-_RIVALS = 6.0
-_DOUBTFUL = 0.05  # structure that may be left swells the residuals as a σ does that is stated too small
 
 
 @dataclass(frozen=True)
@@ -62,17 +57,17 @@ def noise_causes(
     e = standardised(baseline.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
     columns = EffectSensitivities(residuals, model.x).joints
     e, columns, whole = in_stated_units(problem, residuals, e, columns)
-    level = BESIDE if model.suspects else LEVEL
+    level = levels.NOISE_BESIDE_A_CAUSE if model.suspects else levels.NOISE
     rows = Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma, stays(residuals.data))
     found = find_uneven_noise(e, rows, seed, level)
-    found += [] if closed < UNCLEAR else _outliers(calibration, model, bool(found))
-    if position_sigma(problem, residuals.data) and not found and closed >= _DOUBTFUL:
+    found += [] if closed < levels.LACK_OF_FIT else _outliers(calibration, model, bool(found))
+    if position_sigma(problem, residuals.data) and not found and closed >= levels.STRUCTURE_IN_DOUBT:
         squares = e**2
         kurtosis = float(np.mean(squares**2) / np.mean(squares) ** 2 - 3)
         # Standardised residuals have their leverage back already.
         variance = float(np.mean(squares)) if whole else float(baseline.rss[0]) / baseline.freedom
         candidate = score_stated_sigma(variance, baseline.freedom, kurtosis)
-        if candidate.p_value < _STATED and abs(np.log(candidate.size)) > np.log(_TASTE):
+        if candidate.p_value < levels.NOISE and abs(np.log(candidate.size)) > np.log(levels.STATED_SIGMA_RATIO):
             found.append(NoiseCause(candidate.named(), candidate.estimate, candidate.p_value))
     return found
 
@@ -93,7 +88,7 @@ def _ranges(residuals: Residuals) -> Array | None:
     return None if position is None else np.asarray(np.linalg.norm(position, axis=1))
 
 
-def find_uneven_noise(e: Array, rows: Rows, seed: int, level: float = LEVEL) -> list[NoiseCause]:
+def find_uneven_noise(e: Array, rows: Rows, seed: int, level: float = levels.NOISE) -> list[NoiseCause]:
     """The joints, or the range, along which noise is larger than elsewhere, if any are.
 
     Each joint that is named is taken off, as if it were stated, before the next is asked for at a stricter level.
@@ -103,9 +98,11 @@ def find_uneven_noise(e: Array, rows: Rows, seed: int, level: float = LEVEL) -> 
     """
     named: list[tuple[NoiseCandidate, list[tuple[str, str]]]] = []
     candidates = score_uneven_noise(e, rows, seed)
-    while candidates and candidates[0].p_value < (BESIDE if named else level):
+    while candidates and candidates[0].p_value < (levels.NOISE_BESIDE_A_CAUSE if named else level):
         first = candidates[0]
-        named.append((first, [(s.kind, s.target) for s in candidates[1:] if s.ratio > first.ratio - _RIVALS]))
+        named.append(
+            (first, [(s.kind, s.target) for s in candidates[1:] if s.ratio > first.ratio - levels.RIVAL_CRITERION])
+        )
         if first.spread is None or len(named) == len(rows.levers):
             break
         e, rows = _without(e, rows, first.spread)
@@ -159,7 +156,7 @@ def _outliers(calibration: Calibration, model: Extended, other: bool) -> list[No
         return []
     count = int(law.rows.sum())
     p = float(np.exp(-max(law.evidence, 0.0) / 2))
-    if p > LEVEL:
+    if p > levels.NOISE:
         return []
     share = Outliers(share=count / len(law.rows))
     return [NoiseCause(share, {"count": (float(count), float("nan"), "1")}, p)]

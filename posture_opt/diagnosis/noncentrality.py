@@ -16,22 +16,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posture_opt.diagnosis import levels
 from posture_opt.numerics import Array, Codes
 
-THRESHOLD = 3.5  # √λ that is seen every other time at the level of the whole search
-ENOUGH = (THRESHOLD + 1.2816) ** 2
-"""λ that is seen nine times in ten: 22.9."""
 _RIDGE = 1e-10  # of the information of an average design
 _ROUNDING = 1e-12  # of the largest eigenvalue of an information
-_TIES = 1e-2  # weight of the mean over the pairs beside the weakest one
-_SWEEPS = 2
 
 
 def detection_probability(value: float) -> float:
     """Probability ``Φ(√λ − 3.5)`` that a difference of noncentrality λ is seen."""
     from scipy.special import ndtr
 
-    return float(ndtr(np.sqrt(max(value, 0.0)) - THRESHOLD))
+    return float(ndtr(np.sqrt(max(value, 0.0)) - levels.DETECTED))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +83,10 @@ class DiscriminationDesign:
         """At most ``most`` candidates, each once, that make the weakest pair strong; fewer where they are enough."""
         found: list[int] = []
         while len(found) < min(most, len(self.A)):
-            if len(found) >= least and self.noncentralities(self.after(found)).min() >= ENOUGH:
+            if len(found) >= least and self.noncentralities(self.after(found)).min() >= levels.DISCRIMINATED:
                 break
             found.append(self._best(self.after(found), found))
-        for _ in range(_SWEEPS):
+        for _ in range(levels.EXCHANGE_SWEEPS):
             former = list(found)
             for place in range(len(found)):
                 others = found[:place] + found[place + 1 :]
@@ -110,7 +106,7 @@ class DiscriminationDesign:
 
     def _best(self, information: Array, taken: Sequence[int]) -> int:
         reached = np.stack([_noncentralities_with(pair, information, self.A) for pair in self.pairs])
-        worth = reached.min(axis=0) + _TIES * np.minimum(reached, 2 * ENOUGH).mean(axis=0)
+        worth = reached.min(axis=0) + levels.MEAN_WEIGHT * np.minimum(reached, 2 * levels.DISCRIMINATED).mean(axis=0)
         worth[list(taken)] = -np.inf
         return int(np.argmax(worth))
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posture_opt.diagnosis import levels
 from posture_opt.numerics import Array, Codes
 
-ABSORBED = 0.02  # share of a column's length that must survive the projection off the geometry
 _CHUNK = 4_000_000  # numbers of one block of columns
 _SPREAD = 32  # frequencies about each one whose sine is taken
 
@@ -81,10 +81,10 @@ def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float
     rest = baseline.project(Z)
     norms = np.linalg.norm(Z, axis=0)
     rho = float(np.max(np.linalg.norm(rest, axis=0) / np.where(norms > 0, norms, 1.0), initial=0.0))
-    if rho < ABSORBED:
+    if rho < levels.SURVIVING_SHARE:
         return np.zeros((len(Z), 0)), rho
     U, s, _ = np.linalg.svd(rest / np.where(norms > 0, norms, 1.0), full_matrices=False)
-    return np.asarray(U[:, s > max(ABSORBED, 1e-6 * float(s[0]))]), rho
+    return np.asarray(U[:, s > max(levels.SURVIVING_SHARE, 1e-6 * float(s[0]))]), rho
 
 
 def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Array) -> Array:
@@ -122,11 +122,11 @@ def explained(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple
             norms = np.where(norms > 0, norms, 1.0)
             rest = (gram - cross[:, own].T @ cross[:, own]) / np.outer(norms, norms)
             rho[i] = np.sqrt(max(np.diag(rest).max(initial=0.0), 0.0))
-            if rho[i] < ABSORBED:
+            if rho[i] < levels.SURVIVING_SHARE:
                 continue
             values, vectors = np.linalg.eigh(rest)
             s = np.sqrt(np.maximum(values, 0.0))
-            clear = s > max(ABSORBED, 1e-6 * float(s[-1]))
+            clear = s > max(levels.SURVIVING_SHARE, 1e-6 * float(s[-1]))
             kept[i] = int(clear.sum())
             parts = vectors[:, clear].T @ (scores[own] / norms[:, None])
             gains[i] = np.sum(parts**2 / values[clear, None], axis=0)
@@ -146,13 +146,6 @@ def _chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
         yield chunk
 
 
-WEIGHTS = {"named": 0.66, "steps": 0.1, "nameless": 0.12, "periodic": 0.12}
-"""Share of the level for each family of candidates: the thousands of frequencies must not drown the few names.
-
-Ten times the shapes cost a family ``log 10`` of evidence, half the level only ``log 2``: the few get most of it.
-"""
-
-
 @dataclass(frozen=True, eq=False)
 class NullDistribution:
     """The least log p-value of each family of candidates in each of B flipped data sets."""
@@ -166,7 +159,7 @@ class NullDistribution:
         tail, which for F tests falls by e for each e of p and more slowly where the noise has long tails; between
         families the level is shared out (weighted Bonferroni).
         """
-        return float(min(1.0, tail(-self.least[family], -log_p_value, 1.0) / WEIGHTS[family]))
+        return float(min(1.0, tail(-self.least[family], -log_p_value, 1.0) / levels.FAMILY_SHARES[family]))
 
 
 def scan_frequencies(
@@ -238,8 +231,8 @@ def tail(most: Array, value: float, slowest: float = 1e-12) -> float:
     The tail has the mean excess of the largest tenth (Pickands 1975, with shape zero), at least ``slowest``.
     """
     share = (1 + float(np.sum(most >= value))) / (1 + len(most))
-    if share > 10 / (1 + len(most)):
+    if share > levels.COUNTED_DRAWS / (1 + len(most)):
         return share
-    start = float(np.quantile(most, 0.9))
+    start = float(np.quantile(most, 1 - levels.TAIL_SHARE))
     excess = max(float(np.mean(most[most >= start] - start)), slowest)
-    return float(min(share, max(0.1 * np.exp(-(value - start) / excess), 1e-300)))
+    return float(min(share, max(levels.TAIL_SHARE * np.exp(-(value - start) / excess), 1e-300)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
+from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.score_tests import ProjectedBaseline, projected_basis
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent, finer_phases
@@ -13,8 +14,6 @@ from posture_opt.model.effects.slip import STEPS, Slip
 from posture_opt.numerics import Array
 
 _RANGE = {"travel": 1.6, "constant": 1.6}  # factor either way on a geometric grid
-_EVALUATIONS = 16
-_TRIED = 24  # moments of a slip at the least, where there are so many
 
 
 def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate) -> Candidate:
@@ -37,7 +36,7 @@ def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline
     def loss(trial: float) -> float:
         return -_gain(baseline, sensitivities.columns(with_shape(effect, name, trial)))
 
-    found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"maxiter": _EVALUATIONS})
+    found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"maxiter": levels.SHAPE_EVALUATIONS})
     if found.fun >= loss(value):
         return candidate
     better = with_shape(effect, name, float(found.x))
@@ -68,7 +67,7 @@ def _moment(
         return _gain(baseline, sensitivities.columns(with_shape(slip, "moment", float(between_rows[k]))))
 
     count = len(between_rows)
-    stride = max(count // _TRIED, 1)
+    stride = max(count // levels.MOMENTS_TRIED, 1)
     some = max(range(stride // 2, count, stride), key=gain)
     best = max(range(max(some - stride + 1, 0), min(some + stride, count)), key=gain)
     if gain(best) < _gain(baseline, candidate.Z):

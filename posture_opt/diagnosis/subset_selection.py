@@ -8,31 +8,29 @@ from functools import cached_property
 
 import numpy as np
 
+from posture_opt.diagnosis import levels
 from posture_opt.numerics import Array, Codes
 
 Chosen = tuple[int, ...]
 
-BEAM = 10
-APART = 0.01  # of a candidate must stay when the chosen are taken away: less is another mixture of them
-
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Candidates with their bases after the ground, and what each costs.
+    """Candidates with their bases beside the projected baseline, and the penalty of each.
 
     Args:
-        bases: each (m, k) orthonormal.
-        e: (m,) residuals after the ground, with ``freedom`` (effective) degrees of freedom.
-        price: (candidates,) added to the criterion for each chosen one: for its parameters, for a grid that was
+        bases: each (m, k) orthonormal, orthogonal to the baseline.
+        e: (m,) whitened residuals [1] that the baseline leaves, with ``freedom`` (effective) degrees of freedom.
+        penalty: (candidates,) added to the criterion for each chosen one: for its parameters, for a grid that was
             searched, for having no name.
-        rivals: (candidates,) candidates of equal code exclude each other.
+        exclusive: (candidates,) candidates of equal code exclude each other.
     """
 
     bases: Sequence[Array]
     e: Array
     freedom: float
     penalty: Array
-    rivals: Codes
+    exclusive: Codes
 
     @cached_property
     def _edges(self) -> Codes:
@@ -68,7 +66,7 @@ class Pool:
         return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=1e-6)[0])
 
     def criterion(self, chosen: Chosen) -> float:
-        """``m log(RSS/m) + prices``: the least is the best."""
+        """``m log(RSS/m) + Σ penalties``: the least is the best (Schwarz 1978)."""
         return self._criterion(self.rss(chosen), chosen)
 
     def _criterion(self, rss: float, chosen: Chosen) -> float:
@@ -78,7 +76,7 @@ class Pool:
 
     def additions(self, chosen: Chosen) -> list[tuple[float, Chosen]]:
         """Every set with one candidate more, with its criterion, the best first."""
-        taken = {int(self.rivals[i]) for i in chosen}
+        taken = {int(self.exclusive[i]) for i in chosen}
         index = self._index(chosen)
         G, b, edges = self._gram, self._scores, self._edges
         rss = self.rss0
@@ -90,13 +88,17 @@ class Pool:
             rss = float(rss - b[index] @ inverse @ b[index])
         found = []
         for i in range(len(self.bases)):
-            if int(self.rivals[i]) in taken:
+            if int(self.exclusive[i]) in taken:
                 continue
             own = slice(edges[i], edges[i + 1])
             block = G[own, own] - (G[own][:, index] @ cross[:, own] if chosen else 0.0)
             values, vectors = np.linalg.eigh(block)
             part = vectors.T @ left[own]
-            gain = float(np.sum(np.where(values > APART, part**2 / np.maximum(values, APART), 0.0)))
+            gain = float(
+                np.sum(
+                    np.where(values > levels.DISTINCT_SHARE, part**2 / np.maximum(values, levels.DISTINCT_SHARE), 0.0)
+                )
+            )
             bigger = tuple(sorted((*chosen, i)))
             found.append((self._criterion(rss - gain, bigger), bigger))
         return sorted(found)
@@ -109,10 +111,10 @@ def best_set(pool: Pool, start: Chosen = (), most: int = 12) -> Chosen:
     while len(beam[0][1]) < most:
         grown: dict[Chosen, float] = {}
         for _, chosen in beam:
-            grown |= {bigger: value for value, bigger in pool.additions(chosen)[:BEAM]}
+            grown |= {bigger: value for value, bigger in pool.additions(chosen)[: levels.BEAM_WIDTH]}
         if not grown:
             break
-        beam = sorted((value, chosen) for chosen, value in grown.items())[:BEAM]
+        beam = sorted((value, chosen) for chosen, value in grown.items())[: levels.BEAM_WIDTH]
         if beam[0][0] >= best[0]:
             break
         best = beam[0]

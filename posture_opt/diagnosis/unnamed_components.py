@@ -9,17 +9,11 @@ from itertools import combinations, product
 import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
+from posture_opt.diagnosis import levels
 from posture_opt.model.effects import Excitation
 from posture_opt.numerics import Array
 
-_BUMPS = 8
-_LENGTHS = (0.2, 0.3, 0.45)  # of a wave in space, in sizes of the workspace
 _DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)], dtype=float)
-_WIDTHS = (0.15, 0.35)  # rad, of a dent
-_FEWEST = 4  # rows that must lie in a dent
-_WAVES = range(1, 7)  # periods a turn of a square wave
-_PHASES = 8
-_FINER = 4  # steps to half way to the next phase
 
 
 @dataclass(frozen=True)
@@ -29,6 +23,11 @@ class UnnamedComponent:
     kind: str
     target: str
     shape: float = 0.0
+
+    @property
+    def exclusive(self) -> tuple[str, str]:
+        """Components that have it in common are shapes of one."""
+        return self.kind, self.target
 
 
 def unnamed_components(
@@ -64,11 +63,11 @@ def _dents(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterat
     for joint in _moving(excitation):
         q = sensitivities.residuals.data.q[:, joint]
         shape = 0
-        for width in _WIDTHS:
-            count = int(np.clip(np.ptp(q) / (1.5 * width), 4, 24))
+        for width in levels.DENT_WIDTHS:
+            count = int(np.clip(np.ptp(q) / (levels.DENT_SPACING * width), *levels.DENT_COUNT))
             for centre in np.linspace(q.min(), q.max(), count):
                 bump = np.exp(-0.5 * ((q - centre) / width) ** 2)
-                if (bump > 0.3).sum() >= _FEWEST:
+                if (bump > 0.3).sum() >= levels.DENT_ROWS:
                     yield UnnamedComponent("dent", names[joint], shape), sensitivities.of_joint(joint, bump[:, None])
                     shape += 1
 
@@ -81,9 +80,9 @@ def finer_phases(
         return
     joint = sensitivities.residuals.data.joint_names.index(component.target)
     q = sensitivities.residuals.data.q[:, joint]
-    waves = _WAVES[int(component.shape) // _PHASES]
-    for part in np.arange(-_FINER, _FINER + 1) / (2 * _FINER):
-        wave = _square(q, waves, component.shape % _PHASES + part)
+    waves = levels.SQUARE_WAVES[int(component.shape) // levels.SQUARE_WAVE_PHASES]
+    for part in np.arange(-levels.SQUARE_WAVE_FINER, levels.SQUARE_WAVE_FINER + 1) / (2 * levels.SQUARE_WAVE_FINER):
+        wave = _square(q, waves, component.shape % levels.SQUARE_WAVE_PHASES + part)
         yield (
             UnnamedComponent(component.kind, component.target, component.shape + part),
             sensitivities.of_joint(joint, wave[:, None]),
@@ -92,14 +91,14 @@ def finer_phases(
 
 def _square(q: Array, waves: int, phase: float) -> Array:
     """(N,) a square wave of so many periods a turn; phases count in steps of the grid."""
-    return np.asarray(np.sign(np.sin(waves * q + np.pi * phase / _PHASES)))
+    return np.asarray(np.sign(np.sin(waves * q + np.pi * phase / levels.SQUARE_WAVE_PHASES)))
 
 
-def bumps(q: Array, count: int = _BUMPS) -> Array:
+def bumps(q: Array, count: int = levels.CURVE_BUMPS) -> Array:
     """(N, count) Gaussian bumps side by side over the range of q; between quantiles, so that each has data."""
     centres = np.linspace(q.min(), q.max(), count)
     width = max(float(centres[1] - centres[0]), 1e-9)
-    return np.exp(-0.5 * ((q[:, None] - centres) / (0.7 * width)) ** 2)
+    return np.exp(-0.5 * ((q[:, None] - centres) / (levels.BUMP_WIDTH * width)) ** 2)
 
 
 def _square_waves(
@@ -110,11 +109,11 @@ def _square_waves(
         if excitation.robot.joints[joint].type != "revolute":
             continue
         q = sensitivities.residuals.data.q[:, joint]
-        for i, waves in enumerate(_WAVES):
-            for phase in range(_PHASES):
+        for i, waves in enumerate(levels.SQUARE_WAVES):
+            for phase in range(levels.SQUARE_WAVE_PHASES):
                 wave = _square(q, waves, phase)
-                if np.abs(wave.mean()) < 0.95:
-                    component = UnnamedComponent("square wave", names[joint], i * _PHASES + phase)
+                if np.abs(wave.mean()) < levels.CONSTANT_WAVE:
+                    component = UnnamedComponent("square wave", names[joint], i * levels.SQUARE_WAVE_PHASES + phase)
                     yield component, sensitivities.of_joint(joint, wave[:, None])
 
 
@@ -158,10 +157,10 @@ def _fields(sensitivities: EffectSensitivities, excitation: Excitation) -> Itera
     size = float(np.linalg.norm(np.ptp(p, axis=0)))
     axes = np.ptp(p, axis=0) > 1e-6
     directions = [d for d in _DIRECTIONS if not np.any(d[~axes])]
-    for shape, (direction, share) in enumerate((d, s) for d in directions for s in _LENGTHS):
+    for shape, (direction, share) in enumerate((d, s) for d in directions for s in levels.FIELD_WAVELENGTHS):
         phase = 2 * np.pi / (share * max(size, 1e-9)) * (p @ (direction / np.linalg.norm(direction)))
         waves = np.stack([np.sin(phase), np.cos(phase)], axis=1)
         yield UnnamedComponent("field", "tool point", shape), sensitivities.of_point(waves)
     if "time" in excitation.inputs:
         t = np.asarray(sensitivities.site.inputs.time, dtype=float)
-        yield UnnamedComponent("course", "time"), sensitivities.of_point(bumps(t, 5))
+        yield UnnamedComponent("course", "time"), sensitivities.of_point(bumps(t, levels.COURSE_BUMPS))

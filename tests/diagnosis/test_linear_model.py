@@ -11,10 +11,11 @@ import posture_opt as po
 from posture_opt.diagnosis.candidates import Candidate, list_candidates
 from posture_opt.diagnosis.extended_fit import Extended, fit_extended
 from posture_opt.diagnosis.held_out import held_out
+from posture_opt.diagnosis.levels import SURVIVING_SHARE
 from posture_opt.diagnosis.linear_model import LinearModel
 from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
-from posture_opt.diagnosis.score_tests import ABSORBED, explained, waves
-from posture_opt.diagnosis.search import rank_members
+from posture_opt.diagnosis.score_tests import explained, waves
+from posture_opt.diagnosis.selection_criterion import rank_members
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 
@@ -55,11 +56,11 @@ def test_candidates_from_inner_products(linearised: LinearisedData) -> None:
         unit = s.Z / np.maximum(np.linalg.norm(s.Z, axis=0), 1e-300)
         rest = unit - baseline.Q @ (baseline.Q.T @ unit)
         assert rho[i] == pytest.approx(np.linalg.norm(rest, axis=0).max(), abs=1e-7)
-        if rho[i] < ABSORBED:
+        if rho[i] < SURVIVING_SHARE:
             assert sizes[i] == 0
             continue
         U, singular, _ = np.linalg.svd(rest, full_matrices=False)
-        U = U[:, singular > max(ABSORBED, 1e-6 * singular[0])]
+        U = U[:, singular > max(SURVIVING_SHARE, 1e-6 * singular[0])]
         assert sizes[i] == U.shape[1]
         np.testing.assert_allclose(gains[i], np.sum((U.T @ baseline.flipped) ** 2, axis=0), rtol=1e-8, atol=1e-8)
 

@@ -8,7 +8,7 @@ import yaml
 
 import posture_opt as po
 from posture_opt.calibration.calibrate import calibrate
-from posture_opt.diagnosis import noise_candidates, noise_causes
+from posture_opt.diagnosis import levels, noise_causes
 from posture_opt.diagnosis.extended_fit import fit_extended
 from posture_opt.diagnosis.lack_of_fit import adequacy
 from posture_opt.diagnosis.linearised_data import linearise
@@ -74,7 +74,7 @@ def test_a_scatter_of_nothing_leaves_the_residual_variance_as_it_is(monkeypatch:
 @pytest.mark.campaign
 def test_rows_of_one_visit_are_no_independent_witnesses_of_a_noisy_joint(monkeypatch: pytest.MonkeyPatch) -> None:
     """40 sets of 30 visits, four readings each that repeat what the visit was off by, anywhere: 5 % are below 5 %."""
-    monkeypatch.setattr(noise_candidates, "_DRAWS", 99)
+    monkeypatch.setattr(levels, "NOISE_DRAWS", 99)
     rng, visits = np.random.default_rng(5), np.repeat(np.arange(30), 4)
     robot = po.problem_from_dict(yaml.safe_load(RR)).robot
     p = []

@@ -10,8 +10,7 @@ import pytest
 import posture_opt as po
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.diagnosis.linearised_data import linearise
-from posture_opt.diagnosis.search import search
-from posture_opt.diagnosis.search_dependent_rows import dependence, find
+from posture_opt.diagnosis.search import residual_dependence, search
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 from tests.helpers.real_arms import DATA, needs_real_arms
@@ -46,7 +45,7 @@ def test_as_many_rows_as_tell_something_new(seed: int, tmp_path: Path) -> None:
     assert calibration.design > 3
     linearised = linearise(calibration, 99)
     # Twelve neighbours tell as much as one.
-    found = find(linearised, True)
+    found = search(linearised, True)
     assert 5 < found.design < 13
     named = [(s.kind, s.target) for s in found.chosen if s.named]
     assert ("gear_eccentricity", "joint2") in named
@@ -62,8 +61,8 @@ def test_independent_rows_are_searched_as_ever(tmp_path: Path) -> None:
     error = np.stack([np.zeros(150), 1e-3 * np.sin(q[:, 1] + 0.5)], axis=1)
     data = measured(tmp_path, "data.csv", q, error, rng)
     linearised = linearise(po.calibrate(po.problem_from_dict(PROBLEM), data))
-    assert dependence(linearised, ()) > 1.5
-    found, plain = find(linearised, True), search(linearised)
+    assert residual_dependence(linearised, ()) > 1.5
+    found, plain = search(linearised, True), search(linearised)
     assert [str(s.what) for s in found.chosen] == [str(s.what) for s in plain.chosen]
     assert [s.kind for s in found.chosen] == ["gear_eccentricity"]
     assert found.p_values == plain.p_values

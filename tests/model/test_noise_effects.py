@@ -14,7 +14,7 @@ from scipy.stats import multivariate_normal
 import posture_opt as po
 from posture_opt.calibration.frames import compare
 from posture_opt.calibration.instrument import readings
-from posture_opt.diagnosis import noise_candidates
+from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.noise_candidates import score_uneven_noise
 from posture_opt.errors import InputError
 from posture_opt.model import effects
@@ -252,7 +252,7 @@ def test_named_noise_has_the_size_that_was_drawn() -> None:
 @pytest.mark.parametrize("loud", [1e-4, 4e-4])
 def test_the_interval_of_named_noise_holds_its_size(loud: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """120 sets of 100 rows: 95 ± 2 % of the intervals hold the truth."""
-    monkeypatch.setattr(noise_candidates, "_DRAWS", 20)  # the p-value is not asked for
+    monkeypatch.setattr(levels, "NOISE_DRAWS", 20)  # the p-value is not asked for
     rng = np.random.default_rng(12)
     robot, N = problem().robot, 100
     inside = {"joint_noise": 0, "range_noise": 0}

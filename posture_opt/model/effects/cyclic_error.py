@@ -30,6 +30,11 @@ class CyclicError(JointEffect):
     kind: Literal["cyclic_error"] = "cyclic_error"
     cycles: float = Field(gt=0, description="k, periods a turn of the joint")
 
+    @property
+    def exclusive(self) -> tuple[object, ...]:
+        """Lines of one joint are effects by themselves unless they are the same line."""
+        return self.kind, self.joint, round(self.cycles, 1)
+
     def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         angle = self.cycles * site.q[joint]
         return sin(angle), cos(angle)

@@ -87,6 +87,8 @@ class Effect(CatalogueEntry):
     """Whose share of the error level a diagnosis tests it with: what comes in many shapes is kept by itself."""
     limits: ClassVar[tuple[float, float]] = (-math.inf, math.inf)
     """What an only parameter can be [SI]."""
+    flexible: ClassVar[bool] = False
+    """Whether it takes any smooth shape, and so stands for effects of other kinds too."""
     for_planning: ClassVar[bool] = True
     """Whether a task can be planned with it; what changes with time cannot be."""
 
@@ -112,6 +114,11 @@ class Effect(CatalogueEntry):
     def parameter_names(self) -> tuple[str, ...]:
         """``kind(target).parameter``."""
         return tuple(f"{self.name}.{name}" for name, _ in self.dimensions)
+
+    @property
+    def exclusive(self) -> tuple[object, ...]:
+        """Effects that have it in common are shapes of one, of which a model holds one."""
+        return self.kind, self.target
 
     @property
     def dimensions(self) -> tuple[tuple[str, str], ...]:

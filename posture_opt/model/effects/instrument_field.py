@@ -23,6 +23,7 @@ class InstrumentField(SoleEffect):
     summary: ClassVar[str] = "the instrument errs smoothly over its volume"
     sole: ClassVar = "instrument"
     parameters: ClassVar = tuple((f"{axis}_{product}", "per length") for axis in "xyz" for product in _PRODUCTS)
+    flexible: ClassVar = True
     for_planning: ClassVar = False
 
     kind: Literal["instrument_field"] = "instrument_field"

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.levels import FIRST_EFFECT
 from posture_opt.report.diagnosed import MODELS, Diagnosed
 from posture_opt.report.effect_words import short_words
 from posture_opt.report.figures.residuals import _settled, chosen_rows
@@ -117,20 +118,16 @@ def evidence(diagnosed: Diagnosed) -> list[tuple[ScoredCandidate, float]]:
 
 def critical_log_p(null: NullDistribution, family: str) -> float:
     """The log p-value that a candidate of a family needs to be more than chance, the whole search counted in."""
-    from posture_opt.diagnosis.search import FIRST
-
     low, high = -60.0, -1e-6
     for _ in range(50):
         middle = (low + high) / 2
-        low, high = (middle, high) if null.family_wise(middle, family) < FIRST else (low, middle)
+        low, high = (middle, high) if null.family_wise(middle, family) < FIRST_EFFECT else (low, middle)
     return low
 
 
 @styled
 def plot_scores(diagnosed: Diagnosed) -> Figure:
     """Evidence of each candidate on the calibrated arm alone, with the line that chance reaches one time in twenty."""
-    from posture_opt.diagnosis.search import FIRST
-
     pairs = evidence(diagnosed)
     scored = [j for j, _ in pairs[:_MOST]]
     # Evidence spans from a little to hundreds of times what chance does: its root shows both ends.
@@ -146,7 +143,9 @@ def plot_scores(diagnosed: Diagnosed) -> Figure:
         )  # fmt: skip
     axes.axvline(1, color="black", lw=1.2, ls="--", zorder=3)
     nameless = any(end and not j.candidate.named for j, end in zip(scored, ends, strict=True))
-    handles = _handles(any(end and j.candidate.named for j, end in zip(scored, ends, strict=True)), nameless, FIRST)
+    handles = _handles(
+        any(end and j.candidate.named for j, end in zip(scored, ends, strict=True)), nameless, FIRST_EFFECT
+    )
     axes.set_yticks(range(len(scored)), [_label(j) for j in scored], fontsize=9)
     axes.set_ylim(max(len(scored), 4) - 0.5, -0.5)
     right = 1.04 * max([*size, 1.5])

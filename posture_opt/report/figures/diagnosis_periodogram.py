@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.levels import FIRST_EFFECT
 from posture_opt.report.diagnosed import CYCLIC, Diagnosed
 from posture_opt.report.style import BLUE, GREEN, GREY, new_figure, styled
 
@@ -23,7 +24,6 @@ _TICKS = (3, 5, 10, 20, 50, 100, 200, 300)
 @styled
 def plot_periodogram(diagnosed: Diagnosed) -> Figure:
     """Share of the rest that each number of cycles explains, before its lines are named and after."""
-    from posture_opt.diagnosis.search import FIRST
     from posture_opt.model.effects.cyclic_error import CyclicError
     from posture_opt.report.figures.diagnosis import critical_log_p
 
@@ -42,7 +42,7 @@ def plot_periodogram(diagnosed: Diagnosed) -> Figure:
         axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label="before its cyclic errors are named", zorder=3)
         cycles, share = _spectrum(diagnosed, after, joint)
         axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all named effects", zorder=4)
-        null = f"chance reaches this line in {100 * FIRST:.1f} of 100 data sets"
+        null = f"chance reaches this line in {100 * FIRST_EFFECT:.1f} of 100 data sets"
         axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=null, zorder=5)
         for k, cycles_a_turn in enumerate(sorted(_cycles(suspect.what) for suspect in mine)):
             _mark(axes, cycles_a_turn, k)
