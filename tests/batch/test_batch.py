@@ -10,20 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 from scipy.optimize import minimize
 
 import posture_opt as po
 from posture_opt.batch.batch_calibration import Batch, calibrate_batch
 from posture_opt.batch.batch_covariance import between, deviation_interval
 from posture_opt.calibration.calibrate import calibrate
-from posture_opt.cli.main import main
 from posture_opt.errors import InputError, InsufficientDataError
 from posture_opt.measurements.reading import read_measurements
 from posture_opt.model.effects import JointNoise
 from posture_opt.problem.batch_section import batch_uncertainty, batch_yaml
 from posture_opt.problem.load import load_builtin, problems_folder
 from tests.helpers import batch_planar_2r as shop
+from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR
 
@@ -242,7 +241,7 @@ def test_calibrate_takes_a_file_of_several_robots(problem: Any, tmp_path: Path) 
     file.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n")
     (tmp_path / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
     words = ["calibrate", str(file), "--problem", str(tmp_path / "problem.yaml")]
-    result = CliRunner().invoke(main, [*words, "--json", "--out", str(out)])
+    result = invoke(*words, "--json", "--out", str(out))
     assert result.exit_code == 0, result.stderr
     document = json.loads(result.stdout)
     assert {"residual_rms", "coverage95", "parameters", "rank", "observability", "outliers"} <= set(document)
@@ -252,7 +251,7 @@ def test_calibrate_takes_a_file_of_several_robots(problem: Any, tmp_path: Path) 
     report = (out / "report.txt").read_text(encoding="utf-8")
     assert "5 robots of one type" in report
     assert max(map(len, report.splitlines())) <= 100
-    refused = CliRunner().invoke(main, [*words, "--test", str(file)])
+    refused = invoke(*words, "--test", str(file))
     assert refused.exit_code == 2
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from posture_opt.cli.main import main
+from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write
 from tests.helpers.real_arms import DATA, needs_real_arms
@@ -29,7 +29,7 @@ PROBLEM = (
 
 
 def run(*words: object) -> Result:
-    return CliRunner().invoke(main, ["calibrate", *map(str, words)])
+    return invoke("calibrate", *words)
 
 
 @pytest.fixture(scope="module")

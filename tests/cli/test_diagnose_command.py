@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 import posture_opt as po
 from posture_opt.calibration.progress import Stages
-from posture_opt.cli.main import main
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.causes import Finding
 from posture_opt.diagnosis.extended_fit import fit_extended
@@ -28,6 +27,7 @@ from posture_opt.report.diagnosis_report import diagnosis_report
 from posture_opt.report.effect_rivals import splitting_measurement
 from posture_opt.report.effect_words import amplitude, cause_words, chance_words, size_words
 from posture_opt.report.text import render
+from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write
 
@@ -39,7 +39,7 @@ FIGURES = {"diagnosis_errors", "diagnosis_scores", "diagnosis_curves", "diagnosi
 
 
 def run(*words: object) -> Result:
-    return CliRunner().invoke(main, ["diagnose", *map(str, words)])
+    return invoke("diagnose", *words)
 
 
 def wavy(q: np.ndarray) -> np.ndarray:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from posture_opt.cli.main import main
+from tests.helpers.command_line import invoke
 from tests.helpers.simulated_arm import SimulatedArm
 
 TABLE = (("j1", "revolute", 0.0, 0.0, 1.0, 0.0), ("j2", "revolute", 0.0, 0.0, 0.8, 0.0))
@@ -29,7 +29,7 @@ STILL = PROBLEM.replace("a: 1 m", "a: 0 m").replace("a: 0.8 m", "a: 0 m").partit
 
 
 def run(*words: object) -> Result:
-    return CliRunner().invoke(main, ["plan-measurements", *map(str, words)])
+    return invoke("plan-measurements", *words)
 
 
 @pytest.fixture(scope="module")

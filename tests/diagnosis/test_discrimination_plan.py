@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import posture_opt as po
-from posture_opt.cli.main import main
 from posture_opt.diagnosis.levels import DISCRIMINATED
 from posture_opt.diagnosis.model_discrimination import ModelDiscrimination, RivalExplanation
 from posture_opt.diagnosis.noncentrality import DiscriminationDesign, OrderedPair, detection_probability
+from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 
 NOISE, SCALE = 2e-5, 4e-4  # m of each coordinate; rad per rad of joint1
@@ -49,7 +48,7 @@ def diagnosed(folder: Path, rows: np.ndarray) -> tuple[dict[str, Any], str, Path
     write(folder / "data.csv", rows)
     (folder / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
     words = [folder / "data.csv", "--problem", folder / "problem.yaml", "--out", folder / "out", "--no-plots"]
-    result = CliRunner().invoke(main, ["diagnose", *map(str, words)])
+    result = invoke("diagnose", *words)
     assert result.exit_code == 0, result.stderr
     return json.loads((folder / "out" / "diagnosis.json").read_text()), result.stdout, folder / "out"
 

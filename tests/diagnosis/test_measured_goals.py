@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import posture_opt as po
-from posture_opt.cli.main import main
 from posture_opt.diagnosis.measured_goals import MeasuredGoals, goals_in_postures, measured_goals
 from posture_opt.problem.extended_problem import extended_problem, models_of
+from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position, postures_at
 from tests.helpers.planar_files import PLANAR
 from tests.helpers.real_arms import DATA, needs_real_arms
@@ -58,7 +57,7 @@ def told(session: tuple[Path, np.ndarray, np.ndarray]) -> tuple[dict[str, Any], 
     """diagnosis.json and the text of the report."""
     folder, out = session[0], session[0] / "out"
     words = [folder / "data.csv", "--problem", folder / "problem.yaml", "--out", out, "--no-plots"]
-    result = CliRunner().invoke(main, ["diagnose", *map(str, words)])
+    result = invoke("diagnose", *words)
     assert result.exit_code == 0, result.stderr
     return json.loads((out / "diagnosis.json").read_text(encoding="utf-8")), result.stdout
 
@@ -128,7 +127,7 @@ def test_no_goal_in_two_postures_says_nothing(session: tuple[Path, np.ndarray, n
     data = po.read_measurements(tmp_path / "data.csv", problem)
     assert goals_in_postures(data) == []
     words = ["diagnose", str(tmp_path / "data.csv"), "--problem", str(tmp_path / "problem.yaml")]
-    result = CliRunner().invoke(main, words)
+    result = invoke(*words)
     assert result.exit_code == 0, result.stderr
     assert "as measured" not in result.stdout
 

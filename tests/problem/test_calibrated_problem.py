@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 import posture_opt as po
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.cli.main import main
 from posture_opt.problem.calibrated_problem import arm_of_frames, compare_calibrated, quantity
 from posture_opt.problem.problem import Problem
 from posture_opt.report.figures.landing import plot_landing
 from posture_opt.robot.robot import Factor
 from posture_opt.selection.selector import PostureSelector
+from tests.helpers.command_line import invoke
 from tests.helpers.pin import PinArm
 from tests.helpers.simulated_arm import SimulatedArm, shift, turn
 
@@ -295,11 +295,11 @@ def commanded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Known, Re
     np.savetxt(folder / "data.csv", np.column_stack(list(columns.values())), fmt="%.12f", delimiter=",",
                header=", ".join(columns), comments="")  # fmt: skip
     words = ["calibrate", folder / "data.csv", "--problem", folder / "problem.yaml", "--out", folder / "out"]
-    return folder, found, CliRunner().invoke(main, [*map(str, words), "--no-plots"])
+    return folder, found, invoke(*words, "--no-plots")
 
 
 def run(*words: object) -> Result:
-    result = CliRunner().invoke(main, [str(word) for word in words])
+    result = invoke(*words)
     assert result.exit_code == 0, result.stderr
     return result
 

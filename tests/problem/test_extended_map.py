@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from posture_opt.cli.main import main
 from posture_opt.problem.load import problems_folder
 from tests.helpers import measured_ur10 as arm
+from tests.helpers.command_line import invoke
 
 LOAD, SIDE = 5.0, 1.0  # kg and side of shoulder_pan, as the task states them
 GRID = ["--grid", "3x2", "--min", "0.5 m, 0.1 m, 0.1 m", "--max", "0.8 m, 0.3 m, 0.1 m"]
@@ -20,7 +19,7 @@ SURE = 3.5  # σ: exceeded by one of a hundred sets of a dozen numbers
 
 
 def run(*words: object) -> dict[str, Any]:
-    result = CliRunner().invoke(main, [*map(str, words), "--json"])
+    result = invoke(*words, "--json")
     assert result.exit_code == 0, result.output
     return json.loads(result.stdout)
 

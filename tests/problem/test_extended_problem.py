@@ -17,10 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 
 import posture_opt as po
-from posture_opt.cli.main import main
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.errors import InputError
 from posture_opt.model.toolchain import find_compiler
@@ -32,6 +30,7 @@ from posture_opt.selection.solution import Solution
 from posture_opt.uncertainty.covariance_file import covariance_text
 from posture_opt.uncertainty.spread_function import SpreadFunction
 from posture_opt.uncertainty.tool_point import ToolPoint
+from tests.helpers.command_line import invoke
 from tests.hidden.arms import ARMS
 from tests.hidden.designs import Plan, Session, draw_session
 from tests.hidden.draw import geometry
@@ -291,8 +290,8 @@ def test_compiled_exported_and_interpreted_covariances_agree(uncertain: dict[str
     (tmp_path / "problem").mkdir()
     for name, content in problem.files("arm").items():
         (tmp_path / "problem" / name).write_bytes(content)
-    result = CliRunner().invoke(
-        main, ["export", "--to", "c", "--problem", str(tmp_path / "problem" / "arm.yaml"), "--out", str(tmp_path / "c")]
+    result = invoke(
+        "export", "--to", "c", "--problem", str(tmp_path / "problem" / "arm.yaml"), "--out", str(tmp_path / "c")
     )
     assert result.exit_code == 0, result.output
     source = next((tmp_path / "c").glob("*.c"))
@@ -480,7 +479,7 @@ def test_commands_take_the_extended_file(world: World, tmp_path: Path) -> None:
     posture = ", ".join(f"{v:.6f} rad" for v in solved(world.extended).q)
 
     def run(*words: str) -> Any:
-        result = CliRunner().invoke(main, [*words, "--problem", file, "--json"])
+        result = invoke(*words, "--problem", file, "--json")
         assert result.exit_code == 0, result.output
         return json.loads(result.stdout)
 

@@ -6,15 +6,14 @@ import json
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
 
 import posture_opt as po
-from posture_opt.cli.main import main
 from posture_opt.model.effects import CATALOGUE, EFFECTS
 from posture_opt.problem.problem import Problem
 from posture_opt.report.effect_facts import effect_facts, effect_text, input_facts, size_text
 from posture_opt.report.words import source_size, source_words
 from posture_opt.units import DIMENSIONS
+from tests.helpers.command_line import invoke
 
 EFFECTS_SECTION = [
     {"kind": "joint_compliance", "joint": "joint2", "estimate": {"compliance": "8 urad/(N m)"}},
@@ -108,14 +107,14 @@ def test_the_report_tells_them(tmp_path: Any) -> None:
     file = tmp_path / "arm.yaml"
     file.write_text(problem(EFFECTS_SECTION, payload="5 kg", temperature="28 degC").to_yaml())
     for words in (["uncertainty"], ["simulate", "--samples", "1000"]):
-        result = CliRunner().invoke(main, [*words, "--problem", str(file), "--posture", "20 deg, 40 deg"])
+        result = invoke(*words, "--problem", str(file), "--posture", "20 deg, 40 deg")
         assert result.exit_code == 0, result.output
         assert "joint compliance of joint2" in result.output
         assert "a payload of 5 kg" in result.output
 
 
 def test_list_shows_the_effects() -> None:
-    result = CliRunner().invoke(main, ["list", "--json"])
+    result = invoke("list", "--json")
     rows = json.loads(result.output)["effects"]
     assert [row["kind"] for row in rows] == [cls.model_fields["kind"].default for cls in CATALOGUE]
     assert all(row["is"] for row in rows)

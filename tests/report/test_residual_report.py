@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.quiver import Quiver
 
 import posture_opt as po
-from posture_opt.cli.main import main
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.report.blocks import Report
 from posture_opt.report.calibration_report import Learned
@@ -28,6 +26,7 @@ from posture_opt.report.figures.residuals import (
 from posture_opt.report.residual_blocks import residual_blocks
 from posture_opt.report.text import render
 from posture_opt.report.write import OWN_FILES
+from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import first_order, position
 
 NOISE, LONGER = 2e-5, 3e-3  # m: the instrument, and what the second link has more than the problem file says
@@ -256,13 +255,13 @@ def test_the_command_writes_the_figures_or_leaves_them_out(tmp_path: Path) -> No
     (tmp_path / "p.yaml").write_text(po.problem_from_dict(DOCUMENT).to_yaml(), encoding="utf-8")
     words = ["calibrate", str(tmp_path / "data.csv"), "--problem", str(tmp_path / "p.yaml"), "--no-plan", "--quiet"]
     with_figures, without = tmp_path / "with", tmp_path / "without"
-    done = CliRunner().invoke(main, [*words, "--out", str(with_figures)])
+    done = invoke(*words, "--out", str(with_figures))
     assert done.exit_code == 0, done.stderr
     files = {file.name for file in with_figures.iterdir()}
     assert files <= OWN_FILES
     assert {"residual_vectors.png", "residual_joints.svg", "residual_shape.png"} <= files
     page = (with_figures / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png") == len([name for name in files if name.endswith(".png")])
-    done = CliRunner().invoke(main, [*words, "--out", str(without), "--no-plots"])
+    done = invoke(*words, "--out", str(without), "--no-plots")
     assert done.exit_code == 0, done.stderr
     assert not [file for file in without.iterdir() if file.suffix in (".png", ".svg")]

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from posture_opt.cli.main import main
 from posture_opt.report.blocks import Report
 from posture_opt.report.figures.truth import truth_figures
 from posture_opt.report.style import image
 from posture_opt.report.text import render
 from posture_opt.report.truth_blocks import truth_blocks, truth_lead
 from posture_opt.validation.spread_check import SpreadCheck
+from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 from tests.helpers.scattering_arm import NOISE, SCATTER, STATED, arm, checked, measured
 
@@ -101,7 +100,7 @@ def test_calibrate_writes_it_all(tmp_path: Path) -> None:
     head = "j1 [rad],j2 [rad],x [m],y [m]"
     np.savetxt(tmp_path / "data.csv", np.column_stack([q, points]), delimiter=",", header=head, comments="")
     words = ["calibrate", str(tmp_path / "data.csv"), "--problem", str(tmp_path / "problem.yaml")]
-    result = CliRunner().invoke(main, [*words, "--out", str(tmp_path / "out")])
+    result = invoke(*words, "--out", str(tmp_path / "out"))
     assert result.exit_code == 0, result.stderr
     assert "Is the predicted spread true?" in result.stdout
     document = json.loads((tmp_path / "out" / "calibration.json").read_text(encoding="utf-8"))

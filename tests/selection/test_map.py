@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
 import posture_opt as po
-from posture_opt.cli.main import main
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.problem.load import load_builtin
 from posture_opt.selection.target_map import TargetMap, map_targets
 from posture_opt.uncertainty.ball import central_radii, radius_in_space
+from tests.helpers.command_line import invoke
 
 A1, A2 = 1.0, 0.7
 SIGMA = {"joint1.theta": 1e-4, "joint2.theta": 3e-4, "joint1.a": 1e-4, "joint2.a": 2e-4}
@@ -52,7 +52,7 @@ def sigma_x(q1: float, q2: float) -> float:
 
 
 def run(*words: object) -> Result:
-    return CliRunner().invoke(main, ["map", *map(str, words)])
+    return invoke("map", *words)
 
 
 def written_problem(folder: Path, data: dict[str, Any]) -> Path:
