@@ -8,7 +8,13 @@ from typing import Any, cast
 
 import numpy as np
 
-from posture_opt.batch.batch_covariance import BatchCovariance, Pair, between, pairs_of, stated_sigmas
+from posture_opt.batch.batch_covariance import (
+    BatchCovariance,
+    CorrelatedPair,
+    covariance_between_robots,
+    pairs_of,
+    stated_sigmas,
+)
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.error_statistics import By, Statistics
@@ -34,8 +40,8 @@ class Batch:
         parameters: (k,) geometric parameters that the data of every robot determine.
         estimates: (R, k) deviations from nominal [rad, m]; ``spread`` how they vary across the batch.
         stated: (k,) standard deviations that the problem states for them, 0 where none.
-        pairs: of parameters, the surest first; ``real`` where the correlation is none of chance, all tested together.
-        not_told: geometric parameters that some robot's data leave open.
+        pairs: of parameters, the surest first; ``significant`` at 5 %, all correlations tested together.
+        undetermined: geometric parameters that some robot's data leave open.
         nominal, calibrated: cross-validated position errors of all robots.
         coverage: share of all rows in the 95 % regions of the arm as it stands and calibrated, with its interval,
             robots being what is drawn at random.
@@ -49,8 +55,8 @@ class Batch:
     estimates: Array
     spread: BatchCovariance
     stated: Array
-    pairs: tuple[Pair, ...]
-    not_told: tuple[str, ...]
+    pairs: tuple[CorrelatedPair, ...]
+    undetermined: tuple[str, ...]
     nominal: Statistics
     calibrated: Statistics
     coverage: dict[str, tuple[float, tuple[float, float]]]
@@ -87,7 +93,7 @@ class Batch:
                 "sigma_stated": [float(s) or None for s in self.stated],
                 "correlation": self.spread.correlation.tolist(),
                 "pairs": [pair.to_json() for pair in self.pairs],
-                "not_told": list(self.not_told),
+                "not_told": list(self.undetermined),
                 "coverage95_interval95": {name: list(ends) for name, (_, ends) in self.coverage.items()},
             },
         }
@@ -123,7 +129,7 @@ def calibrate_batch(
 
     Each robot has its own free base and tool. Stated σ's of geometry are no priors here: they would pull all robots to
     the nominal one and hide what is asked for. The covariance across the batch is that of the estimates less what their
-    own errors make of it (:func:`posture_opt.batch.batch_covariance.between`).
+    own errors make of it (:func:`posture_opt.batch.batch_covariance.covariance_between_robots`).
 
     Raises:
         InputError: the data are of one robot.
@@ -132,12 +138,12 @@ def calibrate_batch(
     _check(data)
     rows = tuple(np.flatnonzero(data.robot == code) for code in range(len(data.robot_names)))
     calibrations = tuple(_each(_without_geometry(problem), data, rows, folds, by, progress))
-    parameters, not_told = _told(calibrations)
+    parameters, undetermined = _determined(calibrations)
     index = {p.name: i for i, p in enumerate(calibrations[0].parameters)}
     columns = [index[p.name] for p in parameters]
     estimates = np.array([c.x[columns] for c in calibrations])
     errors = np.array([c.covariance[np.ix_(columns, columns)] for c in calibrations])
-    spread = between(estimates, errors)
+    spread = covariance_between_robots(estimates, errors)
     robots = np.repeat(np.arange(len(rows)), [len(c.kept_rows) for c in calibrations])
     return Batch(
         robots=data.robot_names,
@@ -148,7 +154,7 @@ def calibrate_batch(
         spread=spread,
         stated=stated_sigmas(parameters, problem),
         pairs=pairs_of(parameters, spread, problem),
-        not_told=not_told,
+        undetermined=undetermined,
         nominal=Statistics.of(_counted(calibrations, [c.errors_nominal for c in calibrations]), robots),
         calibrated=Statistics.of(_counted(calibrations, [c.errors for c in calibrations]), robots),
         coverage=_coverage(problem, calibrations, folds),
@@ -212,7 +218,7 @@ def _without_geometry(problem: CalibrationProblem) -> CalibrationProblem:
     return changed
 
 
-def _told(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
+def _determined(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
     """Geometric parameters that all robots' data determine, and the names of the others."""
     fixed = np.all([c.fixed & (np.diag(c.covariance) > 0) for c in calibrations], axis=0)
     geometry = [(p, bool(known)) for p, known in zip(calibrations[0].parameters, fixed, strict=True)]

@@ -58,7 +58,7 @@ def correlations(covariance: Array) -> Array:
     return np.asarray(np.clip(found, -1.0, 1.0))
 
 
-def between(estimates: Array, errors: Array) -> BatchCovariance:
+def covariance_between_robots(estimates: Array, errors: Array) -> BatchCovariance:
     """Covariance Ω between robots from estimates ``x_r ~ N(μ, Ω + S_r)``.
 
     Ω maximises the restricted likelihood, by expectation and maximisation (Dempster, Laird, Rubin 1977; Laird, Ware
@@ -170,7 +170,7 @@ def _pair(omega: Array, S: Array) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class CorrelatedPair:
     """Two parameters that vary together, or may: the correlation, its 95 % interval, the stated one."""
 
     a: str
@@ -179,18 +179,20 @@ class Pair:
     interval: tuple[float, float]
     p_value: float
     stated: float
-    real: bool
+    significant: bool
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers."""
         return {
             "parameters": [self.a, self.b], "correlation": self.correlation, "interval95": list(self.interval),
-            "p_value": self.p_value, "stated": self.stated, "significant": self.real,
+            "p_value": self.p_value, "stated": self.stated, "significant": self.significant,
         }  # fmt: skip
 
 
-def pairs_of(parameters: Sequence[Parameter], spread: BatchCovariance, problem: CalibrationProblem) -> tuple[Pair, ...]:
-    """Every pair, the surest first; which are real, by Holm's (1979) rule over all of them."""
+def pairs_of(
+    parameters: Sequence[Parameter], spread: BatchCovariance, problem: CalibrationProblem
+) -> tuple[CorrelatedPair, ...]:
+    """Every pair, the surest first; which are significant, by Holm's (1979) rule over all of them."""
     names, stated = [p.name for p in parameters], _stated_correlations(problem)
     k = len(names)
     indices = [(i, j) for i in range(k) for j in range(i + 1, k)]
@@ -202,7 +204,7 @@ def pairs_of(parameters: Sequence[Parameter], spread: BatchCovariance, problem: 
         low, high = map(float, spread.correlation_interval[i, j])
         said = stated.get(frozenset((names[i], names[j])), 0.0)
         rho = float(spread.correlation[i, j])
-        found.append(Pair(names[i], names[j], rho, (low, high), p, said, standing))
+        found.append(CorrelatedPair(names[i], names[j], rho, (low, high), p, said, standing))
     return tuple(found)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.batch.batch_calibration import Batch, calibrate_batch
-from posture_opt.batch.batch_covariance import Pair
+from posture_opt.batch.batch_covariance import CorrelatedPair
 from posture_opt.calibration.error_statistics import By
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.diagnosis.causes import Finding, noise_finding
@@ -17,7 +17,7 @@ from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.noise_candidates import standardised
 from posture_opt.diagnosis.noise_causes import NoiseCause, find_uneven_noise, in_stated_units
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.repeat_groups import stays
+from posture_opt.measurements.repeat_groups import repeat_of_row
 from posture_opt.model.effects import CorrelatedLengths, Rows
 from posture_opt.numerics import Progress
 
@@ -83,13 +83,13 @@ def diagnose_batch(
     lengths = [
         _correlated(pair)
         for pair in batch.pairs
-        if pair.real and units[pair.a] == units[pair.b] == "m" and not _as_stated(pair.stated, pair.interval)
+        if pair.significant and units[pair.a] == units[pair.b] == "m" and not _as_stated(pair.stated, pair.interval)
     ]
     noise = [noise_finding(cause) for cause in _noise(problem, batch, seed)]
     return BatchDiagnosis(batch, (*lengths, *noise), batch.calibrations[0].by)
 
 
-def _correlated(pair: Pair) -> Finding:
+def _correlated(pair: CorrelatedPair) -> Finding:
     effect = CorrelatedLengths(lengths=(pair.a, pair.b), rho=pair.correlation)
     size = {"correlation": (pair.correlation, (pair.interval[1] - pair.interval[0]) / 3.92, "1")}
     return Finding(effect.kind, effect.target, size, pair.p_value, 0.0, noise=effect)
@@ -110,7 +110,7 @@ def _noise(problem: CalibrationProblem, batch: Batch, seed: int) -> list[NoiseCa
         position = linearised.sensitivities.residuals.data.position
         ranges = np.zeros(len(e)) if position is None else np.linalg.norm(position, axis=1)
         e, columns, _ = in_stated_units(problem, linearised.sensitivities.residuals, e, linearised.sensitivities.joints)
-        parts.append((e, columns, ranges, stays(linearised.sensitivities.residuals.data)))
+        parts.append((e, columns, ranges, repeat_of_row(linearised.sensitivities.residuals.data)))
     e = np.concatenate([p[0] for p in parts])
     columns = np.concatenate([p[1] for p in parts], axis=1)
     sigma = batch.calibrations[0].residuals.sigma

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from posture_opt.calibration.residuals import Residuals
-from posture_opt.experiments.candidate_postures import Room, reach, skeleton
+from posture_opt.experiments.candidate_postures import Workspace, reach, skeleton
 from posture_opt.experiments.information import planned_rows
 from posture_opt.measurements.measurements import Measurements
 
@@ -41,13 +41,13 @@ def candidate_rows(residuals: Residuals, joints: Collection[int], sided: bool, s
     rng = np.random.default_rng(seed)
     known = np.unique(data.q, axis=0)
     known = known[rng.permutation(len(known))]
-    room = Room.of(robot, height=_lowest(residuals))
+    workspace = Workspace.of(robot, height=_lowest(residuals))
     swung = known[rng.integers(len(known), size=_SWUNG)]
     columns = list(joints) or list(range(robot.n))
-    swung[:, columns] = rng.uniform(room.lower[columns], room.upper[columns], (_SWUNG, len(columns)))
-    anywhere = rng.uniform(room.lower, room.upper, (_ANYWHERE, robot.n))
-    q = room.rounded(np.concatenate([known[:_OWN], swung, anywhere]))
-    q = q[room.allowed(q)]
+    swung[:, columns] = rng.uniform(workspace.lower[columns], workspace.upper[columns], (_SWUNG, len(columns)))
+    anywhere = rng.uniform(workspace.lower, workspace.upper, (_ANYWHERE, robot.n))
+    q = workspace.rounded(np.concatenate([known[:_OWN], swung, anywhere]))
+    q = q[workspace.allowed(q)]
     rows = planned_rows(robot, q, data.measured_axes, data.target_names[:1], residuals.oriented)
     loads = available_payloads(data, robot.payload)
     return replace(

@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.score_tests import ProjectedBaseline, tail
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.repeat_groups import stays
+from posture_opt.measurements.repeat_groups import repeat_of_row
 from posture_opt.numerics import Array, Codes
 
 
@@ -43,7 +43,7 @@ def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, block: int) ->
     """
     from scipy.special import fdtrc
 
-    visit = stays(data)
+    visit = repeat_of_row(data)
     cell, first, size = _groups(visit, data.target)
     code, _, visits = _groups(data.pose[first], data.target[first])
     # The targets of one visit share its scatter too: so many residuals tell as much as one.

@@ -17,7 +17,7 @@ from posture_opt.diagnosis.extended_fit import Extended, shape_column
 from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.noncentrality import DiscriminationDesign, OrderedPair
 from posture_opt.diagnosis.score_tests import orthonormal
-from posture_opt.experiments.expected_errors import Beforehand
+from posture_opt.experiments.expected_errors import PriorInformation
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes
@@ -105,7 +105,7 @@ class ModelDiscrimination:
         D, places = self.columns(sensitivities)
         there = EffectSensitivities(replace(residuals, data=rows, distances=()), sensitivities.x)
         A = self.columns(there)[0].reshape(len(rows), residuals.block, -1) / noise
-        prior = Beforehand.of(problem, residuals.parameters).prior
+        prior = PriorInformation.of(problem, residuals.parameters).full
         k = len(residuals.parameters)
         M = D.T @ D / noise**2
         M[:k, :k] += prior.T @ prior

@@ -12,7 +12,7 @@ from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.score_tests import tail
 from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, StatedSigma
 from posture_opt.numerics import Array, Mask
-from posture_opt.validation.scatter_model import chance_sets
+from posture_opt.validation.scatter_model import null_sets
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
     Args:
         e: (N, d) standardised residuals.
     """
-    sets = np.concatenate([e[None], chance_sets(e, rows.visits, levels.NOISE_DRAWS, np.random.default_rng(seed))])
+    sets = np.concatenate([e[None], null_sets(e, rows.visits, levels.NOISE_DRAWS, np.random.default_rng(seed))])
     patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
     if not patterns:
         return []

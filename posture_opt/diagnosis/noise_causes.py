@@ -22,7 +22,7 @@ from posture_opt.diagnosis.noise_candidates import (
     standardised,
 )
 from posture_opt.diagnosis.score_tests import ProjectedBaseline
-from posture_opt.measurements.repeat_groups import stays
+from posture_opt.measurements.repeat_groups import repeat_of_row
 from posture_opt.model.effects import NoiseEffect, Outliers, Rows
 from posture_opt.numerics import Array
 from posture_opt.validation.scatter_model import whitened
@@ -58,7 +58,7 @@ def noise_causes(
     columns = EffectSensitivities(residuals, model.x).joints
     e, columns, whole = in_stated_units(problem, residuals, e, columns)
     level = levels.NOISE_BESIDE_A_CAUSE if model.suspects else levels.NOISE
-    rows = Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma, stays(residuals.data))
+    rows = Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma, repeat_of_row(residuals.data))
     found = find_uneven_noise(e, rows, seed, level)
     found += [] if closed < levels.LACK_OF_FIT else _outliers(calibration, model, bool(found))
     if position_sigma(problem, residuals.data) and not found and closed >= levels.STRUCTURE_IN_DOUBT:
@@ -138,7 +138,7 @@ def in_stated_units(
     S = np.moveaxis(columns, 0, 2) * sigma
     instrument = np.ones(e.shape)
     instrument[:, : len(residuals.axes)] = own[:, None] ** 2
-    return *whitened(e, columns, S, stays(residuals.data), instrument), True
+    return *whitened(e, columns, S, repeat_of_row(residuals.data), instrument), True
 
 
 def _outliers(calibration: Calibration, model: Extended, other: bool) -> list[NoiseCause]:

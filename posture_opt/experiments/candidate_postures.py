@@ -27,7 +27,7 @@ _BATCH = 5000
 
 
 @dataclass(frozen=True)
-class Room:
+class Workspace:
     """Where an arm may go.
 
     Args:
@@ -45,8 +45,8 @@ class Room:
     own: float
 
     @classmethod
-    def of(cls, robot: Robot, *, height: float = -math.inf, margin: float = 0.0, box: Box = ANYWHERE) -> Room:
-        """The room inside the limits; ``margin`` to the limits of revolute joints where one is stated [rad].
+    def of(cls, robot: Robot, *, height: float = -math.inf, margin: float = 0.0, box: Box = ANYWHERE) -> Workspace:
+        """The workspace inside the limits; ``margin`` to the limits of revolute joints where one is stated [rad].
 
         Raises:
             InputError: a slide without limits.

@@ -13,14 +13,14 @@ from posture_opt.calibration.identifiability import Identifiability, identify, o
 from posture_opt.calibration.parameters import CalibrationProblem, Parameter, prior_covariance
 from posture_opt.calibration.prior import full_prior, tolerances
 from posture_opt.experiments.exchange import Criterion, Determinant, Variance, normalisation, variances
-from posture_opt.experiments.information import Given
+from posture_opt.experiments.information import GivenInformation
 from posture_opt.numerics import Array, Mask
 
 _ROUNDING = 1e-7  # of the largest singular value
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class ExpectedErrors:
     """What is expected to be known at one stage.
 
     Args:
@@ -36,7 +36,7 @@ class Stage:
     observability: dict[str, float]
 
     @classmethod
-    def median(cls, stages: Sequence[Stage]) -> Stage:
+    def median(cls, stages: Sequence[ExpectedErrors]) -> ExpectedErrors:
         """The median of each figure; what is not determined counts as infinite."""
         std = _median([stage.std for stage in stages])
         task = float(_median([np.array(stage.task) for stage in stages]))
@@ -50,23 +50,23 @@ def _median(values: Sequence[Array]) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Beforehand:
+class PriorInformation:
     """What is known of the unknowns without any measurement.
 
     Args:
         scale: (k,) tolerances [rad, m].
         stated: (k,) whether a σ is stated.
-        W: square root of the information of the stated σ's (p, k); ``prior`` has the tolerances of the geometry too.
+        W: square root of the information of the stated σ's (p, k); ``full`` has the tolerances of the geometry too.
     """
 
     names: tuple[str, ...]
     scale: Array
     stated: Mask
     W: Array
-    prior: Array
+    full: Array
 
     @classmethod
-    def of(cls, problem: CalibrationProblem, parameters: tuple[Parameter, ...]) -> Beforehand:
+    def of(cls, problem: CalibrationProblem, parameters: tuple[Parameter, ...]) -> PriorInformation:
         rows, covariance = prior_covariance(problem, parameters)
         k, scale = len(parameters), tolerances(parameters, rows)
         prior = full_prior(parameters, scale, rows, covariance).matrix(k)
@@ -83,13 +83,13 @@ class Unknowns:
     Args:
         known: what all candidates with the given data and the stated σ's determine.
         D: (k, r) deviations [rad, m] per unit of z; ``T`` (r, r) takes unknowns of unit information to z.
-        start: (r, r) information on z from the given data and from beforehand.
+        start: (r, r) information on z from the given data and the prior.
         seen: (k, s) directions that measurements alone determine, of unit RMS over the candidates.
         L: (t, r) shift of the tool point at the task's posture along the t directions that count; (0, r) without.
     """
 
-    beforehand: Beforehand
-    given: Given
+    prior: PriorInformation
+    given: GivenInformation
     known: Identifiability
     D: Array
     T: Array
@@ -98,21 +98,21 @@ class Unknowns:
     L: Array
 
     @classmethod
-    def of(cls, beforehand: Beforehand, J: Array, given: Given, tool_rows: Array, count: int) -> Unknowns:
+    def of(cls, prior: PriorInformation, J: Array, given: GivenInformation, tool_rows: Array, count: int) -> Unknowns:
         """From the candidates' derivatives J (N, b, k), for a plan of ``count`` of them."""
         flat = np.sqrt(count / len(J)) * J.reshape(-1, J.shape[-1])
         measured = np.concatenate([flat, given.R]) / np.sqrt(given.variance)
-        names, scale = beforehand.names, beforehand.scale
+        names, scale = prior.names, prior.scale
         alone = identify(names, measured, count, scale=scale)
-        known = identify(names, np.concatenate([measured, beforehand.W]), count, scale=scale)
+        known = identify(names, np.concatenate([measured, prior.W]), count, scale=scale)
         D = np.concatenate([known.directions, known.hardly], axis=1)
-        start = sum((R @ D).T @ (R @ D) for R in (given.R / np.sqrt(given.variance), beforehand.prior))
+        start = sum((R @ D).T @ (R @ D) for R in (given.R / np.sqrt(given.variance), prior.full))
         average = measured[: len(flat)] @ D
         rms = np.sqrt(np.mean(np.sum(J**2, axis=1), axis=0))
         unit = 1.0 / np.where(rms > 0, rms, 1.0)
         seen = unit[:, None] * np.linalg.qr(alone.directions / unit[:, None])[0]
         T = normalisation(start + average.T @ average)
-        return cls(beforehand, given, known, D, T, np.asarray(start), seen, tool_rows @ D)
+        return cls(prior, given, known, D, T, np.asarray(start), seen, tool_rows @ D)
 
     @property
     def count(self) -> int:
@@ -126,7 +126,7 @@ class Unknowns:
     @cached_property
     def already(self) -> Mask:
         """(k,) which parameters the given data and the stated σ's determine: more data take nothing back."""
-        return np.asarray(self._told(self.given.R).determined | self.beforehand.stated)
+        return np.asarray(self._told(self.given.R).determined | self.prior.stated)
 
     def criterion(self, purpose: str) -> Criterion:
         """What a plan for ``parameters`` or for the ``task`` makes small, in the unknowns z."""
@@ -136,17 +136,17 @@ class Unknowns:
         """(N, b, r) what candidates measure of z, in standard deviations of the measurement."""
         return np.asarray(J @ self.D / np.sqrt(self.given.variance))
 
-    def before(self, J: Array) -> Stage:
+    def before(self, J: Array) -> ExpectedErrors:
         """What is known without the measurements J (n, b, k).
 
         Where nothing was measured, the stated σ's alone speak of the task: parts as they are drawn are no knowledge.
         """
-        stage, W = self.stage(J[:0]), self.beforehand.W @ self.D
+        stage, W = self.after(J[:0]), self.prior.W @ self.D
         if self.given.rows:
             return stage
         return replace(stage, task=_root_sum(variances(W.T @ W, self.L, self.T)))
 
-    def stage(self, J: Array) -> Stage:
+    def after(self, J: Array) -> ExpectedErrors:
         """What is known after the measurements J (n, b, k) on top of what is known already."""
         flat = self.blocks(J).reshape(-1, self.count)
         M = self.start + flat.T @ flat
@@ -155,11 +155,11 @@ class Unknowns:
         # Combinations that nothing tells leave each parameter its part of a tolerance.
         std = np.sqrt(variances(M, self.D, self.T) + found.unseen**2)
         std = np.where(self.already | found.determined, std, np.nan)
-        return Stage(std, task, self._indices(J))
+        return ExpectedErrors(std, task, self._indices(J))
 
     def _told(self, rows: Array) -> Identifiability:
-        stack = np.concatenate([rows / np.sqrt(self.given.variance), self.beforehand.W])
-        return identify(self.beforehand.names, stack, len(stack) + 1, scale=self.beforehand.scale)
+        stack = np.concatenate([rows / np.sqrt(self.given.variance), self.prior.W])
+        return identify(self.prior.names, stack, len(stack) + 1, scale=self.prior.scale)
 
     def _indices(self, J: Array) -> dict[str, float]:
         s = np.linalg.svd(np.concatenate([self.given.R, J.reshape(-1, J.shape[-1])]) @ self.seen, compute_uv=False)

@@ -26,7 +26,7 @@ _TRUSTED = 20  # degrees of freedom from which on the residual variance, not the
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class GivenInformation:
     """What measurements made already tell of the unknowns of a plan.
 
     Args:
@@ -47,7 +47,7 @@ class Given:
 
 
 @dataclass(frozen=True, eq=False)
-class Instrument:
+class MeasurementModel:
     """The measurement of all targets at one posture, visited ``repeats`` times, as a function of the posture."""
 
     residuals: Residuals
@@ -127,9 +127,9 @@ def planned_rows(robot: Robot, q: Array, axes: Mask, targets: tuple[str, ...], o
     )  # fmt: skip
 
 
-def instrument(
+def measurement_model(
     problem: CalibrationProblem, given: Measurements | None, repeats: int = 1
-) -> tuple[Instrument, tuple[str, ...]]:
+) -> tuple[MeasurementModel, tuple[str, ...]]:
     """The instrument of a problem, which measures what the given data have, or what moves; and what was assumed."""
     robot, rotation = problem.robot, rotation_sigma(problem)
     sigma = position_sigma(problem, given) if given is not None else planned_sigma(problem, reach_of(robot))
@@ -141,10 +141,12 @@ def instrument(
     targets = given.target_names if given is not None and len(given.target_names) > 1 else ()
     data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, rotation > 0)
     parameters = unknowns(problem, data, orientation=rotation > 0)
-    return Instrument(Residuals(robot, data, parameters, sigma or SIGMA, rotation), problem, repeats), tuple(notes)
+    return MeasurementModel(Residuals(robot, data, parameters, sigma or SIGMA, rotation), problem, repeats), tuple(
+        notes
+    )
 
 
-def visit_variance(problem: CalibrationProblem, sigma: float, q: Array) -> float:
+def repeat_variance(problem: CalibrationProblem, sigma: float, q: Array) -> float:
     """Mean variance of a measured coordinate at the postures (N, n) in units of the instrument's, ``sigma`` [m].
 
     To the instrument's comes what the arm scatters by from visit to visit: ``1 + tr(J V Jᵀ) / (r σ²)`` on average over
@@ -160,14 +162,14 @@ def visit_variance(problem: CalibrationProblem, sigma: float, q: Array) -> float
     return 1.0 + float(np.mean(spread)) / (max(int(np.sum(~still_axes(problem.robot))), 1) * sigma**2)
 
 
-def nothing_given(unknowns: int, variance: float = 1.0) -> Given:
+def nothing_measured(unknowns: int, variance: float = 1.0) -> GivenInformation:
     """Where nothing was measured yet: the nominal arm, and a measured coordinate of this variance."""
-    return Given(np.zeros((0, unknowns)), np.zeros(unknowns), variance, 0)
+    return GivenInformation(np.zeros((0, unknowns)), np.zeros(unknowns), variance, 0)
 
 
-def given_knowledge(
+def given_information(
     problem: CalibrationProblem, data: Measurements, parameters: tuple[Parameter, ...], expected: float = 1.0
-) -> Given:
+) -> GivenInformation:
     """What ``data`` tell of ``parameters``; touched points, which are unknowns of the data alone, are worked out.
 
     Where the data suffice, the arm is fitted to them: the plan then starts from that arm, without its outliers, and
@@ -195,4 +197,4 @@ def given_knowledge(
     gone = len(data) - len(kept)
     stand = "stands" if gone == 1 else "stand"
     notes += (f"{gone} of the given rows {stand} out and {'is' if gone == 1 else 'are'} not counted",) * (gone > 0)
-    return Given(wide, start, variance, len(kept), len(J), notes)
+    return GivenInformation(wide, start, variance, len(kept), len(J), notes)

@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 
 from posture_opt.calibration.parameters import Parameter
-from posture_opt.experiments.candidate_postures import Room
-from posture_opt.experiments.expected_errors import Stage
+from posture_opt.experiments.candidate_postures import Workspace
+from posture_opt.experiments.expected_errors import ExpectedErrors
 from posture_opt.experiments.visiting_order import Tour
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Mask
@@ -38,7 +38,7 @@ class MeasurementPlan:
         repeats: how often each is visited.
         purpose: ``parameters`` or ``task``.
         parameters: the (k,) unknowns; ``settled`` (k,) which of them measurements with this instrument can determine.
-        words: what no measurement can tell, a sentence each.
+        undetermined: what no measurement can tell, a sentence each.
         before, after, random: what is known without the plan, with it, and with random postures (medians).
         gain: the criterion's standard error with as many random postures, over that with the chosen ones.
         equivalent: so many random postures do what the chosen ones do; ``None`` where none of the tried sizes does.
@@ -46,7 +46,7 @@ class MeasurementPlan:
         tried: the largest number of random postures that was tried; ``draws`` of them are behind each median.
         target: the task's posture, or ``None``.
         tour: travel, blocked legs and approach sides.
-        room: where the arm may go; ``share`` of the random postures that are allowed.
+        workspace: where the arm may go; ``share`` of the random postures that are allowed.
         given: the measurements made already, or ``None``; ``spread`` is the standard deviation of a
             measured coordinate, of arm and instrument together, in units of the instrument's.
         sigma: the instrument's, of a coordinate [m]; ``sigma_rotation`` [rad], 0 where orientations are not measured.
@@ -61,17 +61,17 @@ class MeasurementPlan:
     purpose: Purpose
     parameters: tuple[Parameter, ...]
     settled: Mask
-    words: tuple[str, ...]
-    before: Stage
-    after: Stage
-    random: Stage
+    undetermined: tuple[str, ...]
+    before: ExpectedErrors
+    after: ExpectedErrors
+    random: ExpectedErrors
     gain: float
     equivalent: int | None
     tried: int
     draws: int
     target: Target | None
     tour: Tour
-    room: Room
+    workspace: Workspace
     share: float
     reach: Array
     given: Measurements | None
@@ -124,13 +124,13 @@ class MeasurementPlan:
             ],
             "observability": {name: dict(stage.observability) for name, stage in stages.items()},
             "task": self._task(stages),
-            "undetermined": list(self.words),
+            "undetermined": list(self.undetermined),
             "travel": self.tour.travel,
             "blocked": [k + 1 for k in self.tour.blocked],
             "notes": list(self.notes),
         }
 
-    def _task(self, stages: dict[str, Stage]) -> dict[str, Any] | None:
+    def _task(self, stages: dict[str, ExpectedErrors]) -> dict[str, Any] | None:
         if self.target is None:
             return None
         posture = dict(zip(self.robot.joint_names, map(float, self.target.q), strict=True))

@@ -9,18 +9,18 @@ import numpy as np
 
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.errors import InputError, InsufficientDataError, Issue, NoSolutionError
-from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Room, length
-from posture_opt.experiments.expected_errors import Beforehand, Stage, Unknowns
+from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Workspace, length
+from posture_opt.experiments.expected_errors import ExpectedErrors, PriorInformation, Unknowns
 from posture_opt.experiments.information import (
-    Given,
-    Instrument,
-    given_knowledge,
-    instrument,
-    nothing_given,
-    visit_variance,
+    GivenInformation,
+    MeasurementModel,
+    given_information,
+    measurement_model,
+    nothing_measured,
+    repeat_variance,
 )
 from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, Target
-from posture_opt.experiments.plan_search import Search
+from posture_opt.experiments.plan_search import PlanSearch
 from posture_opt.experiments.visiting_order import tour
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.nominal_points import nominal_poses
@@ -91,12 +91,12 @@ def plan_measurements(
         raise InputError(Issue(f"a plan for '{purpose}' is not known", ("--for",), purpose, "parameters or task"))
     height, margin = bounds(problem)
     height = height if link_height is None else link_height
-    room = Room.of(problem.robot, height=height, margin=margin, box=within or ANYWHERE)
+    workspace = Workspace.of(problem.robot, height=height, margin=margin, box=within or ANYWHERE)
     target, notes = _target(problem, needed=purpose == "task")
     notes += (NO_TABLE,) * (height == -math.inf and not (within and within[0][2] > -math.inf) and _upright(problem))
     notes += (NO_TOOL,) * (given is None and _at_flange(problem))
     return plan(
-        problem, room, count, given=given, purpose=purpose, target=target, seed=seed, candidates=candidates,
+        problem, workspace, count, given=given, purpose=purpose, target=target, seed=seed, candidates=candidates,
         repeats=repeats,
         notes=notes, progress=progress,
     )  # fmt: skip
@@ -113,8 +113,8 @@ def bounds(problem: PlannedProblem) -> tuple[float, float]:
 def _upright(problem: PlannedProblem) -> bool:
     """Whether some joint can change the height of what is behind it."""
     rng = np.random.default_rng(0)
-    room = Room.of(problem.robot)
-    points, _ = nominal_poses(problem.robot, rng.uniform(room.lower, room.upper, (32, problem.robot.n)))
+    workspace = Workspace.of(problem.robot)
+    points, _ = nominal_poses(problem.robot, rng.uniform(workspace.lower, workspace.upper, (32, problem.robot.n)))
     return bool(np.ptp(points[:, 2]) > 1e-9)
 
 
@@ -142,11 +142,11 @@ def _target(problem: PlannedProblem, needed: bool) -> tuple[Target | None, tuple
 
 
 def plan(
-    problem: CalibrationProblem, room: Room, count: int, *, given: Measurements | None, purpose: Purpose,
+    problem: CalibrationProblem, workspace: Workspace, count: int, *, given: Measurements | None, purpose: Purpose,
     target: Target | None, seed: int, candidates: int, repeats: int = 1, notes: tuple[str, ...] = (),
     progress: Progress | None = None,
 ) -> MeasurementPlan:  # fmt: skip
-    """The ``count`` postures in ``room`` that tell most, by exchange among random candidates and postures near them.
+    """The ``count`` postures that tell most, by exchange among random candidates and postures near them.
 
     Raises:
         InputError: fewer postures than a calibration needs.
@@ -154,26 +154,27 @@ def plan(
         NoSolutionError: hardly any posture is allowed.
     """
     rng = np.random.default_rng(seed)
-    measuring, assumed = instrument(problem, given, repeats)
-    pool, share = room.postures(max(candidates, 2 * count), rng)
-    known = _given(problem, given, measuring, visit_variance(problem, measuring.residuals.sigma, pool))
+    measuring, assumed = measurement_model(problem, given, repeats)
+    pool, share = workspace.postures(max(candidates, 2 * count), rng)
+    known = _given(problem, given, measuring, repeat_variance(problem, measuring.residuals.sigma, pool))
     rows = np.zeros((0, len(known.x))) if target is None else measuring.tool_rows(target.q, known.x, target.basis)
     J = measuring.blocks(pool, known.x)
-    unknowns = Unknowns.of(Beforehand.of(problem, measuring.parameters), J, known, rows, count)
+    unknowns = Unknowns.of(PriorInformation.of(problem, measuring.parameters), J, known, rows, count)
     _check(unknowns, measuring, count)
-    search = Search(measuring, unknowns, unknowns.criterion(purpose), room, known.x)
+    search = PlanSearch(measuring, unknowns, unknowns.criterion(purpose), workspace, known.x)
     q, chosen = search.best(pool, J, count, seed, progress)
-    way = tour(q, _unit_travel(room), room.allowed)
+    way = tour(q, _unit_travel(workspace), workspace.allowed)
     q, chosen = q[way.order], chosen[way.order]
     random = [J[rng.permutation(len(pool))] for _ in range(_DRAWS)]
     equivalent, gain = search.compared(chosen, random)
     residuals = measuring.residuals
     return MeasurementPlan(
         robot=problem.robot, q=q, points=nominal_poses(problem.robot, q)[0], repeats=repeats, purpose=purpose,
-        parameters=measuring.parameters, settled=unknowns.settled, words=unknowns.known.words,
-        before=unknowns.before(J), after=unknowns.stage(chosen),
-        random=Stage.median([unknowns.stage(drawn[:count]) for drawn in random]), gain=gain, equivalent=equivalent,
-        tried=len(pool), draws=_DRAWS, target=target, tour=way, room=room, share=share,
+        parameters=measuring.parameters, settled=unknowns.settled, undetermined=unknowns.known.words,
+        before=unknowns.before(J), after=unknowns.after(chosen),
+        random=ExpectedErrors.median([unknowns.after(drawn[:count]) for drawn in random]), gain=gain,
+        equivalent=equivalent,
+        tried=len(pool), draws=_DRAWS, target=target, tour=way, workspace=workspace, share=share,
         reach=nominal_poses(problem.robot, pool[:_SHOWN])[0], given=given, spread=float(np.sqrt(known.variance)),
         sigma=residuals.sigma, sigma_rotation=residuals.sigma_rotation,
         axes=tuple("xyz"[i] for i in residuals.axes), targets=measuring.targets,
@@ -181,13 +182,15 @@ def plan(
     )  # fmt: skip
 
 
-def _given(problem: CalibrationProblem, data: Measurements | None, measuring: Instrument, variance: float) -> Given:
+def _given(
+    problem: CalibrationProblem, data: Measurements | None, measuring: MeasurementModel, variance: float
+) -> GivenInformation:
     if data is None:
-        return nothing_given(len(measuring.parameters), variance)
-    return given_knowledge(problem, data, measuring.parameters, variance)
+        return nothing_measured(len(measuring.parameters), variance)
+    return given_information(problem, data, measuring.parameters, variance)
 
 
-def _check(unknowns: Unknowns, measuring: Instrument, count: int) -> None:
+def _check(unknowns: Unknowns, measuring: MeasurementModel, count: int) -> None:
     """Refuse where nothing can be told, and where the postures are too few for a calibration of all that can."""
     if not unknowns.settled.any() or not unknowns.count:
         said = "; ".join(unknowns.known.words[:3])
@@ -199,7 +202,7 @@ def _check(unknowns: Unknowns, measuring: Instrument, count: int) -> None:
         raise InputError(Issue(message, ("--count",), count, f"plan at least {least}, better twice as many"))
 
 
-def _unit_travel(room: Room) -> Array:
+def _unit_travel(workspace: Workspace) -> Array:
     """Joint travel that counts as one radian: of a slide the length of the arm."""
-    size = max(length(room.robot), 1e-3)
-    return np.array([1.0 if joint.type == "revolute" else size for joint in room.robot.joints])
+    size = max(length(workspace.robot), 1e-3)
+    return np.array([1.0 if joint.type == "revolute" else size for joint in workspace.robot.joints])

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.experiments.candidate_postures import Room
+from posture_opt.experiments.candidate_postures import Workspace
 from posture_opt.experiments.exchange import Criterion, exchange, inverse
 from posture_opt.experiments.expected_errors import Unknowns
-from posture_opt.experiments.information import Instrument
+from posture_opt.experiments.information import MeasurementModel
 from posture_opt.numerics import Array, Progress
 
 _STARTS = 4  # of the exchange; fewer for large plans, where one ends as well as another
@@ -22,13 +22,13 @@ _SETTLED = 1e-10  # of the information of an average plan: with less in some dir
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class PlanSearch:
     """The choice of postures under one criterion."""
 
-    measuring: Instrument
+    measuring: MeasurementModel
     unknowns: Unknowns
     criterion: Criterion
-    room: Room
+    workspace: Workspace
     x: Array
 
     def best(self, pool: Array, J: Array, count: int, seed: int, progress: Progress | None) -> tuple[Array, Array]:
@@ -60,15 +60,15 @@ class Search:
 
     def _apart(self, count: int) -> Array:
         """(n,) two postures differ by more than this in at least one joint: a plan is no row of repeats."""
-        room, n = self.room.upper - self.room.lower, self.room.robot.n
-        stated = np.array([_APART[joint.type] for joint in self.room.robot.joints])
-        return np.asarray(np.maximum(np.minimum(stated, room / (4 * count ** (1 / n))), 1e-9))
+        workspace, n = self.workspace.upper - self.workspace.lower, self.workspace.robot.n
+        stated = np.array([_APART[joint.type] for joint in self.workspace.robot.joints])
+        return np.asarray(np.maximum(np.minimum(stated, workspace / (4 * count ** (1 / n))), 1e-9))
 
     def _near(self, q: Array, near: float, rng: np.random.Generator) -> Array:
-        step = near * (self.room.upper - self.room.lower)
+        step = near * (self.workspace.upper - self.workspace.lower)
         tried = np.repeat(q, max(1, min(_NEW, _MOST_NEW // len(q))), axis=0)
-        tried = self.room.rounded(tried + step * rng.normal(size=tried.shape))
-        return np.asarray(tried[self.room.allowed(tried)])
+        tried = self.workspace.rounded(tried + step * rng.normal(size=tried.shape))
+        return np.asarray(tried[self.workspace.allowed(tried)])
 
     def value(self, J: Array) -> float:
         """The criterion of a plan; infinite where it leaves something open."""

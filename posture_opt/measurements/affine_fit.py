@@ -30,7 +30,7 @@ Misfit = Callable[[Floats], float]
 
 
 @dataclass(frozen=True)
-class Agreement:
+class AffineFit:
     """The free linear map from the nominal tool points to the measured ones.
 
     ``map`` (k, d) takes the d world axes along which the nominal tool moves to the k measured axes, or is ``None``
@@ -53,7 +53,7 @@ def sample_rows(data: Measurements) -> Codes:
     return np.asarray(chosen[step])
 
 
-def agreement(robot: Robot, q: Floats, measured: Floats) -> Agreement:
+def affine_fit(robot: Robot, q: Floats, measured: Floats) -> AffineFit:
     """The agreement of postures (m, n) with measured coordinates (m, k) [m]."""
     points, rotations = nominal_poses(robot, q)
     turned = _centred(rotations.reshape(len(q), 9))
@@ -64,7 +64,7 @@ def agreement(robot: Robot, q: Floats, measured: Floats) -> Agreement:
     free = len(q) - 1 - basis.shape[1] - len(axes)
     spread = np.sqrt(np.sum(target**2) / len(q))
     if not len(axes) or spread == 0:
-        return Agreement(np.nan, None, axes)
+        return AffineFit(np.nan, None, axes)
     if free < (len(q) - 1) / 2:
         return _similarity(_centred(points), _centred(rotations), target, axes)
     rest = _without(target, basis)
@@ -72,16 +72,16 @@ def agreement(robot: Robot, q: Floats, measured: Floats) -> Agreement:
     known = singular[-1] > _MOVED * np.sqrt(np.mean(np.sum(_centred(points) ** 2, axis=1)))
     fitted, *_ = np.linalg.lstsq(moved, rest, rcond=_RANK)
     misfit = np.sqrt(np.sum((rest - moved @ fitted) ** 2) / free) / spread
-    return Agreement(float(misfit), np.asarray(fitted.T, dtype=float) if known else None, axes)
+    return AffineFit(float(misfit), np.asarray(fitted.T, dtype=float) if known else None, axes)
 
 
-def _similarity(points: Floats, rotations: Floats, measured: Floats, axes: Codes) -> Agreement:
+def _similarity(points: Floats, rotations: Floats, measured: Floats, axes: Codes) -> AffineFit:
     """The agreement by a scaled rotation, or by a reflection where only that one fits."""
     if len(points) < _FEWEST or measured.shape[1] < 3:
-        return Agreement(np.nan, None, axes)
+        return AffineFit(np.nan, None, axes)
     (proper, turn), (improper, flip) = (_scaled(points, rotations, measured, sign) for sign in (1.0, -1.0))
     best, found = (improper, flip) if improper < proper / 5 else (proper, turn)
-    return Agreement(best, found[:, axes], axes)
+    return AffineFit(best, found[:, axes], axes)
 
 
 def _scaled(points: Floats, rotations: Floats, measured: Floats, sign: float) -> tuple[float, Floats]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from posture_opt.measurements.header import Column
 from posture_opt.measurements.measurements import Floats
-from posture_opt.measurements.table import Block, Faults
+from posture_opt.measurements.table import Faults, RowBlock
 from posture_opt.numerics import Codes
 
 _HUGE = 1e15  # in any unit; squares of larger numbers leave the range of floats sooner or later
@@ -40,7 +40,7 @@ class Cells:
         return (np.concatenate(self.codes[name]), tuple(self.texts[name])) if name in self.codes else None
 
 
-def read_cells(blocks: Iterable[Block], columns: Iterable[Column], faults: Faults) -> Cells:
+def read_cells(blocks: Iterable[RowBlock], columns: Iterable[Column], faults: Faults) -> Cells:
     """All rows of the known columns; cells that cannot be used join ``faults``, each with its line."""
     cells, known = Cells(), list(columns)
     for block in blocks:

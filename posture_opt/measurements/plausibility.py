@@ -12,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from posture_opt.measurements.affine_fit import Agreement, Misfit, agreement, reach, sample_rows, touch_misfit
+from posture_opt.measurements.affine_fit import AffineFit, Misfit, affine_fit, reach, sample_rows, touch_misfit
 from posture_opt.measurements.header import AXES, Column
 from posture_opt.measurements.measurements import Floats, Measurements
 from posture_opt.measurements.nominal_points import nominal_poses
@@ -37,7 +37,7 @@ class Guess:
     column: str
 
 
-def suspicions(data: Measurements, robot: Robot, columns: dict[str, Column], faults: Faults) -> list[str]:
+def plausibility_checks(data: Measurements, robot: Robot, columns: dict[str, Column], faults: Faults) -> list[str]:
     """Warnings; what cannot be meant as it stands joins ``faults``."""
     rows = sample_rows(data)
     q = data.q[rows]
@@ -47,9 +47,9 @@ def suspicions(data: Measurements, robot: Robot, columns: dict[str, Column], fau
         guessed = _guess(lambda other: touch_misfit(robot, other, point), misfit, q, robot, columns, faults)
         return [] if guessed else _unlike(misfit, None, "how far the touches of one point lie apart")
     measured = data.position[rows][:, data.measured_axes]
-    found = agreement(robot, q, measured)
+    found = affine_fit(robot, q, measured)
     named = [axis for axis in AXES if axis in columns]
-    if _guess(lambda other: agreement(robot, other, measured).misfit, found.misfit, q, robot, columns, faults):
+    if _guess(lambda other: affine_fit(robot, other, measured).misfit, found.misfit, q, robot, columns, faults):
         return []
     if _wrong_lengths(found, measured, q, robot, [columns[axis] for axis in named], faults):
         return []
@@ -58,7 +58,7 @@ def suspicions(data: Measurements, robot: Robot, columns: dict[str, Column], fau
     return [*_unlike(found.misfit, _scale(found), "of the measured motion"), *_turned(found, robot, named)]
 
 
-def _scale(found: Agreement) -> float | None:
+def _scale(found: AffineFit) -> float | None:
     """How many times as far as the nominal tool the measured point moves."""
     if found.map is None or not found.misfit < _TRUSTED:
         return None
@@ -66,7 +66,7 @@ def _scale(found: Agreement) -> float | None:
 
 
 def _wrong_lengths(
-    found: Agreement, measured: Floats, q: Floats, robot: Robot, columns: list[Column], faults: Faults
+    found: AffineFit, measured: Floats, q: Floats, robot: Robot, columns: list[Column], faults: Faults
 ) -> bool:
     """Whether coordinates look like another unit of length, each column for itself where the data tell."""
     scales: Floats
@@ -161,14 +161,14 @@ def _beyond(q: Floats, robot: Robot, some: tuple[int, ...]) -> bool:
     return any(q[:, j].max() > robot.upper[j] or q[:, j].min() < robot.lower[j] for j in some)
 
 
-def _square(found: Agreement) -> Floats | None:
+def _square(found: AffineFit) -> Floats | None:
     """The map between as many axes as are measured, where the fit is good enough to trust its sign."""
     if found.map is None or found.map.shape[0] != found.map.shape[1] or not found.misfit < _TRUSTED:
         return None
     return found.map
 
 
-def _mirrored(found: Agreement, robot: Robot, named: list[str], faults: Faults) -> bool:
+def _mirrored(found: AffineFit, robot: Robot, named: list[str], faults: Faults) -> bool:
     """Whether the measured frame is left-handed, which no robot's motion can be."""
     square = _square(found)
     if square is None or np.linalg.det(square) > 0 or np.linalg.cond(square) > 2:
@@ -194,7 +194,7 @@ def _which(square: Floats, named: list[str]) -> str:
     return ""
 
 
-def _turned(found: Agreement, robot: Robot, named: list[str]) -> list[str]:
+def _turned(found: AffineFit, robot: Robot, named: list[str]) -> list[str]:
     """A warning where the problem states the base and the data stand in another frame."""
     square = _square(found)
     if robot.base_free or square is None:

@@ -13,7 +13,7 @@ from posture_opt.measurements.cells import Cells, read_cells
 from posture_opt.measurements.header import AXES, QUATERNION, Column, read_header
 from posture_opt.measurements.measurements import DataSpec, Floats, Measurements
 from posture_opt.measurements.nominal_points import nominal_poses, still_axes
-from posture_opt.measurements.plausibility import suspicions
+from posture_opt.measurements.plausibility import plausibility_checks
 from posture_opt.measurements.table import Faults, TableLike, open_table
 from posture_opt.numerics import Codes
 from posture_opt.robot.robot import Robot
@@ -55,7 +55,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     faults.refuse()
     data = _assemble(cells, columns, problem.robot, faults)
     faults.refuse()
-    notes = suspicions(data, problem.robot, columns, faults)
+    notes = plausibility_checks(data, problem.robot, columns, faults)
     faults.refuse()
     notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
     return replace(data, warnings=tuple(notes))

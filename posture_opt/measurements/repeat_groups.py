@@ -12,7 +12,7 @@ NEAR = 1e-3  # rad: commands that differ by less lead to one posture
 _SLIDE = 1e-4  # m: the same of a slide
 
 
-def revisits(data: Measurements, slides: Mask) -> Codes:
+def repeat_groups(data: Measurements, slides: Mask) -> Codes:
     """(N,) a code for each row: rows of one code revisit one posture with one target.
 
     Rows of one pose do, and so do rows whose joint values agree within 1 mrad or 0.1 mm: joint values that were
@@ -39,7 +39,7 @@ def revisits(data: Measurements, slides: Mask) -> Codes:
     return np.asarray(np.unique(first[own], return_inverse=True)[1], dtype=np.intp)
 
 
-def stays(data: Measurements) -> Codes:
+def repeat_of_row(data: Measurements) -> Codes:
     """(N,) the visit of each row, counted from 0: rows that follow each other at one pose, whatever their target.
 
     The arm has not moved between them, so that one draw of the joints' scatter is in all of them.
@@ -55,7 +55,7 @@ def rows_of(codes: Codes) -> list[Codes]:
     return np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
 
 
-def slips(size: NDArray[np.float64], freedom: NDArray[np.float64]) -> Mask:
+def outlying_groups(size: NDArray[np.float64], freedom: NDArray[np.float64]) -> Mask:
     """(G,) postures whose visits differ far more than the others explain: a slip or a wrong reading, no scatter.
 
     The scale is the median's, which these cannot move far. Gross is twice what Gaussian visits reach once in a thousand

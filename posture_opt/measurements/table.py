@@ -57,7 +57,7 @@ class Faults:
 
 
 @dataclass(frozen=True)
-class Block:
+class RowBlock:
     """Some consecutive rows: their lines and, for each column, their cells (texts, or an array of numbers)."""
 
     lines: Sequence[int]
@@ -65,16 +65,16 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Table:
+class RawTable:
     """The heads of the columns, their line, and the rows behind them; ``blocks`` can be run through once."""
 
     heads: tuple[str, ...]
     line: int
-    blocks: Iterator[Block]
+    blocks: Iterator[RowBlock]
     faults: Faults
 
 
-def open_table(source: TableLike) -> Table:
+def open_table(source: TableLike) -> RawTable:
     """The table in a CSV file, a pandas DataFrame or a mapping from head to values.
 
     Raises:
@@ -91,7 +91,7 @@ def open_table(source: TableLike) -> Table:
     raise InputError(Issue(f"measurements are a CSV file or a pandas DataFrame, not {kind}", mend="give the path"))
 
 
-def _memory_table(columns: Any) -> Table:
+def _memory_table(columns: Any) -> RawTable:
     heads, cells = [], []
     for head, values in columns:
         heads.append(head)
@@ -101,10 +101,10 @@ def _memory_table(columns: Any) -> Table:
     if len(sizes) != 1 or len(next(iter(sizes))) != 1:
         faults.stop("the columns of the table have different lengths" if sizes else "the table is empty")
     (size,) = next(iter(sizes))
-    return Table(tuple(heads), 0, iter([Block(range(1, size + 1), cells)] if size else []), faults)
+    return RawTable(tuple(heads), 0, iter([RowBlock(range(1, size + 1), cells)] if size else []), faults)
 
 
-def _csv_table(path: Path) -> Table:
+def _csv_table(path: Path) -> RawTable:
     faults = Faults(str(path))
     rows = _rows(path, faults)
     line, heads = next(rows, (0, []))
@@ -115,7 +115,7 @@ def _csv_table(path: Path) -> Table:
             faults.stop(f"the columns are separated by {name}", "separate them by commas, with decimal points", line)
     if not all(head.strip().isprintable() for head in heads):
         faults.stop("the header is no plain text", "is it a CSV file, with its quotes closed?", line)
-    return Table(tuple(heads), line, _blocks(rows, len(heads), faults), faults)
+    return RawTable(tuple(heads), line, _blocks(rows, len(heads), faults), faults)
 
 
 def _rows(path: Path, faults: Faults) -> Iterator[tuple[int, list[str]]]:
@@ -147,7 +147,7 @@ def _lines(stream: TextIO, faults: Faults) -> Iterator[str]:
         yield text
 
 
-def _blocks(rows: Iterator[tuple[int, list[str]]], width: int, faults: Faults) -> Iterator[Block]:
+def _blocks(rows: Iterator[tuple[int, list[str]]], width: int, faults: Faults) -> Iterator[RowBlock]:
     lines: list[int] = []
     kept: list[list[str]] = []
     for line, row in rows:
@@ -158,7 +158,7 @@ def _blocks(rows: Iterator[tuple[int, list[str]]], width: int, faults: Faults) -
         lines.append(line)
         kept.append(row)
         if len(kept) == _BLOCK:
-            yield Block(lines, list(zip(*kept, strict=True)))
+            yield RowBlock(lines, list(zip(*kept, strict=True)))
             lines, kept = [], []
     if kept:
-        yield Block(lines, list(zip(*kept, strict=True)))
+        yield RowBlock(lines, list(zip(*kept, strict=True)))

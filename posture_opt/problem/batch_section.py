@@ -37,7 +37,7 @@ def batch_uncertainty(problem: Problem, batch: Batch) -> dict[str, Any]:
         for name, s, (low, _) in zip(batch.names, batch.spread.sigma, batch.spread.interval, strict=True)
         if low > 0
     }
-    rho = {(p.a, p.b): p.correlation for p in batch.pairs if p.real and p.a in sigma and p.b in sigma}
+    rho = {(p.a, p.b): p.correlation for p in batch.pairs if p.significant and p.a in sigma and p.b in sigma}
     others = {name: s for name, s in _stated(problem).items() if name not in sigma}
     rho |= {pair: r for pair, r in _stated_correlations(problem).items() if pair[0] in others and pair[1] in others}
     sigma |= others

@@ -21,8 +21,8 @@ from posture_opt.selection.plan_comparison import Comparison, compare_plans
 from posture_opt.uncertainty.covariance_file import covariance_text
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.units import DIMENSIONS
-from posture_opt.validation.residual_scatter import covariance_under, remaining_scatter
-from posture_opt.validation.stated_scatter import RemainingScatter
+from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
+from posture_opt.validation.stated_scatter import JointScatter
 
 ELSEWHERE = (
     "the base is free, so the world is the frame of the instrument, and the place of the task is read in it: write "
@@ -46,7 +46,7 @@ def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
     Raises:
         InputError: the calibration is one of another robot.
     """
-    scatter = remaining_scatter(problem, calibration)
+    scatter = residual_scatter(problem, calibration)
     x, covariance = of_first_target(calibration, covariance_under(calibration, scatter))
     known = known_sources(problem, calibration, x, covariance)
     document = {
@@ -164,7 +164,7 @@ def quantity(value: float, factor: Factor) -> str:
     return f"{'0' if number == '-0' else number} {'deg' if factor.kind == 'rotate' else 'mm'}"
 
 
-def uncertainty_section(problem: Problem, scatter: RemainingScatter, covariance: str) -> dict[str, Any]:
+def uncertainty_section(problem: Problem, scatter: JointScatter, covariance: str) -> dict[str, Any]:
     """The section of a problem whose parameters' covariance stands in a file, beside the scatter of the joints.
 
     What effects say of that scatter is theirs to say.
@@ -211,7 +211,7 @@ def dimension_unit(dimension: str) -> str:
     return "1" if dimension == "ratio" else DIMENSIONS[dimension][0]
 
 
-def _header(calibration: Calibration, scatter: RemainingScatter) -> tuple[str, ...]:
+def _header(calibration: Calibration, scatter: JointScatter) -> tuple[str, ...]:
     """What the file says of itself in its first lines."""
     data = calibration.residuals.data
     file = Path(data.file).name or "a table"

@@ -34,8 +34,8 @@ from posture_opt.problem.yaml_source import Document
 from posture_opt.selection.plan_comparison import Comparison, compare_plans
 from posture_opt.uncertainty.covariance_file import covariance_text
 from posture_opt.uncertainty.sources import Sources
-from posture_opt.validation.residual_scatter import remaining_scatter
-from posture_opt.validation.stated_scatter import RemainingScatter
+from posture_opt.validation.residual_scatter import residual_scatter
+from posture_opt.validation.stated_scatter import JointScatter
 
 COVARIANCE = "extended_covariance.csv"
 _SUFFIX = ", extended"
@@ -51,7 +51,7 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
     x, covariance = of_first_target(calibration, calibration.covariance)
     effects, parameters = _exported(diagnosis)
     noises = [f.noise for f in diagnosis.findings if f.noise is not None and f.noise.of_arm]
-    scatter = remaining_scatter(problem, calibration, noises)
+    scatter = residual_scatter(problem, calibration, noises)
     geometry = _without(known_sources(problem, calibration, x, covariance), [name for name, _, _ in parameters])
     known = _with_effects(problem, diagnosis, geometry, parameters)
     document = {
@@ -162,7 +162,7 @@ def _put(section: list[dict[str, Any]], place: int | None, entry: dict[str, Any]
         section[place] = entry
 
 
-def _header(diagnosis: Diagnosis, scatter: RemainingScatter) -> tuple[str, ...]:
+def _header(diagnosis: Diagnosis, scatter: JointScatter) -> tuple[str, ...]:
     """What the file says of itself in its first lines."""
     data = diagnosis.calibration.residuals.data
     errors = ", ".join(f"{diagnosis.errors[n].rms * 1e3:.3g} mm {n}" for n in ("nominal", "calibrated", "extended"))

@@ -16,7 +16,7 @@ from posture_opt.report.words import source_words
 
 if TYPE_CHECKING:
     from posture_opt.batch.batch_calibration import Batch
-    from posture_opt.batch.batch_covariance import Pair
+    from posture_opt.batch.batch_covariance import CorrelatedPair
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
 
@@ -38,7 +38,7 @@ def batch_report(problem: Problem, data: Measurements, found: Batch) -> Report:
 
 
 def _answer(problem: Problem, found: Batch) -> str:
-    real = [pair for pair in found.pairs if pair.real]
+    real = [pair for pair in found.pairs if pair.significant]
     many = count(len(found.robots), "robot")
     if not real:
         return f"{many} of one type: no two of their parameters are seen to vary together."
@@ -48,7 +48,7 @@ def _answer(problem: Problem, found: Batch) -> str:
     return f"{many} of one type: {a} and {b} vary together, correlation {_rho(first)}{also}."
 
 
-def _rho(pair: Pair) -> str:
+def _rho(pair: CorrelatedPair) -> str:
     low, high = pair.interval
     return f"{fixed(pair.correlation)} ({fixed(low)} to {fixed(high)} with 95 % confidence)"
 
@@ -112,7 +112,7 @@ def _spread_block(problem: Problem, found: Batch) -> Block:
         "Every robot is calibrated by itself, without priors; what its own errors add to the differences between the "
         "robots is taken off (restricted likelihood). Off nominal: the mean of the type is not the one of the file."
     )
-    left = [f"Not told by the data of every robot: {', '.join(found.not_told)}."] if found.not_told else []
+    left = [f"Not told by the data of every robot: {', '.join(found.undetermined)}."] if found.undetermined else []
     return Block("Across the batch", (text, Table(headers, tuple(rows), text_columns=2), *left))
 
 
@@ -121,15 +121,16 @@ def _pairs_block(found: Batch) -> Block:
     title = "What varies together"
     if not found.pairs:
         return Block(title, ("One parameter alone is told: there is nothing to vary with it.",))
-    shown = [p for p in found.pairs if p.real or p.stated or np.ptp(p.interval) < 1][:_PAIRS] or list(found.pairs[:1])
+    telling = [p for p in found.pairs if p.significant or p.stated or np.ptp(p.interval) < 1]
+    shown = telling[:_PAIRS] or list(found.pairs[:1])
     rows = tuple(
         (
             f"{p.a}, {p.b}", fixed(p.correlation), f"{fixed(p.interval[0])} to {fixed(p.interval[1])}",
-            fixed(p.stated) if p.stated else "", "yes" if p.real else "not seen",
+            fixed(p.stated) if p.stated else "", "yes" if p.significant else "not seen",
         )
         for p in shown
     )  # fmt: skip
-    real = sum(p.real for p in found.pairs)
+    real = sum(p.significant for p in found.pairs)
     pairs = count(len(found.pairs), "pair")
     text = f"Of {pairs} {real} {'varies' if real == 1 else 'vary'} together beyond chance, all tested together (5 %)."
     few = [f"{_MANY} robots or more would tell correlations better."] if len(found.robots) < _MANY else []

@@ -23,7 +23,7 @@ from posture_opt.report.units_text import (
 )
 
 if TYPE_CHECKING:
-    from posture_opt.experiments.expected_errors import Stage
+    from posture_opt.experiments.expected_errors import ExpectedErrors
     from posture_opt.experiments.measurement_plan import MeasurementPlan
     from posture_opt.problem.problem import Problem
 
@@ -84,7 +84,7 @@ def planned_block(problem: Problem, plan: MeasurementPlan) -> Block:
     facts = [
         ("Plan for", _purpose(plan)),
         ("Measured", _measured(plan)),
-        *([("Given", _given(plan))] if plan.given is not None else []),
+        *([("GivenInformation", _given(plan))] if plan.given is not None else []),
         ("Kept clear", _room(plan)),
     ]
     notes = note_facts((*problem.notes, *(note for note in plan.notes if note != NO_TABLE)))
@@ -121,12 +121,12 @@ def _given(plan: MeasurementPlan) -> str:
 
 
 def _room(plan: MeasurementPlan) -> str:
-    height = plan.room.height
+    height = plan.workspace.height
     above = f"links and tool point above {stated_length(height)}, " if height > -math.inf else ""
-    box = "the tool point in the stated box, " if plan.room.bounded else ""
+    box = "the tool point in the stated box, " if plan.workspace.bounded else ""
     return (
-        f"{above}{box}within the limits of the joints, and no corner of the arm nearer than {length(plan.room.own, 2)} "
-        "to a link that is not its neighbour; "
+        f"{above}{box}within the limits of the joints, and no corner of the arm nearer than "
+        f"{length(plan.workspace.own, 2)} to a link that is not its neighbour; "
         f"{percent(plan.share)} of all postures do. Nothing else is checked for collisions: drive slowly the first time"
     )
 
@@ -152,7 +152,7 @@ def _larger(gain: float) -> str:
     return f"{percent(gain - 1)} larger" if gain < 2 else f"{number(gain, 2)} times as large"
 
 
-def _stages(plan: MeasurementPlan) -> tuple[Stage, Stage, Stage]:
+def _stages(plan: MeasurementPlan) -> tuple[ExpectedErrors, ExpectedErrors, ExpectedErrors]:
     return plan.before, plan.after, plan.random
 
 
@@ -176,7 +176,7 @@ def parameters_block(plan: MeasurementPlan) -> Block:
     text = f"Expected standard errors; '{_OPEN}' is what cannot be told."
     if plan.purpose == "task":
         text += " They are a by-product of a plan for the task: a plan for parameters makes them small."
-    words = [sentence(word.replace("was measured", "is measured")) for word in plan.words]
+    words = [sentence(word.replace("was measured", "is measured")) for word in plan.undetermined]
     never = ["No posture can tell these apart with this instrument:", *words] if words else []
     return Block("Parameters", (text, table, *never), "plan_errors")
 

@@ -46,9 +46,9 @@ def repeats_block(found: Assessment) -> Block:
     if repeats is None:
         return Block(title, ("No posture was visited twice, so that repeatability cannot be said.",))
     low, high = repeats.interval
-    slipped = f" Without {count(len(repeats.odd), 'slip')}, named below." if repeats.odd else ""
+    slipped = f" Without {count(len(repeats.outlying), 'slip')}, named below." if repeats.outlying else ""
     pooled = (
-        f"{count(repeats.groups, 'posture was', 'postures were')} visited more than once, {repeats.visits} visits in "
+        f"{count(repeats.groups, 'posture was', 'postures were')} visited more than once, {repeats.rows} visits in "
         f"all. About the mean of its posture a visit scatters by {length(repeats.sigma)} in a coordinate (standard "
         f"deviation; with 95 % confidence {lengths([low, high], ' to ')}), which makes RP "
         f"{length(repeats.repeatability)}.{slipped}"

@@ -169,7 +169,7 @@ def _trend_text(trend: Trend) -> str:
 
 def remaining_block(found: Assessment) -> Block:
     """The second rule: the second moment of what remains is its vector uncertainty."""
-    left = found.remaining
+    left = found.residual_scatter
     if left is None:
         return Block(
             "What remains",

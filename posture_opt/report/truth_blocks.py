@@ -15,7 +15,7 @@ from posture_opt.report.words import REGIONS
 if TYPE_CHECKING:
     from posture_opt.validation.coverage import Coverage
     from posture_opt.validation.repeat_scatter import ScatterTest
-    from posture_opt.validation.scatter_prediction import HeldOut
+    from posture_opt.validation.scatter_prediction import ScatterPrediction
     from posture_opt.validation.spread_check import SpreadCheck
 
 _LISTED = 8  # postures
@@ -106,26 +106,26 @@ def _coverage_cells(c: Coverage) -> tuple[str, ...]:
 def visits_block(found: SpreadCheck) -> Block:
     """Scatter between repeats, against what the calibration leaves and against what the file says of visits."""
     title = "Do repeats scatter as predicted?"
-    if not found.between:
+    if not found.repeat_sigma:
         told = (
             "No posture was visited twice: what is scatter and what comes back at every visit, these data do not tell."
         )
         return Block(title, (told, "Visit some ten postures five times each to know."))
-    test = found.visits
+    test = found.repeats
     texts = [_between_text(found)]
-    if found.odd:
-        lines = ", ".join(map(str, found.odd[:_LISTED])) + (" …" if len(found.odd) > _LISTED else "")
-        where = "the posture first visited in line" if len(found.odd) == 1 else "the postures first visited in lines"
-        texts.append(f"Left out: {where} {lines}, whose visits differ far more than any others: slips, no scatter.")
+    if found.outlying:
+        lines = ", ".join(map(str, found.outlying[:_LISTED])) + (" …" if len(found.outlying) > _LISTED else "")
+        where = "posture first measured in line" if len(found.outlying) == 1 else "postures first measured in lines"
+        texts.append(f"Left out: the {where} {lines}, whose repeats differ far more than any others: outliers.")
     if test is None:
         return Block(title, (*texts, "The file says nothing of scatter from visit to visit to be compared with."))
-    return Block(title, (*texts, *_test_texts(test, found.visits_by), _poses_table(test), *_more(test)))
+    return Block(title, (*texts, *_test_texts(test, found.repeats_by), _poses_table(test), *_more(test)))
 
 
 def _between_text(found: SpreadCheck) -> str:
-    size = f"Between visits of one posture a coordinate scatters by {length(found.between)} (standard deviation)"
-    ratio = found.left / found.between
-    left = f"{size}; the calibrated model is off by {length(found.left)} (root mean square)."
+    size = f"Between visits of one posture a coordinate scatters by {length(found.repeat_sigma)} (standard deviation)"
+    ratio = found.residual_rms / found.repeat_sigma
+    left = f"{size}; the calibrated model is off by {length(found.residual_rms)} (root mean square)."
     if ratio < _MUCH:
         return f"{left} What it leaves is scatter, for the most part."
     same = percent(1 - 1 / ratio**2)
@@ -182,12 +182,12 @@ def joints_block(found: SpreadCheck) -> Block:
     rows = [
         _joint_row(name, float(given), (float(s), float(e), float(low), float(high)), moved)
         for name, given, s, e, (low, high), moved in zip(
-            noise.names, found.sigma, noise.sigma, noise.std, noise.interval, found.shown, strict=True
+            noise.names, found.stated_sigma, noise.sigma, noise.std, noise.interval, found.shown, strict=True
         )
     ]
     rows.append(_instrument_row(found))
     headers = ("scatter (standard deviation)", "stated", "estimated", "std. error", "95 % interval")
-    texts = [text for text in (_elsewhere_text(found.elsewhere, found.from_repeats),) if text]
+    texts = [text for text in (_elsewhere_text(found.scatter_predictions, found.from_repeats),) if text]
     return Block("Scatter of each joint", (source, Table(headers, tuple(rows)), *texts), "truth_joints")
 
 
@@ -221,7 +221,7 @@ def _small_angle(radians: float) -> str:
     return angle(radians) if abs(radians) >= 1e-2 else f"{number(math.degrees(radians), 2)} deg"
 
 
-def _elsewhere_text(models: tuple[HeldOut, ...], repeats: bool) -> str:
+def _elsewhere_text(models: tuple[ScatterPrediction, ...], repeats: bool) -> str:
     """Whether σ's learned at some postures predict the ellipses at others."""
     by = {model.model: model for model in models}
     best = max((by[name] for name in ("joints", "one_sigma") if name in by), key=lambda m: m.gain, default=None)

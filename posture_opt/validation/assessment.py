@@ -12,7 +12,7 @@ from posture_opt.calibration.instrument import position_sigma
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals, matrices, rotation_vectors
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.repeat_groups import revisits
+from posture_opt.measurements.repeat_groups import repeat_groups
 from posture_opt.model.derivatives import position_column
 from posture_opt.numerics import Array, Codes
 from posture_opt.uncertainty.regions import Ellipsoid, hotelling_factor
@@ -70,7 +70,7 @@ class Assessment:
         direction: (3,) unit vector of the task in the frame of the measurements, or ``None`` without a task.
         instrument: σ of a coordinate that the problem states [m]; 0 where it states none.
         block_axes: name and unit, m or rad, of what the blocks of the tests are cut along.
-        remaining: ``None`` where the poses are too few for a region.
+        residual_scatter: ``None`` where the poses are too few for a region.
         repeats, goals: ``None`` where nothing was visited twice.
         trends, sides: how the calibrated model's errors move with inputs, and with the side of arrival.
         notes: sentences for the report.
@@ -84,7 +84,7 @@ class Assessment:
     block_axes: tuple[tuple[str, str], ...]
     nominal: ModelErrors
     calibrated: ModelErrors
-    remaining: ResidualScatter | None
+    residual_scatter: ResidualScatter | None
     repeats: Repeats | None
     goals: Goals | None
     trends: tuple[Trend, ...] = ()
@@ -108,7 +108,7 @@ class Assessment:
             "block_axes": [name for name, _ in self.block_axes],
             "direction": None if self.direction is None else self.direction.tolist(),
             "nominal": self.nominal.to_json(), "calibrated": self.calibrated.to_json(),
-            "remaining": None if self.remaining is None else self.remaining.to_json(),
+            "remaining": None if self.residual_scatter is None else self.residual_scatter.to_json(),
             "instrument": instrument,
             "repeats": None if self.repeats is None else self.repeats.to_json(),
             "goals": None if self.goals is None else self.goals.to_json(),
@@ -134,7 +134,7 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
     models = {name: model_errors(used, errors[name], fitted[name], axes, direction) for name in errors}
     stated = position_sigma(problem, data)
     residuals = calibration.residuals.take(kept)
-    codes = revisits(used, slides(residuals))
+    codes = repeat_groups(used, slides(residuals))
     rotations = _turned(residuals, calibration.x, codes)
     deviations = {name: e[:, axes] for name, e in errors.items()}
     oriented = calibration.residuals.oriented
@@ -147,7 +147,7 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
         block_axes=_block_axes(problem, data),
         nominal=models["nominal"],
         calibrated=models["calibrated"],
-        remaining=_remaining(errors["calibrated"][:, axes], len(np.unique(used.pose))),
+        residual_scatter=_residual_scatter(errors["calibrated"][:, axes], len(np.unique(used.pose))),
         repeats=None
         if data.touches
         else repeats_of(used, codes, fitted["calibrated"][:, axes], deviations, rotations, oriented),
@@ -186,7 +186,7 @@ def _notes(problem: AssessedProblem, axes: Any, direction: Array | None) -> tupl
     return ()
 
 
-def _remaining(errors: Array, poses: int) -> ResidualScatter | None:
+def _residual_scatter(errors: Array, poses: int) -> ResidualScatter | None:
     ellipse = Ellipsoid(np.zeros(errors.shape[1]), errors.T @ errors / len(errors))
     if not 0 < ellipse.rank < poses + 1:
         return None

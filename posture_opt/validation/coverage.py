@@ -131,13 +131,13 @@ def _as_predicted(predicted: Prediction) -> Array:
     rng = np.random.default_rng(0)
     L = np.linalg.cholesky(predicted.covariance)
     common = np.linalg.solve(L, predicted.common)
-    visit = np.linalg.solve(L, np.linalg.cholesky(predicted.visit))
+    scatter = np.linalg.solve(L, np.linalg.cholesky(predicted.scatter))
     n, d, k = common.shape
     found = np.empty((_DRAWS, n))
     step = max(_CELLS // (n * d), 1)
     for first in range(0, _DRAWS, step):
         many = min(step, _DRAWS - first)
-        e = common @ rng.standard_normal((k, many)) + visit @ rng.standard_normal((n, d, many))
+        e = common @ rng.standard_normal((k, many)) + scatter @ rng.standard_normal((n, d, many))
         found[first : first + many] = np.einsum("nib,nib->bn", e, e)
     return found
 

@@ -19,7 +19,7 @@ from posture_opt.validation.variance_components import Components
 
 
 @dataclass(frozen=True, eq=False)
-class JointNoise:
+class JointVariances:
     """Standard deviations of the joints and of the instrument.
 
     Args:
@@ -56,7 +56,7 @@ class JointNoise:
         return np.isfinite(self.std)
 
 
-def estimate_joint_noise(
+def estimate_joint_variances(
     errors: Array,
     columns: Array,
     *,
@@ -67,7 +67,7 @@ def estimate_joint_noise(
     names: Sequence[str] = (),
     known: Array | None = None,
     intervals: bool = True,
-) -> JointNoise:
+) -> JointVariances:
     """Standard deviations of the joints that make measured errors likeliest.
 
     ``error ~ N(μ_group or 0, s² I + J diag(σ²) Jᵀ)`` with ``σ ≥ 0``. The restricted likelihood (Patterson,
@@ -92,10 +92,10 @@ def estimate_joint_noise(
     scatter = Scatter.of(np.asarray(errors, dtype=float), np.asarray(columns, dtype=float), groups, known)
     if not len(scatter.freedom):
         raise InsufficientDataError("no posture was measured twice: repeat some postures to see their scatter")
-    return fit_scatter(scatter, named, instrument, fit_instrument, equal, groups is not None, intervals)
+    return fit_joint_variances(scatter, named, instrument, fit_instrument, equal, groups is not None, intervals)
 
 
-def fit_scatter(
+def fit_joint_variances(
     scatter: Scatter,
     names: tuple[str, ...],
     instrument: float,
@@ -103,8 +103,8 @@ def fit_scatter(
     equal: bool = False,
     restricted: bool = True,
     intervals: bool = True,
-) -> JointNoise:
-    """:func:`estimate_joint_noise` from sums of squares; without ``intervals`` these are left open, to save time."""
+) -> JointVariances:
+    """As :func:`estimate_joint_variances`, from sums of squares; without ``intervals`` these are left open."""
     model = Components.of(scatter, names, instrument, fit_instrument, equal)
     freedom = int(scatter.freedom.sum()) * scatter.squares.shape[1]
     if freedom < model.size:
@@ -124,7 +124,7 @@ def fit_scatter(
         (float(np.sqrt(theta[last] + model.fixed)), float(std[last])) if fit_instrument else (model.fixed**0.5, 0.0)
     )
     low, high = np.sqrt(ends[last] + model.fixed) if fit_instrument else (fitted[0], fitted[0])
-    return JointNoise(
+    return JointVariances(
         names=names,
         sigma=sigma[joints],
         std=std[joints],

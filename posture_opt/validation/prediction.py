@@ -17,21 +17,21 @@ _LEAST = 1e-8  # m: no instrument is better, and a region without thickness hold
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class ErrorSources:
     """Errors that stay and errors drawn anew at every visit, by the factors of the chain that they act on.
 
     Args:
         factors: (k,) indices into ``robot.factors``.
         constant: (k, k) covariance of what stays from visit to visit [rad², m²].
-        visit: (k, k) covariance of what does not.
+        scatter: (k, k) covariance of what does not.
     """
 
     factors: tuple[int, ...]
     constant: Array
-    visit: Array
+    scatter: Array
 
     @classmethod
-    def of(cls, residuals: Residuals, sources: Sources) -> Errors:
+    def of(cls, residuals: Residuals, sources: Sources) -> ErrorSources:
         """The sources of a problem that have a variance."""
         at = {factor.parameter: i for i, factor in enumerate(residuals.robot.factors) if factor.parameter}
         kept = [i for i, name in enumerate(sources.names) if sources.covariance[i, i] > 0 and name in at]
@@ -46,20 +46,20 @@ class Prediction:
 
     Args:
         common: (N, d, k) A, each column for a δ of variance one [m].
-        visit: (N, d, d) covariance of v [m²].
+        scatter: (N, d, d) covariance of v [m²].
     """
 
     common: Array
-    visit: Array
+    scatter: Array
 
     @property
     def covariance(self) -> Array:
         """(N, d, d) [m²]."""
-        return np.asarray(self.common @ np.swapaxes(self.common, -1, -2) + self.visit)
+        return np.asarray(self.common @ np.swapaxes(self.common, -1, -2) + self.scatter)
 
     def take(self, rows: Codes) -> Prediction:
         """The prediction of some rows."""
-        return Prediction(self.common[rows], self.visit[rows])
+        return Prediction(self.common[rows], self.scatter[rows])
 
 
 def columns(residuals: Residuals, x: Array, factors: Sequence[int]) -> Array:
@@ -89,7 +89,7 @@ def joint_errors(residuals: Residuals) -> tuple[str, ...]:
 
 
 def nominal_prediction(
-    residuals: Residuals, x: Array, errors: Errors, instrument: float, folds: Sequence[Codes], kept: Mask
+    residuals: Residuals, x: Array, errors: ErrorSources, instrument: float, folds: Sequence[Codes], kept: Mask
 ) -> Prediction:
     """The errors that the model as it stands predicts for rows that its free frames were not fitted to.
 
@@ -107,7 +107,7 @@ def nominal_prediction(
     """
     N, d, block = len(residuals.data), len(residuals.axes), residuals.block
     B, F = columns(residuals, x, errors.factors), _free_columns(residuals, x)
-    V = B @ errors.visit @ np.swapaxes(B, -1, -2)
+    V = B @ errors.scatter @ np.swapaxes(B, -1, -2)
     V[:, range(block), range(block)] += np.where(np.arange(block) < d, (instrument / residuals.sigma) ** 2, 1.0)
     root = _root(errors.constant)
     common, visit = np.zeros((N, d, root.shape[1])), np.zeros((N, d, d))

@@ -9,10 +9,10 @@ import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.residuals import Residuals
-from posture_opt.measurements.repeat_groups import revisits, rows_of, slips
+from posture_opt.measurements.repeat_groups import outlying_groups, repeat_groups, rows_of
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.validation.mean_test import holm
-from posture_opt.validation.prediction import Errors, columns, joint_columns
+from posture_opt.validation.prediction import ErrorSources, columns, joint_columns
 from posture_opt.validation.scatter_model import Scatter
 
 COPY = 1e-9  # m: visits that agree to less are one row written twice
@@ -20,15 +20,15 @@ _ENOUGH = 2  # freedom per dimension: with less the likelihood ratio is not χ²
 
 
 @dataclass(frozen=True, eq=False)
-class Between:
+class RepeatScatter:
     """Scatter between repeats, and what the problem predicts of it.
 
     Args:
         scatter: of the postures visited more than once.
         covariances: (G, d, d) predicted there [m²], and their ``test``; ``None`` where the problem says nothing of it.
-        by: ``visit`` or ``joints``, see `visit_errors`.
+        by: ``visit`` or ``joints``, see `repeat_errors`.
         stated_sigma: (n,) of each joint from visit to visit, as stated [rad, m].
-        odd: lines of postures that were left out.
+        outlying: lines of postures that were left out.
     """
 
     scatter: Scatter
@@ -36,7 +36,7 @@ class Between:
     test: ScatterTest | None
     by: str
     stated_sigma: Array
-    odd: tuple[int, ...]
+    outlying: tuple[int, ...]
 
     @property
     def sigma(self) -> float:
@@ -46,38 +46,38 @@ class Between:
         return float(np.sqrt(total / (nu.sum() * self.scatter.squares.shape[1]))) if len(nu) else 0.0
 
     @classmethod
-    def of(cls, used: Residuals, calibration: Calibration, errors: Errors) -> Between:
+    def of(cls, used: Residuals, calibration: Calibration, errors: ErrorSources) -> RepeatScatter:
         """Of the rows that a calibration kept."""
         data = used.data
-        visit, by = visit_errors(errors, used)
+        visit, by = repeat_errors(errors, used)
         driven = list(used.robot.driven)
         stated = np.zeros(len(driven))
         for k, factor in enumerate(driven):
             if factor in errors.factors:
                 stated[k] = np.sqrt(visit[errors.factors.index(factor), errors.factors.index(factor)])
-        codes = np.arange(len(data)) if data.touches else revisits(data, slides(used))
+        codes = np.arange(len(data)) if data.touches else repeat_groups(data, slides(used))
         scatter = Scatter.of(used.error(calibration.x)[:, used.axes], joint_columns(used, calibration.x), codes)
         firsts = np.array([rows[0] for rows in rows_of(codes) if len(rows) > 1], dtype=np.intp)
         copied = np.trace(scatter.squares, axis1=-2, axis2=-1) <= scatter.freedom * COPY**2
         scatter, firsts = scatter.take(~copied), firsts[~copied]
         size = np.trace(scatter.squares, axis1=-2, axis2=-1)
-        gross = slips(size, scatter.freedom * scatter.squares.shape[1])
-        odd = tuple(int(line) for line in data.line[firsts[gross]])
+        gross = outlying_groups(size, scatter.freedom * scatter.squares.shape[1])
+        outlying = tuple(int(line) for line in data.line[firsts[gross]])
         scatter, firsts = scatter.take(~gross), firsts[~gross]
         if not len(firsts):
-            return cls(scatter, None, None, by, stated, odd)
+            return cls(scatter, None, None, by, stated, outlying)
         first = used.take(firsts)
         B = columns(first, calibration.x, errors.factors)[:, : len(used.axes)] * used.sigma
         C = B @ visit @ np.swapaxes(B, -1, -2) + used.sigma**2 * np.eye(len(used.axes))
         if not visit.any():
-            return cls(scatter, None, None, by, stated, odd)
-        return cls(scatter, C, scatter_test(scatter, C, data.line[firsts]), by, stated, odd)
+            return cls(scatter, None, None, by, stated, outlying)
+        return cls(scatter, C, scatter_test(scatter, C, data.line[firsts]), by, stated, outlying)
 
 
-def visit_errors(errors: Errors, residuals: Residuals) -> tuple[Array, str]:
+def repeat_errors(errors: ErrorSources, residuals: Residuals) -> tuple[Array, str]:
     """The covariance of what changes between visits; where the problem says nothing of it, σ's of joint values."""
-    if errors.visit.any():
-        return errors.visit, "visit"
+    if errors.scatter.any():
+        return errors.scatter, "visit"
     driven = np.array([factor in residuals.robot.driven for factor in errors.factors], dtype=bool)
     return np.where(np.outer(driven, driven), errors.constant, 0.0), "joints"
 
@@ -119,13 +119,13 @@ class ScatterTest:
     """Scatter between repeats against its prediction.
 
     Args:
-        visits, groups: rows that repeat a posture, and how many postures.
+        rows, groups: rows that repeat a posture, and how many postures.
         factor: measured over predicted standard deviation, pooled; ``interval`` holds it with 95 %.
         p_size, p_shape: as of a posture, over all of them.
         poses: those with most visits first.
     """
 
-    visits: int
+    rows: int
     groups: int
     factor: float
     interval: tuple[float, float]
@@ -142,7 +142,7 @@ class ScatterTest:
     def to_json(self) -> dict[str, Any]:
         """Plain numbers [m]."""
         return {
-            "visits": self.visits, "postures": self.groups, "factor": self.factor,
+            "visits": self.rows, "postures": self.groups, "factor": self.factor,
             "factor_interval95": list(self.interval), "p_size": self.p_size,
             "p_shape": None if np.isnan(self.p_shape) else self.p_shape, "verdict": self.verdict,
             "poses": [pose.to_json() for pose in self.poses],
@@ -184,7 +184,7 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
         for g in order
     )  # fmt: skip
     return ScatterTest(
-        visits=int(nu.sum()) + len(nu),
+        rows=int(nu.sum()) + len(nu),
         groups=len(nu),
         factor=float(np.sqrt(total / freedom)),
         interval=(float(low), float(high)),

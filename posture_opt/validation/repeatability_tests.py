@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.repeat_groups import slips
+from posture_opt.measurements.repeat_groups import outlying_groups
 from posture_opt.numerics import Array, Codes
 from posture_opt.uncertainty.iso9283 import (
     OrientationPerformance,
@@ -49,7 +49,7 @@ class Repeats:
     """Repeated visits of commanded postures.
 
     Args:
-        visits: rows in groups of two or more; ``groups`` how many groups.
+        rows: in groups of two or more; ``groups`` how many groups.
         covariance: (d, d) of one visit about the mean of its pose, pooled over the groups [m²].
         dof: visits minus groups.
         sigma: standard deviation of a coordinate, pooled over the axes; ``interval`` holds it with 95 % [m].
@@ -57,10 +57,10 @@ class Repeats:
         poses: those with three visits or more, the most visited first.
         left_out: poses with as many that are not listed, for there are too many.
         oriented: whether the orientations' accuracy counts.
-        odd: lines of the first visits to postures that were left out, as slips.
+        outlying: lines of the first visits to postures that were left out, as slips.
     """
 
-    visits: int
+    rows: int
     groups: int
     covariance: Array
     dof: int
@@ -70,14 +70,14 @@ class Repeats:
     poses: tuple[PosePerformance, ...]
     left_out: int = 0
     oriented: bool = False
-    odd: tuple[int, ...] = ()
+    outlying: tuple[int, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers [m, m², rad]."""
         return {
-            "visits": self.visits, "groups": self.groups, "dof": self.dof, "covariance": self.covariance.tolist(),
+            "visits": self.rows, "groups": self.groups, "dof": self.dof, "covariance": self.covariance.tolist(),
             "sigma": self.sigma, "sigma_interval95": list(self.interval), "repeatability": self.repeatability,
-            "poses": [_pose_json(pose, self.oriented) for pose in self.poses], "odd": list(self.odd),
+            "poses": [_pose_json(pose, self.oriented) for pose in self.poses], "odd": list(self.outlying),
         }  # fmt: skip
 
 
@@ -135,7 +135,7 @@ def repeats_of(
     every = [group for group in _grouped(codes) if len(group) > 1]
     about = [moved[r] - moved[r].mean(axis=0) for r in every]
     freedom = np.array([(len(r) - 1) * moved.shape[1] for r in every], dtype=float)
-    slipped = slips(np.array([np.sum(a**2) for a in about]), freedom)
+    slipped = outlying_groups(np.array([np.sum(a**2) for a in about]), freedom)
     rows = [r for r, gross in zip(every, slipped, strict=True) if not gross]
     if not rows:
         return None

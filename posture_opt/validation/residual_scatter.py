@@ -15,10 +15,10 @@ from posture_opt.calibration.residuals import Residuals
 from posture_opt.errors import InsufficientDataError
 from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.validation.joint_variances import JointNoise, estimate_joint_noise
+from posture_opt.validation.joint_variances import JointVariances, estimate_joint_variances
 from posture_opt.validation.prediction import calibrated_prediction, joint_columns
 from posture_opt.validation.stated_scatter import (
-    RemainingScatter,
+    JointScatter,
     joint_errors,
     plus,
     scatter_beside,
@@ -32,9 +32,9 @@ _EXACT = 0.3  # of the instrument's standard deviation
 _SURE = 0.5  # of a standard deviation: with a larger standard error the data do not tell it
 
 
-def remaining_scatter(
+def residual_scatter(
     problem: CalibrationProblem, calibration: Calibration, named: Sequence[NoiseEffect] = ()
-) -> RemainingScatter:
+) -> JointScatter:
     """The joints' scatter that explains best what a calibration and the instrument leave unexplained.
 
     It is sought in the errors of rows by arms that have not seen them: scatter from visit to visit and whatever the
@@ -59,15 +59,15 @@ def remaining_scatter(
         return stated
     sigma = {name: float(s) for name, s in zip(noise.names, noise.sigma, strict=True) if s > 0} | fixed
     if not sigma:
-        return RemainingScatter({}, noise.instrument, True, "no scatter of the joints is seen behind the instrument's")
+        return JointScatter({}, noise.instrument, True, "no scatter of the joints is seen behind the instrument's")
     source = (
         "the instrument as stated" if given else f"the instrument, {noise.instrument * 1e3:.3g} mm, from the data too"
     )
     note = f"scatter of the joints from what the calibration leaves of the errors ({source})"
-    return _with_effects(RemainingScatter(sigma, noise.instrument, True, note), said, added=False)
+    return _with_effects(JointScatter(sigma, noise.instrument, True, note), said, added=False)
 
 
-def _with_effects(scatter: RemainingScatter, said: Mapping[str, float], added: bool = True) -> RemainingScatter:
+def _with_effects(scatter: JointScatter, said: Mapping[str, float], added: bool = True) -> JointScatter:
     """The scatter with the part that effects say, ``added`` unless it is in it, told in the note."""
     if not said:
         return scatter
@@ -91,7 +91,7 @@ def unseen_errors(calibration: Calibration) -> tuple[Array, Array, Codes]:
 
 def _from_data(
     problem: CalibrationProblem, calibration: Calibration, fixed: Mapping[str, float]
-) -> tuple[JointNoise, bool] | None:
+) -> tuple[JointVariances, bool] | None:
     """The likeliest scatter of the joints whose own is not ``fixed``, and whether the instrument's was given.
 
     ``None`` where the data do not tell it.
@@ -116,7 +116,7 @@ def _from_data(
     return (noise, False) if noise is not None else None
 
 
-def covariance_under(calibration: Calibration, scatter: RemainingScatter, without: Codes | None = None) -> Array:
+def covariance_under(calibration: Calibration, scatter: JointScatter, without: Codes | None = None) -> Array:
     """(k, k) covariance of the estimate ``x``, given the errors that the joints and the instrument make in each row.
 
     Least squares weighs all coordinates alike, and its own covariance ``s² A``, ``A = (JᵀJ + s² P)⁻¹`` with the prior's
@@ -159,9 +159,9 @@ def _without(A: Array, rows: Residuals, x: Array) -> Array:
 
 def _likeliest(
     errors: Array, known: Array, columns: Array, names: tuple[str, ...], instrument: float, *, fit: bool
-) -> JointNoise | None:
+) -> JointVariances | None:
     try:
-        common = estimate_joint_noise(
+        common = estimate_joint_variances(
             errors, columns, instrument=instrument, fit_instrument=fit, equal=True, names=names, known=known
         )
     except InsufficientDataError:
@@ -176,7 +176,7 @@ def _likeliest(
     beside = known + weak @ np.swapaxes(weak, -1, -2)
     own = [name for name, s in zip(names, strong, strict=True) if s]
     try:
-        each = estimate_joint_noise(
+        each = estimate_joint_variances(
             errors, columns[:, :, strong], instrument=instrument, fit_instrument=fit, names=own, known=beside
         )
     except InsufficientDataError:
@@ -189,7 +189,7 @@ def _likeliest(
     return replace(each, names=names, sigma=sigma, std=std, interval=interval)
 
 
-def _allowed(noise: JointNoise) -> Array:
+def _allowed(noise: JointVariances) -> Array:
     """(n,) σ's to predict with: where the data allow none, half of the most that they allow.
 
     That is the root mean square of a half normal whose 95 % end it is. A likeliest σ of zero would predict a region
@@ -210,7 +210,7 @@ def _strong(columns: Array, names: tuple[str, ...]) -> Mask:
     return np.asarray(~turning | (lever > _LEVER * lever[turning].max(initial=0.0)))
 
 
-def _does_not_tell(noise: JointNoise, stated: Mapping[str, float]) -> bool:
+def _does_not_tell(noise: JointVariances, stated: Mapping[str, float]) -> bool:
     """Whether all standard deviations may be zero as well as those that are stated."""
     nothing = not noise.interval[:, 0].any()
     upper = dict(zip(noise.names, noise.interval[:, 1], strict=True))

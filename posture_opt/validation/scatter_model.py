@@ -88,7 +88,7 @@ def whitened(e: Array, columns: Array, S: Array, visits: Codes, own: Array) -> t
     return mixed[:, :, 0], np.moveaxis(mixed[:, :, 1:], 2, 0)
 
 
-def chance_sets(e: Array, visits: Codes | None, count: int, rng: np.random.Generator) -> Array:
+def null_sets(e: Array, visits: Codes | None, count: int, rng: np.random.Generator) -> Array:
     """(count, N, d) residuals as chance could have them: every visit turned at random, and visits change places.
 
     The rows of a visit stay together and are turned as one, as they share what the arm did; visits change places

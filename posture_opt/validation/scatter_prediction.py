@@ -11,9 +11,9 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.errors import InsufficientDataError
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.validation.joint_variances import JointNoise, fit_scatter
+from posture_opt.validation.joint_variances import JointVariances, fit_joint_variances
 from posture_opt.validation.prediction import joint_columns, joint_errors
-from posture_opt.validation.repeat_scatter import COPY, Between, slides
+from posture_opt.validation.repeat_scatter import COPY, RepeatScatter, slides
 from posture_opt.validation.residual_scatter import unseen_errors
 from posture_opt.validation.scatter_model import Scatter, covariances
 
@@ -23,7 +23,7 @@ _FEW = 4  # coordinates of scatter for each σ: with fewer, one for all joints i
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class ScatterPrediction:
     """How likely one model makes what was left out, against the round one: per measured row, natural logarithm.
 
     Args:
@@ -48,9 +48,9 @@ class HeldOut:
         return dict(vars(self))
 
 
-def predict_elsewhere(
+def predict_scatter(
     scatter: Scatter, names: tuple[str, ...], groups: Codes, stated: Array | None, instrument: float
-) -> tuple[HeldOut, ...]:
+) -> tuple[ScatterPrediction, ...]:
     """Models of the scatter fitted at four fifths of the postures, and how they predict the last fifth.
 
     Args:
@@ -98,25 +98,25 @@ def _models(train: Scatter, test: Scatter, names: tuple[str, ...], instrument: f
     return models
 
 
-def _fitted(train: Scatter, names: tuple[str, ...], instrument: float, equal: bool) -> JointNoise | None:
+def _fitted(train: Scatter, names: tuple[str, ...], instrument: float, equal: bool) -> JointVariances | None:
     try:
-        return fit_scatter(train, names, instrument, True, equal, intervals=False)
+        return fit_joint_variances(train, names, instrument, True, equal, intervals=False)
     except InsufficientDataError:
         return None
 
 
-def _held_out(name: str, values: Array, rival: Array, freedom: Array, groups: Codes) -> HeldOut:
+def _held_out(name: str, values: Array, rival: Array, freedom: Array, groups: Codes) -> ScatterPrediction:
     rows = float(freedom.sum())
     codes = np.unique(groups, return_inverse=True)[1]
     gain, many = (values - rival).sum() / rows, int(codes.max()) + 1
     off = np.bincount(codes, values - rival) - gain * np.bincount(codes, freedom)
     std = np.sqrt(np.sum(off**2) * many / max(many - 1, 1)) / rows
-    return HeldOut(name, float(values.sum() / rows), float(gain), float(std))
+    return ScatterPrediction(name, float(values.sum() / rows), float(gain), float(std))
 
 
-def joint_scatter(
-    between: Between, used: Residuals, calibration: Calibration, groups: Codes
-) -> tuple[JointNoise | None, tuple[HeldOut, ...]]:
+def observed_variances(
+    between: RepeatScatter, used: Residuals, calibration: Calibration, groups: Codes
+) -> tuple[JointVariances | None, tuple[ScatterPrediction, ...]]:
     """σ of joints and instrument from repeats where there are any, else from what the calibration leaves.
 
     There the uncertainty of its parameters is a known part of every error, which is no instrument's.
@@ -135,13 +135,13 @@ def joint_scatter(
     coordinates = float(scatter.freedom.sum()) * scatter.squares.shape[1]
     equal = coordinates < _FEW * (len(names) + 1)
     try:
-        noise = fit_scatter(scatter, names, used.sigma, True, equal, bool(len(between.scatter.freedom)))
+        noise = fit_joint_variances(scatter, names, used.sigma, True, equal, bool(len(between.scatter.freedom)))
     except InsufficientDataError:
         return None, ()
-    return noise, predict_elsewhere(scatter, names, codes, stated, used.sigma)
+    return noise, predict_scatter(scatter, names, codes, stated, used.sigma)
 
 
-def worth_showing(residuals: Residuals, x: Array, noise: JointNoise | None) -> Mask:
+def worth_showing(residuals: Residuals, x: Array, noise: JointVariances | None) -> Mask:
     """(n,) whether the data could tell a joint's scatter: it moves the point, and its σ is determined."""
     lever = np.sqrt(np.mean(np.sum(joint_columns(residuals, x) ** 2, axis=1), axis=0))
     moving = lever > _LEVER * np.where(slides(residuals), 0.0, lever.max())

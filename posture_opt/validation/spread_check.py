@@ -14,18 +14,18 @@ from posture_opt.calibration.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.validation.coverage import Coverage
-from posture_opt.validation.joint_variances import JointNoise
+from posture_opt.validation.joint_variances import JointVariances
 from posture_opt.validation.prediction import (
-    Errors,
+    ErrorSources,
     Prediction,
     calibrated_prediction,
     joint_errors,
     nominal_prediction,
 )
-from posture_opt.validation.repeat_scatter import Between, ScatterTest
-from posture_opt.validation.residual_scatter import covariance_under, remaining_scatter
-from posture_opt.validation.scatter_prediction import HeldOut, joint_scatter, worth_showing
-from posture_opt.validation.stated_scatter import RemainingScatter
+from posture_opt.validation.repeat_scatter import RepeatScatter, ScatterTest
+from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
+from posture_opt.validation.scatter_prediction import ScatterPrediction, observed_variances, worth_showing
+from posture_opt.validation.stated_scatter import JointScatter
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,36 +37,36 @@ class SpreadCheck:
             what the problem states, around the nominal arm with its free frames fitted; ``calibrated`` by what is
             still uncertain of the parameters and the scatter that the calibration leaves.
         stated: whether the problem states any uncertainty of the arm; else its region is the instrument's alone.
-        visits: scatter between repeats against what the problem says of visits; ``None`` without repeats or
+        repeats: scatter between repeats against what the problem says of visits; ``None`` without repeats or
             where it says nothing.
-        visits_by: ``visit`` where the problem states scatter from visit to visit, ``joints`` where its σ's of joint
+        repeats_by: ``visit`` where the problem states scatter from visit to visit, ``joints`` where its σ's of joint
             values are taken for it.
-        between: standard deviation of a coordinate between repeats [m]; 0 without repeats.
-        left: root mean square of a coordinate that the calibration leaves [m].
+        repeat_sigma: standard deviation of a coordinate between repeats [m]; 0 without repeats.
+        residual_rms: root mean square of a coordinate that the calibration leaves [m].
         noise: σ of each joint and of the instrument, estimated from repeats, or from what the calibration leaves.
         from_repeats: which of the two.
         shown: (n,) whether the scatter of each joint shows: it moves the tool point by a hundredth of what the
             others do, or more.
-        sigma: (n,) what the problem states of the joints' scatter [rad, m].
-        elsewhere: models of the scatter fitted at some postures and judged at others.
-        odd: lines of postures whose visits differ far more than those of the others; they are left out.
-        remaining: the scatter that the calibrated model takes; ``instrument`` the σ of a coordinate [m].
+        stated_sigma: (n,) what the problem states of the joints' scatter [rad, m].
+        scatter_predictions: models of the scatter fitted at some postures and judged at others.
+        outlying: lines of postures whose visits differ far more than those of the others; they are left out.
+        joint_scatter: the scatter that the calibrated model takes; ``instrument`` the σ of a coordinate [m].
         notes: sentences on what these data cannot tell.
     """
 
     coverage: dict[str, Coverage]
     stated: bool
-    visits: ScatterTest | None
-    visits_by: str
-    between: float
-    left: float
-    noise: JointNoise | None
+    repeats: ScatterTest | None
+    repeats_by: str
+    repeat_sigma: float
+    residual_rms: float
+    noise: JointVariances | None
     from_repeats: bool
     shown: Mask
-    sigma: Array
-    elsewhere: tuple[HeldOut, ...]
-    odd: tuple[int, ...]
-    remaining: RemainingScatter
+    stated_sigma: Array
+    scatter_predictions: tuple[ScatterPrediction, ...]
+    outlying: tuple[int, ...]
+    joint_scatter: JointScatter
     instrument: float
     notes: tuple[str, ...] = ()
 
@@ -80,12 +80,12 @@ class SpreadCheck:
         return {
             "uncertainty_stated": self.stated,
             "coverage": {name: found.to_json() for name, found in self.coverage.items()},
-            "repeats": None if self.visits is None else {**self.visits.to_json(), "prediction": self.visits_by},
-            "sigma_between_repeats": self.between or None,
-            "sigma_left": self.left,
+            "repeats": None if self.repeats is None else {**self.repeats.to_json(), "prediction": self.repeats_by},
+            "sigma_between_repeats": self.repeat_sigma or None,
+            "sigma_left": self.residual_rms,
             "joint_noise": _noise_json(self),
-            "odd_lines": list(self.odd),
-            "held_out": [found.to_json() for found in self.elsewhere],
+            "odd_lines": list(self.outlying),
+            "held_out": [found.to_json() for found in self.scatter_predictions],
             "notes": list(self.notes),
         }
 
@@ -105,29 +105,27 @@ def check_spread(
     residuals = calibration.residuals
     rows, axes = calibration.kept_rows, residuals.axes
     used = residuals.take(rows)
-    errors = Errors.of(residuals, problem.sources)
-    remaining = remaining_scatter(problem, calibration)
+    errors = ErrorSources.of(residuals, problem.sources)
+    scatter = residual_scatter(problem, calibration)
     groups = groups_of(data, calibration.by, folds)
-    coverage = {
-        name: Coverage.of(*parts) for name, parts in predictions(problem, calibration, folds, remaining).items()
-    }
+    coverage = {name: Coverage.of(*parts) for name, parts in predictions(problem, calibration, folds, scatter).items()}
     left = calibration.errors[np.ix_(rows, axes)]
-    between = Between.of(used, calibration, errors)
-    noise, elsewhere = joint_scatter(between, used, calibration, groups[rows])
+    between = RepeatScatter.of(used, calibration, errors)
+    noise, predicted = observed_variances(between, used, calibration, groups[rows])
     return SpreadCheck(
         coverage=coverage,
         stated=bool(errors.factors),
-        visits=between.test,
-        visits_by=between.by,
-        between=between.sigma,
-        left=float(np.sqrt(np.mean(left**2))),
+        repeats=between.test,
+        repeats_by=between.by,
+        repeat_sigma=between.sigma,
+        residual_rms=float(np.sqrt(np.mean(left**2))),
         noise=noise,
         from_repeats=bool(len(between.scatter.freedom)),
         shown=worth_showing(used, calibration.x, noise),
-        sigma=between.stated_sigma,
-        elsewhere=elsewhere,
-        odd=between.odd,
-        remaining=remaining,
+        stated_sigma=between.stated_sigma,
+        scatter_predictions=predicted,
+        outlying=between.outlying,
+        joint_scatter=scatter,
         instrument=residuals.sigma,
         notes=_unknowable(problem),
     )
@@ -147,18 +145,18 @@ def _unknowable(problem: CalibrationProblem) -> tuple[str, ...]:
 
 
 def predictions(
-    problem: CalibrationProblem, calibration: Calibration, folds: int = 5, remaining: RemainingScatter | None = None
+    problem: CalibrationProblem, calibration: Calibration, folds: int = 5, scatter: JointScatter | None = None
 ) -> dict[str, tuple[Array, Prediction, Codes]]:
     """Held-out errors (N, d) [m] by model, what is predicted of them, and the groups (N,) that hang together."""
     residuals, rows = calibration.residuals, calibration.kept_rows
-    remaining = remaining or remaining_scatter(problem, calibration)
+    scatter = scatter or residual_scatter(problem, calibration)
     groups = groups_of(residuals.data, calibration.by, folds)
     parts = folds_of(groups, folds, calibration.by)
     kept = np.isin(np.arange(len(residuals.data)), rows)
     nominal = nominal_prediction(
-        residuals, calibration.x_nominal, Errors.of(residuals, problem.sources), residuals.sigma, parts, kept
+        residuals, calibration.x_nominal, ErrorSources.of(residuals, problem.sources), residuals.sigma, parts, kept
     )
-    calibrated = _by_folds(calibration, remaining, [part[kept[part]] for part in parts])
+    calibrated = _by_folds(calibration, scatter, [part[kept[part]] for part in parts])
     measured = np.ix_(rows, residuals.axes)
     return {
         "nominal": (calibration.errors_nominal[measured], nominal.take(rows), groups[rows]),
@@ -166,28 +164,28 @@ def predictions(
     }
 
 
-def _by_folds(calibration: Calibration, remaining: RemainingScatter, parts: list[Codes]) -> Prediction:
+def _by_folds(calibration: Calibration, scatter: JointScatter, parts: list[Codes]) -> Prediction:
     """What is predicted of each row by an arm that has not seen its fold."""
     residuals = calibration.residuals
     N, d, k = len(residuals.data), len(residuals.axes), len(calibration.x)
-    common, visit = np.zeros((N, d, k)), np.zeros((N, d, d))
+    common, own = np.zeros((N, d, k)), np.zeros((N, d, d))
     clustered = calibration.design > 1
     for part in parts:
-        covariance = covariance_under(calibration, remaining, part)
+        covariance = covariance_under(calibration, scatter, part)
         found = calibrated_prediction(
-            residuals, calibration.x, covariance, _sigma(remaining, residuals), _instrument(remaining, residuals),
+            residuals, calibration.x, covariance, _sigma(scatter, residuals), _instrument(scatter, residuals),
             1 - 1 / max(len(parts), 2) if clustered else 1.0,
         )  # fmt: skip
-        common[part], visit[part] = found.common[part], found.visit[part]
-    return Prediction(common, visit)
+        common[part], own[part] = found.common[part], found.scatter[part]
+    return Prediction(common, own)
 
 
-def _sigma(remaining: RemainingScatter, residuals: Residuals) -> Array:
-    return np.array([remaining.sigma.get(name, 0.0) for name in joint_errors(residuals)])
+def _sigma(scatter: JointScatter, residuals: Residuals) -> Array:
+    return np.array([scatter.sigma.get(name, 0.0) for name in joint_errors(residuals)])
 
 
-def _instrument(remaining: RemainingScatter, residuals: Residuals) -> float:
-    return remaining.instrument if remaining.measured else residuals.sigma
+def _instrument(scatter: JointScatter, residuals: Residuals) -> float:
+    return scatter.instrument if scatter.measured else residuals.sigma
 
 
 def _noise_json(found: SpreadCheck) -> dict[str, Any] | None:
@@ -201,7 +199,7 @@ def _noise_json(found: SpreadCheck) -> dict[str, Any] | None:
             "stated": float(given) or None, "determined": bool(shown),
         }
         for name, sigma, std, (low, high), given, shown in zip(
-            noise.names, noise.sigma, noise.std, noise.interval, found.sigma, found.shown, strict=True
+            noise.names, noise.sigma, noise.std, noise.interval, found.stated_sigma, found.shown, strict=True
         )
     ]  # fmt: skip
     return {

@@ -17,7 +17,7 @@ _ROUNDING = 1e-6  # of a variance
 
 
 @dataclass(frozen=True)
-class RemainingScatter:
+class JointScatter:
     """Standard deviations of the joints' errors from visit to visit.
 
     Args:
@@ -41,28 +41,28 @@ class RemainingScatter:
         return {name: math.sqrt(v) for name, v in parts.items() if v > _ROUNDING * self.sigma[name] ** 2}
 
 
-def stated_scatter(problem: CalibrationProblem) -> RemainingScatter:
+def stated_scatter(problem: CalibrationProblem) -> JointScatter:
     """What the problem states of the joints' scatter, without that of its effects."""
     sources, own = problem.sources, scatter_of_effects(problem.robot, problem.effects)
     total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.visit))), strict=True))
     visit = {name: s for name, s in total.items() if s > 0}
     if visit:
-        return RemainingScatter(
-            RemainingScatter(visit, of_effects=own).beside,
+        return JointScatter(
+            JointScatter(visit, of_effects=own).beside,
             note="scatter of the joints as stated: the data do not tell it",
         )
     joints, staying = joint_errors(problem.robot), np.sqrt(np.diag(sources.constant))
     sigma = {name: float(s) for name, s in zip(sources.names, staying, strict=True) if name in joints and s > 0}
     if sigma:
-        return RemainingScatter(
+        return JointScatter(
             sigma, note="the σ's of the joints, as stated, taken for their scatter: the data do not tell it"
         )
     sheet = problem.robot.repeatability
     if sheet is not None:
         found = joint_sigmas(problem.robot, sheet.value)
         sigma = dict(zip(found.names, map(float, found.sigma), strict=True))
-        return RemainingScatter(sigma, note="scatter of the joints from the data sheet: the data do not tell it")
-    return RemainingScatter(note="the data tell no scatter of the joints, and none is stated")
+        return JointScatter(sigma, note="scatter of the joints from the data sheet: the data do not tell it")
+    return JointScatter(note="the data tell no scatter of the joints, and none is stated")
 
 
 def scatter_of_effects(robot: Robot, effects: Sequence[object]) -> dict[str, float]:

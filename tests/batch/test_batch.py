@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 
 import posture_opt as po
 from posture_opt.batch.batch_calibration import Batch, calibrate_batch
-from posture_opt.batch.batch_covariance import between, deviation_interval
+from posture_opt.batch.batch_covariance import covariance_between_robots, deviation_interval
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.errors import InputError, InsufficientDataError
 from posture_opt.measurements.reading import read_measurements
@@ -78,7 +78,7 @@ def test_lengths_that_vary_together_are_found(batch: tuple[Batch, np.ndarray]) -
     found, cut = batch
     first = found.pairs[0]
     assert {first.a, first.b} == {"joint1.a", "joint2.a"}
-    assert first.real
+    assert first.significant
     assert first.interval[0] < RHO < first.interval[1]
     assert first.interval[1] - first.interval[0] < 0.4
     # Each robot's own lengths, to a few times what 12 postures of 20 µm and 0.05 mrad tell.
@@ -88,7 +88,7 @@ def test_lengths_that_vary_together_are_found(batch: tuple[Batch, np.ndarray]) -
     for i, true in zip(index(found), SIGMA, strict=True):
         low, high = found.spread.interval[i]
         assert low < true < high
-    assert not any(pair.real for pair in found.pairs[1:])
+    assert not any(pair.significant for pair in found.pairs[1:])
 
 
 def test_what_does_not_vary_is_not_said_to(batch: tuple[Batch, np.ndarray]) -> None:
@@ -96,7 +96,7 @@ def test_what_does_not_vary_is_not_said_to(batch: tuple[Batch, np.ndarray]) -> N
     j = found.names.index("joint2.theta")
     assert found.spread.interval[j, 0] == 0
     assert found.spread.interval[j, 1] < 1e-4
-    assert "joint1.d" in found.not_told
+    assert "joint1.d" in found.undetermined
 
 
 def test_the_section_can_be_pasted_and_loaded(batch: tuple[Batch, np.ndarray], problem: Any) -> None:
@@ -136,7 +136,7 @@ def test_effects_and_the_section_say_nothing_twice(batch: tuple[Batch, np.ndarra
     assert "effects" not in yaml.safe_load(batch_yaml(problem, found))
 
 
-def test_a_mean_robot_off_the_file_is_told(problem: Any) -> None:
+def test_a_mean_robot_off_the_file_is_determined(problem: Any) -> None:
     rng = np.random.default_rng(2)
     found = calibrate_batch(problem, read_measurements(table(rng, lengths(rng, 6) + np.array([3e-3, 0])), problem))
     text = batch_yaml(problem, found)
@@ -165,7 +165,7 @@ def test_intervals_hold_correlation_and_sigma_in_95_percent_of_300_batches() -> 
     errors = np.broadcast_to(np.diag([1e-4, 1e-4]) ** 2, (ROBOTS, 2, 2))
     for _ in range(300):
         cut = lengths(rng) + 1e-4 * rng.normal(size=(ROBOTS, 2))
-        found = between(cut, errors)
+        found = covariance_between_robots(cut, errors)
         low, high = found.correlation_interval[0, 1]
         held += [low <= RHO <= high, *((found.interval[:, 0] <= SIGMA) & (found.interval[:, 1] >= SIGMA))]
     # Binomial: 285 ± 3.8 of 300; 92 % and 98 % are 276 and 294.
@@ -180,7 +180,7 @@ def test_errors_of_the_estimates_are_taken_off() -> None:
     found, plain = [], []
     for _ in range(40):
         x = lengths(rng, 60) + rng.multivariate_normal([0, 0], S, 60)
-        estimate = between(x, np.broadcast_to(S, (60, 2, 2)))
+        estimate = covariance_between_robots(x, np.broadcast_to(S, (60, 2, 2)))
         found.append([estimate.correlation[0, 1], *estimate.sigma])
         plain.append(np.corrcoef(x.T)[0, 1])
     assert abs(np.mean(plain)) < 0.05
@@ -209,7 +209,7 @@ def test_the_covariance_has_the_largest_restricted_likelihood() -> None:
     best = minimize(fall, [1.0, 0.5, 0.5], method="Nelder-Mead", options={"xatol": 1e-8, "fatol": 1e-10})
     L = 1e-3 * np.array([[best.x[0], 0], [best.x[1], best.x[2]]])
     # EM stops at 1e-6 of a variance a step; here the correlation is nearly one, where it goes slowest.
-    np.testing.assert_allclose(between(x, S).covariance, L @ L.T, rtol=5e-3)
+    np.testing.assert_allclose(covariance_between_robots(x, S).covariance, L @ L.T, rtol=5e-3)
 
 
 def test_an_interval_without_errors_is_that_of_chi_square() -> None:

@@ -15,8 +15,8 @@ from posture_opt.calibration.estimation import Prior
 from posture_opt.calibration.identifiability import identify
 from posture_opt.errors import InputError, InsufficientDataError, NoSolutionError
 from posture_opt.experiments.exchange import exchange
-from posture_opt.experiments.expected_errors import Beforehand, Unknowns
-from posture_opt.experiments.information import Given, given_knowledge, instrument, nothing_given
+from posture_opt.experiments.expected_errors import PriorInformation, Unknowns
+from posture_opt.experiments.information import GivenInformation, given_information, measurement_model, nothing_measured
 from posture_opt.experiments.visiting_order import tour
 from tests.helpers.real_arms import DATA, needs_real_arms
 from tests.helpers.simulated_arm import DEG, SimulatedArm, shift, turn
@@ -137,13 +137,13 @@ def test_as_many_random_postures_as_are_said_do_the_same() -> None:
     plan, problem = plan_of("task"), task_problem()
     rng = np.random.default_rng(77)
     q = rng.uniform(-np.pi, np.pi, (plan.equivalent, 6))
-    device, _ = instrument(problem, None)
+    device, _ = measurement_model(problem, None)
     x = np.zeros(len(device.parameters))
     J = device.blocks(q, x)
     rows = device.tool_rows(plan.target.q, x, plan.target.basis)
-    unknowns = Unknowns.of(Beforehand.of(problem, device.parameters), J, nothing_given(len(x)), rows, len(q))
+    unknowns = Unknowns.of(PriorInformation.of(problem, device.parameters), J, nothing_measured(len(x)), rows, len(q))
     # One draw about the median of 21, that keeps clear of nothing.
-    assert unknowns.stage(J).task == pytest.approx(plan.after.task, rel=0.25)
+    assert unknowns.after(J).task == pytest.approx(plan.after.task, rel=0.25)
 
 
 def test_the_plan_keeps_to_limits_table_and_itself() -> None:
@@ -357,11 +357,11 @@ def test_slides_and_arms_with_few_joints_are_planned_for() -> None:
 def test_few_chosen_rows_of_a_real_arm_predict_the_others_better_than_random_ones() -> None:
     problem = po.load_problem(JACOBI / "problem.yaml")
     grid = po.read_measurements(JACOBI / "grid.csv", problem)
-    device, _ = instrument(problem, grid)
-    start = given_knowledge(problem, grid.take(np.arange(0, 1000, 25)), device.parameters)
+    device, _ = measurement_model(problem, grid)
+    start = given_information(problem, grid.take(np.arange(0, 1000, 25)), device.parameters)
     J, k = device.blocks(grid.q, start.x), len(start.x)
-    nothing = Given(np.zeros((0, k)), start.x, start.variance, 0)
-    unknowns = Unknowns.of(Beforehand.of(problem, device.parameters), J, nothing, np.zeros((0, k)), 20)
+    nothing = GivenInformation(np.zeros((0, k)), start.x, start.variance, 0)
+    unknowns = Unknowns.of(PriorInformation.of(problem, device.parameters), J, nothing, np.zeros((0, k)), 20)
     places = grid.q / np.radians(20)
     chosen = exchange(unknowns.blocks(J), unknowns.start, unknowns.criterion("parameters"), 20, places=places).chosen
 

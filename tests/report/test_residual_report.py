@@ -223,7 +223,7 @@ def test_inputs_have_a_panel_each(figures: dict[str, Any]) -> None:
 
 
 def test_the_drawn_ellipse_is_the_one_of_the_text_and_holds_the_errors(visited: Any, figures: dict[str, Any]) -> None:
-    axes, left = figures["residual_region"].axes[0], visited[1].assessment.remaining
+    axes, left = figures["residual_region"].axes[0], visited[1].assessment.residual_scatter
     (line,) = [li for li in axes.lines if "95 % ellipse for 40 poses" in str(li.get_label())]
     lengths = np.linalg.norm(line.get_xydata(), axis=1)
     np.testing.assert_allclose([lengths.min(), lengths.max()], 1e3 * left.factor * left.ellipse.semi_axes, rtol=1e-3)

@@ -184,7 +184,7 @@ def test_iso_9283_at_every_pose_is_that_of_the_visits(assessed: Any) -> None:
     _, data, _, found = assessed
     repeats = found.repeats
     assert len(repeats.poses) == 40
-    assert repeats.visits == 320
+    assert repeats.rows == 320
     rows = np.flatnonzero(data.line == repeats.poses[0].line)[0] + np.arange(8)
     points = data.position[rows, :2]
     distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
@@ -231,8 +231,8 @@ def test_joint_values_that_were_read_back_make_visits_too_and_a_slip_is_left_out
     points[10] += 30 * NOISE  # the second visit of the fourth posture
     data = measured(problem, read, points)
     found = po.assess(problem, data, po.calibrate(problem, data)).repeats
-    assert found.odd == (data.line[9],)
-    assert (found.groups, found.visits) == (59, 177)
+    assert found.outlying == (data.line[9],)
+    assert (found.groups, found.rows) == (59, 177)
     assert found.sigma == pytest.approx(NOISE, rel=0.2)  # 236 of freedom: ± 4.6 %, four of them
 
 
@@ -260,12 +260,12 @@ def test_what_remains_is_drawn_for_the_samples_there_are(assessed: Any) -> None:
 
     _, _, calibration, found = assessed
     e = calibration.errors[:, :2]
-    np.testing.assert_allclose(found.remaining.ellipse.covariance, e.T @ e / len(e), rtol=1e-12)
+    np.testing.assert_allclose(found.residual_scatter.ellipse.covariance, e.T @ e / len(e), rtol=1e-12)
     # C about a known mean of zero from 40 independent poses: T² is 2 · 40 / 39 times F(2, 39).
-    assert found.remaining.dof == 40
-    assert found.remaining.factor == pytest.approx(np.sqrt(2 * 40 / 39 * f.ppf(0.95, 2, 39)), rel=1e-9)
-    assert found.remaining.factor > 2.448  # of a covariance that is known
-    assert found.remaining.inside == pytest.approx(0.95, abs=0.03)
+    assert found.residual_scatter.dof == 40
+    assert found.residual_scatter.factor == pytest.approx(np.sqrt(2 * 40 / 39 * f.ppf(0.95, 2, 39)), rel=1e-9)
+    assert found.residual_scatter.factor > 2.448  # of a covariance that is known
+    assert found.residual_scatter.inside == pytest.approx(0.95, abs=0.03)
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -306,8 +306,8 @@ def test_a_planar_arm_measured_in_space_without_an_error_across_its_plane() -> N
     data = measured(problem, q, points)
     calibration = po.calibrate(problem, data)
     found = po.assess(problem, data, calibration)
-    assert found.remaining.ellipse.rank == 2
-    assert found.remaining.factor == pytest.approx(2.5, abs=0.1)  # of a plane: in space it were 2.95
+    assert found.residual_scatter.ellipse.rank == 2
+    assert found.residual_scatter.factor == pytest.approx(2.5, abs=0.1)  # of a plane: in space it were 2.95
     assert calibration.coverage["calibrated"] > 0.8
     assert "link_length" in [effect.kind for effect in po.diagnose(problem, data).effects]
 
@@ -318,7 +318,7 @@ def test_data_without_any_error_leave_nothing_to_assess() -> None:
     data = measured(problem, q, position(q))
     found = po.assess(problem, data, po.calibrate(problem, data))
     assert found.calibrated.zero
-    assert found.remaining is None
+    assert found.residual_scatter is None
     assert found.calibrated.coordinate == 0
 
 

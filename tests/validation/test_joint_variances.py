@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import minimize
 
 from posture_opt.errors import InsufficientDataError
-from posture_opt.validation.joint_variances import estimate_joint_noise
+from posture_opt.validation.joint_variances import estimate_joint_variances
 from posture_opt.validation.scatter_model import Scatter
 
 SIGMA = np.array([1e-3, 3e-3])
@@ -56,7 +56,7 @@ def test_the_likelihood_is_as_high_as_brute_force_gets(grouped: bool) -> None:
     if not grouped:
         errors = errors - np.array([errors[groups == g].mean(axis=0) for g in groups])
     codes = groups if grouped else None
-    found = estimate_joint_noise(errors, J, groups=codes, instrument=1e-3, fit_instrument=True)
+    found = estimate_joint_variances(errors, J, groups=codes, instrument=1e-3, fit_instrument=True)
     theta = np.array([*found.sigma**2, found.instrument**2])
     # The constant of the likelihood counts too: models are compared by it.
     assert found.log_likelihood == pytest.approx(brute(errors, J, codes, theta), abs=1e-6)
@@ -71,7 +71,7 @@ def test_the_likelihood_is_as_high_as_brute_force_gets(grouped: bool) -> None:
 
 def test_standard_errors_are_those_of_the_information_by_differences() -> None:
     errors, J, groups = visits(np.random.default_rng(2), 60, 5)
-    found = estimate_joint_noise(errors, J, groups=groups, instrument=1e-3, fit_instrument=True)
+    found = estimate_joint_variances(errors, J, groups=groups, instrument=1e-3, fit_instrument=True)
     scatter = Scatter.of(errors, J, groups)
     at = np.array([*found.sigma, found.instrument])
 
@@ -95,7 +95,7 @@ def test_intervals_of_95_percent_hold_the_truth_in_95_percent_of_300_draws() -> 
     held = np.zeros(3)
     for _ in range(300):
         errors, J, groups = visits(rng, 12, 4)
-        found = estimate_joint_noise(errors, J, groups=groups, instrument=1e-3, fit_instrument=True)
+        found = estimate_joint_variances(errors, J, groups=groups, instrument=1e-3, fit_instrument=True)
         ends = np.array([*found.interval, found.instrument_interval])
         truth = np.array([*SIGMA, NOISE])
         held += (ends[:, 0] <= truth) & (truth <= ends[:, 1])
@@ -109,7 +109,7 @@ def test_a_joint_without_scatter_stays_at_zero_and_its_bound_holds() -> None:
     at_zero, held = 0, 0
     for _ in range(100):
         errors, J, groups = visits(rng, 12, 4, np.array([0.0, 3e-3]))
-        found = estimate_joint_noise(errors, J, groups=groups, instrument=NOISE)
+        found = estimate_joint_variances(errors, J, groups=groups, instrument=NOISE)
         assert np.all(found.sigma >= 0)
         at_zero += found.sigma[0] == 0
         held += found.interval[0, 0] == 0
@@ -124,19 +124,19 @@ def test_a_joint_without_scatter_stays_at_zero_and_its_bound_holds() -> None:
 def test_a_joint_that_moves_nothing_is_not_told() -> None:
     errors, J, groups = visits(np.random.default_rng(5), 10, 4)
     wider = np.concatenate([J, np.zeros_like(J[:, :, :1])], axis=2)
-    found = estimate_joint_noise(
+    found = estimate_joint_variances(
         errors, wider, groups=groups, instrument=NOISE, names=("a.theta", "b.theta", "c.theta")
     )
     assert list(found.determined) == [True, True, False]
     assert np.isinf(found.std[2])
-    plain = estimate_joint_noise(errors, J, groups=groups, instrument=NOISE)
+    plain = estimate_joint_variances(errors, J, groups=groups, instrument=NOISE)
     np.testing.assert_allclose(found.sigma[:2], plain.sigma, rtol=1e-6)
 
 
 def test_one_common_sigma_is_found_from_few_rows() -> None:
     rng = np.random.default_rng(6)
     errors, J, groups = visits(rng, 3, 3, np.array([2e-3, 2e-3]))
-    found = estimate_joint_noise(errors, J, groups=groups, instrument=NOISE, equal=True)
+    found = estimate_joint_variances(errors, J, groups=groups, instrument=NOISE, equal=True)
     assert found.sigma[0] == found.sigma[1]
     assert found.interval[0, 0] < 2e-3 < found.interval[0, 1]
 
@@ -144,7 +144,7 @@ def test_one_common_sigma_is_found_from_few_rows() -> None:
 def test_covariance_predicts_the_scatter_of_other_postures() -> None:
     rng = np.random.default_rng(7)
     errors, J, groups = visits(rng, 200, 5)
-    found = estimate_joint_noise(errors, J, groups=groups, instrument=1e-3, fit_instrument=True)
+    found = estimate_joint_variances(errors, J, groups=groups, instrument=1e-3, fit_instrument=True)
     other = planar(np.array([[0.3, 2.0]]))
     truth = other[0] @ np.diag(SIGMA**2) @ other[0].T + NOISE**2 * np.eye(2)
     # 1600 coordinates of scatter tell three variances to some 5 %.
@@ -154,9 +154,9 @@ def test_covariance_predicts_the_scatter_of_other_postures() -> None:
 def test_nothing_repeated_or_too_little_is_refused() -> None:
     errors, J, _ = visits(np.random.default_rng(8), 5, 1)
     with pytest.raises(InsufficientDataError, match="no posture was measured twice"):
-        estimate_joint_noise(errors, J, groups=np.arange(5), instrument=NOISE)
+        estimate_joint_variances(errors, J, groups=np.arange(5), instrument=NOISE)
     with pytest.raises(InsufficientDataError, match="more repeats"):
-        estimate_joint_noise(errors[:2], J[:2], groups=np.zeros(2), instrument=NOISE, fit_instrument=True)
+        estimate_joint_variances(errors[:2], J[:2], groups=np.zeros(2), instrument=NOISE, fit_instrument=True)
 
 
 def test_ten_thousand_rows_and_seven_joints_take_seconds() -> None:
@@ -165,7 +165,7 @@ def test_ten_thousand_rows_and_seven_joints_take_seconds() -> None:
     sigma = 1e-4 * np.array([1, 2, 1.5, 3, 1, 0.5, 0.2])
     errors = np.einsum("ndk,nk->nd", J, sigma * rng.normal(size=(10_000, 7))) + 2e-5 * rng.normal(size=(10_000, 3))
     began = time.perf_counter()
-    found = estimate_joint_noise(errors, J, instrument=1e-4, fit_instrument=True)
+    found = estimate_joint_variances(errors, J, instrument=1e-4, fit_instrument=True)
     # 2 s on an idle core; a busy machine may need three times that.
     assert time.perf_counter() - began < 8
     assert np.all(np.abs(found.sigma - sigma) < 5 * found.std)

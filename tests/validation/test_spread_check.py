@@ -13,11 +13,11 @@ import posture_opt as po
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.frames import compare, fit_frames
 from posture_opt.measurements.reading import read_measurements
-from posture_opt.measurements.repeat_groups import revisits
+from posture_opt.measurements.repeat_groups import repeat_groups
 from posture_opt.validation.coverage import Coverage, share_interval
-from posture_opt.validation.prediction import Errors, Prediction, calibrated_prediction, nominal_prediction
+from posture_opt.validation.prediction import ErrorSources, Prediction, calibrated_prediction, nominal_prediction
 from posture_opt.validation.repeat_scatter import scatter_test
-from posture_opt.validation.residual_scatter import covariance_under, remaining_scatter
+from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
 from posture_opt.validation.scatter_model import Scatter
 from posture_opt.validation.spread_check import SpreadCheck, check_spread
 from tests.helpers.planar_2r import position
@@ -31,7 +31,7 @@ def understated() -> SpreadCheck:
 
 
 def test_a_spread_understated_by_two_is_found(understated: SpreadCheck) -> None:
-    found = understated.visits
+    found = understated.repeats
     assert found is not None
     assert found.interval[0] < 2 < found.interval[1]
     # 480 coordinates of scatter tell a standard deviation to 1 / sqrt(960) of itself, twice that on either side.
@@ -52,8 +52,8 @@ def test_the_joints_scatter_is_learned_and_predicts_other_postures(understated: 
     inside = (noise.interval[:, 0] < 2 * SCATTER) & (noise.interval[:, 1] > 2 * SCATTER)
     assert inside.all()
     assert noise.instrument_interval[0] < NOISE < noise.instrument_interval[1]
-    np.testing.assert_allclose(understated.sigma, SCATTER)
-    by = {found.model: found for found in understated.elsewhere}
+    np.testing.assert_allclose(understated.stated_sigma, SCATTER)
+    by = {found.model: found for found in understated.scatter_predictions}
     assert by["joints"].better
     assert by["joints"].log_likelihood > by["stated"].log_likelihood
     assert by["joints"].log_likelihood > by["one_sigma"].log_likelihood
@@ -66,18 +66,18 @@ def test_a_true_spread_is_called_right() -> None:
     verdicts = []
     for _ in range(8):
         found = checked(arm(STATED), *measured(rng, 30, 2))
-        assert found.visits is not None
-        verdicts += [found.visits.verdict, found.coverage["nominal"].verdict]
+        assert found.repeats is not None
+        verdicts += [found.repeats.verdict, found.coverage["nominal"].verdict]
     # 16 verdicts that err 5 % of the time or less: more than three errors happen once in a hundred and forty.
     assert sum(v != "right" for v in verdicts) <= 3
 
 
 def test_an_overstated_spread_is_called_so() -> None:
     found = checked(arm(STATED), *measured(np.random.default_rng(3), 50, 4, times=0.4))
-    assert found.visits is not None
-    assert found.visits.verdict == "overstated"
+    assert found.repeats is not None
+    assert found.repeats.verdict == "overstated"
     assert found.coverage["nominal"].share > 0.96  # its links' errors are one draw, and may be large
-    assert found.visits.interval[0] < 0.4 * 1.05  # the instrument's part is not overstated
+    assert found.repeats.interval[0] < 0.4 * 1.05  # the instrument's part is not overstated
 
 
 @pytest.mark.campaign
@@ -88,7 +88,7 @@ def test_predicted_regions_of_the_arm_as_it_stands_hold_95_percent_over_300_robo
     q = rng.uniform(-2.5, 2.5, (24, 2))
     data = read_measurements(table(q, position(q, (1.0, 0.8))), problem)
     residuals, _ = compare(problem, data)
-    errors = Errors.of(residuals, problem.sources)
+    errors = ErrorSources.of(residuals, problem.sources)
     train, left_out = np.arange(20), np.arange(20, 24)
     predicted = nominal_prediction(
         residuals, np.zeros(len(residuals.parameters)), errors, NOISE, [left_out, train], np.ones(24, dtype=bool)
@@ -144,7 +144,7 @@ def test_scatter_that_a_calibration_leaves_is_not_inflated_by_its_own_errors() -
     problem, found = arm(STATED), []
     for _ in range(10):
         data = read_measurements(table(*measured(rng, 40)), problem)
-        found.append([*remaining_scatter(problem, calibrate(problem, data)).sigma.values()])
+        found.append([*residual_scatter(problem, calibrate(problem, data)).sigma.values()])
     # Each is known to 11 %; without the fit's own uncertainty one in five came out at two or three times the truth.
     assert np.all(np.sqrt(np.mean(np.square(found), axis=0)) < 1.15 * SCATTER)
     assert np.all(np.max(found, axis=0) < 1.6 * SCATTER)
@@ -212,17 +212,17 @@ def test_a_wrong_shape_of_the_right_size_is_seen() -> None:
 def test_errors_that_stay_do_not_count_as_scatter_between_visits() -> None:
     problem = arm({"sigma": {"j1.theta": "1 mrad", "j2.theta": "2 mrad", "j1.a": "10 mm"}})
     found = checked(problem, *measured(np.random.default_rng(10), 30, 4))
-    assert found.visits_by == "joints"
-    assert found.visits is not None
-    assert found.visits.verdict == "right"  # the links' 10 mm are the same at every visit
+    assert found.repeats_by == "joints"
+    assert found.repeats is not None
+    assert found.repeats.verdict == "right"  # the links' 10 mm are the same at every visit
     only_lengths = arm({"sigma": {"j1.a": "1 mm"}})
-    assert checked(only_lengths, *measured(np.random.default_rng(11), 20, 3)).visits is None
+    assert checked(only_lengths, *measured(np.random.default_rng(11), 20, 3)).repeats is None
 
 
 def test_without_repeats_the_scatter_is_what_the_calibration_leaves() -> None:
     found = checked(arm({}), *measured(np.random.default_rng(12), 60))
     assert not found.stated
-    assert found.visits is None
+    assert found.repeats is None
     assert not found.from_repeats
     assert found.noise is not None
     assert np.all(np.abs(found.noise.sigma - SCATTER) < 4 * found.noise.std)
@@ -234,9 +234,9 @@ def test_a_slip_among_repeats_is_named_and_not_counted() -> None:
     points = points + rng.normal(0, 1e-3, (40, 2)).repeat(3, axis=0)  # what no calibration finds, the same each time
     points[31] += [5e-4, -5e-4]
     found = checked(arm({}), q, points)
-    assert found.odd == (31,)  # the first visit of that posture stands in row 31, counted from 1
-    assert found.between < 6e-5
-    assert found.left > 15 * found.between
+    assert found.outlying == (31,)  # the first visit of that posture stands in row 31, counted from 1
+    assert found.repeat_sigma < 6e-5
+    assert found.residual_rms > 15 * found.repeat_sigma
 
 
 def test_rows_of_nearly_equal_commands_are_revisits() -> None:
@@ -245,12 +245,12 @@ def test_rows_of_nearly_equal_commands_are_revisits() -> None:
     problem = arm({})
     again = np.concatenate([q, q[:4] + 2e-4])
     data = read_measurements(table(again, position(again, (1.0, 0.8))), problem)
-    codes = revisits(data, np.zeros(2, dtype=bool))
+    codes = repeat_groups(data, np.zeros(2, dtype=bool))
     assert [int(codes[i]) for i in range(4)] == [int(codes[10 + i]) for i in range(4)]
     assert len(np.unique(codes)) == 10
     path = np.column_stack([np.linspace(0, 0.5, 1000), np.zeros(1000)])
     slow = read_measurements(table(path, position(path, (1.0, 0.8))), problem)
-    assert len(np.unique(revisits(slow, np.zeros(2, dtype=bool)))) == 1000
+    assert len(np.unique(repeat_groups(slow, np.zeros(2, dtype=bool)))) == 1000
 
 
 @pytest.mark.parametrize("visits", [1, 3])
@@ -258,7 +258,7 @@ def test_made_up_data_without_any_scatter_pass(visits: int) -> None:
     q = np.random.default_rng(15).uniform(-2.5, 2.5, (30, 2)).repeat(visits, axis=0)
     found = checked(arm(STATED), q, position(q, (1.0, 0.8)))
     assert found.coverage95 == {"nominal": 1.0, "calibrated": 1.0}
-    assert found.visits is None  # copies of a row are no repeats
+    assert found.repeats is None  # copies of a row are no repeats
     json.dumps(found.to_json(), allow_nan=False)
 
 
@@ -277,9 +277,9 @@ def test_ur10_revisits_scatter_far_less_than_the_calibration_leaves() -> None:
     assert found.noise is not None
     # The tracker's σ is about 0.01 mm after its owners, the revisits differ by 0.022 mm in the median.
     assert 2e-6 < found.noise.instrument < 1.5e-5
-    assert 1e-5 < found.between < 3e-5
-    assert found.left > 8 * found.between
-    assert {f.model: f.better for f in found.elsewhere}["joints"]
+    assert 1e-5 < found.repeat_sigma < 3e-5
+    assert found.residual_rms > 8 * found.repeat_sigma
+    assert {f.model: f.better for f in found.scatter_predictions}["joints"]
     assert 0.92 < found.coverage95["calibrated"] < 0.98
     assert found.coverage95["nominal"] < 0.05
 
@@ -291,7 +291,7 @@ def test_what_is_uncertain_of_the_fit_is_not_laid_on_the_instrument(seed: int) -
     found = checked(arm(STATED), *measured(np.random.default_rng(seed), 30))
     assert found.noise is not None
     assert found.noise.instrument_interval[0] < NOISE
-    gain = {model.model: model.gain for model in found.elsewhere}
+    gain = {model.model: model.gain for model in found.scatter_predictions}
     assert gain["stated"] > 0.3  # of a unit of log-likelihood a row, over scatter alike in all directions
 
 
@@ -312,7 +312,7 @@ def test_rows_are_predicted_with_what_their_own_fold_leaves_uncertain() -> None:
     data = read_measurements(table(q, points), problem)
     calibration = calibrate(problem, data)
     out = np.array([2, 7])
-    scatter = replace(remaining_scatter(problem, calibration), measured=False)
+    scatter = replace(residual_scatter(problem, calibration), measured=False)
     residuals = calibration.residuals
     J = residuals.both(calibration.x)[1].reshape(12, 2, -1)
     s2 = calibration.variance

@@ -14,7 +14,7 @@ from posture_opt.uncertainty.regions import Ellipsoid
 
 if TYPE_CHECKING:
     from posture_opt.batch.batch_calibration import Batch
-    from posture_opt.batch.batch_covariance import Pair
+    from posture_opt.batch.batch_covariance import CorrelatedPair
     from posture_opt.problem.problem import Problem
 
 _PANELS = 3
@@ -23,7 +23,7 @@ _PANELS = 3
 @styled
 def plot_batch(problem: Problem, found: Batch) -> Figure:
     """The robots as points with their standard errors, and the ellipse that holds 95 of 100 robots of the type."""
-    pairs = [pair for pair in found.pairs if pair.real][:_PANELS] or list(found.pairs[:1])
+    pairs = [pair for pair in found.pairs if pair.significant][:_PANELS] or list(found.pairs[:1])
     figure = new_figure(5.2 * len(pairs) + 0.6, 5.4)
     for k, pair in enumerate(pairs):
         _panel(figure.add_subplot(1, len(pairs), k + 1), problem, found, pair)
@@ -31,7 +31,7 @@ def plot_batch(problem: Problem, found: Batch) -> Figure:
     return figure
 
 
-def _panel(axes: Any, problem: Problem, found: Batch, pair: Pair) -> None:
+def _panel(axes: Any, problem: Problem, found: Batch, pair: CorrelatedPair) -> None:
     i, j = found.names.index(pair.a), found.names.index(pair.b)
     scale = np.array([math.degrees(1.0) if found.parameters[k].unit == "rad" else 1e3 for k in (i, j)])
     units = ["deg" if found.parameters[k].unit == "rad" else "mm" for k in (i, j)]
@@ -65,7 +65,7 @@ def _variances(found: Batch, robot: int, names: tuple[str, str]) -> list[float]:
     return [float(calibration.covariance[place[name], place[name]]) for name in names]
 
 
-def _stated(found: Batch, pair: Pair, index: tuple[int, int]) -> Any:
+def _stated(found: Batch, pair: CorrelatedPair, index: tuple[int, int]) -> Any:
     sigma = found.stated[list(index)]
     if not np.all(sigma > 0) or abs(pair.stated) >= 1:
         return None

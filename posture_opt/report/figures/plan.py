@@ -50,8 +50,8 @@ def plot_plan_points(plan: MeasurementPlan) -> Figure:
             point, _ = nominal_poses(plan.robot, plan.target.q[None])
             star: dict[str, Any] = {"color": ORANGE, "mec": "black", "ms": 16, "ls": "none", "zorder": 4}
             axes.plot(*(1e3 * point[:, at]).T, "*", label="the task's posture", **star)
-        if plan.room.height > -math.inf and pair[1] == 2:
-            axes.axhline(1e3 * plan.room.height, color=VERMILLION, ls="--", lw=1.2, zorder=2, label="kept above")
+        if plan.workspace.height > -math.inf and pair[1] == 2:
+            axes.axhline(1e3 * plan.workspace.height, color=VERMILLION, ls="--", lw=1.2, zorder=2, label="kept above")
         names = [f"{'xyz'[k]} [mm]" for k in pair]
         axes.set(xlabel=names[0], ylabel=names[1], aspect="equal")
         axes.locator_params(nbins=6)

@@ -8,14 +8,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from posture_opt.measurements.repeat_groups import revisits, rows_of
+from posture_opt.measurements.repeat_groups import repeat_groups, rows_of
 from posture_opt.numerics import Codes
 from posture_opt.report.figures.residual_shape import boundary
 from posture_opt.report.style import BLUE, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.words import line_words
 from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
-from posture_opt.validation.prediction import Errors, columns
-from posture_opt.validation.repeat_scatter import slides, visit_errors
+from posture_opt.validation.prediction import ErrorSources, columns
+from posture_opt.validation.repeat_scatter import repeat_errors, slides
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
@@ -86,8 +86,8 @@ def _plane(shown: Shown, found: Assessment) -> Floats:
 
 def _visits(shown: Shown, found: Assessment) -> list[Codes]:
     """The rows of each posture that was visited more than once, slips left out."""
-    odd = found.repeats.odd if found.repeats is not None else ()
-    groups = rows_of(revisits(shown.data, slides(shown.residuals)))
+    odd = found.repeats.outlying if found.repeats is not None else ()
+    groups = rows_of(repeat_groups(shown.data, slides(shown.residuals)))
     return [rows for rows in groups if len(rows) > 1 and int(shown.data.line[rows[0]]) not in odd]
 
 
@@ -104,10 +104,10 @@ def _pooled(shown: Shown, groups: list[Codes], B: Floats) -> Floats:
 def _predicted(problem: Problem, shown: Shown, rows: Codes, B: Floats) -> Ellipsoid | None:
     """The scatter [mm²] of visits by the problem: what it says changes from visit to visit, and its instrument."""
     residuals = shown.residuals.take(rows)
-    errors = Errors.of(residuals, problem.sources)
+    errors = ErrorSources.of(residuals, problem.sources)
     J = residuals.sigma * columns(residuals, shown.x, errors.factors)[:, : len(shown.axes)]
     instrument = problem.measurement.position if problem.measurement is not None else 0.0
-    C = J @ visit_errors(errors, residuals)[0] @ np.swapaxes(J, -1, -2)
+    C = J @ repeat_errors(errors, residuals)[0] @ np.swapaxes(J, -1, -2)
     C = C.mean(axis=0) + (instrument or 0.0) ** 2 * np.eye(len(shown.axes))
     drawn = B[:, list(shown.axes)]
     return Ellipsoid(np.zeros(2), 1e6 * drawn @ C @ drawn.T) if np.trace(C) > 0 else None

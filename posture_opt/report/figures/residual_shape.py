@@ -75,7 +75,7 @@ def plot_region(shown: Shown, found: Assessment) -> Figure:
     """Errors of the calibrated model with the 95 % ellipse for so many samples, and what the instrument adds."""
     from posture_opt.report.figures.residuals import chosen_rows
 
-    left = found.remaining
+    left = found.residual_scatter
     assert left is not None
     pairs = [(a, b) for k, a in enumerate(shown.axes) for b in shown.axes[k + 1 :]]
     figure = new_figure(6.0, 6.2) if len(pairs) == 1 else new_figure(10.5, 4.4)

@@ -108,8 +108,8 @@ def residual_figures(problem: Problem, learned: Learned) -> dict[str, Figure]:
         "residual_vectors": plot_residual_vectors(shown),
         "residual_joints": plot_residuals_over_joints(shown),
         "residual_inputs": plot_residuals_over_inputs(shown),
-        "residual_region": None if found.remaining is None else plot_region(shown, found),
-        "residual_shape": None if found.remaining is None else plot_shape(shown),
+        "residual_region": None if found.residual_scatter is None else plot_region(shown, found),
+        "residual_shape": None if found.residual_scatter is None else plot_shape(shown),
         "residual_repeats": None if found.repeats is None else plot_repeats(problem, shown, found),
     }
     return {name: _settled(figure) for name, figure in figures.items() if figure is not None}

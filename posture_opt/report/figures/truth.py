@@ -62,7 +62,7 @@ def plot_joint_scatter(found: SpreadCheck) -> Figure:
     turning = [k for k, name in enumerate(noise.names) if not name.endswith(".d") and found.shown[k]]
     sliding = [k for k, name in enumerate(noise.names) if name.endswith(".d") and found.shown[k]]
     rows = {
-        k: (noise.names[k].rpartition(".")[0], noise.sigma[k], *noise.interval[k], found.sigma[k])
+        k: (noise.names[k].rpartition(".")[0], noise.sigma[k], *noise.interval[k], found.stated_sigma[k])
         for k in map(int, np.flatnonzero(found.shown))
     }
     instrument = ("instrument", noise.instrument, *noise.instrument_interval, found.instrument)
