@@ -68,9 +68,6 @@ LEFT: dict[str, int] = {
     "questions for a kind": 28,
     "kinds listed twice in model.effects": 20,
     "kinds listed twice in model.effects.noise": 5,
-    "kinds listed twice in selection.tasks": 6,
-    "kinds listed twice in selection.terms": 5,
-    "kinds listed twice in selection.solvers": 1,
 }
 
 

@@ -8,6 +8,7 @@ from posture_opt.measurements.measurements import DataSpec
 from posture_opt.problem.effect_list import EffectList
 from posture_opt.robot import RobotSpec
 from posture_opt.selection.solvers import SolverSpec
+from posture_opt.selection.solvers.ipopt import Ipopt
 from posture_opt.selection.tasks import TaskSpec
 from posture_opt.spec import Spec
 from posture_opt.uncertainty.spec import UncertaintySpec
@@ -23,5 +24,5 @@ class ProblemSpec(Spec):
     uncertainty: UncertaintySpec = Field(UncertaintySpec(), description="where the scatter comes from")
     task: TaskSpec | None = Field(None, description="what the tool point has to do")
     effects: EffectList = Field((), description="what moves the tool point beyond the geometry")
-    solver: SolverSpec = Field(SolverSpec(), description="how the best posture is searched for")
+    solver: SolverSpec = Field(Ipopt(), description="how the best posture is searched for")
     data: DataSpec = Field(DataSpec(), description="what is known about measurements besides their file")

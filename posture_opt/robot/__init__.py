@@ -5,9 +5,7 @@ A format is one frozen ``Spec`` in a file of its own, listed in ``FORMATS``; ``b
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Union
-
-from pydantic import Field
+from typing import TYPE_CHECKING
 
 from posture_opt.robot.dh import DhRobot
 from posture_opt.robot.format import FrameSpec, JointSpec, RobotFormat
@@ -15,13 +13,14 @@ from posture_opt.robot.mdh import MdhRobot
 from posture_opt.robot.preset import PresetRobot, load_preset, preset_names, preset_text
 from posture_opt.robot.robot import Factor, Joint, Repeatability, Robot, frame_factors
 from posture_opt.robot.urdf import UrdfRobot
+from posture_opt.spec import one_of
 
 FORMATS: tuple[type[RobotFormat], ...] = (DhRobot, MdhRobot, UrdfRobot, PresetRobot)
 
 if TYPE_CHECKING:
     RobotSpec = RobotFormat
 else:
-    RobotSpec = Annotated[Union[FORMATS], Field(discriminator="kind")]  # noqa: UP007 – of a tuple
+    RobotSpec = one_of(FORMATS)
 
 __all__ = [
     "FORMATS",

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from posture_opt.selection.solvers.ipopt import Ipopt
 from posture_opt.selection.solvers.solver import Outcome, Polish, Solver
+from posture_opt.spec import one_of
 
 SOLVERS: tuple[type[Solver], ...] = (Ipopt,)
 
-SolverSpec = Ipopt
+if TYPE_CHECKING:
+    SolverSpec = Solver
+else:
+    SolverSpec = one_of(SOLVERS)
 
 __all__ = ["SOLVERS", "Outcome", "Polish", "Solver", "SolverSpec"]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from pydantic import Field
+from typing import TYPE_CHECKING
 
 from posture_opt.selection.tasks.drill import Drill
 from posture_opt.selection.tasks.insert import Insert
@@ -13,9 +11,13 @@ from posture_opt.selection.tasks.place import Place
 from posture_opt.selection.tasks.probe import Probe
 from posture_opt.selection.tasks.task import Criterion, Region, Task
 from posture_opt.selection.tasks.trace import Trace
+from posture_opt.spec import one_of
 
 TASKS: tuple[type[Task], ...] = (Insert, Drill, Probe, Measure, Trace, Place)
 
-TaskSpec = Annotated[Insert | Drill | Probe | Measure | Trace | Place, Field(discriminator="kind")]
+if TYPE_CHECKING:
+    TaskSpec = Task
+else:
+    TaskSpec = one_of(TASKS)
 
 __all__ = ["TASKS", "Criterion", "Region", "Task", "TaskSpec"]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from pydantic import Field
+from typing import TYPE_CHECKING
 
 from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.link_height import LinkHeight
@@ -12,11 +10,13 @@ from posture_opt.selection.terms.near_posture import NearPosture
 from posture_opt.selection.terms.singularity_margin import SingularityMargin
 from posture_opt.selection.terms.spread import SpreadTerm
 from posture_opt.selection.terms.term import Term
+from posture_opt.spec import one_of
 
 TERMS: tuple[type[Term], ...] = (SpreadTerm, LimitMargin, LinkHeight, SingularityMargin, NearPosture)
 
-TermSpec = Annotated[
-    SpreadTerm | LimitMargin | LinkHeight | SingularityMargin | NearPosture, Field(discriminator="kind")
-]
+if TYPE_CHECKING:
+    TermSpec = Term
+else:
+    TermSpec = one_of(TERMS)
 
 __all__ = ["TERMS", "Term", "TermSpec"]
