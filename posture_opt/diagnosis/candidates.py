@@ -1,4 +1,4 @@
-"""The candidates of a diagnosis: named effects and nameless umbrellas, each with what it does to the residuals."""
+"""The candidates of a diagnosis: named effects and unnamed components, with their columns and their score tests."""
 
 from __future__ import annotations
 
@@ -27,7 +27,12 @@ from posture_opt.numerics import Array
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A candidate with its columns (m, k); ``searched`` counts the different shapes that its own was chosen from."""
+    """An effect or an unnamed component that may explain the residuals.
+
+    Args:
+        Z: (m, k) whitened residual per unit of each parameter [1/SI].
+        searched: how many different shapes its own was chosen from.
+    """
 
     what: Effect | UnnamedComponent
     Z: Array
@@ -48,7 +53,7 @@ class Candidate:
     @property
     def family(self) -> str:
         """The family of tests that it belongs to."""
-        return self.what.family if isinstance(self.what, Effect) else "nameless"
+        return self.what.family if isinstance(self.what, Effect) else levels.UNNAMED
 
     @property
     def specific(self) -> bool:
@@ -68,9 +73,13 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class ScoredCandidate:
-    """A suspect after the ground: the share ρ that is left of it, and its F test.
+    """A candidate with its F test beside a projected baseline.
 
-    ``share`` is the part of the sum of squares that it explains, ``p_value`` family-wise.
+    Args:
+        rho: share of its length that the baseline leaves.
+        log_p: natural logarithm of the p-value of its F test alone.
+        p_value: family-wise, by the null distribution of all candidates.
+        share: of the sum of squares that it explains.
     """
 
     candidate: Candidate
@@ -92,16 +101,16 @@ def list_candidates(sensitivities: EffectSensitivities, excitation: Excitation) 
     searched = {
         key: max(effective_number(own), min(len(own), levels.SHAPES_OF_A_PARAMETER)) for key, own in shapes.items()
     }
-    nameless = list(unnamed_components(sensitivities, excitation))
-    grids = Counter((u.kind, u.target) for u, _ in nameless)
+    unnamed = list(unnamed_components(sensitivities, excitation))
+    grids = Counter((u.kind, u.target) for u, _ in unnamed)
     return [
         *(Candidate(e, Z, searched[e.kind, e.target]) for e, Z in named),
-        *(Candidate(u, Z, grids[u.kind, u.target]) for u, Z in nameless),
+        *(Candidate(u, Z, grids[u.kind, u.target]) for u, Z in unnamed),
     ]
 
 
 def effective_number(shapes: Sequence[Array]) -> float:
-    """How many of the shapes (each (m, k)) of one cause count as different ones: ``(Σ √λ)² / Σ λ``.
+    """The effective number of the shapes (each (m, k)) of one effect: ``(Σ √λ)² / Σ λ``.
 
     λ are the eigenvalues of the correlation of their first columns (Galwey 2009): neighbouring moments of a slip or
     time constants of a drift say nearly the same.
@@ -116,9 +125,9 @@ def effective_number(shapes: Sequence[Array]) -> float:
 
 
 def point_mass_compliances(sensitivities: EffectSensitivities, excitation: Excitation) -> list[Effect]:
-    """Compliances of arms whose masses nobody states: point masses at the frames beyond each joint.
+    """Joint compliances of arms whose masses are not stated: unknown point masses at the frames beyond each joint.
 
-    Frames that pull at the joint alike, as those of a wrist do, count once.
+    Frames that load the joint alike, as those of a wrist do, count once.
     """
     names = excitation.robot.joint_names
     effects: list[Effect] = []
@@ -145,9 +154,14 @@ def score_candidates(
     excitation: Excitation,
     known: NullDistribution | None = None,
 ) -> tuple[list[ScoredCandidate], NullDistribution]:
-    """The best of every kind and target on this ground, the least p-value first, and what chance can do.
+    """The best shape of every kind and target beside a baseline, the least p-value first, and the null distribution.
 
-    ``known`` is what chance can do where it need not be drawn again.
+    Every candidate is a score test (Rao 1948): an F test of its columns on the residuals that the baseline leaves. The
+    null distribution is that of the least p-value in data sets whose residuals have the signs of whole poses flipped
+    (Winkler et al. 2014).
+
+    Args:
+        known: the null distribution where it need not be drawn again.
     """
     rho, sizes, gains = explained(baseline, [s.Z for s in candidates])
     alive = [int(i) for i in np.flatnonzero(sizes)]
@@ -178,7 +192,7 @@ def score_candidates(
 
 
 def _possible(baseline: ProjectedBaseline, candidates: Sequence[Candidate], gains: Array) -> Array:
-    """``gains`` (candidates, 1 + B) without those that take a parameter to where nature does not let it."""
+    """``gains`` (candidates, 1 + B) without those whose estimate is beyond the physical limits of the parameter."""
     gains = gains.copy()
     for row, candidate in enumerate(candidates):
         low, high = candidate.what.limits if isinstance(candidate.what, Effect) else (-np.inf, np.inf)
@@ -192,7 +206,7 @@ def _possible(baseline: ProjectedBaseline, candidates: Sequence[Candidate], gain
 def absorbed(
     baseline: ProjectedBaseline, candidates: Sequence[Candidate], scored: Sequence[ScoredCandidate]
 ) -> tuple[tuple[Candidate, float], ...]:
-    """Named suspects that the ground explains whole, one of each kind and target, with the share that is left of it."""
+    """Named candidates that the baseline absorbs, one of each kind and target, with the share ρ that is left of it."""
     known = {j.candidate.key for j in scored}
     found: dict[tuple[str, str], tuple[Candidate, float]] = {}
     for candidate in candidates:
@@ -209,7 +223,7 @@ def _least(values: Array) -> Array:
 def _cyclic(
     baseline: ProjectedBaseline, sensitivities: EffectSensitivities, excitation: Excitation
 ) -> tuple[list[tuple[Candidate, float]], Array]:
-    """The strongest lines of every joint, and the least log p-value in each flipped set."""
+    """Peaks of the joints' periodograms with their log p-values, and the least log p-value (B,) of flipped sets."""
     rss = baseline.rss
     lowest = np.zeros(len(rss) - 1)
     found: list[tuple[Candidate, float]] = []

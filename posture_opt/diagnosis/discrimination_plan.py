@@ -1,4 +1,4 @@
-"""``split_plan``: the measurements that would tell named effects from what they could be confused with."""
+"""``plan_discrimination``: measurements that would discriminate named effects from their rivals."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.discrimination_candidates import candidate_rows
+from posture_opt.diagnosis.discrimination_design import DiscriminationDesign, detection_probability
 from posture_opt.diagnosis.extended_fit import Extended
 from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.model_discrimination import ModelDiscrimination, Rivals
-from posture_opt.diagnosis.noncentrality import DiscriminationDesign, detection_probability
 from posture_opt.errors import InputError
+from posture_opt.experiments.candidate_postures import candidate_rows
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Mask
 
@@ -24,13 +24,13 @@ Steps = Sequence[tuple[int, Array]]
 
 @dataclass(frozen=True, eq=False)
 class DiscriminatedPair:
-    """How well an effect is told from one that could stand for it.
+    """How well an effect is discriminated from one of its rivals.
 
     Args:
-        angle: the least between what the two do to the data, beside the geometry and the other effects [rad].
-        now: noncentrality λ of what tells them apart in the data, whichever of the two is the true one; the worse.
-        then: the same with what was planned; what the data promised and did not keep is taken off.
-        count: measurements of the plan that it takes for 90 %; None where no postures tell them apart.
+        angle: least principal angle between their columns, beside the geometry and the other effects [rad].
+        now: noncentrality λ of the data, the lesser of the two directions of taking one for true.
+        then: λ with the planned measurements; what the data predicted and did not show is taken off.
+        count: measurements of the plan for a detection probability of 90 %; None where no postures discriminate them.
     """
 
     kind: str
@@ -50,15 +50,15 @@ class DiscriminatedPair:
 
 @dataclass(frozen=True, eq=False)
 class DiscriminationPlan:
-    """Measurements that tell effects from their rivals.
+    """Measurements that discriminate effects from their rivals.
 
     Args:
-        splits: by the place of the effect in the model, each of its rivals.
-        counts: by that place, measurements of the plan after which one of all these is left, with 90 %, whichever it
-            is; those left out that no postures part, and None where they part none.
-        rows: what to measure, the most telling first; without any where no postures help.
-        rounds: how often.
-        sided: (n,) the joints whose side of arrival matters.
+        pairs: by the place of the effect in the model, each of its rivals.
+        counts: by that place, measurements of the plan after which all but one of effect and rivals are refuted with
+            90 %; without those that no postures discriminate, and None where they discriminate none.
+        rows: what to measure, the most informative first; none where no postures help.
+        rounds: how often all rows are measured.
+        sided: the joints whose side of approach matters.
     """
 
     pairs: Mapping[int, tuple[DiscriminatedPair, ...]]
@@ -68,7 +68,7 @@ class DiscriminationPlan:
     sided: tuple[int, ...]
 
     def postures(self, count: int | None = None) -> list[dict[str, Any]]:
-        """The first postures, with side and payload where they matter [rad, m, kg]."""
+        """The first ``count`` postures, with side and payload where they matter [rad, m, kg]."""
         rows, found = self.rows, []
         for i in range(len(rows) if count is None else min(count, len(rows))):
             one: dict[str, Any] = {"posture": dict(zip(rows.joint_names, map(float, rows.q[i]), strict=True))}
@@ -80,7 +80,7 @@ class DiscriminationPlan:
         return found
 
     def to_json(self, place: int) -> dict[str, Any]:
-        """The entry ``split`` of an effect: its weakest rival sets the pace."""
+        """The entry ``split`` of an effect in ``diagnosis.json``: of the rival that is hardest to refute."""
         pairs = self.pairs[place]
         return {
             "angle": min(s.angle for s in pairs),
@@ -95,15 +95,14 @@ class DiscriminationPlan:
 def plan_discrimination(
     problem: CalibrationProblem, linearised: LinearisedData, model: Extended, rivals: Rivals, seed: int = 0
 ) -> DiscriminationPlan | None:
-    """Postures that part the effects of a model from their rivals; None where nothing could be confused.
+    """Postures that discriminate the effects of a model from their rivals; None where there are none.
 
-    One list for all pairs, those among the rivals of one effect too: each posture in turn is the one after which the
-    two that are hardest to tell apart are told best, and then exchanged as long as that helps. Geometry is fitted anew
-    in all of it, and is known beforehand to 10 mm and 1 deg only, so that postures far from the data do not promise
-    too much.
+    One list for all pairs, those among the rivals of one effect too, by the largest noncentrality of the pair that is
+    hardest to discriminate (`discrimination_design`). Geometry is fitted anew in all of it; its prior is 10 mm and
+    1 deg only, so that postures far from the data do not promise too much.
 
     Args:
-        rivals: by the place of an effect in the model, the suspects that could stand for it.
+        rivals: by the place of an effect in the model, the candidates that could stand for it.
     """
     discrimination = ModelDiscrimination.of(linearised, model, rivals)
     if not discrimination.all or linearised.sensitivities.residuals.data.touches:
@@ -115,9 +114,7 @@ def plan_discrimination(
     except InputError:  # a slide without limits has no room to plan in
         return None
     design, now = discrimination.design(problem, rows)
-    far = _weaker_side(
-        design.noncentralities(design.after(range(len(rows)), levels.MOST_MEASUREMENTS / max(len(rows), 1)))
-    )
+    far = _lesser(design.noncentralities(design.after(range(len(rows)), levels.MOST_MEASUREMENTS / max(len(rows), 1))))
     possible = far >= levels.DISCRIMINATED
     chosen = _chosen(design, now, possible)
     steps = list(_steps(design, chosen, possible)) if chosen else []
@@ -135,7 +132,7 @@ def plan_discrimination(
 def _discriminated(
     discrimination: ModelDiscrimination, now: Array, steps: Steps, possible: Mask
 ) -> dict[int, tuple[DiscriminatedPair, ...]]:
-    """By the place of each effect how it stands against its rivals."""
+    """By the place of each effect, how well it is discriminated from each of its rivals."""
     found: dict[int, tuple[DiscriminatedPair, ...]] = {}
     for k, rival in enumerate(discrimination.all):
         b = discrimination.pairs.index((rival.place, rival.place, len(discrimination.model.suspects) + k))
@@ -148,7 +145,7 @@ def _discriminated(
 
 
 def _chosen(design: DiscriminationDesign, now: Array, possible: Mask) -> list[int]:
-    """Candidates for the bouts that are weakest now; if that leaves others weak, for these with them."""
+    """Candidates for the pairs of least λ now; if that leaves others below the target, for these with them."""
     sides = np.flatnonzero(np.repeat(possible, 2))
     asked = [int(k) for k in sides[np.argsort(now[sides])][: levels.PLANNED_PAIRS]]
     chosen: list[int] = []
@@ -163,24 +160,24 @@ def _chosen(design: DiscriminationDesign, now: Array, possible: Mask) -> list[in
 
 
 def _steps(design: DiscriminationDesign, chosen: list[int], possible: Mask) -> Iterator[tuple[int, Array]]:
-    """(how many measurements, λ of every bout) as the plan grows, posture by posture and then round by round."""
+    """(how many measurements, λ of every pair) as the plan grows, posture by posture and then round by round."""
     for n in range(min(levels.FEWEST_POSTURES, len(chosen)), len(chosen) + 1):
-        reached = _weaker_side(design.noncentralities(design.after(chosen[:n])))
+        reached = _lesser(design.noncentralities(design.after(chosen[:n])))
         yield n, reached
     for rounds in range(2, levels.MOST_MEASUREMENTS // len(chosen) + 1):
         if reached[possible].min() >= levels.DISCRIMINATED:
             return
-        reached = _weaker_side(design.noncentralities(design.after(chosen, rounds)))
+        reached = _lesser(design.noncentralities(design.after(chosen, rounds)))
         yield rounds * len(chosen), reached
 
 
 def _count(steps: Steps, asked: Mask, possible: Mask) -> int | None:
-    """How many measurements it takes for all bouts that are asked for and possible; None where none is, or too many."""
+    """Measurements that discriminate all pairs that are asked for and possible; None where none is, or too many."""
     asked = asked & possible
     enough = [count for count, reached in steps if asked.any() and reached[asked].min() >= levels.DISCRIMINATED]
     return min(enough, default=None)
 
 
-def _weaker_side(strengths: Array) -> Array:
-    """(bouts,) the weaker of the two sides of each."""
-    return np.asarray(np.maximum(strengths.reshape(-1, 2).min(axis=1), 0.0))
+def _lesser(noncentralities: Array) -> Array:
+    """(pairs,) the lesser λ of the two directions of each."""
+    return np.asarray(np.maximum(noncentralities.reshape(-1, 2).min(axis=1), 0.0))

@@ -21,7 +21,9 @@ NOISE = 0.002
 """Family-wise level of the first kind of noise, and of a stated σ; chosen on simulated draws, ablation pending."""
 NOISE_BESIDE_A_CAUSE = 0.001
 """Level of noise beside a cause that is named already; chosen on simulated draws, ablation pending."""
-FAMILY_SHARES: Mapping[str, float] = {"named": 0.66, "steps": 0.1, "nameless": 0.12, "periodic": 0.12}
+UNNAMED = "unnamed"
+"""The family of unnamed components; those of effects stand with each effect."""
+FAMILY_SHARES: Mapping[str, float] = {"named": 0.66, "steps": 0.1, UNNAMED: 0.12, "periodic": 0.12}
 """Share of the level for each family of candidates (weighted Bonferroni; Genovese, Roeder, Wasserman 2006).
 
 Ten times the shapes cost a family ``log 10`` of evidence, half the level only ``log 2``: the few get most of it.

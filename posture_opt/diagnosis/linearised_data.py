@@ -1,4 +1,4 @@
-"""The residuals of a calibrated arm, ready for a search, and the directions of what is free in the arm as it stands."""
+"""The residuals of a calibrated arm to first order, ready for a search, and the directions of its free frames."""
 
 from __future__ import annotations
 
@@ -18,14 +18,17 @@ from posture_opt.numerics import Array, Codes
 
 @dataclass(frozen=True, eq=False)
 class LinearisedData:
-    """The residuals of a calibrated arm with what could explain them.
+    """The residuals of a calibrated arm with the sensitivities that could explain them: ``r ≈ G x + Z θ + noise``.
 
     Args:
-        r: (m,) whitened residuals.
+        sensitivities: what one unit of any effect does to every residual.
+        excitation: what the data can show of effects.
+        r: (m,) whitened residuals [1].
         G: (m, k) columns of the geometry that the data determine.
-        groups: (m,) the pose of every residual.
-        count: the number of residuals, more than m in a `reduced` scene.
-        design: so many residuals tell as much as one alone would, as neighbouring postures err alike.
+        groups: (m,) the pose of every residual, whose signs are flipped together.
+        flips: draws of the null distribution, from ``seed``.
+        count: the number of residuals; more than m if `reduced`.
+        design: design effect (Kish 1965) of dependent rows; 1 of independent ones.
     """
 
     sensitivities: EffectSensitivities
@@ -39,13 +42,13 @@ class LinearisedData:
     design: float = 1.0
 
     def baseline(self, chosen: Sequence[Candidate] = (), flips: int | None = None) -> ProjectedBaseline:
-        """What is left after the geometry and the chosen suspects."""
+        """The geometry and the chosen candidates projected off the residuals."""
         columns = np.concatenate([self.G, *(s.Z for s in chosen)], axis=1)
         flips = self.flips if flips is None else flips
         return ProjectedBaseline.of(self.r, columns, self.groups, flips, self.seed, self.count, self.design)
 
     def reduced(self, members: Sequence[Candidate]) -> tuple[LinearisedData, list[Candidate]]:
-        """The same scene and members in coordinates of the space that geometry and members span.
+        """The same data and members in coordinates of the space that geometry and members span.
 
         One more coordinate stands for all that lies outside; what members are worth given each other is the same.
         """
@@ -62,7 +65,7 @@ class LinearisedData:
 
 
 def linearise(calibration: Calibration, flips: int = 299, seed: int = 0) -> LinearisedData:
-    """The residuals of a calibrated arm, without its outliers, ready for a search."""
+    """The residuals of a calibrated arm, without its outliers, about its estimate."""
     kept = calibration.kept_rows
     residuals = calibration.residuals.take(kept)
     r, J = residuals.both(calibration.x)
@@ -74,7 +77,7 @@ def linearise(calibration: Calibration, flips: int = 299, seed: int = 0) -> Line
 
 
 def tool_points(linearised: LinearisedData) -> Array:
-    """(N, 3) the tool points of the rows [m]."""
+    """(N, 3) tool points of the rows [m], world frame."""
     n = len(linearised.sensitivities.residuals.data)
     return np.stack(
         [np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in linearised.sensitivities.walk.position], axis=1
@@ -82,7 +85,7 @@ def tool_points(linearised: LinearisedData) -> Array:
 
 
 def frame_directions(calibration: Calibration) -> Array:
-    """Directions of what is free in the arm as it stands: frames and touched points."""
+    """Directions (k, f) of what is free in the arm before calibration: frames and touched points."""
     columns, k = calibration.residuals.free, len(calibration.parameters)
     if not len(columns):
         return np.zeros((k, 0))

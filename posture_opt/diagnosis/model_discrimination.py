@@ -1,4 +1,4 @@
-"""``Duels``: effects of a fitted model against what could stand for them, and the columns that part them."""
+"""The rivals of a model's effects: the columns that discriminate an effect from what could stand for it."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
+from posture_opt.diagnosis.discrimination_design import DiscriminationDesign, OrderedPair
 from posture_opt.diagnosis.extended_fit import Extended, shape_column
 from posture_opt.diagnosis.linearised_data import LinearisedData
-from posture_opt.diagnosis.noncentrality import DiscriminationDesign, OrderedPair
 from posture_opt.diagnosis.score_tests import orthonormal
 from posture_opt.experiments.expected_errors import PriorInformation
 from posture_opt.measurements.measurements import Measurements
@@ -29,7 +29,14 @@ _ELSEWHERE = frozenset({"time", "temperature"})  # inputs that no choice of post
 
 @dataclass(frozen=True, eq=False)
 class RivalExplanation:
-    """An effect of the model and one that could stand for it, with the size that it would have."""
+    """A rival of one effect of the model.
+
+    Args:
+        place: of the effect in the model.
+        rival: the candidate that could stand for it.
+        theta: (p,) size of the rival in the place of the effect [SI].
+        angle: least principal angle between both, beside geometry and the other effects [rad].
+    """
 
     place: int
     rival: Candidate
@@ -39,7 +46,11 @@ class RivalExplanation:
 
 @dataclass(frozen=True, eq=False)
 class ModelDiscrimination:
-    """All columns that matter: geometry, the effects of the model, and their rivals, each with its shape."""
+    """A fitted model with the rivals of its effects, and all their columns: geometry, effects and rivals.
+
+    Args:
+        all: the rivals, effect by effect.
+    """
 
     linearised: LinearisedData
     model: Extended
@@ -47,7 +58,7 @@ class ModelDiscrimination:
 
     @classmethod
     def of(cls, linearised: LinearisedData, model: Extended, rivals: Rivals) -> ModelDiscrimination:
-        """The rivals that a choice of postures could part."""
+        """The rivals that a choice of postures could discriminate."""
         explanations = []
         for place, others in list(rivals.items())[: levels.DISCRIMINATED_EFFECTS]:
             if by_posture(model.suspects[place]):
@@ -63,7 +74,7 @@ class ModelDiscrimination:
 
     @cached_property
     def joints(self) -> tuple[int, ...]:
-        """The joints of the effects that are to be parted."""
+        """The joints of the effects and their rivals."""
         names = self.linearised.sensitivities.residuals.robot.joint_names
         candidates = [s for d in self.all for s in (self.model.suspects[d.place], d.rival)]
         parts = {part.split(".")[0] for s in candidates for part in s.target.split("->")}
@@ -71,14 +82,14 @@ class ModelDiscrimination:
 
     @cached_property
     def sided(self) -> tuple[int, ...]:
-        """The joints whose side of arrival matters, where the data know it."""
+        """The joints whose side of approach matters, where the data state it."""
         names = self.linearised.sensitivities.residuals.robot.joint_names
         asked = {s.target for s, _ in self.members if isinstance(s.what, Effect) and "approach" in s.what.needs}
         known = "approach" in self.linearised.excitation.inputs
         return tuple(j for j, name in enumerate(names) if known and name in asked)
 
     def columns(self, sensitivities: EffectSensitivities) -> tuple[Array, list[Codes]]:
-        """(m, K) at some rows, and where each member stands."""
+        """(m, K) whitened columns of all parameters at some rows, and the indices of those of each member."""
         parts, places = [sensitivities.residuals.both(sensitivities.x)[1][: sensitivities.rows]], []
         at = parts[0].shape[1]
         for candidate, theta in self.members:
@@ -91,7 +102,7 @@ class ModelDiscrimination:
 
     @cached_property
     def pairs(self) -> list[tuple[int, int, int]]:
-        """Place of an effect, and any two of it and its rivals, as members: each of them could be the true one."""
+        """(place of an effect, member, member): any two of an effect and its rivals, as each of them could be true."""
         n = len(self.model.suspects)
         sides = {d.place: [d.place] for d in self.all}
         for k, d in enumerate(self.all):
@@ -99,7 +110,7 @@ class ModelDiscrimination:
         return [(place, *two) for place, members in sides.items() for two in combinations(members, 2)]
 
     def design(self, problem: CalibrationProblem, rows: Measurements) -> tuple[DiscriminationDesign, Array]:
-        """What is to be parted, each bout from both sides, and λ (2 bouts,) in the data."""
+        """The design problem of all pairs, either of the two taken for true, and their λ (2 pairs,) in the data."""
         sensitivities = self.linearised.sensitivities
         residuals, noise = sensitivities.residuals, np.sqrt(self.model.variance)
         D, places = self.columns(sensitivities)
@@ -110,7 +121,8 @@ class ModelDiscrimination:
         M = D.T @ D / noise**2
         M[:k, :k] += prior.T @ prior
         pairs = [self._pair(pair[0], *two, k, places) for pair in self.pairs for two in (pair[1:], pair[:0:-1])]
-        now = DiscriminationDesign.of(pairs, M, A).noncentralities(DiscriminationDesign.of(pairs, M, A).information)
+        before = DiscriminationDesign.of(pairs, M, A)
+        now = before.noncentralities(before.information)
         spent = np.maximum(now - levels.RIVAL_CRITERION, 0.0)
         pairs = [replace(pair, spent=float(s)) for pair, s in zip(pairs, spent, strict=True)]
         return DiscriminationDesign.of(pairs, M, A), now
@@ -125,6 +137,7 @@ class ModelDiscrimination:
 
 
 def by_posture(candidate: Candidate) -> bool:
+    """Whether postures, payloads and sides of approach vary what the effect depends on."""
     return isinstance(candidate.what, Effect) and not candidate.what.asks & _ELSEWHERE
 
 

@@ -1,4 +1,4 @@
-"""Score tests of many candidates at once, and how large the largest of them gets by chance."""
+"""Score tests of many candidates at once, and the null distribution of the largest of them."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _SPREAD = 32  # frequencies about each one whose sine is taken
 
 @dataclass(frozen=True, eq=False)
 class ProjectedBaseline:
-    """What is fitted before any candidate: an orthonormal basis ``Q`` (m, k), and what it leaves of the residuals.
+    """What is fitted before any candidate, and what it leaves of the residuals: ``e = (I − Q Qᵀ) r``.
 
     Args:
-        e: (m,) residuals, orthogonal to Q.
-        flipped: (m, 1 + B) the residuals, and B copies with the signs of whole groups flipped, leverage-corrected
-            and orthogonal to Q again.
-        count: the number of residuals, more than m where they are told by their coordinates in a few directions.
-        design: so many residuals tell as much as one alone would, as neighbouring postures err alike; those of the
-            flipped copies do not.
+        Q: (m, k) orthonormal basis of what is fitted.
+        e: (m,) whitened residuals [1], orthogonal to Q.
+        flipped: (m, 1 + B) these residuals, and B copies with the signs of whole groups flipped, leverage-corrected
+            and orthogonal to Q again (Winkler et al. 2014).
+        count: the number of residuals; more than m where they are coordinates in a few directions.
+        design: design effect (Kish 1965) of dependent rows; the flipped copies have none.
     """
 
     Q: Array
@@ -55,7 +55,7 @@ class ProjectedBaseline:
 
     @property
     def effective(self) -> float:
-        """Degrees of freedom of as many independent residuals as tell the same."""
+        """Effective degrees of freedom: those of independent residuals of the same information."""
         return self.freedom / self.design
 
     @property
@@ -64,7 +64,7 @@ class ProjectedBaseline:
         return np.asarray(np.einsum("ij,ij->j", self.flipped, self.flipped))
 
     def project(self, Z: Array) -> Array:
-        """``Z`` (m, k) without what the ground explains."""
+        """Columns ``Z`` (m, k) projected off the baseline."""
         return np.asarray(Z - self.Q @ (self.Q.T @ Z))
 
 
@@ -77,7 +77,7 @@ def orthonormal(columns: Array) -> Array:
 
 
 def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float]:
-    """An orthonormal basis (m, k) of what the ground leaves of a candidate, and the share ρ of it that is left."""
+    """An orthonormal basis (m, k) of a candidate's columns projected off a baseline, and the share ρ that is left."""
     rest = baseline.project(Z)
     norms = np.linalg.norm(Z, axis=0)
     rho = float(np.max(np.linalg.norm(rest, axis=0) / np.where(norms > 0, norms, 1.0), initial=0.0))
@@ -88,7 +88,7 @@ def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float
 
 
 def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Array) -> Array:
-    """Logarithm of the p-value of the F test of ``size`` directions that explain so much of ``rss``."""
+    """Natural logarithm of the p-value of the F test of ``size`` directions that explain so much of ``rss``."""
     from scipy.special import fdtrc
 
     size = np.asarray(size, dtype=float)
@@ -103,10 +103,10 @@ def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Arra
 
 
 def explained(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:
-    """What the ground leaves of candidates (each (m, k)): shares ρ, numbers of directions, and what they explain.
+    """Of candidates (each (m, k)) beside a baseline: shares ρ, ranks, and the sums of squares that they explain.
 
-    As `surviving` has it, and from the inner products alone. Shapes (candidates,), (candidates,) and
-    (candidates, 1 + B); what a candidate explains is a sum of squares of each column of residuals.
+    As `projected_basis` has it, and from the inner products alone. Shapes (candidates,), (candidates,) and
+    (candidates, 1 + B), a sum of squares of each column of flipped residuals.
     """
     sizes = [Z.shape[1] for Z in candidates]
     rho, kept = np.zeros(len(sizes)), np.zeros(len(sizes), dtype=int)
@@ -148,16 +148,16 @@ def _chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
 
 @dataclass(frozen=True, eq=False)
 class NullDistribution:
-    """The least log p-value of each family of candidates in each of B flipped data sets."""
+    """The least log p-value (B,) of each family of candidates in each of B sign-flipped data sets."""
 
     least: Mapping[str, Array]
 
     def family_wise(self, log_p_value: float, family: str) -> float:
-        """Probability that chance gives any candidate of any family so much evidence.
+        """Family-wise p-value: the probability that noise alone gives any candidate of any family so much evidence.
 
-        Within the family from the flipped sets where they reach that far, beyond them along their exponential
-        tail, which for F tests falls by e for each e of p and more slowly where the noise has long tails; between
-        families the level is shared out (weighted Bonferroni).
+        Within the family from the flipped sets where they reach that far (Westfall, Young 1993), beyond them along
+        their exponential tail, which for F tests falls by e for each e of p and more slowly where the noise has long
+        tails; between families the level is shared out (weighted Bonferroni).
         """
         return float(min(1.0, tail(-self.least[family], -log_p_value, 1.0) / levels.FAMILY_SHARES[family]))
 
@@ -165,11 +165,11 @@ class NullDistribution:
 def scan_frequencies(
     baseline: ProjectedBaseline, joint_columns: Array, q: Array, cycles: Array
 ) -> tuple[Array, Array]:  # fmt: skip
-    """(K,) explained by each of K frequencies and (B,) the most explained in each flipped set, one joint.
+    """Periodogram of one joint: the sum of squares (K,) of each of K frequencies, and the largest (B,) of flipped sets.
 
     Args:
-        joint_columns: (N, block) whitened residual per unit of the joint.
-        q: (N,) joint values; cycles: (K,) frequencies in cycles a turn.
+        joint_columns: (N, block) whitened residual per unit of the joint [1/rad].
+        q: (N,) joint values [rad]; cycles: (K,) frequencies [cycles per revolution].
     """
     N, block = joint_columns.shape
     c = joint_columns
@@ -189,9 +189,9 @@ def scan_frequencies(
 
 
 def waves(q: Array, cycles: Array) -> tuple[Array, Array]:
-    """(N, K) sines and cosines of so many cycles a turn, evenly spaced ones by the addition theorem, thirty at a time.
+    """(N, K) sines and cosines of joint values (N,) [rad] at frequencies (K,) [cycles per revolution].
 
-    A sine takes as long as fifty multiplications.
+    Evenly spaced ones by the addition theorem, thirty at a time: a sine takes as long as fifty multiplications.
     """
     if len(cycles) <= _SPREAD or not np.allclose(np.diff(cycles), cycles[1] - cycles[0], rtol=1e-9, atol=1e-12):
         angle = np.outer(q, cycles)

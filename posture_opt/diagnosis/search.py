@@ -11,9 +11,15 @@ from posture_opt.calibration.clustered_covariance import design_effect
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate, ScoredCandidate, absorbed, list_candidates, score_candidates
 from posture_opt.diagnosis.linearised_data import LinearisedData
-from posture_opt.diagnosis.rivals import find_rivals
 from posture_opt.diagnosis.score_tests import NullDistribution, ProjectedBaseline
-from posture_opt.diagnosis.selection_criterion import candidate_pool, eliminate, member_weight, rank_members, union
+from posture_opt.diagnosis.selection_criterion import (
+    candidate_pool,
+    eliminate,
+    find_rivals,
+    member_weight,
+    rank_members,
+    union,
+)
 from posture_opt.diagnosis.shape_refinement import refine_shape
 from posture_opt.diagnosis.subset_selection import best_set
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.diagnosis.noncentrality import detection_probability
+from posture_opt.diagnosis.discrimination_design import detection_probability
 from posture_opt.measurements.header import AXES, QUATERNION
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.effect_words import short_words

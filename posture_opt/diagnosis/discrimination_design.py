@@ -1,12 +1,12 @@
-"""Which further measurements part two explanations of the same data: the noncentrality of what tells them apart.
+"""Designs that discriminate two models of the same data: the measurements that raise their noncentrality the most.
 
-Of two explanations take one for true: its signature ``A s`` in all rows, in standard deviations, is what the other has
-to reach with the columns ``A_F`` that are fitted in its place, geometry and all else among them. What it cannot reach,
+Of two models take one for true: its signature ``A s`` in all rows, in standard deviations, is fitted by the other with
+its columns ``A_F``, geometry and all else among them. The lack of fit that remains is the noncentrality
 
-``λ = min_β |A s − A_F β|² = sᵀ M s − sᵀ M_F M_FF⁻¹ M_Fᵀ s``  with the information  ``M = AᵀA``,
+``λ = min_β |A s − A_F β|² = sᵀ M s − sᵀ M_F M_FF⁻¹ M_Fᵀ s``  with the information  ``M = AᵀA``.
 
-grows by ``dᵀ (I + A_F M_FF⁻¹ A_Fᵀ)⁻¹ d`` with a new row whose discrepancy is ``d = A s − A_F β``. Nothing here knows of
-robots.
+It grows by ``dᵀ (I + A_F M_FF⁻¹ A_Fᵀ)⁻¹ d`` with a new row whose discrepancy is ``d = A s − A_F β``. This is the
+T-criterion of Atkinson and Fedorov (1975), for the pair of models that is hardest to tell apart.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ import numpy as np
 from posture_opt.diagnosis import levels
 from posture_opt.numerics import Array, Codes
 
-_RIDGE = 1e-10  # of the information of an average design
-_ROUNDING = 1e-12  # of the largest eigenvalue of an information
+_RIDGE = 1e-10  # of the information of an average design: keeps undetermined columns invertible; rounding only
+_ROUNDING = 1e-12  # of the largest eigenvalue of an information: rounding only
 
 
 def detection_probability(value: float) -> float:
-    """Probability ``Φ(√λ − 3.5)`` that a difference of noncentrality λ is seen."""
+    """Probability ``Φ(√λ − 3.5)`` that a difference of noncentrality λ is detected."""
     from scipy.special import ndtr
 
     return float(ndtr(np.sqrt(max(value, 0.0)) - levels.DETECTED))
@@ -32,12 +32,12 @@ def detection_probability(value: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class OrderedPair:
-    """One explanation taken for true, and what is fitted in its place.
+    """One model taken for true, and another that is fitted in its place.
 
     Args:
         signature: (K,) coefficients of the true one.
-        fitted: (r,) columns that the other one has, with all that is fitted beside it.
-        spent: λ that the data promised and did not keep: it helps no more.
+        fitted: (r,) indices of the columns of the other one, with all that is fitted beside it.
+        spent: λ that the data predicted and did not show: it is taken off.
     """
 
     signature: Array
@@ -47,10 +47,10 @@ class OrderedPair:
 
 @dataclass(frozen=True, eq=False)
 class DiscriminationDesign:
-    """Pairs of explanations, what is known already, and what could be measured.
+    """Pairs of models, the information so far, and the candidate measurements.
 
     Args:
-        information: (K, K) of the data and of what is known beforehand.
+        information: (K, K) of the data and the prior.
         A: (N, b, K) columns at the candidates, in standard deviations of a measurement.
     """
 
@@ -60,7 +60,7 @@ class DiscriminationDesign:
 
     @classmethod
     def of(cls, pairs: Sequence[OrderedPair], information: Array, A: Array) -> DiscriminationDesign:
-        """In columns of unit information of data and an average design, which any units are turned into."""
+        """With columns scaled to unit information of the data and an average design, whatever their units."""
         average = np.einsum("nbk,nbk->k", A, A) / max(len(A), 1)
         scale = np.sqrt(np.maximum(np.diag(information) + average, 1e-300))
         M = information / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
@@ -76,11 +76,14 @@ class DiscriminationDesign:
         return np.asarray(self.information + rounds * flat.T @ flat)
 
     def noncentralities(self, information: Array) -> Array:
-        """(P,) λ of every pair that counts."""
+        """(P,) λ of every pair, what is spent taken off."""
         return np.array([_noncentrality(pair, information)[0] - pair.spent for pair in self.pairs])
 
     def chosen(self, least: int, most: int) -> list[int]:
-        """At most ``most`` candidates, each once, that make the weakest pair strong; fewer where they are enough."""
+        """At most ``most`` candidates, each once, that raise the least λ; fewer where they are enough.
+
+        One by one, then exchanged as long as that helps (Fedorov 1972).
+        """
         found: list[int] = []
         while len(found) < min(most, len(self.A)):
             if len(found) >= least and self.noncentralities(self.after(found)).min() >= levels.DISCRIMINATED:
@@ -114,8 +117,8 @@ class DiscriminationDesign:
 def _noncentrality(pair: OrderedPair, M: Array) -> tuple[float, Array, Array]:
     """λ, the coefficients (r,) that reach for the signature, and a root ``L`` (r, r), ``L Lᵀ = M_FF⁻¹``.
 
-    Columns that are alike to rounding, as of parameters that nothing tells apart, are held to what their information
-    could be at the least: its inverse stays positive.
+    Of columns that are alike to rounding, as of parameters that are not identifiable, the information is held to its
+    rounding error, so that its inverse stays positive.
     """
     F, s = pair.fitted, pair.signature
     values, vectors = np.linalg.eigh(M[np.ix_(F, F)])
