@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from tabulate import tabulate
 
 import posture_opt as po
 from benchmarks.arms import Array
 from benchmarks.machine import machine_line
+from benchmarks.tables import table
 from posture_opt.calibration.estimation import estimate
 from posture_opt.calibration.frames import compare, fit_frames
 from posture_opt.calibration.prior import determine
@@ -108,7 +108,7 @@ def main() -> None:
         "apart [std. errors]",
     ]  # fmt: skip
     rows = [row(n, given.runs) for n in given.poses]
-    print(tabulate(rows, headers, floatfmt=("d", "d", ".2f", ".3f", ".3f", ".1f", ".0f", ".1e")))
+    print(table(headers, rows, ("d", "d", ".2f", ".3f", ".3f", ".1f", ".0f", ".1e")))
 
 
 if __name__ == "__main__":

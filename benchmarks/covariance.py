@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from tabulate import tabulate
 
 from benchmarks import dh_ur10
 from benchmarks.arms import Array
 from benchmarks.machine import machine_line
+from benchmarks.tables import table
 
 Covariances = Callable[[Array], Array]  # postures (N, 6) -> (N, 3, 3) [m²]
 CHUNK = 1000  # postures at once in NumPy: their Jacobians fit the cache
@@ -150,7 +150,7 @@ def main() -> None:
     print(machine_line("posture_opt", "casadi", "pin", "roboticstoolbox-python", "numpy"))
     print(f"UR10, 30 sources, {arguments.count} postures, median of {arguments.repeats}")
     headers = ["way", "ns a covariance", "peak MB", "difference from first order"]
-    print(tabulate(rows, headers, floatfmt=(".0f", ".0f", ".1f", "")))
+    print(table(headers, rows, ("", ".0f", ".1f", "")))
     print("\n".join(skipped))
 
 

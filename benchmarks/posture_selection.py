@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from tabulate import tabulate
 
 from benchmarks.arms import ARMS, Arm, Array
 from benchmarks.judge import AXIS_TOLERANCE, LIMIT_TOLERANCE, POSITION_TOLERANCE, Verdict, judge
 from benchmarks.machine import machine_line
+from benchmarks.tables import table
 from benchmarks.targets import Targets, draw
 from benchmarks.ways import Solve, drake_snopt, eaik_sweep, ipopt_starts, ours, rtb_sampling, scipy_slsqp
 
@@ -106,9 +106,9 @@ def _progress(arm: Arm, done: int, count: int) -> None:
 
 def report(arm: Arm, targets: Targets, records: list[Record], skipped: Iterable[str]) -> str:
     headers = ["way", "wall ms", "CPU ms", "to ours", "feasible %", "within 1 % of best %", "worst gap %"]
-    table = tabulate(rows(records), headers, floatfmt=("", ".1f", ".1f", ".1f", ".0f", ".0f", ".2f"), missingval="–")
+    times = table(headers, rows(records), ("", ".1f", ".1f", ".1f", ".0f", ".0f", ".2f"))
     head = f"{arm.name} at {arm.tip} ({arm.urdf}): {len(targets.positions)} targets, {targets.replaced} replaced"
-    return "\n".join([head, table, *skipped])
+    return "\n".join([head, times, *skipped])
 
 
 def main() -> None:

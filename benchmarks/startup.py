@@ -12,9 +12,8 @@ import subprocess
 import sys
 import time
 
-from tabulate import tabulate
-
 from benchmarks.machine import machine_line
+from benchmarks.tables import table
 
 CALLS = {
     "python -c pass": ["-c", "pass"],
@@ -48,7 +47,7 @@ def main() -> None:
         except RuntimeError as error:
             skipped.append(f"{title}: skipped, {error}")
     print(machine_line("posture_opt", "casadi", "numpy"))
-    print(tabulate(rows, ["call", "median s", "min s", "max s"], floatfmt=".3f"))
+    print(table(["call", "median s", "min s", "max s"], rows, ("", ".3f", ".3f", ".3f")))
     print("\n".join(skipped))
 
 

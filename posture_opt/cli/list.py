@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from textwrap import indent
 from typing import Any, get_args
 
 import click
 
 from posture_opt.report.document import json_text
+from posture_opt.report.text import WIDTH
+from posture_opt.report.text_table import text_table
 
 Row = dict[str, str]
 
@@ -22,13 +25,13 @@ def command(as_json: bool, debug: bool) -> None:
 
 
 def _text(tables: dict[str, list[Row]]) -> str:
-    from tabulate import tabulate
+    return "\n\n".join(f"{title.capitalize()}\n{indent(_table(rows), '  ')}" for title, rows in tables.items())
 
-    blocks = []
-    for title, rows in tables.items():
-        body = tabulate(rows, headers="keys", tablefmt="plain", disable_numparse=True) if rows else "none so far"
-        blocks.append("\n".join([title.capitalize(), *(f"  {line}" for line in body.splitlines())]))
-    return "\n\n".join(blocks)
+
+def _table(rows: list[Row]) -> str:
+    if not rows:
+        return "none so far"
+    return text_table(tuple(rows[0]), [tuple(row.values()) for row in rows], len(rows[0]), WIDTH - 2, rule=False)
 
 
 def _kinds(specs: Iterable[Any]) -> list[Row]:

@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 import click
 
 from posture_opt.cli.options import Common
+from posture_opt.cli.progress import ProgressBar
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Progress
 from posture_opt.report.document import json_text
@@ -50,15 +51,11 @@ def progress_bar(common: Common, what: str) -> Iterator[Progress | None]:
     if common.quiet or not sys.stderr.isatty():
         yield None
         return
-    from tqdm import tqdm
-
-    with tqdm(desc=what, delay=2.0, leave=False, file=sys.stderr) as bar:
-
-        def advance(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        yield advance
+    bar = ProgressBar(what, sys.stderr)
+    try:
+        yield bar.show
+    finally:
+        bar.clear()
 
 
 @contextmanager

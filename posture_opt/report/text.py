@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 
 from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.text_table import text_table
 
 WIDTH = 100
 
@@ -54,23 +55,11 @@ def _table(table: Table) -> str:
     if _width(text) <= WIDTH:
         return text
     turned = _grid(table.transposed())
-    return turned if _width(turned) <= WIDTH else _grid(table, narrow=True)
+    return turned if _width(turned) <= WIDTH else _grid(table, WIDTH)
 
 
-def _grid(table: Table, narrow: bool = False) -> str:
-    from tabulate import tabulate
-
-    columns = len(table.headers)
-    align = ["left" if k < table.text_columns else "right" for k in range(columns)]
-    widest = max(8, (WIDTH - 2 * (columns - 1)) // columns) if narrow else None
-    return tabulate(
-        table.rows,
-        headers=[*(textwrap.fill(h, widest) if widest else h for h in table.headers)],
-        tablefmt="simple",
-        disable_numparse=True,
-        colalign=align if table.rows else None,
-        maxcolwidths=widest,
-    )
+def _grid(table: Table, width: int | None = None) -> str:
+    return text_table(table.headers, table.rows, table.text_columns, width)
 
 
 def _width(text: str) -> int:
