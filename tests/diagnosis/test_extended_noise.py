@@ -13,6 +13,7 @@ import yaml
 
 import posture_opt as po
 from posture_opt.uncertainty.sources import Sources
+from tests.helpers.planar_files import SHORT
 from tests.hidden.draw import draw
 from tests.hidden.files import write
 from tests.hidden.mechanics import walk
@@ -20,15 +21,7 @@ from tests.hidden.mechanics import walk
 LENGTHS = (0.5, 0.4)
 INSTRUMENT = 2e-5  # m
 SIGMA = 2e-4  # rad, of joint 2 from visit to visit
-RR = """
-robot:
-  kind: dh
-  joints:
-    - {name: joint1, a: 500 mm}
-    - {name: joint2, a: 400 mm}
-uncertainty: {measurement: {position: 0.02 mm}}
-task: {kind: insert, direction: [0, 1, 0], position: [0.5 m, 0.4 m, 0 m]}
-"""
+RR = SHORT + "uncertainty: {measurement: {position: 0.02 mm}}\n"
 
 
 def arm(q: np.ndarray) -> np.ndarray:

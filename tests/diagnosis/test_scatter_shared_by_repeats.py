@@ -16,15 +16,7 @@ from posture_opt.diagnosis.noise_candidates import score_stated_sigma, score_une
 from posture_opt.diagnosis.score_tests import ProjectedBaseline
 from posture_opt.model.effects import Rows
 from posture_opt.validation.scatter_model import whitened
-
-RR = """
-robot:
-  kind: dh
-  joints:
-    - {name: joint1, a: 500 mm}
-    - {name: joint2, a: 400 mm}
-task: {kind: insert, direction: [0, 1, 0], position: [0.5 m, 0.4 m, 0 m]}
-"""
+from tests.helpers.planar_files import SHORT
 
 
 def lack_of_fit(seed: int, passes: int, readings: int, targets: int, wrong: float = 0.0) -> float:
@@ -35,7 +27,7 @@ def lack_of_fit(seed: int, passes: int, readings: int, targets: int, wrong: floa
     q = rng.uniform(-2, 2, (40, 2))[order]
     table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": rng.normal(size=len(q)), "y [m]": 0.0 * order}
     table["target"] = np.tile(np.arange(targets), len(q) // targets).astype(str)
-    data = po.read_measurements(table, po.problem_from_dict(yaml.safe_load(RR)))
+    data = po.read_measurements(table, po.problem_from_dict(yaml.safe_load(SHORT)))
     e = 5 * rng.normal(size=(visit.max() + 1, 2))[visit] + rng.normal(size=(len(q), 2))
     e += wrong * rng.normal(size=(40, 2))[order]
     baseline = ProjectedBaseline.of(e.ravel(), rng.normal(size=(e.size, 4)), np.repeat(order, 2), 19, 0)
@@ -63,7 +55,7 @@ def test_a_scatter_of_nothing_leaves_the_residual_variance_as_it_is(monkeypatch:
     p += rng.normal(0, 2e-5, p.shape)
     table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": p[:, 0], "y [m]": p[:, 1]}
     for scatter in ({}, {"joint1.theta": "1e-9 mrad"}):
-        document = yaml.safe_load(RR) | {"uncertainty": {"measurement": {"position": "0.02 mm"}, "scatter": scatter}}
+        document = yaml.safe_load(SHORT) | {"uncertainty": {"measurement": {"position": "0.02 mm"}, "scatter": scatter}}
         stated = po.problem_from_dict(document)
         calibration = calibrate(stated, po.read_measurements(table, stated), folds=2)
         model = fit_extended(calibration.residuals, calibration.x, calibration.identifiability.directions, [])
@@ -76,7 +68,7 @@ def test_rows_of_one_visit_are_no_independent_witnesses_of_a_noisy_joint(monkeyp
     """40 sets of 30 visits, four readings each that repeat what the visit was off by, anywhere: 5 % are below 5 %."""
     monkeypatch.setattr(levels, "NOISE_DRAWS", 99)
     rng, visits = np.random.default_rng(5), np.repeat(np.arange(30), 4)
-    robot = po.problem_from_dict(yaml.safe_load(RR)).robot
+    robot = po.problem_from_dict(yaml.safe_load(SHORT)).robot
     p = []
     for seed in range(40):
         e = rng.normal(size=(30, 2))[visits] + 0.1 * rng.normal(size=(120, 2))
@@ -103,7 +95,7 @@ def test_every_noisy_joint_is_named(sigma: tuple[float, float], named: list[str]
     elbow, tool = (np.stack([-np.sin(a), np.cos(a)], 1) / 2e-5 for a in (q[:, 0], q.sum(axis=1)))
     c = np.stack([0.5 * elbow + 0.4 * tool, 0.4 * tool])
     e = rng.normal(size=(150, 2)) + np.einsum("nj,jnd->nd", rng.normal(size=(150, 2)) * sigma, c)
-    robot = po.problem_from_dict(yaml.safe_load(RR)).robot
+    robot = po.problem_from_dict(yaml.safe_load(SHORT)).robot
     found = noise_causes.find_uneven_noise(e, Rows(robot, c, None, 2e-5), 0)
     assert [cause.effect.target for cause in found] == named
     assert not any(cause.confounded_with for cause in found)

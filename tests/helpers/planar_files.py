@@ -1,4 +1,4 @@
-"""The files of a planar 2R arm of two links of 1 m: its part of a problem file, and measurements of it."""
+"""The files of planar 2R arms: their parts of a problem file, and measurements of the one whose links are 1 m."""
 
 from __future__ import annotations
 
@@ -13,12 +13,22 @@ robot:
     - {name: joint1, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
     - {name: joint2, type: revolute, a: 1 m, limits: [-180 deg, 180 deg]}
 """
+SHORT = """
+robot:
+  kind: dh
+  joints:
+    - {name: joint1, a: 500 mm}
+    - {name: joint2, a: 400 mm}
+task: {kind: insert, direction: [0, 1, 0], position: [0.5 m, 0.4 m, 0 m]}
+"""
+"""An arm of links of 0.5 m and 0.4 m, and its task."""
+
 PROBLEM = {
     "name": "Planar arm",
     "robot": {"kind": "dh", "joints": [{"name": f"joint{i}", "type": "revolute", "a": "1 m"} for i in (1, 2)]},
     "uncertainty": {"measurement": {"position": "0.02 mm"}},
 }
-"""The same as a dict, measured by an instrument of 20 µm."""
+"""The arm of two links of 1 m as a dict, measured by an instrument of 20 µm."""
 
 
 def write(file, q, points, **more):

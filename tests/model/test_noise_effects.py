@@ -21,6 +21,7 @@ from posture_opt.model import effects
 from posture_opt.model.effects import CATALOGUE, NOISES, Evidence, NoiseEffect, Rows
 from posture_opt.problem.calibrated_problem import calibrated_problem
 from posture_opt.problem.schema import ProblemSpec
+from tests.helpers.planar_files import SHORT
 
 IDENTIFIERS = {
     "joint_scale", "gear_eccentricity", "gear_second_harmonic", "gear_ripple", "cyclic_error", "joint_compliance",
@@ -37,17 +38,13 @@ ENTRIES: dict[str, dict[str, Any]] = {
     "outliers": {"kind": "outliers", "share": 0.02},
     "correlated_lengths": {"kind": "correlated_lengths", "lengths": ["joint1.a", "joint2.a"], "rho": 0.8},
 }
-RR = """
-robot:
-  kind: dh
-  joints:
-    - {name: joint1, a: 500 mm}
-    - {name: joint2, a: 400 mm}
-uncertainty:
+RR = (
+    SHORT
+    + """uncertainty:
   sigma: {joint1.theta: 0.1 mrad, joint2.theta: 0.1 mrad, joint1.a: 0.1 mm, joint2.a: 0.2 mm}
   measurement: {position: 0.02 mm}
-task: {kind: insert, direction: [0, 1, 0], position: [0.5 m, 0.4 m, 0 m]}
 """
+)
 Q = np.array([0.3, 0.9])
 
 every_kind = pytest.mark.parametrize("cls", NOISES, ids=lambda cls: kind_of(cls))
