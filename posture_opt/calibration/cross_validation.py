@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -111,7 +111,7 @@ def tested(
     if test is None:
         return {}
     check_other(residuals, test)
-    other = replace(residuals, data=test, distances=())
+    other = residuals.of_data(test)
     models = {"nominal": x_nominal, "calibrated": x}
     seen = {name: frames_again(other, at) if refit else (other, at) for name, at in models.items()}
     return {name: Statistics.of(position_errors(*pair), test.pose) for name, pair in seen.items()}

@@ -103,7 +103,7 @@ def check_frames(residuals: Residuals, errors: Array) -> None:
         return
     for free in (("base",), ("tool",), ("base", "tool")):
         freed = replace(robot, base_free=robot.base_free or "base" in free, tool_free=robot.tool_free or "tool" in free)
-        other = replace(residuals, robot=freed, parameters=candidates(freed, data, orientation=residuals.oriented))
+        other = residuals.of_robot(freed, candidates(freed, data, orientation=residuals.oriented))
         near = _rms(other.error(fit_frames(other))[:, residuals.axes])
         if near < off / _NEARER:
             mend = " and ".join(f"'{name}: free'" for name in free)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -14,8 +13,7 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.row_inputs import inputs_of
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Walk, factor_values, walk
-from posture_opt.model.derivatives import position_column, rotation_column
-from posture_opt.model.effects import Effect, Excitation, Sensitivity
+from posture_opt.model.effects import Effect, Excitation
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 
@@ -79,7 +77,7 @@ class EffectSensitivities:
             if p.group in ("base", "tool") and p.code <= 0 and "[" not in p.name
         }
         upright = replace(robot, gravity=gravity_of(robot, frames))
-        return ArmState(upright, list(data.q.T), inputs_of(data, robot), frames)
+        return ArmState(upright, list(data.q.T), self.residuals.arm.inputs, frames)
 
     @property
     def rows(self) -> int:
@@ -89,26 +87,12 @@ class EffectSensitivities:
     @cached_property
     def joints(self) -> Array:
         """(n, N, block) whitened residual per unit of each joint."""
-        return np.stack([self._factor(i) for i in self.residuals.robot.driven])
-
-    @cached_property
-    def _lengths(self) -> dict[str, int]:
-        return {f.parameter: i for i, f in enumerate(self.residuals.robot.factors) if f.parameter}
+        return np.moveaxis(self.residuals.sensitivities(self.residuals.robot.driven, self.x, self.walk), -1, 0)
 
     def columns(self, effect: Effect) -> Array:
         """(N·block, parameters) whitened residual per unit of each parameter of an effect."""
-        return np.stack([self.column(move) for move in effect.moves(self.site)], axis=1)
-
-    def column(self, move: Sensitivity) -> Array:
-        """(N·block,) whitened residual per unit of one move."""
-        N = len(self.residuals.data)
-        total = np.zeros((N, self.residuals.block))
-        for joint, size in move.joints.items():
-            total += self.joints[joint] * self._wide(size)
-        for name, size in move.lengths.items():
-            total += self._factor(self._lengths[name]) * self._wide(size)
-        total += self._whitened(*move.twist)
-        return total.ravel()
+        twists = [self.residuals.arm.twist_of(self.walk, one) for one in effect.moves(self.site)]
+        return self.residuals.whiten(twists).reshape(self.rows, -1)
 
     def of_joint(self, joint: int, features: Array) -> Array:
         """(N·block, k) of features (N, k) that add to one joint."""
@@ -123,17 +107,3 @@ class EffectSensitivities:
         for slot in range(axes):
             columns[:, slot, slot, :] = features / residuals.sigma
         return columns.reshape(self.rows, -1)
-
-    def _factor(self, index: int) -> Array:
-        return self._whitened(position_column(self.walk, index), rotation_column(self.walk, index))
-
-    def _wide(self, size: Any) -> Array:
-        return np.broadcast_to(np.asarray(size, dtype=float), (len(self.residuals.data),))[:, None]
-
-    def _whitened(self, shift: Sequence[Any], turn: Sequence[Any]) -> Array:
-        residuals = self.residuals
-        N = len(residuals.data)
-        parts = [np.broadcast_to(np.asarray(shift[a], dtype=float), (N,)) / residuals.sigma for a in residuals.axes]
-        if residuals.oriented:
-            parts += [np.broadcast_to(np.asarray(w, dtype=float), (N,)) / residuals.sigma_rotation for w in turn]
-        return np.stack(parts, axis=1)

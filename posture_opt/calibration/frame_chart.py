@@ -111,15 +111,9 @@ def _unlocked(frame: str, factors: tuple[Factor, ...], angles: dict[str, float])
 
 def _moved(residuals: Residuals, robot: Robot) -> Residuals:
     """The same unknowns in a robot whose factors stand elsewhere."""
-    at = {factor.parameter: i for i, factor in enumerate(robot.factors) if factor.parameter}
-    old = residuals.robot.factors
-    parameters = []
-    for p in residuals.parameters:
-        if p.factor >= 0:
-            index = at[old[p.factor].parameter]
-            p = replace(p, factor=index, nominal=robot.factors[index].nominal)
-        parameters.append(p)
-    return replace(residuals, robot=robot, parameters=tuple(parameters))
+    nominal = {name: factor.nominal for name, factor in robot.parameters.items()}
+    parameters = (replace(p, nominal=nominal.get(p.source, p.nominal)) for p in residuals.parameters)
+    return residuals.of_robot(robot, tuple(parameters))
 
 
 def _rates(roll: float, pitch: float) -> Array:

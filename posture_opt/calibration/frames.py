@@ -48,7 +48,7 @@ def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals,
     used = rotation if data.rotation is not None else 0.0
     parameters = unknowns(problem, data, orientation=used > 0)
     distances = _distances(problem, data, sigma)
-    return Residuals(problem.robot, data, parameters, sigma, used, distances), tuple(notes)
+    return Residuals.of(problem.arm, data, parameters, sigma, used, distances), tuple(notes)
 
 
 def unknowns(problem: CalibrationProblem, data: Measurements, *, orientation: bool) -> tuple[Parameter, ...]:

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from posture_opt.measurements.measurements import DataSpec, Measurements
+from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.sources import Sources
@@ -25,6 +26,8 @@ class CalibrationProblem(Protocol):
     @property
     def robot(self) -> Robot: ...
     @property
+    def arm(self) -> Arm: ...
+    @property
     def sources(self) -> Sources: ...
     @property
     def effects(self) -> tuple[Any, ...]: ...
@@ -38,13 +41,13 @@ class CalibrationProblem(Protocol):
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown: the factor of the chain that it adds to, or the coordinate of a touched point.
+    """One unknown: a parameter of the arm, of one target or of all rows, or the coordinate of a touched point.
 
     Args:
         name: ``JOINT.PARAMETER``, ``base.x``, ``tool.x`` (``tool[TARGET].x`` with several targets), ``point[NAME].x``.
-        group: ``geometry``, ``base``, ``tool`` or ``point``.
+        group: ``geometry``, ``base``, ``tool``, ``effect`` or ``point``.
         nominal: the value in the file [rad or m]; the unknown is the deviation from it.
-        factor: index into ``robot.factors``; -1 for points.
+        source: the parameter of the arm that it deviates; empty for points.
         code: target of a tool offset or point; -1 where the parameter acts in all rows.
         axis: coordinate of a point.
     """
@@ -53,7 +56,7 @@ class Parameter:
     group: str
     unit: str
     nominal: float
-    factor: int = -1
+    source: str = ""
     code: int = -1
     axis: int = 0
 
@@ -89,7 +92,7 @@ def candidates(robot: Robot, data: Measurements, *, orientation: bool = False) -
 
 def _of_factor(robot: Robot, name: str, group: str, index: int, code: int = -1) -> Parameter:
     factor = robot.factors[index]
-    return Parameter(name, group, "rad" if factor.kind == "rotate" else "m", factor.nominal, index, code)
+    return Parameter(name, group, "rad" if factor.kind == "rotate" else "m", factor.nominal, factor.parameter, code)
 
 
 def _tools(robot: Robot, data: Measurements, name: str, index: int) -> list[Parameter]:
@@ -105,7 +108,7 @@ def _points(data: Measurements) -> list[Parameter]:
         return []
     names = data.point_names
     return [
-        Parameter(f"point[{name}].{axis}", "point", "m", 0.0, -1, k, i)
+        Parameter(f"point[{name}].{axis}", "point", "m", 0.0, "", k, i)
         for k, name in enumerate(names)
         for i, axis in enumerate(_AXES)
     ]

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from posture_opt.calibration.parameters import Parameter, tool_unknown
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.row_inputs import extended_for
+from posture_opt.measurements.row_inputs import arm_for
+from posture_opt.model.arm import Arm, Twist
 from posture_opt.model.chain import Walk
-from posture_opt.model.derivatives import position_column, rotation_column
-from posture_opt.model.extension import forward
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
@@ -25,21 +25,38 @@ Distance = tuple[int, int, float, float]
 class Residuals:
     """Model minus measurement as a function of the deviations ``x`` (k,) of ``parameters`` from nominal [rad, m].
 
+    Any parameter of the arm can be among them: geometry, frames and effects alike; touched points beside them.
+
     Args:
+        arm: under the inputs of every row of ``data``, see `Residuals.of`.
         sigma: standard deviation of each measured coordinate [m].
         sigma_rotation: of each component of the measured rotation [rad]; 0 leaves orientations out.
         distances: (first point, second point, distance [m], standard deviation [m]) known between points.
     """
 
-    robot: Robot
+    arm: Arm
     data: Measurements
     parameters: tuple[Parameter, ...]
     sigma: float
     sigma_rotation: float = 0.0
     distances: tuple[Distance, ...] = ()
 
+    @classmethod
+    def of(
+        cls, arm: Arm, data: Measurements, parameters: tuple[Parameter, ...], sigma: float,
+        sigma_rotation: float = 0.0, distances: tuple[Distance, ...] = (),
+    ) -> Residuals:  # fmt: skip
+        """Of an arm whose effects see the inputs of every row."""
+        return cls(arm_for(arm, data), data, parameters, sigma, sigma_rotation, distances)
+
+    @property
+    def robot(self) -> Robot:
+        """The arm without its effects."""
+        return self.arm.robot
+
     @property
     def oriented(self) -> bool:
+        """Whether orientations count."""
         return self.sigma_rotation > 0 and self.data.rotation is not None
 
     @property
@@ -66,26 +83,71 @@ class Residuals:
         """(f,) the parameters of those groups."""
         return np.array([i for i, p in enumerate(self.parameters) if p.group in self.free_groups], dtype=np.intp)
 
+    @property
+    def measured(self) -> int:
+        """The number of residuals of all rows; those of known distances come behind them."""
+        return len(self.data) * self.block
+
+    @cached_property
+    def q(self) -> list[Array]:
+        """(n,) of the commanded joints (N,) [rad or m]."""
+        return [np.ascontiguousarray(column) for column in self.data.q.T]
+
+    def of_data(self, data: Measurements, distances: tuple[Distance, ...] = ()) -> Residuals:
+        """The same arm and parameters against other measurements."""
+        return replace(self, arm=arm_for(self.arm, data), data=data, distances=distances)
+
+    def of_robot(self, robot: Robot, parameters: tuple[Parameter, ...]) -> Residuals:
+        """The same measurements against a robot that stands or is drawn otherwise."""
+        return replace(self, arm=replace(self.arm, robot=robot), parameters=parameters)
+
     def take(self, rows: Codes) -> Residuals:
         """The residuals of some rows."""
-        return Residuals(
-            self.robot, self.data.take(rows), self.parameters, self.sigma, self.sigma_rotation, self.distances
-        )
+        return replace(self, arm=self.arm.under(self.arm.inputs.take(rows)), data=self.data.take(rows))
+
+    def deviations(self, x: Array) -> dict[str, Any]:
+        """Model parameter -> deviation, of some targets' offsets one for each row (N,)."""
+        values: dict[str, Any] = {}
+        for parameter, deviation in zip(self.parameters, x, strict=True):
+            if not parameter.source:
+                continue
+            if parameter.code < 0:
+                values[parameter.source] = float(deviation)
+            else:
+                rows = values.setdefault(parameter.source, np.zeros(len(self.data)))
+                rows[self.data.target == parameter.code] = deviation
+        return values
 
     def walk(self, x: Array) -> Walk:
         """The chain at all rows with the deviations ``x``."""
-        values: dict[str, Any] = {}
-        for parameter, deviation in zip(self.parameters, x, strict=True):
-            if parameter.factor < 0:
-                continue
-            name = self.robot.factors[parameter.factor].parameter
-            if parameter.code < 0:
-                values[name] = float(deviation)
-            else:
-                rows = values.setdefault(name, np.zeros(len(self.data)))
-                rows[self.data.target == parameter.code] = deviation
-        q = [np.ascontiguousarray(column) for column in self.data.q.T]
-        return forward(extended_for(self.robot, self.data), q, values)[0]
+        return self.arm.reach(self.q, self.deviations(x)).walk
+
+    def sensitivities(self, names: Sequence[str | int], x: Array, reached: Walk | None = None) -> Array:
+        """(N, block, K) shift of what a row measures by a unit of each model parameter, in units of the σ's.
+
+        Args:
+            names: of parameters of the arm, or indices of factors, as `Arm.twists` takes them.
+        """
+        reached = reached or self.walk(x)
+        twists = self.arm.twists(names, self.q, reached, self.deviations(x))
+        return self.whiten(twists)
+
+    def tool_shifts(self, names: Sequence[str | int], x: Array) -> list[Array]:
+        """For each model parameter, (N, 3) the shift of the tool point by a unit of it [m/rad or m/m]."""
+        twists = self.arm.twists(names, self.q, self.walk(x), self.deviations(x))
+        return [_stacked(shift, len(self.data)) for shift, _ in twists]
+
+    def whiten(self, twists: Sequence[Twist]) -> Array:
+        """(N, block, K) of K shifts and small rotations of the tool, each in units of the σ's."""
+        found = np.empty((len(self.data), self.block, len(twists)))
+        axes = self.axes
+        for k, (shift, turn) in enumerate(twists):
+            for slot, axis in enumerate(axes):
+                found[:, slot, k] = shift[axis] / self.sigma
+            if self.oriented:
+                for axis in range(3):
+                    found[:, len(axes) + axis, k] = turn[axis] / self.sigma_rotation
+        return found
 
     def error(self, x: Array, reached: Walk | None = None) -> Array:
         """Position of the model minus the measured one (N, 3) [m]; of touched points, minus the point."""
@@ -126,20 +188,15 @@ class Residuals:
         return np.concatenate([rows, self._distance_residuals(x)[0]])
 
     def _jacobian(self, x: Array, reached: Walk) -> Array:
-        N, axes = len(self.data), self.axes
+        N = len(self.data)
         J = np.zeros((len(self.parameters), N, self.block))
+        own = [k for k, p in enumerate(self.parameters) if p.source]
+        columns = self.sensitivities([self.parameters[k].source for k in own], x, reached)
+        J[own] = np.moveaxis(columns, -1, 0)
         for k, parameter in enumerate(self.parameters):
-            if parameter.factor < 0:
+            if not parameter.source:
                 J[k, self.data.point == parameter.code, parameter.axis] = -1.0 / self.sigma
-                continue
-            column = position_column(reached, parameter.factor)
-            for slot, axis in enumerate(axes):
-                J[k, :, slot] = column[axis] / self.sigma
-            if self.oriented:
-                turn = rotation_column(reached, parameter.factor)
-                for axis in range(3):
-                    J[k, :, len(axes) + axis] = turn[axis] / self.sigma_rotation
-            if parameter.code >= 0:
+            elif parameter.code >= 0:
                 J[k, self.data.target != parameter.code] = 0.0
         dense = J.reshape(len(self.parameters), -1).T
         return np.concatenate([dense, self._distance_residuals(x)[1]]) if self.distances else dense

@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeat_groups import rows_of
-from posture_opt.measurements.row_inputs import extended_for
+from posture_opt.measurements.row_inputs import arm_for
 from posture_opt.selection.goal import Goal
 from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.reach import Reach
@@ -147,7 +147,7 @@ def goals_in_postures(data: Measurements) -> list[Postures]:
 def _basis(problem: HasTask) -> Floats:
     """(3, m) the part of an error that the task cares about, world; of an arm in a plane, in its plane."""
     assert problem.task is not None
-    reach = Reach.of(problem.robot, problem.task.tool_axis)
+    reach = Reach.of(problem.arm, problem.task.tool_axis)
     goal = Goal.of(problem.task, reach)
     if problem.task.within == "along":
         return goal.direction[:, None]
@@ -163,8 +163,8 @@ def _scatter(models: Mapping[str, HasTask], name: str, data: Measurements, B: Fl
     As in a comparison of plans, a model that states no scatter takes that of the extended one.
     """
     stated = models[name].sources
-    robot = extended_for(models[name].robot, data)
-    tool_point = ToolPoint.of(robot, models["extended"].sources if stated.empty else stated)
+    arm = arm_for(models[name].arm, data)
+    tool_point = ToolPoint.of(arm, models["extended"].sources if stated.empty else stated)
     moments = tool_point.moments([np.ascontiguousarray(c) for c in data.q.T], complete=False)
     C = np.broadcast_to(np.asarray(moments.covariance, dtype=float), (len(data), 3, 3))
     return central_radii(0.95, B.T @ C @ B)

@@ -114,7 +114,7 @@ class ModelDiscrimination:
         sensitivities = self.linearised.sensitivities
         residuals, noise = sensitivities.residuals, np.sqrt(self.model.variance)
         D, places = self.columns(sensitivities)
-        there = EffectSensitivities(replace(residuals, data=rows, distances=()), sensitivities.x)
+        there = EffectSensitivities(residuals.of_data(rows), sensitivities.x)
         A = self.columns(there)[0].reshape(len(rows), residuals.block, -1) / noise
         prior = PriorInformation.of(problem, residuals.parameters).full
         k = len(residuals.parameters)

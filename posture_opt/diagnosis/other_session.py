@@ -107,7 +107,7 @@ def second_session(
         InputError: other targets, several robots, or too few poses to fit base and tool again.
     """
     check_other(extended.residuals, other)
-    sight = _Sight(replace(extended.residuals, data=other, distances=()), refit_frames)
+    sight = _Sight(extended.residuals.of_data(other), refit_frames)
     kept = [i for i, s in enumerate(extended.suspects) if _lasting(s)]
     moved = halfway(extended, frames)
     theta = [extended.theta[part] for part in extended.slices]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from posture_opt.calibration.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.nominal_points import nominal_poses, reach_of, still_axes
 from posture_opt.model.chain import factor_values, walk
-from posture_opt.model.derivatives import position_column
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.sources import Sources
@@ -76,7 +75,7 @@ class MeasurementModel:
         """(N, b, k) derivatives of the mean of all visits to the postures (N, n), in standard deviations of it."""
         template = self.residuals.data
         data = planned_rows(self.residuals.robot, q, template.measured_axes, self.targets, self.residuals.oriented)
-        _, J = replace(self.residuals, data=data).both(x)
+        _, J = self.residuals.of_data(data).both(x)
         rows = J.reshape(len(q), self.rows, self.residuals.block, len(x)) * np.sqrt(self.repeats)
         return np.asarray(self._believed(q, rows).reshape(len(q), self.coordinates, len(x)))
 
@@ -97,12 +96,11 @@ class MeasurementModel:
         elsewhere.
         """
         data = planned_rows(self.residuals.robot, q[None], np.ones(3, dtype=bool), self.targets, False).take([0])
-        here = replace(self.residuals, data=data)
-        reached = here.walk(x)
+        here = self.residuals.of_data(data)
+        own = [k for k, p in enumerate(self.parameters) if p.source and p.code <= 0]
+        twists = here.arm.twists([self.parameters[k].source for k in own], here.q, here.walk(x), here.deviations(x))
         columns = np.zeros((3, len(x)))
-        for k, parameter in enumerate(self.parameters):
-            if parameter.factor >= 0 and parameter.code <= 0:
-                columns[:, k] = [float(np.ravel(entry)[0]) for entry in position_column(reached, parameter.factor)]
+        columns[:, own] = [[float(np.ravel(shift[axis])[0]) for shift, _ in twists] for axis in range(3)]
         return np.asarray(basis @ self._base(np.zeros(len(x))) @ self._base(x).T @ columns)
 
     def _base(self, x: Array) -> Array:
@@ -141,9 +139,9 @@ def measurement_model(
     targets = given.target_names if given is not None and len(given.target_names) > 1 else ()
     data = planned_rows(robot, np.zeros((1, robot.n)), axes, targets, rotation > 0)
     parameters = unknowns(problem, data, orientation=rotation > 0)
-    return MeasurementModel(Residuals(robot, data, parameters, sigma or SIGMA, rotation), problem, repeats), tuple(
-        notes
-    )
+    return MeasurementModel(
+        Residuals.of(problem.arm, data, parameters, sigma or SIGMA, rotation), problem, repeats
+    ), tuple(notes)
 
 
 def repeat_variance(problem: CalibrationProblem, sigma: float, q: Array) -> float:
@@ -153,7 +151,7 @@ def repeat_variance(problem: CalibrationProblem, sigma: float, q: Array) -> floa
     the postures, J (3, k) the Jacobian of the tool point by the sources, V their visit part, r the axes that it moves.
     """
     sources = problem.sources
-    point = ToolPoint.of(problem.robot, Sources(sources.names, sources.visit))
+    point = ToolPoint.of(problem.arm, Sources(sources.names, sources.visit))
     if not point.names:
         return 1.0
     reached, _ = point.walk([np.ascontiguousarray(column) for column in q.T])

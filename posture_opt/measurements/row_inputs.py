@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.model.extension import Extension
+from posture_opt.model.arm import Arm
 from posture_opt.model.inputs import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.robot.robot import Robot
 
@@ -24,9 +24,6 @@ def inputs_of(data: Measurements, robot: Robot) -> Inputs:
     )
 
 
-def extended_for(robot: Robot, data: Measurements) -> Robot:
-    """The robot whose effects, if it has any, know the inputs of every row."""
-    if robot.extension is None:
-        return robot
-    inputs = replace(inputs_of(data, robot), stated=data.joint_names)
-    return replace(robot, extension=Extension(robot.extension.effects, inputs))
+def arm_for(arm: Arm, data: Measurements) -> Arm:
+    """The arm under the inputs of every row."""
+    return arm.under(replace(inputs_of(data, arm.robot), stated=data.joint_names))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from posture_opt.model.chain import Scalar
+from posture_opt.numerics import Codes
 
 REFERENCE_TEMPERATURE = 20.0
 """degC at which the lengths of a model hold (ISO 1); a task without a temperature is done there."""
@@ -30,6 +31,13 @@ class Inputs:
     temperature: Scalar = 0.0
     time: Scalar = 0.0
     stated: tuple[str, ...] = ()
+
+    def take(self, rows: Codes) -> Inputs:
+        """The inputs of some of N postures; the time stays the one since the first measurement of all."""
+        return Inputs(
+            self.payload[rows], [side[rows] for side in self.approach], [way[rows] for way in self.approach_length],
+            self.temperature[rows], self.time[rows], self.stated,
+        )  # fmt: skip
 
     def side(self, joint: int) -> Scalar:
         """The side from which a joint arrived."""

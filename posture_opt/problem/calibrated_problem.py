@@ -93,7 +93,7 @@ def of_first_target(calibration: Calibration, covariance: Array | None = None) -
     ``covariance`` (k, k) is that of the calibration unless another is given.
     """
     covariance = calibration.covariance if covariance is None else covariance
-    own = [i for i, p in enumerate(calibration.parameters) if p.factor >= 0 and p.code <= 0]
+    own = [i for i, p in enumerate(calibration.parameters) if p.source and p.code <= 0]
     x = {_name(calibration.parameters[i]): float(calibration.x[i]) for i in own}
     return x, covariance[np.ix_(own, own)]
 
@@ -197,8 +197,7 @@ def _rounded(sigma: float, factor: Factor) -> str:
 
 def parameter_units(problem: Problem, names: tuple[str, ...]) -> list[str]:
     """The unit of each source in a covariance file."""
-    extension = problem.robot.extension
-    of_effects = extension.dimensions if extension is not None else {}
+    of_effects = problem.arm.dimensions
     kinds = {name: factor.kind for name, factor in problem.robot.parameters.items()}
     return [
         dimension_unit(of_effects[name]) if name in of_effects else "mrad" if kinds[name] == "rotate" else "mm"

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from posture_opt.errors import InputError, Issue, KeyPath, one_of
+from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.extension import Extension
 from posture_opt.model.inputs import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from posture_opt.model.effects import CatalogueEntry, Effect
 
 
-def extended_robot(robot: Robot, effects: tuple[CatalogueEntry, ...], task: Task | None) -> Robot:
-    """The robot with the effects of the file; the plain one where there are none.
+def arm_with(robot: Robot, effects: tuple[CatalogueEntry, ...], task: Task | None) -> Arm:
+    """The arm with the effects of the file, under the inputs that the task states.
 
     Raises:
         InputError: effects that this robot cannot have, or inputs of unknown joints; keys from the top of the file.
@@ -39,8 +39,7 @@ def extended_robot(robot: Robot, effects: tuple[CatalogueEntry, ...], task: Task
             issues.append(Issue(f"{name} is given twice", ("effects", index), name, "keep one of them"))
     if issues:
         raise InputError(issues)
-    moving = moving_effects(effects)
-    return replace(robot, extension=Extension(moving, _inputs(robot, task))) if moving else robot
+    return Arm(robot, moving_effects(effects), _inputs(robot, task))
 
 
 def moving_effects(effects: Sequence[CatalogueEntry]) -> tuple[Effect, ...]:
@@ -53,7 +52,7 @@ def moving_effects(effects: Sequence[CatalogueEntry]) -> tuple[Effect, ...]:
 
 
 def effect_sources(
-    robot: Robot, effects: tuple[Effect, ...], folder: Path, attached: Mapping[str, str], read: str | None
+    arm: Arm, effects: tuple[Effect, ...], folder: Path, attached: Mapping[str, str], read: str | None
 ) -> Sources:
     """What the covariance files of the effects say; ``read`` is the one that the uncertainty has read already.
 
@@ -65,7 +64,7 @@ def effect_sources(
     for file in files:
         assert file is not None
         index = next(k for k, effect in enumerate(effects) if effect.covariance == file)
-        names, covariance = _read(robot, folder / file, attached.get(file), ("effects", index, "covariance"))
+        names, covariance = _read(arm, folder / file, attached.get(file), ("effects", index, "covariance"))
         issues = covariance_issues(names, covariance)
         if issues:
             raise InputError([replace(issue, key=("effects", index, "covariance"), value=file) for issue in issues])
@@ -73,10 +72,10 @@ def effect_sources(
     return found
 
 
-def _read(robot: Robot, path: Path, text: str | None, key: KeyPath) -> tuple[tuple[str, ...], Array]:
-    dimensions = {name: "length" if f.kind == "translate" else "angle" for name, f in robot.parameters.items()}
+def _read(arm: Arm, path: Path, text: str | None, key: KeyPath) -> tuple[tuple[str, ...], Array]:
+    dimensions = {name: "length" if f.kind == "translate" else "angle" for name, f in arm.robot.parameters.items()}
     try:
-        return read_covariance(path, {**dimensions, **robot.extension.dimensions}, text)
+        return read_covariance(path, {**dimensions, **arm.dimensions}, text)
     except InputError as error:
         raise InputError([i if i.file else replace(i, key=key, value=path.name) for i in error.issues]) from None
 
@@ -93,20 +92,18 @@ def effects_section(
     return section
 
 
-def extension_notes(robot: Robot) -> tuple[str, ...]:
+def input_notes(arm: Arm) -> tuple[str, ...]:
     """What was assumed of the inputs of the effects."""
-    if robot.extension is None:
-        return ()
-    unknown = sorted({effect.target for effect in robot.extension.effects if "approach" in effect.needs})
-    unknown = [joint for joint in unknown if joint not in robot.extension.inputs.stated]
+    unknown = sorted({effect.target for effect in arm.effects if "approach" in effect.needs})
+    unknown = [joint for joint in unknown if joint not in arm.inputs.stated]
     notes = []
     if unknown:
         told = f"task: {{approach: {{{unknown[0]}: 1}}}} tells it"
         notes.append(f"from which side {', '.join(unknown)} will arrive is not known: it counts as scatter ({told})")
-    left = [effect for effect in robot.extension.effects if not effect.for_planning]
+    left = [effect for effect in arm.effects if not effect.for_planning]
     timed = {effect.kind for effect in left if "time" in effect.needs}
     if timed:
-        time = float(robot.extension.inputs.time)
+        time = float(arm.inputs.time)
         when = f"{time:g} s after the first measurement" if time else "at its beginning (task: {time: 2 h} tells when)"
         notes.append(f"{', '.join(sorted(timed))}: planned as {when}")
     read = {effect.kind for effect in left} - timed

@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.measurements.measurements import DataSpec
-from posture_opt.problem.effects_section import effect_sources, extended_robot, extension_notes, moving_effects
+from posture_opt.model.arm import Arm
+from posture_opt.problem.effects_section import arm_with, effect_sources, input_notes, moving_effects
 from posture_opt.problem.issues import schema_issues
 from posture_opt.problem.noise_section import measurement_issues, noise_notes, noisy_sources
 from posture_opt.problem.plausible import plausibility_notes
@@ -36,7 +37,7 @@ class Problem:
     """
 
     name: str
-    robot: Robot
+    arm: Arm
     sources: Sources
     task: Task | None
     solver: Solver
@@ -51,6 +52,11 @@ class Problem:
     overridden: frozenset[KeyPath] = frozenset()
     attached: Mapping[str, str] = field(default_factory=dict)
     header: tuple[str, ...] = ()
+
+    @property
+    def robot(self) -> Robot:
+        """The arm without its effects."""
+        return self.arm.robot
 
     def placed(self, issue: Issue) -> Issue:
         """An issue that computing raised, with the file and line it speaks of; as it is where no file says it."""
@@ -76,13 +82,12 @@ class Problem:
         if kind and former.get("kind", kind) != kind:
             notes = (*notes, f"the task '{former['kind']}' of the file is overridden by '{kind}'")
         overridden = self.overridden | {("task", key) for key in (*keys, *(["kind"] if kind else []))}
-        plain = replace(self.robot, extension=None)
-        robot = extended_robot(plain, self.effects, spec.task)
-        former_notes = extension_notes(self.robot)
-        notes = (*(note for note in notes if note not in former_notes), *extension_notes(robot))
+        arm = arm_with(self.robot, self.effects, spec.task)
+        former_notes = input_notes(self.arm)
+        notes = (*(note for note in notes if note not in former_notes), *input_notes(arm))
         return replace(
             self,
-            robot=robot,
+            arm=arm,
             task=spec.task,
             spec=spec,
             document=document,
@@ -149,10 +154,10 @@ def build_problem(
         InputError: everything wrong with the document, each with file, line and key.
     """
     texts = attached or {}
-    spec, robot, sources = _parts(document, folder, texts)
+    spec, arm, sources = _parts(document, folder, texts)
     return Problem(
         name=spec.name or name,
-        robot=robot,
+        arm=arm,
         sources=sources,
         task=spec.task,
         solver=spec.solver,
@@ -163,8 +168,8 @@ def build_problem(
         folder=folder,
         notes=(
             *sources.notes,
-            *plausibility_notes(robot, spec.uncertainty, sources),
-            *extension_notes(robot),
+            *plausibility_notes(arm.robot, spec.uncertainty, sources),
+            *input_notes(arm),
             *(noise_notes(spec.effects) if spec.effects else ()),
         ),
         document=document.data,
@@ -174,42 +179,43 @@ def build_problem(
     )
 
 
-def _parts(document: Document, folder: Path, texts: Mapping[str, str]) -> tuple[ProblemSpec, Robot, Sources]:
-    """What the document says, the robot with its effects, and what is uncertain of it; all issues at once."""
+def _parts(document: Document, folder: Path, texts: Mapping[str, str]) -> tuple[ProblemSpec, Arm, Sources]:
+    """What the document says, the arm with its effects, and what is uncertain of it; all issues at once."""
     issues = list(document.issues)
     data, broken = _sections(document, issues)
     spec = ProblemSpec.model_validate(data) if "robot" in data else None
-    robot, sources = None, None
+    robot, arm, sources = None, None, None
     if spec is not None:
         robot = _collect(issues, "robot", lambda: spec.robot.build(folder))
     if spec is not None and robot is not None:
         plain = robot
-        robot = _collect(issues, "", lambda: extended_robot(plain, spec.effects, spec.task))
-    if spec is not None and robot is not None and "uncertainty" not in broken:
-        sources = _collect(issues, "uncertainty", lambda: spec.uncertainty.build(robot, folder, texts))
+        arm = _collect(issues, "", lambda: arm_with(plain, spec.effects, spec.task))
+    if spec is not None and arm is not None and "uncertainty" not in broken:
+        extended = arm
+        sources = _collect(issues, "uncertainty", lambda: spec.uncertainty.build(extended, folder, texts))
         if sources is not None and spec.effects:
-            extended, stated = robot, sources
+            stated = sources
             sources = _collect(issues, "", lambda: _with_effects(spec, extended, stated, folder, texts))
     elif "uncertainty" in data:
         uncertainty = UncertaintySpec.model_validate(data["uncertainty"])
         _collect(issues, "uncertainty", uncertainty.check)
     _refuse(issues, document)
     assert spec is not None
-    assert robot is not None
+    assert arm is not None
     assert sources is not None
-    return spec, robot, sources
+    return spec, arm, sources
 
 
 def _with_effects(
-    spec: ProblemSpec, robot: Robot, stated: Sources, folder: Path, texts: Mapping[str, str]
+    spec: ProblemSpec, arm: Arm, stated: Sources, folder: Path, texts: Mapping[str, str]
 ) -> Sources:  # fmt: skip
     """The stated sources, those of the effects' estimates, and what effects that move nothing do to them."""
     issues = measurement_issues(spec.uncertainty.measurement, spec.effects)
     if issues:
         raise InputError(issues)
     moving = moving_effects(spec.effects)
-    more = effect_sources(robot, moving, folder, texts, spec.uncertainty.covariance)
-    return noisy_sources(stated.plus(more), robot, spec.effects)
+    more = effect_sources(arm, moving, folder, texts, spec.uncertainty.covariance)
+    return noisy_sources(stated.plus(more), arm.robot, spec.effects)
 
 
 def parse_spec(document: Document) -> ProblemSpec:

@@ -43,7 +43,7 @@ def _answer(problem: Problem, found: Batch) -> str:
     if not real:
         return f"{many} of one type: no two of their parameters are seen to vary together."
     first = real[0]
-    a, b = (source_words(name, problem.robot) for name in (first.a, first.b))
+    a, b = (source_words(name, problem.arm) for name in (first.a, first.b))
     also = f", and {count(len(real) - 1, 'other pair')} too" if len(real) > 1 else ""
     return f"{many} of one type: {a} and {b} vary together, correlation {_rho(first)}{also}."
 

@@ -63,11 +63,11 @@ def _floor(solution: Solution) -> list[tuple[str, str]]:
     floor = solution.floor
     if floor is None:
         return []
-    robot = solution.programme.robot
+    arm = solution.programme.arm
     where = "at this place" if solution.goal.kind == "point" else "anywhere in this box"
     lever = f" on a lever of {length(floor.radius, 4)}" if math.isfinite(floor.radius) and floor.radius > 0 else ""
     share = "alone sets it" if floor.share > 0.995 else f"makes {percent(floor.share)} of it"
-    source = f"the {source_words(floor.source, robot)}{lever} {share}"
+    source = f"the {source_words(floor.source, arm)}{lever} {share}"
     return [("Floor", f"{where} no posture can get below {_size(solution, floor.sigma)}: {source}"),
             ("", _above(solution.critical.sigma_max / floor.sigma))]  # fmt: skip
 

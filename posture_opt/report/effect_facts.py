@@ -9,10 +9,9 @@ from posture_opt.model.inputs import REFERENCE_TEMPERATURE
 from posture_opt.report.units_text import number, stated_length
 
 if TYPE_CHECKING:
+    from posture_opt.model.arm import Arm
     from posture_opt.model.effects import CatalogueEntry, Effect
-    from posture_opt.model.extension import Extension
     from posture_opt.problem.problem import Problem
-    from posture_opt.robot.robot import Robot
 
 _LISTED = 6
 _COORDINATES = ("x", "y", "z")
@@ -43,8 +42,7 @@ def effect_facts(problem: Problem) -> list[tuple[str, str]]:
 
 def input_facts(problem: Problem) -> list[tuple[str, str]]:
     """What the task says, or leaves open, of the inputs that the effects depend on."""
-    extension: Extension | None = problem.robot.extension
-    texts = _inputs(problem.robot, extension) if extension is not None else []
+    texts = _inputs(problem.arm) if problem.arm.effects else []
     return [("Computed for", ", ".join(texts))] if texts else []
 
 
@@ -98,14 +96,14 @@ def size_text(value: float, dimension: str) -> str:
     return f"{number(value * factor)} {unit}"
 
 
-def _inputs(robot: Robot, extension: Extension) -> list[str]:
-    asked = {need for effect in extension.effects for need in (*effect.asks, *effect.needs)}
-    inputs, texts = extension.inputs, []
+def _inputs(arm: Arm) -> list[str]:
+    asked = {need for effect in arm.effects for need in (*effect.asks, *effect.needs)}
+    inputs, texts = arm.inputs, []
     if asked & {"masses", "payload"}:
         texts.append(f"a payload of {inputs.payload:.6g} kg")
-    for joint in dict.fromkeys(e.target for e in extension.effects if "approach" in e.needs):
+    for joint in dict.fromkeys(e.target for e in arm.effects if "approach" in e.needs):
         if joint in inputs.stated:
-            sense = "upwards" if inputs.side(robot.joint_names.index(joint)) > 0 else "downwards"
+            sense = "upwards" if inputs.side(arm.robot.joint_names.index(joint)) > 0 else "downwards"
             texts.append(f"{joint} arriving with its values going {sense}")
         else:
             texts.append(f"{joint} arriving from either side")
@@ -116,14 +114,11 @@ def _inputs(robot: Robot, extension: Extension) -> list[str]:
     return texts
 
 
-def source_of_effect(name: str, robot: Robot) -> str:
+def source_of_effect(name: str, arm: Arm) -> str:
     """A parameter of an effect, or a side that is not known, as a source of error; empty for other sources."""
-    extension: Extension | None = robot.extension
-    if extension is None:
-        return ""
-    if name in extension.sides:
+    if name in arm.unknown_sides:
         return f"{name.removesuffix('.side')} side of arrival"
-    for effect in extension.effects:
+    for effect in arm.effects:
         if name in effect.parameter_names:
             parameter = name.removeprefix(f"{effect.name}.")
             kind = effect.kind.replace("_", " ")
@@ -132,12 +127,9 @@ def source_of_effect(name: str, robot: Robot) -> str:
     return ""
 
 
-def spread_of_effect(name: str, sigma: float, robot: Robot) -> str:
+def spread_of_effect(name: str, sigma: float, arm: Arm) -> str:
     """The standard deviation of a parameter of an effect with its unit; empty for other sources."""
-    extension: Extension | None = robot.extension
-    if extension is None:
-        return ""
-    if name in extension.sides:
+    if name in arm.unknown_sides:
         return "either side"
-    dimension = extension.dimensions.get(name)
+    dimension = arm.dimensions.get(name)
     return "" if dimension is None else size_text(sigma, dimension)

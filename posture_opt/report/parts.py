@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.model.arm import Arm
 from posture_opt.report.blocks import Table
 from posture_opt.report.effect_facts import effect_facts
 from posture_opt.report.units_text import fixed, joint_value, length, lengths, number, percent, place, shift
@@ -46,7 +47,7 @@ def robot_facts(problem: Problem) -> list[tuple[str, str]]:
 
 def source_facts(problem: Problem) -> list[tuple[str, str]]:
     """The standard deviations that everything follows from; equal ones of one kind together, negligible ones last."""
-    robot, sources = problem.robot, problem.sources
+    arm, sources = problem.arm, problem.sources
     sigmas = dict(zip(sources.names, map(float, sources.sigma), strict=True))
     largest: dict[str, float] = {}
     for name, sigma in sigmas.items():
@@ -54,21 +55,21 @@ def source_facts(problem: Problem) -> list[tuple[str, str]]:
         largest[kind] = max(largest.get(kind, 0.0), sigma)
     groups: dict[tuple[str, str], list[str]] = {}
     for name, sigma in sorted(sigmas.items(), key=lambda s: s[1] < _NEGLIGIBLE * largest[s[0].rpartition(".")[2]]):
-        groups.setdefault((name.rpartition(".")[2], source_size(name, sigma, robot)), []).append(name)
-    texts = [f"{_group_words(names, robot)} {size}" for (_, size), names in groups.items()]
+        groups.setdefault((name.rpartition(".")[2], source_size(name, sigma, arm)), []).append(name)
+    texts = [f"{_group_words(names, arm)} {size}" for (_, size), names in groups.items()]
     if len(texts) > _LISTED:
         texts = [*texts[:_LISTED], f"and {len(texts) - _LISTED} more"]
     correlated = "; some of them vary together" if sources.correlated else ""
     return [("Scatter of", ", ".join(texts) + f" (standard deviations{correlated})")]
 
 
-def _group_words(names: Sequence[str], robot: Robot) -> str:
+def _group_words(names: Sequence[str], arm: Arm) -> str:
     if len(names) < 3:
-        return " and ".join(source_words(name, robot) for name in names)
+        return " and ".join(source_words(name, arm) for name in names)
     owners = [name.rpartition(".")[0] for name in names]
-    what = source_words(names[0], robot).removeprefix(owners[0]).strip()
-    kind = [joint.name for joint in robot.joints if joint.type == "revolute"]
-    if set(owners) >= set(kind) and set(owners) <= set(robot.joint_names):
+    what = source_words(names[0], arm).removeprefix(owners[0]).strip()
+    kind = [joint.name for joint in arm.robot.joints if joint.type == "revolute"]
+    if set(owners) >= set(kind) and set(owners) <= set(arm.robot.joint_names):
         return f"the {what} of every joint"
     return f"the {what} of {', '.join(owners)}"
 
@@ -176,14 +177,14 @@ def main_shares(shares: Sequence[Share]) -> tuple[list[Share], list[Share]]:
     return ([*shown, *rest], []) if len(rest) == 1 else (shown, rest)
 
 
-def budget_table(robot: Robot, shares: Sequence[Share], sigma: dict[str, float]) -> Table:
+def budget_table(arm: Arm, shares: Sequence[Share], sigma: dict[str, float]) -> Table:
     """Shares of the sources in a variance, cumulated; the small ones lumped."""
     shown, rest = main_shares(shares)
     rows, total = [], 0.0
     for share in shown:
         total += share.share
-        size = source_size(share.parameter, sigma.get(share.parameter, math.nan), robot)
-        words = source_words(share.parameter, robot)
+        size = source_size(share.parameter, sigma.get(share.parameter, math.nan), arm)
+        words = source_words(share.parameter, arm)
         rows.append((words, share.parameter, size, percent(share.share), percent(total)))
     if rest:
         lumped = sum(s.share for s in rest)

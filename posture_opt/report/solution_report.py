@@ -189,7 +189,7 @@ def _critical_rows(solution: Solution, among: list[float]) -> list[tuple[str, st
 
 def budget_block(problem: Problem, solution: Solution) -> Block:
     """Where the scatter along the worst axis comes from."""
-    table = budget_table(problem.robot, solution.budget, sigma_of(problem))
+    table = budget_table(problem.arm, solution.budget, sigma_of(problem))
     axis = line_words(solution.critical.worst_axis)
     text = f"Share of each source in the variance along {axis}, the axis that counts most:"
     return Block("Error budget", (text, table), figure="budget")

@@ -100,6 +100,6 @@ def _entry(value: float, factor: float, floor: float) -> str:
 
 def budget_block(problem: Problem, spread: Spread) -> Block:
     """Where the scatter along the longest axis comes from."""
-    table = budget_table(problem.robot, spread.budget, sigma_of(problem))
+    table = budget_table(problem.arm, spread.budget, sigma_of(problem))
     text = f"Share of each source in the variance along {line_words(spread.axes[-1])}, the longest axis:"
     return Block("Error budget", (text, table), figure="budget")

@@ -9,9 +9,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.model.arm import Arm
 from posture_opt.report.effect_facts import source_of_effect, spread_of_effect
 from posture_opt.report.units_text import fixed, stated_angle, stated_length
-from posture_opt.robot.robot import Robot
 
 Vector: TypeAlias = Sequence[float] | NDArray[np.float64]
 
@@ -53,12 +53,12 @@ METHODS = {
 }
 
 
-def source_words(name: str, robot: Robot) -> str:
+def source_words(name: str, arm: Arm) -> str:
     """A named source of error in words: ``joint1.theta`` is the joint1 angle."""
-    if said := source_of_effect(name, robot):
+    if said := source_of_effect(name, arm):
         return said
     owner, _, parameter = name.rpartition(".")
-    prismatic = any(joint.name == owner and joint.type == "prismatic" for joint in robot.joints)
+    prismatic = any(joint.name == owner and joint.type == "prismatic" for joint in arm.robot.joints)
     if prismatic and parameter == "d":
         return f"{owner} travel"
     if owner in ("base", "tool"):
@@ -66,11 +66,11 @@ def source_words(name: str, robot: Robot) -> str:
     return f"{owner} {_PARAMETERS[parameter]}" if owner and parameter in _PARAMETERS else name
 
 
-def source_size(name: str, sigma: float, robot: Robot) -> str:
+def source_size(name: str, sigma: float, arm: Arm) -> str:
     """The standard deviation of a source with its unit."""
-    if said := spread_of_effect(name, sigma, robot):
+    if said := spread_of_effect(name, sigma, arm):
         return said
-    factor = robot.parameters.get(name)
+    factor = arm.robot.parameters.get(name)
     return stated_length(sigma) if factor is not None and factor.kind == "translate" else stated_angle(sigma)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 Axis = Literal[0, 1, 2]
 
@@ -61,7 +61,6 @@ class Repeatability:
 class Robot:
     """A serial chain: base, one group of factors a joint, tool.
 
-    ``extension`` holds the effects that the forward model is extended by, ``None`` for a plain chain.
     ``T_world_tool`` is the product of all factors of ``base``, of ``links[0]``, …, of ``tool``; the frame of
     link i is the one reached behind ``links[i]``. Every named parameter occurs in exactly one factor, and every
     joint variable in exactly one.
@@ -80,7 +79,6 @@ class Robot:
     repeatability: Repeatability | None = None
     base_free: bool = False
     tool_free: bool = False
-    extension: Any = None
     skew: float = 0.0
     lift: float = 0.0
     source: str = ""

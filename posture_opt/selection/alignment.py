@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.robot.robot import Robot
+from posture_opt.model.arm import Arm
 from posture_opt.selection.feasible import TOLERANCE, InverseKinematics, axis_can_reach, wish_for
 from posture_opt.selection.goal import Goal
 from posture_opt.selection.optimisation_problem import Alignment
@@ -21,7 +21,7 @@ _TRIALS = 96
 class Aligner:
     """The arm and the axis that is asked of it; ``compiled`` as of the selector."""
 
-    robot: Robot
+    arm: Arm
     task: Task
     reach: Reach
     compiled: bool | None
@@ -39,7 +39,7 @@ class Aligner:
         if self._can_align(goal, reach.axis_slack / 2):
             return "loose"
         can_turn = goal.kind != "point" or reach.orients_at_point
-        nearly = can_turn and axis_can_reach(self.robot, self.task.tool_axis, goal, reach.axis_slack)
+        nearly = can_turn and axis_can_reach(self.arm, self.task.tool_axis, goal, reach.axis_slack)
         return "loose" if nearly else "free"
 
     def _can_align(self, goal: Goal, slack: float) -> bool:
@@ -49,4 +49,4 @@ class Aligner:
 
     @cached_property
     def _trial(self) -> InverseKinematics:
-        return InverseKinematics(self.robot, self.task.tool_axis, self.reach.directions, self.compiled)
+        return InverseKinematics(self.arm, self.task.tool_axis, self.reach.directions, self.compiled)

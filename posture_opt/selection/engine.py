@@ -56,7 +56,7 @@ class Engine:
     @cached_property
     def ik(self) -> InverseKinematics:
         programme = self.programme
-        return InverseKinematics(programme.robot, programme.task.tool_axis, programme.reach.directions, self.compiled)
+        return InverseKinematics(programme.arm, programme.task.tool_axis, programme.reach.directions, self.compiled)
 
     @cached_property
     def screen(self) -> BatchFunction:

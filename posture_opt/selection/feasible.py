@@ -16,7 +16,6 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import stack
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.robot.robot import Robot
 from posture_opt.selection.goal import FREE, Goal
 from posture_opt.selection.reach import drawn_between
 
@@ -63,10 +62,10 @@ class InverseKinematics:
     """The batch solver of one robot and tool axis, for positions in the span of ``directions`` (3, r)."""
 
     def __init__(
-        self, robot: Robot, tool_axis: tuple[float, float, float], directions: Floats, compiled: bool | None
+        self, arm: Arm, tool_axis: tuple[float, float, float], directions: Floats, compiled: bool | None
     ) -> None:
-        self._drawn = drawn_between(robot)
-        self._recipe = robot, tool_axis, directions
+        self._drawn = drawn_between(arm.robot)
+        self._recipe = arm, tool_axis, directions
         self._compiled = compiled
 
     @cached_property
@@ -147,43 +146,41 @@ def _within_tilt(goal: Goal, count: int, rng: np.random.Generator) -> Floats:
     return np.asarray(np.cos(tilt)[:, None] * goal.direction + np.sin(tilt)[:, None] * sideways)
 
 
-def _step_function(
-    robot: Robot, tool_axis: tuple[float, float, float], directions: Floats, *, spun: bool
-) -> ca.Function:
+def _step_function(arm: Arm, tool_axis: tuple[float, float, float], directions: Floats, *, spun: bool) -> ca.Function:
     """``(q, wish) -> (next q, error at q)``: two damped least squares steps within the limits.
 
     Two at a time, because a call from Python costs as much as a step.
     """
-    once = _single_step(robot, tool_axis, directions, spun)
-    q, wish = ca.SX.sym("q", robot.n), ca.SX.sym("wish", 16)
+    once = _single_step(arm, tool_axis, directions, spun)
+    q, wish = ca.SX.sym("q", arm.robot.n), ca.SX.sym("wish", 16)
     between, error = once(q, wish)
     after, _ = once(between, wish)
     return ca.Function("ik_steps", [q, wish], ca.cse([after, error]))
 
 
-def unlimited(robot: Robot) -> Robot:
+def unlimited(arm: Arm) -> Arm:
     """The same arm with joints that turn freely and slides that go far."""
     joints = tuple(
         replace(j, lower=-2 * np.pi, upper=2 * np.pi)
         if j.type == "revolute"
         else replace(j, lower=j.lower - 10.0, upper=j.upper + 10.0)
-        for j in robot.joints
+        for j in arm.robot.joints
     )
-    return replace(robot, joints=joints)
+    return replace(arm, robot=replace(arm.robot, joints=joints))
 
 
-def axis_can_reach(robot: Robot, tool_axis: tuple[float, float, float], goal: Goal, slack: float) -> bool:
+def axis_can_reach(arm: Arm, tool_axis: tuple[float, float, float], goal: Goal, slack: float) -> bool:
     """Whether the tool axis can come within the allowed tilt and ``slack`` of the direction, anywhere."""
-    ik = InverseKinematics(unlimited(robot), tool_axis, np.eye(3), compiled=False)
+    ik = InverseKinematics(unlimited(arm), tool_axis, np.eye(3), compiled=False)
     wish = Wish(np.zeros(3), goal.direction, goal.basis[:, 0], np.array([0.0, 1.0, 0.0]))
     _, errors = ik.solve(ik.random_postures(64, np.random.default_rng(0)), wish)
     return bool(np.min(errors) <= 2 * np.sin(goal.tilt / 2) + slack)
 
 
-def _single_step(robot: Robot, tool_axis: tuple[float, float, float], directions: Floats, spun: bool) -> ca.Function:
-    q, wish = ca.SX.sym("q", robot.n), ca.SX.sym("wish", 16)
+def _single_step(arm: Arm, tool_axis: tuple[float, float, float], directions: Floats, spun: bool) -> ca.Function:
+    q, wish = ca.SX.sym("q", arm.robot.n), ca.SX.sym("wish", 16)
     position, axis, spin, weights, slack, cone = ca.vertsplit(wish, [0, 3, 6, 9, 12, 15, 16])
-    reached = Arm(robot).walk(q)
+    robot, reached = arm.robot, arm.walk(q)
     R = ca.SX(stack(list(zip(*reached.columns, strict=True))))
     a = np.array(tool_axis) / np.linalg.norm(tool_axis)
     b = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.model.arm import Arm
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
@@ -20,6 +21,8 @@ class HasTask(Protocol):
     def name(self) -> str: ...
     @property
     def robot(self) -> Robot: ...
+    @property
+    def arm(self) -> Arm: ...
     @property
     def sources(self) -> Sources: ...
     @property

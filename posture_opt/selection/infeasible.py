@@ -102,7 +102,9 @@ class _Inquiry:
 
     def _unlimited(self) -> InverseKinematics:
         task, reach = self.engine.programme.task, self.engine.programme.reach
-        return InverseKinematics(unlimited(self.robot), task.tool_axis, reach.directions, self.engine.compiled)
+        return InverseKinematics(
+            unlimited(self.engine.programme.arm), task.tool_axis, reach.directions, self.engine.compiled
+        )
 
     def _reached(self, ik: InverseKinematics, with_axis: bool) -> Floats:
         """(k, n) postures on the target, with or without the tool axis along the direction."""

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk, stack
 from posture_opt.robot.robot import Robot
 from posture_opt.selection import criteria, goal
@@ -35,12 +36,21 @@ class OptimisationProblem:
     which rows there are; the numbers come later.
     """
 
-    robot: Robot
     tool_point: ToolPoint
     task: Task
     reach: Reach
     kind: str
     alignment: Alignment
+
+    @property
+    def arm(self) -> Arm:
+        """The forward model."""
+        return self.tool_point.arm
+
+    @property
+    def robot(self) -> Robot:
+        """The arm without its effects."""
+        return self.tool_point.robot
 
     @property
     def axis_rows(self) -> int:

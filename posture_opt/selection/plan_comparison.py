@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.errors import InputError, NoSolutionError, SolverError
+from posture_opt.model.arm import Arm
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
@@ -135,17 +136,21 @@ class _Assumed:
     """A problem under sources of error that it does not state itself."""
 
     name: str
-    robot: Robot
+    arm: Arm
     sources: Sources
     task: Task | None
     solver: Solver
     notes: tuple[str, ...]
 
+    @property
+    def robot(self) -> Robot:
+        return self.arm.robot
+
 
 def _scattering(model: HasTask, sources: Sources) -> HasTask:
     if not model.sources.empty:
         return model
-    return _Assumed(model.name, model.robot, sources, model.task, model.solver, model.notes)
+    return _Assumed(model.name, model.arm, sources, model.task, model.solver, model.notes)
 
 
 def _planned(problem: HasTask, seed: int | None, workers: int, hint: str) -> PlannedPosture:

@@ -54,9 +54,9 @@ class Reach:
     axis_slack: float
 
     @classmethod
-    def of(cls, robot: Robot, tool_axis: tuple[float, float, float]) -> Reach:
+    def of(cls, arm: Arm, tool_axis: tuple[float, float, float]) -> Reach:
         rng = np.random.default_rng(0)
-        arm = Arm(robot)
+        robot = arm.robot
         a_tool = np.array(tool_axis) / np.linalg.norm(tool_axis)
         points, axes, jacobians, turns = [], [], [], []
         for _ in range(_SAMPLES):

@@ -54,10 +54,10 @@ class PostureSelector:
     def __init__(self, problem: HasTask, *, compiled: bool | None = None) -> None:
         self._problem, self._compiled = problem, compiled
         self.task = task_of(problem)
-        self.tool_point = ToolPoint.of(problem.robot, sources_of(problem))
-        self.reach = Reach.of(problem.robot, self.task.tool_axis)
+        self.tool_point = ToolPoint.of(problem.arm, sources_of(problem))
+        self.reach = Reach.of(problem.arm, self.task.tool_axis)
         self.goal = Goal.of(self.task, self.reach)
-        self._aligner = Aligner(problem.robot, self.task, self.reach, compiled)
+        self._aligner = Aligner(problem.arm, self.task, self.reach, compiled)
         self._engines: dict[tuple[str, Alignment], Engine] = {}
         self.engine(self.goal).programme.check_axis(self.goal)
 
@@ -65,7 +65,7 @@ class PostureSelector:
         """The functions that solve goals of this kind; built on first use."""
         key = goal.kind, self._aligner.at(goal)
         if key not in self._engines:
-            programme = OptimisationProblem(self._problem.robot, self.tool_point, self.task, self.reach, *key)
+            programme = OptimisationProblem(self.tool_point, self.task, self.reach, *key)
             self._engines[key] = Engine(programme, self._problem.solver, self._compiled)
         return self._engines[key]
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from posture_opt.errors import NoSolutionError
-from posture_opt.model.arm import Arm
 from posture_opt.numerics import Progress
 from posture_opt.selection.goal import Goal
 from posture_opt.selection.grid import Grid, grid_of
@@ -167,7 +166,7 @@ def _grid(problem: HasTask, selector: PostureSelector, wish: GridRequest) -> Gri
     goal, robot = selector.goal, problem.robot
     rng = np.random.default_rng(0)
     Q = rng.uniform(*drawn_between(robot), (_SAMPLES, robot.n))
-    positions = np.broadcast_to(np.asarray(Arm(robot).position(Q), dtype=float), (_SAMPLES, 3))
+    positions = np.broadcast_to(np.asarray(problem.arm.position(Q), dtype=float), (_SAMPLES, 3))
     best = None
     if goal.kind == "anywhere" and wish.low is None:
         best = np.asarray(selector.solve().spread.position)

@@ -9,7 +9,6 @@ import numpy as np
 
 from posture_opt.model.chain import Walk
 from posture_opt.model.derivatives import position_column, rotation_column
-from posture_opt.model.extension import forward
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.moments import exact_moments
 from posture_opt.uncertainty.tool_point import ToolPoint
@@ -94,7 +93,7 @@ def _gradient(tool_point: ToolPoint, q: list[float]) -> Array:
 def _independent(tool_point: ToolPoint, q: list[float]) -> Array:
     """The gradient of the exact covariance of independent sources: all 2k variations in one walk."""
     k = len(tool_point.indices)
-    values = forward(tool_point.robot, q)[1]
+    values = tool_point.arm.reach(q).values
     variances: list[float | Array] = [0.0] * len(values)
     for i, (index, variance) in enumerate(zip(tool_point.indices, np.diag(tool_point.covariance), strict=True)):
         varied = np.full(2 * k, float(variance))

@@ -18,12 +18,12 @@ def covariance_c(problem: HasSources, name: str = "tool_covariance") -> tuple[st
         InputError: ``name`` is no free C identifier, or nothing is uncertain.
     """
     require_sources(problem.sources)
-    tool_point = ToolPoint.of(problem.robot, problem.sources)
-    q = ca.SX.sym("q", problem.robot.n)
+    tool_point = ToolPoint.of(problem.arm, problem.sources)
+    q = ca.SX.sym("q", problem.arm.robot.n)
     moments = tool_point.moments(ca.vertsplit(q))
     results = [moments.position, moments.covariance, moments.first_order]
     function = ca.Function("spread", [q], results, ["q"], ["position", "covariance", "first_order"])
-    joints = ", ".join(f"{j.name} [{j.unit}]" for j in problem.robot.joints)
+    joints = ", ".join(f"{j.name} [{j.unit}]" for j in problem.arm.robot.joints)
     described = {
         "q": f"joint values: {joints}",
         "position": "nominal tool point in the world [m]",

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk
-from posture_opt.model.extension import forward
 from posture_opt.numerics import Array
-from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.spread import Spread
 
@@ -27,7 +26,7 @@ class Sampler:
         nominal: the walk without errors.
     """
 
-    robot: Robot
+    arm: Arm
     q: tuple[float, ...]
     names: tuple[str, ...]
     root: Array
@@ -44,16 +43,15 @@ class Sampler:
             covariance = np.block([[covariance, beside.cross], [beside.cross.T, beside.covariance]])
         kept = np.flatnonzero(np.diag(covariance) > 0)
         root = covariance_root(covariance[np.ix_(kept, kept)])
-        return cls(spread.robot, spread.q, tuple(names[k] for k in kept), root, tool_point.walk(spread.q)[0])
+        return cls(tool_point.arm, spread.q, tuple(names[k] for k in kept), root, tool_point.walk(spread.q)[0])
 
     def __call__(self, rng: np.random.Generator, n: int) -> tuple[Array, Array]:
         """n draws: shifts (n, 3) [m] and rotation vectors (n, 3) [rad], world axes."""
         p = rng.standard_normal((n, len(self.names))) @ self.root.T
         named = dict(zip(self.names, p.T, strict=True))
-        extension = self.robot.extension
-        for side in extension.sides if extension is not None else ():
+        for side in self.arm.unknown_sides:
             named[side] = np.where(named[side] < 0, -1.0, 1.0)  # from below or from above, each as likely
-        reached = forward(self.robot, self.q, named)[0]
+        reached = self.arm.reach(self.q, named).walk
         position = np.stack([np.broadcast_to(entry, n) for entry in reached.position], axis=-1)
         return position - np.array(self.nominal.position, dtype=float), rotation_vector(reached, self.nominal, n)
 

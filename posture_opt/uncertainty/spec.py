@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from posture_opt.errors import InputError, Issue, one_of
+from posture_opt.model.arm import Arm
 from posture_opt.robot.corrections import name_issues
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
@@ -51,14 +52,15 @@ class UncertaintySpec(Spec):
     weights: dict[str, Annotated[float, Field(ge=0)]] = Field({}, description="JOINT: share in the repeatability")
     measurement: MeasurementSpec | None = None
 
-    def build(self, robot: Robot, folder: Path, attached: Mapping[str, str] | None = None) -> Sources:
-        """The sources of ``robot``; a covariance file is looked up in ``attached``, name -> text, then from ``folder``.
+    def build(self, arm: Arm, folder: Path, attached: Mapping[str, str] | None = None) -> Sources:
+        """The sources of ``arm``; a covariance file is looked up in ``attached``, name -> text, then from ``folder``.
 
         Raises:
             InputError: everything wrong with the section, keys relative to it.
         """
+        robot = arm.robot
         dimensions = {n: "angle" if f.kind == "rotate" else "length" for n, f in robot.parameters.items()}
-        dimensions |= robot.extension.dimensions if robot.extension is not None else {}
+        dimensions |= arm.dimensions
         issues = [*self._contradictions(), *self._weight_issues(robot)]
         named = Sources()
         try:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
@@ -25,10 +26,10 @@ if TYPE_CHECKING:
 
 
 class HasSources(Protocol):
-    """Anything that names a robot and its sources of error, such as a ``Problem``."""
+    """Anything that names an arm and its sources of error, such as a ``Problem``."""
 
     @property
-    def robot(self) -> Robot: ...
+    def arm(self) -> Arm: ...
     @property
     def sources(self) -> Sources: ...
 
@@ -149,17 +150,17 @@ def propagate(problem: HasSources, posture: PostureLike) -> Spread:
     """Mean and covariance of the tool pose at one posture, in closed form.
 
     Args:
-        problem: names ``robot`` and ``sources``.
+        problem: names ``arm`` and ``sources``.
         posture: n joint values [rad or m], or joint name -> value. Limits are not enforced; a note says where
             they are exceeded.
 
     Raises:
         InputError: a posture that is none, or a problem without sources of error.
     """
-    robot, sources = problem.robot, problem.sources
+    robot, sources = problem.arm.robot, problem.sources
     q = read_posture(robot, posture)
     require_sources(sources)
-    return spread_of(ToolPoint.of(robot, sources), q, (*sources.notes, *limit_notes(robot, q)))
+    return spread_of(ToolPoint.of(problem.arm, sources), q, (*sources.notes, *limit_notes(robot, q)))
 
 
 def spread_of(tool_point: ToolPoint, q: Sequence[float], notes: tuple[str, ...] = ()) -> Spread:

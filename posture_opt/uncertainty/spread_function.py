@@ -29,7 +29,7 @@ class SpreadFunction:
     batches may run in threads.
 
     Args:
-        problem: names ``robot`` and ``sources``.
+        problem: names ``arm`` and ``sources``.
         compiled: None compiles where a C compiler is found; False never; True or an error.
 
     Raises:
@@ -39,7 +39,7 @@ class SpreadFunction:
 
     def __init__(self, problem: HasSources, compiled: bool | None = None) -> None:
         require_sources(problem.sources)
-        self._tool_point = ToolPoint.of(problem.robot, problem.sources)
+        self._tool_point = ToolPoint.of(problem.arm, problem.sources)
         self._wanted = compiled
         self._covariance = self._batch(lambda moments: _upper(moments.covariance))
 

@@ -8,9 +8,8 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Scalar, Walk, add, stack
-from posture_opt.model.derivatives import position_column, twist_column
-from posture_opt.model.extension import extension_twists, forward
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.moments import exact_moments
 from posture_opt.uncertainty.planar import Plane, planar_moments, plane_of
@@ -62,12 +61,12 @@ class EffectSources:
 
 @dataclass(frozen=True)
 class ToolPoint:
-    """The tool point of ``robot`` under the errors ``names`` with ``covariance``, sorted from base to tool.
+    """The tool point of ``arm`` under the errors ``names`` with ``covariance``, sorted from base to tool.
 
-    ``effects`` holds what is uncertain of the robot's effects, ``None`` where nothing is.
+    ``effects`` holds what is uncertain of the arm's effects, ``None`` where nothing is.
     """
 
-    robot: Robot
+    arm: Arm
     names: tuple[str, ...]
     indices: tuple[int, ...]
     covariance: np.ndarray
@@ -75,16 +74,22 @@ class ToolPoint:
     effects: EffectSources | None = None
 
     @classmethod
-    def of(cls, robot: Robot, sources: NamedCovariance) -> ToolPoint:
+    def of(cls, arm: Arm, sources: NamedCovariance) -> ToolPoint:
         """Sort the sources along the chain, leaving out those without variance."""
+        robot = arm.robot
         at = {factor.parameter: i for i, factor in enumerate(robot.factors) if factor.parameter}
         variance = np.diag(sources.covariance)
         own = [k for k in range(len(sources.names)) if variance[k] > 0 and sources.names[k] in at]
         order = sorted(own, key=lambda k: at[sources.names[k]])
         names = tuple(sources.names[k] for k in order)
         indices = tuple(at[name] for name in names)
-        effects = _effect_sources(robot, sources, order)
-        return cls(robot, names, indices, sources.covariance[np.ix_(order, order)], plane_of(robot, indices), effects)
+        effects = _effect_sources(arm, sources, order)
+        return cls(arm, names, indices, sources.covariance[np.ix_(order, order)], plane_of(robot, indices), effects)
+
+    @property
+    def robot(self) -> Robot:
+        """The chain without effects."""
+        return self.arm.robot
 
     @property
     def correlated(self) -> bool:
@@ -100,8 +105,8 @@ class ToolPoint:
 
     def walk(self, q: Sequence[Scalar]) -> tuple[Walk, list[Scalar]]:
         """The walk along the nominal chain at ``q`` (n,), with its effects, and the value of every factor."""
-        reached, values, _ = forward(self.robot, q)
-        return reached, values
+        reached = self.arm.reach(q)
+        return reached.walk, reached.values
 
     def moments(self, q: Sequence[Scalar], *, complete: bool = True) -> Moments:
         """Mean and covariance at the posture ``q``: n scalars, arrays (N,) or symbols.
@@ -115,7 +120,8 @@ class ToolPoint:
         return replace(moments, covariance=moments.covariance + beside, first_order=moments.first_order + beside)
 
     def _of_chain(self, q: Sequence[Scalar], complete: bool) -> Moments:
-        reached, values, shift = forward(self.robot, q)
+        whole = self.arm.reach(q)
+        reached, values, shift = whole.walk, whole.values, whole.shift
         jacobian = self.jacobian(reached)
         first = jacobian @ self.covariance @ transpose(jacobian)
         position = stack(reached.position)
@@ -146,13 +152,14 @@ class ToolPoint:
 
     def effect_columns(self, q: Sequence[Scalar], reached: Walk, *, turns: bool = False) -> Any:
         """(3, e) shift of the tool point per unit of each effect's parameter; (6, e) with its rotation."""
-        own, sides = extension_twists(self.robot, q, reached)
-        columns = [(*shift, *turn) if turns else shift for shift, turn in (*own, *sides)]
+        assert self.effects is not None
+        twists = self.arm.twists(self.effects.names, q, reached)
+        columns = [(*shift, *turn) if turns else shift for shift, turn in twists]
         return stack(list(zip(*columns, strict=True)))
 
     def pose_covariance(self, q: Sequence[float], reached: Walk) -> np.ndarray:
         """(6, 6) of shift and small rotation, first order."""
-        T = np.asarray(self.twists(reached)) if self.indices else np.zeros((6, 0))
+        T = np.asarray(self.twists(q, reached)) if self.indices else np.zeros((6, 0))
         found = T @ self.covariance @ T.T
         if self.effects is None:
             return np.asarray(found)
@@ -164,11 +171,11 @@ class ToolPoint:
         """``∂x/∂source`` (3, k) [m/rad, m/m], world frame."""
         if not self.indices:
             return np.zeros((3, 0))
-        return stack(list(zip(*(position_column(reached, i) for i in self.indices), strict=True)))
+        return stack(list(zip(*(shift for shift, _ in self.arm.twists(self.indices, (), reached)), strict=True)))
 
-    def twists(self, reached: Walk) -> Any:
+    def twists(self, q: Sequence[Scalar], reached: Walk) -> Any:
         """(6, k) shift of the tool point and small rotation per source, world-aligned axes."""
-        return stack(list(zip(*(twist_column(reached, i) for i in self.indices), strict=True)))
+        return stack(list(zip(*((*v, *w) for v, w in self.arm.twists(self.indices, q, reached)), strict=True)))
 
     def _variances(self) -> list[float]:
         variances = [0.0] * len(self.robot.factors)
@@ -177,12 +184,11 @@ class ToolPoint:
         return variances
 
 
-def _effect_sources(robot: Robot, sources: NamedCovariance, order: Sequence[int]) -> EffectSources | None:
+def _effect_sources(arm: Arm, sources: NamedCovariance, order: Sequence[int]) -> EffectSources | None:
     """What is uncertain of the effects of a robot, or ``None`` where nothing is."""
-    if robot.extension is None:
+    if not arm.effects:
         return None
-    names = robot.extension.names
-    sides = robot.extension.sides
+    names, sides = arm.effect_parameters, arm.unknown_sides
     at = {name: k for k, name in enumerate(sources.names)}
     size = len(names) + len(sides)
     covariance, cross = np.zeros((size, size)), np.zeros((len(order), size))

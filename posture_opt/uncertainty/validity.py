@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from posture_opt.uncertainty.regions import RANK_TOLERANCE
 
-SearchResult = Literal["good", "doubtful", "wrong"]
+Verdict = Literal["good", "doubtful", "wrong"]
 
 # Up to the first the nominal 95 % ellipse of planar arms held 94.5 % or more, up to the second 92 %, then ever less.
 GOOD = 0.2
@@ -63,7 +63,7 @@ class Validity:
         return max(self.curvature, self.bias_mahalanobis)
 
     @property
-    def verdict(self) -> SearchResult:
+    def verdict(self) -> Verdict:
         """``good`` below 0.2, ``doubtful`` below 0.5, else ``wrong``."""
         return "good" if self.index < GOOD else "doubtful" if self.index < DOUBTFUL else "wrong"
 

@@ -12,6 +12,7 @@ import numpy as np
 from posture_opt.calibration.starting_values import kabsch
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.nominal_points import nominal_poses
+from posture_opt.model.arm import Arm
 from posture_opt.numerics import Progress
 from posture_opt.problem.effects_section import moving_effects
 from posture_opt.problem.problem import Problem
@@ -139,13 +140,13 @@ def map_accuracy(
         InputError, NoSolutionError: as `map_targets`; measurements of several robots.
     """
     nominal = problem.spec.robot.nominal(problem.folder)
-    uncorrected = replace(problem, robot=nominal)
+    uncorrected = replace(problem, arm=Arm(nominal))
     if data is not None and low is None and high is None and plane is None:
         low, high = _box_of(problem, data)
     targets = map_targets(
         uncorrected, counts=counts, low=low, high=high, plane=plane, seed=seed, workers=workers, progress=progress
     )
-    tool_point = ToolPoint.of(problem.robot, problem.sources)
+    tool_point = ToolPoint.of(problem.arm, problem.sources)
     bias, covariance = _predicted(tool_point, targets.spots)
     known = targets.feasible
     basis = ellipse_basis(tool_point, covariance[known][0])

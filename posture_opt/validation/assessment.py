@@ -13,7 +13,6 @@ from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals, matrices, rotation_vectors
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeat_groups import repeat_groups
-from posture_opt.model.derivatives import position_column
 from posture_opt.numerics import Array, Codes
 from posture_opt.uncertainty.regions import Ellipsoid, hotelling_factor
 from posture_opt.validation.model_errors import ModelErrors, model_errors, told
@@ -196,9 +195,7 @@ def _residual_scatter(errors: Array, poses: int) -> ResidualScatter | None:
 
 
 def _motions(residuals: Residuals, x: Array) -> list[Array]:
-    reached, N = residuals.walk(x), len(residuals.data)
-    columns = [position_column(reached, k) for k in residuals.robot.driven]
-    return [np.stack([np.broadcast_to(np.asarray(c, dtype=float), N) for c in column], axis=-1) for column in columns]
+    return residuals.tool_shifts(residuals.robot.driven, x)
 
 
 def _turned(residuals: Residuals, x: Array, codes: Codes) -> Array | None:

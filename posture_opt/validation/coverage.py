@@ -11,7 +11,7 @@ from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.uncertainty.regions import coverage_factor
 from posture_opt.validation.prediction import Prediction
 
-SearchResult = Literal["right", "understated", "overstated"]
+Verdict = Literal["right", "understated", "overstated"]
 
 P = 0.95
 ENDS = (0.025, 0.975)
@@ -80,7 +80,7 @@ class Coverage:
         )
 
     @property
-    def verdict(self) -> SearchResult:
+    def verdict(self) -> Verdict:
         """Whether the predicted spread is true, as far as the data tell; a tenth more or less is no matter."""
         low, high = self.factor_interval
         if low <= 1 <= high or 1 / _NEAR <= self.factor <= _NEAR:

@@ -9,7 +9,6 @@ import numpy as np
 
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.model.derivatives import position_column, rotation_column
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.uncertainty.sources import Sources
 
@@ -18,26 +17,25 @@ _LEAST = 1e-8  # m: no instrument is better, and a region without thickness hold
 
 @dataclass(frozen=True, eq=False)
 class ErrorSources:
-    """Errors that stay and errors drawn anew at every visit, by the factors of the chain that they act on.
+    """Errors that stay and errors drawn anew at every visit, by the parameters of the arm that err.
 
     Args:
-        factors: (k,) indices into ``robot.factors``.
+        names: (k,) of the parameters of the arm.
         constant: (k, k) covariance of what stays from visit to visit [rad², m²].
         scatter: (k, k) covariance of what does not.
     """
 
-    factors: tuple[int, ...]
+    names: tuple[str, ...]
     constant: Array
     scatter: Array
 
     @classmethod
     def of(cls, residuals: Residuals, sources: Sources) -> ErrorSources:
         """The sources of a problem that have a variance."""
-        at = {factor.parameter: i for i, factor in enumerate(residuals.robot.factors) if factor.parameter}
-        kept = [i for i, name in enumerate(sources.names) if sources.covariance[i, i] > 0 and name in at]
+        known = residuals.robot.parameters
+        kept = [i for i, name in enumerate(sources.names) if sources.covariance[i, i] > 0 and name in known]
         chosen = np.ix_(kept, kept)
-        factors = tuple(at[sources.names[i]] for i in kept)
-        return cls(factors, sources.constant[chosen], sources.visit[chosen])
+        return cls(tuple(sources.names[i] for i in kept), sources.constant[chosen], sources.visit[chosen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,25 +60,10 @@ class Prediction:
         return Prediction(self.common[rows], self.scatter[rows])
 
 
-def columns(residuals: Residuals, x: Array, factors: Sequence[int]) -> Array:
-    """(N, block, k) shift of what is measured in a row by a unit of each factor, in units of the instrument's σ."""
-    reached, axes = residuals.walk(x), residuals.axes
-    found = np.zeros((len(residuals.data), residuals.block, len(factors)))
-    for k, factor in enumerate(factors):
-        column = position_column(reached, factor)
-        for slot, axis in enumerate(axes):
-            found[:, slot, k] = column[axis] / residuals.sigma
-        if residuals.oriented:
-            turn = rotation_column(reached, factor)
-            for axis in range(3):
-                found[:, len(axes) + axis, k] = turn[axis] / residuals.sigma_rotation
-    return found
-
-
 def joint_columns(residuals: Residuals, x: Array) -> Array:
     """(N, d, n) shift of the measured coordinates by a unit of each joint's error [m/rad, m/m]."""
     d = len(residuals.axes)
-    return np.asarray(columns(residuals, x, residuals.robot.driven)[:, :d] * residuals.sigma)
+    return np.asarray(residuals.sensitivities(residuals.robot.driven, x)[:, :d] * residuals.sigma)
 
 
 def joint_errors(residuals: Residuals) -> tuple[str, ...]:
@@ -106,7 +89,7 @@ def nominal_prediction(
         instrument: σ of a coordinate [m].
     """
     N, d, block = len(residuals.data), len(residuals.axes), residuals.block
-    B, F = columns(residuals, x, errors.factors), _free_columns(residuals, x)
+    B, F = residuals.sensitivities(errors.names, x), _free_columns(residuals, x)
     V = B @ errors.scatter @ np.swapaxes(B, -1, -2)
     V[:, range(block), range(block)] += np.where(np.arange(block) < d, (instrument / residuals.sigma) ** 2, 1.0)
     root = _root(errors.constant)

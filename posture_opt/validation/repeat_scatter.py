@@ -12,7 +12,7 @@ from posture_opt.calibration.residuals import Residuals
 from posture_opt.measurements.repeat_groups import outlying_groups, repeat_groups, rows_of
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.validation.mean_test import holm
-from posture_opt.validation.prediction import ErrorSources, columns, joint_columns
+from posture_opt.validation.prediction import ErrorSources, joint_columns, joint_errors
 from posture_opt.validation.scatter_model import Scatter
 
 COPY = 1e-9  # m: visits that agree to less are one row written twice
@@ -50,11 +50,11 @@ class RepeatScatter:
         """Of the rows that a calibration kept."""
         data = used.data
         visit, by = repeat_errors(errors, used)
-        driven = list(used.robot.driven)
+        driven = joint_errors(used)
         stated = np.zeros(len(driven))
-        for k, factor in enumerate(driven):
-            if factor in errors.factors:
-                stated[k] = np.sqrt(visit[errors.factors.index(factor), errors.factors.index(factor)])
+        for k, name in enumerate(driven):
+            if name in errors.names:
+                stated[k] = np.sqrt(visit[errors.names.index(name), errors.names.index(name)])
         codes = np.arange(len(data)) if data.touches else repeat_groups(data, slides(used))
         scatter = Scatter.of(used.error(calibration.x)[:, used.axes], joint_columns(used, calibration.x), codes)
         firsts = np.array([rows[0] for rows in rows_of(codes) if len(rows) > 1], dtype=np.intp)
@@ -67,7 +67,7 @@ class RepeatScatter:
         if not len(firsts):
             return cls(scatter, None, None, by, stated, outlying)
         first = used.take(firsts)
-        B = columns(first, calibration.x, errors.factors)[:, : len(used.axes)] * used.sigma
+        B = first.sensitivities(errors.names, calibration.x)[:, : len(used.axes)] * used.sigma
         C = B @ visit @ np.swapaxes(B, -1, -2) + used.sigma**2 * np.eye(len(used.axes))
         if not visit.any():
             return cls(scatter, None, None, by, stated, outlying)
@@ -78,7 +78,7 @@ def repeat_errors(errors: ErrorSources, residuals: Residuals) -> tuple[Array, st
     """The covariance of what changes between visits; where the problem says nothing of it, σ's of joint values."""
     if errors.scatter.any():
         return errors.scatter, "visit"
-    driven = np.array([factor in residuals.robot.driven for factor in errors.factors], dtype=bool)
+    driven = np.isin(errors.names, joint_errors(residuals))
     return np.where(np.outer(driven, driven), errors.constant, 0.0), "joints"
 
 

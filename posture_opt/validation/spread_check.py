@@ -114,7 +114,7 @@ def check_spread(
     noise, predicted = observed_variances(between, used, calibration, groups[rows])
     return SpreadCheck(
         coverage=coverage,
-        stated=bool(errors.factors),
+        stated=bool(errors.names),
         repeats=between.test,
         repeats_by=between.by,
         repeat_sigma=between.sigma,

@@ -104,10 +104,7 @@ def test_the_tool_point_at_the_task_is_as_sure_as_was_promised() -> None:
         arm = SimulatedArm(TABLE, errors, tool=shift(0, 0, 0.12))
         found = po.calibrate(problem, measured(problem, arm, plan.q, rng), folds=2)
         there = measured(problem, arm, plan.target.q[None], np.random.default_rng(0))
-        reached = (
-            there.position[0]
-            + found.residuals.__class__(problem.robot, there, found.residuals.parameters, SIGMA).error(found.x)[0]
-        )
+        reached = there.position[0] + found.residuals.of_data(there).error(found.x)[0]
         off.append(B @ (reached - arm.points(plan.target.q)[0]))
     rms = np.sqrt(np.mean(np.sum(np.square(off), axis=1)))
     # 10 draws of two coordinates: the RMS scatters by 1/√40 = 16 %; three of that.

@@ -34,7 +34,7 @@ def read(file, base, tip):
 @pytest.mark.parametrize(("file", "base", "tip"), URDFS)
 def test_pose_and_jacobian_are_pinocchio_s(file, base, tip):
     robot, outside = read(file, base, tip), PinArm(robots_folder() / file)
-    arm = Arm.from_problem(SimpleNamespace(robot=robot))
+    arm = Arm.from_problem(SimpleNamespace(arm=Arm(robot)))
     for q in random_postures(robot, 20):
         named = dict(zip(robot.joint_names, q, strict=True))
         np.testing.assert_allclose(arm.pose(q), outside.pose(named, base, tip), atol=ROUNDING)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 from typing import Any, get_args
@@ -20,7 +19,6 @@ from posture_opt.errors import InputError
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.effects import EFFECTS, Effect, Excitation
-from posture_opt.model.extension import Extension
 from posture_opt.model.inputs import Inputs
 from posture_opt.problem.load import problem_from_dict
 from posture_opt.problem.schema import ProblemSpec
@@ -95,7 +93,7 @@ def sized(effect: Effect, rng: np.random.Generator) -> Effect:
 
 
 def with_effects(robot: Any, effects: tuple[Effect, ...], inputs: Inputs) -> Arm:
-    return Arm(replace(robot, extension=Extension(effects, inputs)))
+    return Arm(robot, effects, inputs)
 
 
 def one_row(inputs: Inputs, row: int) -> Inputs:

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from posture_opt.model.arm import Arm
 from posture_opt.problem.load import builtin_problem, load_problem, problems_folder
 from posture_opt.selection.selector import PostureSelector
 from posture_opt.selection.tasks import TASKS
@@ -58,7 +59,7 @@ def as_it_stands(path, robot, q):
         [replace(f, nominal=f.nominal * warm) if f.kind == "translate" else f for f in link] for link in robot.links
     ]
     sag = np.array([math.radians(40 / 3600) / 2, 8e-6 * tau[1], 12.5e-6 * tau[2], 0, 0, 0])
-    return replace(robot, links=tuple(map(tuple, links)), extension=None), np.asarray(q) + sag
+    return replace(robot, links=tuple(map(tuple, links))), np.asarray(q) + sag
 
 
 def first_order(robot, sources, q):
@@ -211,7 +212,7 @@ def test_effects_of_the_extended_arm_matter():
     """Without its effects the arm would be sent half a millimetre aside of its hole."""
     path = problems_folder() / "insert_ur10_extended.yaml"
     problem = load_problem(path)
-    plain = replace(problem, robot=replace(problem.robot, extension=None), effects=())
+    plain = replace(problem, arm=Arm(problem.robot), effects=())
     solution = PostureSelector(plain, compiled=False).solve()
     miss = tool_pose(path, problem.robot, solution.q)[:2, 3] - problem.task.position[:2]
     assert 0.2e-3 < np.hypot(*miss) < 2e-3

@@ -156,9 +156,7 @@ def test_moments_are_those_of_an_independent_simulator(case: str, uncertain: dic
     np.testing.assert_allclose(C / np.outer(sigma, sigma), spread.covariance / np.outer(sigma, sigma), atol=0.03)
     # The mean: five standard errors of it.
     assert np.all(np.abs(points.mean(axis=0) - spread.position - spread.bias) < 5 * sigma / np.sqrt(n) + 1e-7)
-    without = ToolPoint.of(
-        problem.robot, SimpleNamespace(names=tuple(KNOWN), covariance=np.diag(np.diag(correlated())))
-    )
+    without = ToolPoint.of(problem.arm, SimpleNamespace(names=tuple(KNOWN), covariance=np.diag(np.diag(correlated()))))
     alone = np.asarray(without.moments(POSTURE).covariance)
     assert np.abs(alone - spread.covariance).max() > 0.1 * sigma.max() ** 2  # what leaving out the rest would do
     cloud = po.simulate(problem, POSTURE, n=30_000, seed=2)
@@ -196,7 +194,7 @@ def test_effects_of_one_joint_share_its_side(tmp_path: Path) -> None:
         {"kind": "hysteresis", "joint": "joint1", "travel": "0.1 rad", "estimate": {"height": "0.15 mrad"}}
     ]
     problem = po.problem_from_dict(data, tmp_path)
-    assert problem.robot.extension.sides == ("joint1.side",)
+    assert problem.arm.unknown_sides == ("joint1.side",)
     cloud = po.simulate(problem, POSTURE, n=50_000, seed=3)
     # 0.15 mrad of backlash and as much of hysteresis are 0.3 mrad to one side, not 0.21 in the mean of squares.
     np.testing.assert_allclose(cloud.ratio, 1.0, atol=0.02)
@@ -217,7 +215,7 @@ def test_shares_of_the_budget_sum_to_one_and_name_the_side(uncertain: dict[str, 
     assert max(share.share for shares in budgets for share in shares if share.parameter == "joint1.side") > 0.1
     # Against differences of the covariance: half the change by a change of one σ, correlations as they are.
     problem, step = uncertain["stated"], 1e-4
-    tool_point = ToolPoint.of(problem.robot, problem.sources)
+    tool_point = ToolPoint.of(problem.arm, problem.sources)
     spread = po.propagate(problem, POSTURE)
     axis = spread.axes[-1]
 
@@ -226,7 +224,7 @@ def test_shares_of_the_budget_sum_to_one_and_name_the_side(uncertain: dict[str, 
         sources = SimpleNamespace(
             names=problem.sources.names, covariance=problem.sources.covariance * np.outer(scale, scale)
         )
-        return float(axis @ np.asarray(ToolPoint.of(problem.robot, sources).moments(POSTURE).covariance) @ axis)
+        return float(axis @ np.asarray(ToolPoint.of(problem.arm, sources).moments(POSTURE).covariance) @ axis)
 
     assert tool_point.effects is not None
     for share in spread.budget:
@@ -418,7 +416,7 @@ def test_a_task_without_a_side_says_so(world: World) -> None:
     said = unsaid.with_task(approach={"joint1": 1})
     assert not any("from which side" in note for note in said.notes)
     assert said.effects == world.extended.effects
-    assert said.with_task("measure").robot.extension.effects == world.extended.effects
+    assert said.with_task("measure").arm.effects == world.extended.effects
     with pytest.raises(InputError, match="no such joint"):
         world.extended.with_task(approach={"elbow": 1})
 

@@ -62,14 +62,14 @@ def test_many_effects_are_counted() -> None:
 
 
 def test_sources_of_effects_have_words_and_units() -> None:
-    robot = problem(EFFECTS_SECTION).robot
-    assert source_words("joint_compliance(joint2).compliance", robot) == "joint2 joint compliance"
-    assert source_size("joint_compliance(joint2).compliance", 2e-7, robot) == "0.200 µrad/(N m)"
-    assert source_words("gear_eccentricity(joint1).sin", robot) == "joint1 gear eccentricity, sin"
-    assert source_words("joint1.side", robot) == "joint1 side of arrival"
-    assert source_words("joint1.theta", robot) == "joint1 angle"
-    for name, dimension in robot.extension.dimensions.items():
-        assert source_size(name, 1e-5, robot) == size_text(1e-5, dimension)
+    arm = problem(EFFECTS_SECTION).arm
+    assert source_words("joint_compliance(joint2).compliance", arm) == "joint2 joint compliance"
+    assert source_size("joint_compliance(joint2).compliance", 2e-7, arm) == "0.200 µrad/(N m)"
+    assert source_words("gear_eccentricity(joint1).sin", arm) == "joint1 gear eccentricity, sin"
+    assert source_words("joint1.side", arm) == "joint1 side of arrival"
+    assert source_words("joint1.theta", arm) == "joint1 angle"
+    for name, dimension in arm.dimensions.items():
+        assert source_size(name, 1e-5, arm) == size_text(1e-5, dimension)
 
 
 @pytest.mark.parametrize("dimension", sorted({*DIMENSIONS, "ratio"} - {"mass", "temperature", "time"}))

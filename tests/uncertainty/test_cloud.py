@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.spread import propagate
 from tests.helpers.factors import pose
 from tests.helpers.moments import correlated, errors_of, planar
+from tests.helpers.stated import stated
 
 BENT = np.radians((90, -135))
 Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
@@ -26,7 +26,7 @@ Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
 
 def spatial(angle=0.01, length=0.002):
     robot = load_preset("ur5")
-    return SimpleNamespace(robot=robot, sources=errors_of(robot, angle, length, ("theta", "a")))
+    return stated(robot=robot, sources=errors_of(robot, angle, length, ("theta", "a")))
 
 
 def test_every_sample_is_the_full_forward_model():
@@ -126,7 +126,7 @@ def test_the_ratio_is_one_within_its_sampling_error():
 
 def test_a_direction_without_variance_stays_without():
     lengths = Sources.independent({"joint1.a": 0.01, "joint2.a": 0.01})
-    problem = SimpleNamespace(robot=load_preset("planar_2r"), sources=lengths)
+    problem = stated(robot=load_preset("planar_2r"), sources=lengths)
     cloud = simulate(problem, np.radians((90, -180)), n=2000)
     assert 0.93 < cloud.coverage95 < 0.97  # a line, with the factor of a line
     assert np.isfinite(cloud.ratio).all()
@@ -136,7 +136,7 @@ def test_a_direction_without_variance_stays_without():
 def test_small_scatter_keeps_its_digits():
     robot = load_preset("planar_2r")
     sigma = {"joint1.theta": 1e-9, "joint2.theta": 1e-9, "joint1.a": 1e-9, "joint2.a": 1e-9}
-    problem = SimpleNamespace(robot=robot, sources=Sources.independent(sigma))
+    problem = stated(robot=robot, sources=Sources.independent(sigma))
     cloud = simulate(problem, BENT, n=20_000)
     np.testing.assert_allclose(cloud.ratio, 1, atol=5 * 0.005)
     assert 0.94 < cloud.coverage95 < 0.96

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -20,12 +19,13 @@ from posture_opt.uncertainty.second_order import second_order
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
 from tests.helpers.moments import correlated, errors_of, planar, raw_moments, scaled
+from tests.helpers.stated import stated
 
 Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
 
 
 def moments(problem, q):
-    return ToolPoint.of(problem.robot, problem.sources).moments([float(v) for v in q])
+    return ToolPoint.of(problem.arm, problem.sources).moments([float(v) for v in q])
 
 
 # Planar 2R, a = 1, 1 m, sigma_a = 10 mm, sigma_theta1 = 1 deg: computed from x = a1 cos t1 + a2 cos(t1 + t2) and
@@ -70,7 +70,7 @@ def test_the_major_axis_of_the_bent_arm_has_the_printed_angle():
 ])  # fmt: skip
 def test_the_second_order_is_complete(posture, t1, t2, first, trace, complete):
     problem = planar(t1, t2)
-    tool_point = ToolPoint.of(problem.robot, problem.sources)
+    tool_point = ToolPoint.of(problem.arm, problem.sources)
     exact = tool_point.moments(np.radians(posture).tolist())
     parts = second_order(exact.walk, tool_point.indices, tool_point.covariance)
     steps = (parts.first, first), (parts.first + parts.curvature, trace), (parts.covariance, complete)
@@ -106,7 +106,7 @@ def test_the_recursion_gives_the_raw_moments(scale):
     robot = load_preset("puma560")
     sources = scaled(errors_of(robot, 1e-3, 1e-3), scale)
     m, C = raw_moments(robot, Q6, sources)
-    found = moments(SimpleNamespace(robot=robot, sources=sources), Q6)
+    found = moments(stated(robot=robot, sources=sources), Q6)
     # raw moments lose 1 / sigma^2 = 1e6 of the digits of long double; double keeps 1e-13 over 40 factors
     rounding = 1e-13 + 100 * float(np.finfo(np.longdouble).eps) * 1e6 / scale**2
     np.testing.assert_allclose(found.covariance, C, atol=rounding * C.max())
@@ -120,7 +120,7 @@ def test_small_errors_keep_their_digits(robot, coupled):
     unit = errors_of(robot, 1.0, 1.0, ("theta", "d", "a"))
     q = (0.3, -1.1, 0.1, 0.4)[: robot.n] if robot.n < 6 else Q6
     small = scaled(correlated(unit) if coupled else unit, 1e-7)
-    found = moments(SimpleNamespace(robot=robot, sources=small), q)
+    found = moments(stated(robot=robot, sources=small), q)
     # C = s^2 J R J' (1 + O(s^2)), and s^2 = 1e-14 is nothing; C = S - m m' would keep no digit at all
     np.testing.assert_allclose(found.covariance, found.first_order, atol=1e-13 * found.first_order.max())
 
@@ -129,7 +129,7 @@ def test_small_errors_keep_their_digits(robot, coupled):
 def test_planar_closed_form_and_recursion_agree_for_independent_errors(robot):
     robot = load_preset(robot)
     sources = errors_of(robot, 0.1, 0.03, ("theta", "d", "a"))
-    tool_point = ToolPoint.of(robot, sources)
+    tool_point = ToolPoint.of(Arm(robot), sources)
     q = [0.3, -1.1, 0.1, 0.4][: robot.n]
     reached, values = tool_point.walk(q)
     mean, C = planar_moments(robot, reached, values, tool_point.indices, tool_point.covariance, tool_point.plane)
@@ -142,8 +142,8 @@ def test_the_plane_may_stand_anyhow():
     tilted = planar_tilted()
     flat = planar()
     coupled = correlated(flat.sources)
-    upright = moments(SimpleNamespace(robot=flat.robot, sources=coupled), (0.4, -1.0))
-    found = moments(SimpleNamespace(robot=tilted, sources=coupled), (0.4, -1.0))
+    upright = moments(stated(robot=flat.robot, sources=coupled), (0.4, -1.0))
+    found = moments(stated(robot=tilted, sources=coupled), (0.4, -1.0))
     base = walk(tilted.base, factor_values(tilted.base, []))
     R = np.array(base.columns, dtype=float).T
     np.testing.assert_allclose(found.covariance, R @ upright.covariance @ R.T, atol=1e-18)
@@ -172,7 +172,7 @@ def test_second_order_against_algorithmic_differentiation():
     bias = ca.vertcat(*(ca.trace(S @ H) / 2 for H in hessians))
     parts = [J @ S @ J.T, curvature, (mixed + mixed.T) / 2, bias]
     first, curvature, mixed, bias = (v.full() for v in ca.Function("f", [p], parts)(np.zeros(len(place))))
-    tool_point = ToolPoint.of(robot, sources)
+    tool_point = ToolPoint.of(Arm(robot), sources)
     found = second_order(tool_point.walk(list(Q6))[0], tool_point.indices, tool_point.covariance)
     for value, expected in ((found.first, first), (found.curvature, curvature), (found.mixed, mixed)):
         np.testing.assert_allclose(value, expected, atol=1e-14)  # entries of order 0.01, hundreds of sums
@@ -180,13 +180,13 @@ def test_second_order_against_algorithmic_differentiation():
 
 
 def test_uncorrelated_sources_have_no_correction():
-    problem = SimpleNamespace(robot=load_preset("ur5"), sources=errors_of(load_preset("ur5"), 0.05, 0.01))
+    problem = stated(robot=load_preset("ur5"), sources=errors_of(load_preset("ur5"), 0.05, 0.01))
     found = moments(problem, Q6)
-    tool_point = ToolPoint.of(problem.robot, problem.sources)
+    tool_point = ToolPoint.of(problem.arm, problem.sources)
     assert tool_point.method == "exact"
     nearly = problem.sources.covariance.copy()
     nearly[0, 7] = nearly[7, 0] = 1e-12
-    other = moments(SimpleNamespace(robot=problem.robot, sources=Sources(problem.sources.names, nearly)), Q6)
+    other = moments(stated(robot=problem.robot, sources=Sources(problem.sources.names, nearly)), Q6)
     # a covariance of 1e-12 moves C by at most 2e-12 times two levers of about a metre
     np.testing.assert_allclose(other.covariance, found.covariance, atol=1e-11)
 
@@ -218,7 +218,7 @@ def scara_errors():
 def test_a_million_samples(case, scale):
     robot, sources, q = CASES[case]()
     n = 1_000_000 if "planar" in case or (scale == 30 and "6R" in case) else 200_000
-    cloud = simulate(SimpleNamespace(robot=robot, sources=scaled(sources, scale)), q, n=n, seed=scale)
+    cloud = simulate(stated(robot=robot, sources=scaled(sources, scale)), q, n=n, seed=scale)
     # Five standard errors: missed once in a million entries by a right formula; two hundred are compared.
     offset = np.abs(cloud.covariance - cloud.spread.covariance)
     assert (offset <= 5 * cloud.covariance_error + 1e-30).all()
@@ -230,7 +230,7 @@ def test_a_million_samples(case, scale):
 @pytest.mark.parametrize("case", list(CASES))
 def test_numbers_arrays_and_symbols_agree(case):
     robot, sources, q = CASES[case]()
-    tool_point = ToolPoint.of(robot, scaled(sources, 10))
+    tool_point = ToolPoint.of(Arm(robot), scaled(sources, 10))
     symbol = ca.SX.sym("q", robot.n)
     symbolic = tool_point.moments(ca.vertsplit(symbol))
     results = [symbolic.mean, symbolic.covariance, symbolic.first_order, symbolic.position]
@@ -255,6 +255,6 @@ def test_sources_without_variance_are_left_out_and_order_does_not_matter():
     other = Sources(tuple(sources.names[i] for i in shuffled), sources.covariance[np.ix_(shuffled, shuffled)])
     padded = np.zeros((k + 1, k + 1))
     padded[:k, :k] = other.covariance
-    a = moments(SimpleNamespace(robot=robot, sources=sources), Q6)
-    b = moments(SimpleNamespace(robot=robot, sources=Sources((*other.names, "base.x"), padded)), Q6)
+    a = moments(stated(robot=robot, sources=sources), Q6)
+    b = moments(stated(robot=robot, sources=Sources((*other.names, "base.x"), padded)), Q6)
     np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-12)

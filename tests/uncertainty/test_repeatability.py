@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,10 +18,11 @@ from posture_opt.uncertainty.repeatability import joint_sigmas, matching_posture
 from posture_opt.uncertainty.spread import propagate
 from tests.helpers.factors import parameter_jacobian
 from tests.helpers.fresh import loaded_by
+from tests.helpers.stated import stated
 
 
 def predicted(robot, sources, q):
-    return repeatability_from_covariance(propagate(SimpleNamespace(robot=robot, sources=sources), q).covariance)
+    return repeatability_from_covariance(propagate(stated(robot=robot, sources=sources), q).covariance)
 
 
 @pytest.mark.parametrize("name", preset_names())
@@ -57,7 +57,7 @@ def test_a_simulated_test_gives_the_data_sheet_s_figure():
     sources = joint_sigmas(robot, 5e-5)
     found = []
     for seed, q in enumerate(matching_postures(robot)):
-        points = simulate(SimpleNamespace(robot=robot, sources=sources), q, n=2000, seed=seed).points
+        points = simulate(stated(robot=robot, sources=sources), q, n=2000, seed=seed).points
         distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
         found.append(distance.mean() + 3 * distance.std(ddof=1))
     # RP of 2000 cycles scatters by 1.1 %; near the median of 200 that leaves well under 1 %

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from posture_opt.errors import InputError
+from posture_opt.model.arm import Arm
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
 from posture_opt.uncertainty.budget import budget, budgets
@@ -20,6 +20,7 @@ from posture_opt.uncertainty.spread import propagate
 from posture_opt.uncertainty.tool_point import ToolPoint
 from tests.helpers.factors import pose
 from tests.helpers.moments import correlated, errors_of, planar, scaled
+from tests.helpers.stated import stated
 
 BENT = np.radians((90, -135))
 Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
@@ -27,7 +28,7 @@ Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
 
 def spatial(angle=1e-3, length=1e-4, kinds=("theta", "a", "d")):
     robot = load_preset("ur5")
-    return SimpleNamespace(robot=robot, sources=errors_of(robot, angle, length, kinds))
+    return stated(robot=robot, sources=errors_of(robot, angle, length, kinds))
 
 
 def shares(found):
@@ -53,7 +54,7 @@ def test_an_arm_in_space_has_an_ellipsoid_with_the_factor_of_space():
 def test_a_planar_arm_whose_tool_point_may_leave_the_plane_has_an_ellipsoid():
     robot = load_preset("planar_2r")
     for sigma in ({"joint1.theta": 0.01, "joint2.d": 1e-3}, {"joint1.theta": 0.01, "joint1.alpha": 0.01}):
-        spread = propagate(SimpleNamespace(robot=robot, sources=Sources.independent(sigma)), BENT)
+        spread = propagate(stated(robot=robot, sources=Sources.independent(sigma)), BENT)
         assert spread.ellipse.semi_axes.shape == (3,)
 
 
@@ -72,7 +73,7 @@ def test_the_plane_may_stand_anyhow(rpy):
 
 def test_a_tool_point_that_scatters_along_a_line_has_the_factor_of_a_line():
     lengths = Sources.independent({"joint1.a": 0.01, "joint2.a": 0.01})
-    spread = propagate(SimpleNamespace(robot=load_preset("planar_2r"), sources=lengths), np.radians((90, -180)))
+    spread = propagate(stated(robot=load_preset("planar_2r"), sources=lengths), np.radians((90, -180)))
     np.testing.assert_allclose(spread.covariance, np.diag([0, 2e-4, 0]), atol=1e-18)
     assert spread.to_json()["ellipse"]["coverage95_factor"] == pytest.approx(1.96, abs=5e-5)
 
@@ -130,7 +131,7 @@ def test_budget_to_first_order_is_that_of_the_gum():
 def test_correlated_sources_share_by_their_covariances_and_may_save(scale):
     robot = load_preset("ur5")
     sources = scaled(correlated(errors_of(robot, 1e-6, 1e-6, ("theta", "a"))), scale)
-    tool_point = ToolPoint.of(robot, sources)
+    tool_point = ToolPoint.of(Arm(robot), sources)
     u = np.array([0.6, 0.0, 0.8])
     c = u @ np.asarray(tool_point.jacobian(tool_point.walk(list(Q6))[0]))
     parts = c * (tool_point.covariance @ c)  # c_i sum_j c_j Cov_ij, JCGM 100:2008, 5.2.2 split by i
@@ -148,7 +149,7 @@ def test_budget_is_the_elasticity_of_the_reported_covariance(arm):
         problem, q = spatial(0.05, 0.01), Q6
     problem.sources = correlated(problem.sources)
     u = np.array([0.6, 0.8, 0.0])
-    tool_point = ToolPoint.of(problem.robot, problem.sources)
+    tool_point = ToolPoint.of(problem.arm, problem.sources)
 
     def variance(factors):
         S = tool_point.covariance * np.outer(factors, factors)
@@ -179,7 +180,7 @@ def test_shares_sum_to_one_and_come_in_order():
 
 
 def test_a_direction_without_variance_has_no_shares():
-    tool_point = ToolPoint.of(planar().robot, planar().sources)
+    tool_point = ToolPoint.of(planar().arm, planar().sources)
     in_plane, normal = budgets(tool_point, (0.1, 0.2), [(1, 0, 0), (0, 0, 1)])
     assert sum(s.share for s in in_plane) == pytest.approx(1)
     assert all(s.share == 0 for s in normal)
@@ -221,10 +222,8 @@ def test_validity_stands_beside():
 def test_method_says_how():
     assert propagate(spatial(), Q6).method == "exact"
     flat = planar()
-    assert (
-        propagate(SimpleNamespace(robot=flat.robot, sources=correlated(flat.sources)), BENT).method == "exact, planar"
-    )
-    both = SimpleNamespace(robot=spatial().robot, sources=correlated(spatial().sources))
+    assert propagate(stated(robot=flat.robot, sources=correlated(flat.sources)), BENT).method == "exact, planar"
+    both = stated(robot=spatial().robot, sources=correlated(spatial().sources))
     assert "second order" in propagate(both, Q6).method
 
 
@@ -265,13 +264,13 @@ def test_all_faults_of_a_posture_are_named_at_once():
 
 def test_nothing_uncertain_is_refused_with_the_mend():
     with pytest.raises(InputError, match=r"uncertainty: \{repeatability: 0.05 mm\}"):
-        propagate(SimpleNamespace(robot=load_preset("planar_2r"), sources=Sources()), BENT)
+        propagate(stated(robot=load_preset("planar_2r"), sources=Sources()), BENT)
 
 
 def test_limits_are_noted_not_enforced():
     spread = propagate(planar(), np.radians((190, -180)))
     assert spread.notes == ("joint1 is 10 deg above its upper limit of 180 deg",)
-    scara = SimpleNamespace(robot=load_preset("scara"), sources=Sources.independent({"joint1.theta": 1e-4}))
+    scara = stated(robot=load_preset("scara"), sources=Sources.independent({"joint1.theta": 1e-4}))
     lower = scara.robot.joints[2].lower
     (note,) = propagate(scara, (0, 0, lower - 0.002, 0)).notes
     assert note.startswith(f"{scara.robot.joint_names[2]} is 2 mm below its lower limit")

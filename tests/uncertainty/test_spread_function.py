@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 import tracemalloc
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from posture_opt.uncertainty.spread import propagate
 from posture_opt.uncertainty.spread_function import SpreadFunction
 from tests.helpers.factors import random_postures
 from tests.helpers.moments import correlated, errors_of, planar
+from tests.helpers.stated import stated
 
 needs_compiler = pytest.mark.skipif(not find_compiler(), reason="no C compiler on this machine")
 
@@ -24,7 +24,7 @@ needs_compiler = pytest.mark.skipif(not find_compiler(), reason="no C compiler o
 def problem(name, angle=0.05, length=0.01, kinds=("theta", "a", "d"), coupled=False):
     robot = load_preset(name)
     sources = errors_of(robot, angle, length, kinds)
-    return SimpleNamespace(robot=robot, sources=correlated(sources) if coupled else sources)
+    return stated(robot=robot, sources=correlated(sources) if coupled else sources)
 
 
 CASES = [(name, False) for name in preset_names()] + [("planar_2r", True), ("scara", True), ("ur5", True)]
@@ -127,9 +127,7 @@ def test_postures_are_read_strictly():
 def test_nothing_uncertain_is_refused_and_no_variance_is_zero():
     robot = load_preset("planar_2r")
     with pytest.raises(InputError, match="nothing is uncertain"):
-        SpreadFunction(SimpleNamespace(robot=robot, sources=Sources()))
-    still = SpreadFunction(
-        SimpleNamespace(robot=robot, sources=Sources(("joint1.a",), np.zeros((1, 1)))), compiled=False
-    )
+        SpreadFunction(stated(robot=robot, sources=Sources()))
+    still = SpreadFunction(stated(robot=robot, sources=Sources(("joint1.a",), np.zeros((1, 1)))), compiled=False)
     np.testing.assert_array_equal(still([[0.1, 0.2]]), np.zeros((1, 3, 3)))
     np.testing.assert_array_equal(still.first_order([[0.1, 0.2]]), np.zeros((1, 3, 3)))

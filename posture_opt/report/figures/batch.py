@@ -54,7 +54,7 @@ def _panel(axes: Any, problem: Problem, found: Batch, pair: CorrelatedPair) -> N
     low, high = pair.interval
     axes.set_title(f"correlation {pair.correlation:.2f} ({low:.2f} to {high:.2f})")
     for which, name, unit in zip("xy", (pair.a, pair.b), units, strict=True):
-        axes.set(**{f"{which}label": f"{source_words(name, problem.robot)}, off nominal [{unit}]"})
+        axes.set(**{f"{which}label": f"{source_words(name, problem.arm)}, off nominal [{unit}]"})
     if units[0] == units[1]:
         axes.set_aspect("equal", adjustable="datalim")
 

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 @styled
 def plot_budget(spread: Spread, shares: Sequence[Share], axis: Any) -> Figure:
     """Share of every source in the variance along ``axis`` (3,), the largest on top, the small ones lumped."""
-    robot = spread.robot
+    arm = spread.tool_point.arm
     shown, rest = main_shares(shares)
-    names = [source_words(s.parameter, robot) for s in shown]
+    names = [source_words(s.parameter, arm) for s in shown]
     values = [s.share for s in shown]
     if rest:
         names.append(f"{len(rest)} others")

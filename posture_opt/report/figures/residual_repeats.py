@@ -14,7 +14,7 @@ from posture_opt.report.figures.residual_shape import boundary
 from posture_opt.report.style import BLUE, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.words import line_words
 from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
-from posture_opt.validation.prediction import ErrorSources, columns
+from posture_opt.validation.prediction import ErrorSources
 from posture_opt.validation.repeat_scatter import repeat_errors, slides
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def _predicted(problem: Problem, shown: Shown, rows: Codes, B: Floats) -> Ellips
     """The scatter [mm²] of visits by the problem: what it says changes from visit to visit, and its instrument."""
     residuals = shown.residuals.take(rows)
     errors = ErrorSources.of(residuals, problem.sources)
-    J = residuals.sigma * columns(residuals, shown.x, errors.factors)[:, : len(shown.axes)]
+    J = residuals.sigma * residuals.sensitivities(errors.names, shown.x)[:, : len(shown.axes)]
     instrument = problem.measurement.position if problem.measurement is not None else 0.0
     C = J @ repeat_errors(errors, residuals)[0] @ np.swapaxes(J, -1, -2)
     C = C.mean(axis=0) + (instrument or 0.0) ** 2 * np.eye(len(shown.axes))

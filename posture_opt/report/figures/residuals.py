@@ -54,8 +54,6 @@ class Shown:
     @classmethod
     def of(cls, learned: Learned) -> Shown:
         """The rows of a calibration that count."""
-        from posture_opt.model.derivatives import position_column
-
         found = learned.calibration
         kept = found.kept_rows
         residuals = found.residuals.take(kept)
@@ -64,7 +62,7 @@ class Shown:
         position = residuals.data.position
         places = residuals.points(found.x)[residuals.data.point] if position is None else position
         origin = reached.screws[len(residuals.robot.base)].origin
-        columns = tuple(_rows(position_column(reached, k), len(kept)) for k in residuals.robot.driven)
+        columns = tuple(residuals.tool_shifts(residuals.robot.driven, found.x))
         return cls(
             residuals, found.x, errors, 1e3 * places, columns, 1e3 * _rows(origin, len(kept))[0],
             tuple(int(axis) for axis in residuals.axes),

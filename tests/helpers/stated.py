@@ -1,0 +1,15 @@
+"""A robot with stated errors: as much of a problem as the closed forms ask for."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from posture_opt.model.arm import Arm
+from posture_opt.robot.robot import Robot
+from posture_opt.uncertainty.sources import Sources
+
+
+def stated(robot: Robot, sources: Sources) -> Any:
+    """Robot and sources of error where a ``Problem`` would stand."""
+    return SimpleNamespace(arm=Arm(robot), robot=robot, sources=sources)
