@@ -21,7 +21,7 @@ from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_d
 from posture_opt.diagnosis.extended_fit import Extended, fit_calibrated, fit_extended
 from posture_opt.diagnosis.geometry_causes import geometry_causes
 from posture_opt.diagnosis.held_out import HeldOut, held_out
-from posture_opt.diagnosis.lack_of_fit import Adequacy, adequacy
+from posture_opt.diagnosis.lack_of_fit import Adequacy, assess_adequacy
 from posture_opt.diagnosis.linearised_data import frame_directions, linearise, tool_points
 from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
 from posture_opt.diagnosis.other_session import Gain, SecondSession, second_session
@@ -49,10 +49,10 @@ class Diagnosis:
         held: those errors row by row, by model.
         model: the fitted arm with its effects; ``persistent`` the one to plan with, without those of time
             unless they were asked for.
-        unexplained: umbrellas, curves without a name, that the residuals need beside the effects.
-        adequacy: what is left after everything.
+        unexplained: unnamed components that the residuals need beside the effects.
+        adequacy: the tests for anything left unexplained.
         groups: (N,) what the cross-validation left out together, of the rows that are no outliers.
-        rivals: by the place of an effect in ``model``, the suspects that could stand for it.
+        rivals: by the place of an effect in ``model``, the candidates that could stand for it.
         test: another file predicted by what this one taught.
     """
 
@@ -178,7 +178,7 @@ def diagnose(
 ) -> Diagnosis:
     """Name what the model lacks to explain measurements, at 5 % false alarms for the whole verdict.
 
-    Geometry that the data determine is part of every model. Effects and nameless curves compete by what they
+    Geometry that the data determine is part of every model. Effects and unnamed components compete by what they
     explain of the rest; the null of all of them together comes from flipping the signs of whole poses.
 
     Args:
@@ -204,14 +204,12 @@ def diagnose(
         found = search(linearised, calibration.design > 1)
     residuals = linearised.sensitivities.residuals
     names = prefer_named(linearised, found) if not all(s.named for s in found.chosen) else found
-    nameless = tuple(
-        s.what for s in remaining_unnamed(linearised, found, names) if isinstance(s.what, UnnamedComponent)
-    )
+    unnamed = tuple(s.what for s in remaining_unnamed(linearised, found, names) if isinstance(s.what, UnnamedComponent))
     named = [s for s in names.chosen if isinstance(s.what, Effect)]
     model = fit_calibrated(residuals, calibration, named)
     everything = linearised.baseline(found.chosen)
-    left = adequacy(everything, residuals.data, tool_points(linearised), residuals.block)
-    closed = 0.0 if nameless else left.p_value
+    left = assess_adequacy(everything, residuals.data, tool_points(linearised), residuals.block)
+    closed = 0.0 if unnamed else left.p_value
     unclear = closed < levels.LACK_OF_FIT
     noise = noise_causes(problem, calibration, model, everything, closed, seed)
     known = frame_directions(calibration)
@@ -239,7 +237,7 @@ def diagnose(
     stages.end()
     return Diagnosis(
         outcome, findings, problem, calibration, statistics, held, model, persistent(model, known, with_time),
-        found, nameless, left, groups_by, groups, names.confusable, other,
+        found, unnamed, left, groups_by, groups, names.confusable, other,
         (*calibration.notes, *(() if other is None else other.notes)),
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Whether anything is left that no candidate explains: lack of fit against repeats, and structure of any shape."""
+"""Tests of model adequacy: lack of fit against repeats, and structure of any smooth shape in the residuals."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.score_tests import ProjectedBaseline, tail
+from posture_opt.diagnosis.score_tests import ProjectedBaseline, p_value_of_maximum
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeat_groups import repeat_of_row
 from posture_opt.numerics import Array, Codes
@@ -16,7 +16,13 @@ from posture_opt.numerics import Array, Codes
 
 @dataclass(frozen=True)
 class Adequacy:
-    """What is left: p-value of lack of fit and of structure, and the variable along which it is seen most clearly."""
+    """Two tests for anything left unexplained.
+
+    Args:
+        lack_of_fit: p-value of the scatter about the model against that of repeats.
+        structure: family-wise p-value of residuals of neighbours that are alike.
+        place: the variable along which they are most alike.
+    """
 
     lack_of_fit: float
     structure: float
@@ -24,31 +30,38 @@ class Adequacy:
 
     @property
     def p_value(self) -> float:
-        """Of both tests together."""
+        """Of both tests together (Bonferroni)."""
         return float(min(1.0, 2 * min(self.lack_of_fit, self.structure)))
 
 
-def adequacy(baseline: ProjectedBaseline, data: Measurements, points: Array, block: int) -> Adequacy:
-    """Both tests on what a ground leaves of the residuals; ``points`` (N, 3) [m] are the measured ones."""
+def assess_adequacy(baseline: ProjectedBaseline, data: Measurements, points: Array, block: int) -> Adequacy:
+    """Both tests on the residuals that a baseline leaves.
+
+    Args:
+        points: (N, 3) tool points [m], world.
+        block: residuals of one row.
+    """
     structure, place = _structure(baseline, data, points, block)
     return Adequacy(_lack_of_fit(baseline, data, block), structure, place)
 
 
 def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, block: int) -> float:
-    """F test of the scatter about the model against the scatter between visits of one pose with one target.
+    """p-value of the F test of lack of fit: scatter about the model against that between repeats of a pose and target.
 
-    Readings of one visit share the joints' scatter, so they count by their mean: against the instrument alone every
-    arm would look wrong. A mean of more readings is surer where the instrument scatters most, and no surer where the
-    joints do; which it is nobody knows, so the p-value is the larger of both.
+    Readings of one repeat share the joints' scatter, so they count by their mean: against the instrument alone every
+    arm would fail. A mean of more readings is more certain where the instrument scatters most, and not where the joints
+    do; which it is is unknown, so the p-value is the larger of both.
+
+    Source: Draper, Smith (1998), section 2.1.
     """
     from scipy.special import fdtrc
 
-    visit = repeat_of_row(data)
-    cell, first, size = _groups(visit, data.target)
-    code, _, visits = _groups(data.pose[first], data.target[first])
-    # The targets of one visit share its scatter too: so many residuals tell as much as one.
-    shared = len(size) / (visit[-1] + 1)
-    pure_freedom = int((visits - 1).sum()) * block / shared
+    repeat = repeat_of_row(data)
+    cell, first, size = _groups(repeat, data.target)
+    code, _, repeats = _groups(data.pose[first], data.target[first])
+    # The targets of one repeat share its scatter too: so many residuals tell as much as one.
+    shared = len(size) / (repeat[-1] + 1)
+    pure_freedom = int((repeats - 1).sum()) * block / shared
     freedom = (len(size) * block - baseline.Q.shape[1]) / shared - pure_freedom
     if pure_freedom < levels.REPEAT_FREEDOM or freedom < 1:
         return 1.0
@@ -74,7 +87,10 @@ def _means(e: Array, code: Codes, weights: Array) -> Array:
 
 
 def _structure(baseline: ProjectedBaseline, data: Measurements, points: Array, block: int) -> tuple[float, str]:
-    """Whether residuals of neighbours are alike: ``eᵀ K e`` of many kernels against flipped signs."""
+    """Whether residuals of neighbours are alike: the largest ``eᵀ K e`` of many kernels K against flipped signs.
+
+    Moran's (1950) statistic with Gaussian weights; the null of the largest comes from the same flipped data sets.
+    """
     N = len(data)
     rows = (
         np.arange(N)
@@ -85,7 +101,7 @@ def _structure(baseline: ProjectedBaseline, data: Measurements, points: Array, b
     names, values = [], []
     for name, K in _kernels(data, points, rows):
         np.fill_diagonal(K, 0.0)
-        # The same pose is alike with itself, that is repeatability and no structure.
+        # Repeats of one pose are alike: that is repeatability and no structure.
         K[data.pose[rows][:, None] == data.pose[rows][None, :]] = 0.0
         smooth = np.tensordot(K, series, axes=(1, 0))
         values.append(np.einsum("nbf,nbf->f", series, smooth))
@@ -95,7 +111,7 @@ def _structure(baseline: ProjectedBaseline, data: Measurements, points: Array, b
     z = (table - centre[:, None]) / np.maximum(spread, 1e-300)[:, None]
     most = z[:, 1:].max(axis=0)
     best = int(np.argmax(z[:, 0]))
-    return tail(most, float(z[best, 0])), names[best]
+    return p_value_of_maximum(most, float(z[best, 0])), names[best]
 
 
 def _kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[tuple[str, Array]]:

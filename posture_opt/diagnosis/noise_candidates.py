@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.score_tests import tail
+from posture_opt.diagnosis.score_tests import p_value_of_maximum
 from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, StatedSigma
 from posture_opt.numerics import Array, Mask
 from posture_opt.validation.scatter_model import null_sets
@@ -69,7 +69,7 @@ def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
     candidates = []
     for pattern, (ratios, value, s2) in zip(patterns, found, strict=True):
         ratio, size = float(ratios[0]), pattern.size(value, s2)
-        p, std = tail(most, ratio), pattern.error(value, s2)
+        p, std = p_value_of_maximum(most, ratio), pattern.error(value, s2)
         named = partial(pattern.named, value, s2, std)
         spread = None if pattern.unit is None else pattern.unit * np.sqrt(pattern.inflation(value) - 1)[:, None]
         who = pattern.kind, pattern.target

@@ -159,7 +159,8 @@ class NullDistribution:
         their exponential tail, which for F tests falls by e for each e of p and more slowly where the noise has long
         tails; between families the level is shared out (weighted Bonferroni).
         """
-        return float(min(1.0, tail(-self.least[family], -log_p_value, 1.0) / levels.FAMILY_SHARES[family]))
+        p = p_value_of_maximum(-self.least[family], -log_p_value, 1.0)
+        return float(min(1.0, p / levels.FAMILY_SHARES[family]))
 
 
 def scan_frequencies(
@@ -225,8 +226,8 @@ def _two_columns(gram: tuple[Array, Array, Array], bs: Array, bc: Array) -> Arra
     return np.asarray(np.where(good, value, 0.0))
 
 
-def tail(most: Array, value: float, slowest: float = 1e-12) -> float:
-    """p-value of ``value`` among the maxima of draws: counted, and beyond them along an exponential tail.
+def p_value_of_maximum(most: Array, value: float, slowest: float = 1e-12) -> float:
+    """p-value of ``value`` among the maxima ``most`` (B,) of draws: counted, and beyond them along an exponential tail.
 
     The tail has the mean excess of the largest tenth (Pickands 1975, with shape zero), at least ``slowest``.
     """

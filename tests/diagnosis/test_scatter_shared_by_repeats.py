@@ -10,7 +10,7 @@ import posture_opt as po
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.diagnosis import levels, noise_causes
 from posture_opt.diagnosis.extended_fit import fit_extended
-from posture_opt.diagnosis.lack_of_fit import adequacy
+from posture_opt.diagnosis.lack_of_fit import assess_adequacy
 from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.noise_candidates import score_stated_sigma, score_uneven_noise
 from posture_opt.diagnosis.score_tests import ProjectedBaseline
@@ -31,7 +31,7 @@ def lack_of_fit(seed: int, passes: int, readings: int, targets: int, wrong: floa
     e = 5 * rng.normal(size=(visit.max() + 1, 2))[visit] + rng.normal(size=(len(q), 2))
     e += wrong * rng.normal(size=(40, 2))[order]
     baseline = ProjectedBaseline.of(e.ravel(), rng.normal(size=(e.size, 4)), np.repeat(order, 2), 19, 0)
-    return adequacy(baseline, data, np.column_stack([q, order]), 2).lack_of_fit
+    return assess_adequacy(baseline, data, np.column_stack([q, order]), 2).lack_of_fit
 
 
 @pytest.mark.parametrize(("readings", "targets"), [(3, 1), (1, 2), (2, 2)])
