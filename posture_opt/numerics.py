@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -15,3 +16,8 @@ Mask = NDArray[np.bool_]
 """True where something holds."""
 Progress = Callable[[int, int], None]
 """Is told how many of how many parts of a computation are done."""
+
+
+def finite_or_none(value: float) -> float | None:
+    """The number, or None, which JSON writes as null, where it is infinite or NaN."""
+    return value if math.isfinite(value) else None

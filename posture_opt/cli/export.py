@@ -19,7 +19,7 @@ from posture_opt.cli.request import placed, requested_problem
 def command(common: Common, target: str, name: str, **given: Any) -> None:
     """Write position and covariance of the tool point, as functions of the joints, as C code."""
     problem = requested_problem(**given)
-    from posture_opt.uncertainty.c_export import covariance_c
+    from posture_opt.uncertainty.spread_function import covariance_c
 
     with output_folder(common.out) as folder, placed(problem):
         source, header = covariance_c(problem, name)

@@ -12,10 +12,10 @@ from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeat_groups import rows_of
 from posture_opt.measurements.row_inputs import arm_for
-from posture_opt.selection.goal import Goal
-from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.reach import Reach
-from posture_opt.uncertainty.ball import central_radii
+from posture_opt.selection.solution import HasTask
+from posture_opt.selection.task_target import TaskTarget
+from posture_opt.uncertainty.coverage_radius import central_radii
 from posture_opt.uncertainty.tool_point import ToolPoint
 
 Floats = np.ndarray
@@ -148,7 +148,7 @@ def _basis(problem: HasTask) -> Floats:
     """(3, m) the part of an error that the task cares about, world; of an arm in a plane, in its plane."""
     assert problem.task is not None
     reach = Reach.of(problem.arm, problem.task.tool_axis)
-    goal = Goal.of(problem.task, reach)
+    goal = TaskTarget.of(problem.task, reach)
     if problem.task.within == "along":
         return goal.direction[:, None]
     planar = reach.normals.shape[1] == 1

@@ -25,8 +25,8 @@ from posture_opt.experiments.visiting_order import tour
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.nominal_points import nominal_poses
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.selector import select_posture
+from posture_opt.selection.solution import HasTask
 from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.link_height import LinkHeight
 
@@ -138,7 +138,7 @@ def _target(problem: PlannedProblem, needed: bool) -> tuple[Target | None, tuple
             raise
         why = error.issues[0].message if isinstance(error, InputError) else str(error).splitlines()[0]
         return None, (f"the task's posture is not known ({why})",)
-    return Target(np.array(solution.q), solution.basis.T, solution.programme.task.within), ()
+    return Target(np.array(solution.q), solution.basis.T, solution.optimisation_problem.task.within), ()
 
 
 def plan(

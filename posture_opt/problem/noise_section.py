@@ -12,7 +12,7 @@ from posture_opt.uncertainty.sources import Sources, covariance_issues
 
 if TYPE_CHECKING:
     from posture_opt.model.effects import CatalogueEntry
-    from posture_opt.uncertainty.spec import MeasurementSpec
+    from posture_opt.uncertainty.uncertainty_section import MeasurementSpec
 
 
 def noisy_sources(sources: Sources, robot: Robot, effects: Sequence[CatalogueEntry]) -> Sources:

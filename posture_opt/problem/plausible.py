@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from posture_opt.robot.robot import Repeatability, Robot
 from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.spec import UncertaintySpec
+from posture_opt.uncertainty.uncertainty_section import UncertaintySpec
 
 FAR = 20.0
 """So many times off the data sheet a stated scatter is remarked on: an arm may be worn, or badly calibrated."""

@@ -21,7 +21,7 @@ from posture_opt.robot.robot import Robot
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.spec import MeasurementSpec, UncertaintySpec
+from posture_opt.uncertainty.uncertainty_section import MeasurementSpec, UncertaintySpec
 
 T = TypeVar("T")
 

@@ -11,7 +11,7 @@ from posture_opt.selection.solvers import SolverSpec
 from posture_opt.selection.solvers.ipopt import Ipopt
 from posture_opt.selection.tasks import TaskSpec
 from posture_opt.spec import Spec
-from posture_opt.uncertainty.spec import UncertaintySpec
+from posture_opt.uncertainty.uncertainty_section import UncertaintySpec
 
 
 class ProblemSpec(Spec):

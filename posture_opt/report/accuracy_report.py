@@ -52,7 +52,7 @@ def _range(values: Floats) -> str:
 def problem_block(problem: Problem, found: AccuracyMap) -> Block:
     """What was asked, and where."""
     targets = found.targets
-    task = targets.programme.task
+    task = targets.optimisation_problem.task
     known = [f"{count(found.corrections, 'parameter')} of the arm"] * (found.corrections > 0)
     known += [count(found.effects, "effect")] * (found.effects > 0)
     corrected = " and ".join(known) or "none in the file"
@@ -61,7 +61,7 @@ def problem_block(problem: Problem, found: AccuracyMap) -> Block:
         *input_facts(problem),
         ("Corrections", corrected),
         ("Task", f"{task.kind} - {task.summary}"),
-        ("Direction", f"{direction_words(targets.goal.direction)} in the world"),
+        ("Direction", f"{direction_words(targets.target.direction)} in the world"),
         ("Targets", grid_words(found.grid)),
         *source_facts(problem),
         *note_facts((*problem.notes, *frame_notes(problem.robot), *targets.notes)),

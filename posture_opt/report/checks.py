@@ -10,23 +10,23 @@ from posture_opt.report.units_text import count, length, number, percent
 from posture_opt.report.words import CRITERIA, PARTS, source_words
 
 if TYPE_CHECKING:
+    from posture_opt.selection.search_statistics import Sweep
     from posture_opt.selection.solution import Solution
-    from posture_opt.selection.sweep import Sweep
 
 SMALL_GAIN = 0.05
-"""Below this gain over a typical posture at a fixed place, placing the workpiece is what helps."""
+"""Below this gain over a typical posture at a fixed target, placing the workpiece is what helps."""
 
 
 def checks_block(solution: Solution) -> Block:
-    """Gain, floor, evidence that no better posture was missed, time."""
-    rows = [*_gain(solution), *_floor(solution), *_evidence(solution)]
-    rows.append(("Time", f"{solution.evidence.seconds:.2f} s"))
+    """Gain, lower bound, what the search did lest a better posture be missed, time."""
+    rows = [*_gain(solution), *_lower_bound(solution), *_search(solution)]
+    rows.append(("Time", f"{solution.statistics.seconds:.2f} s"))
     return Block("Checks", (*ranking_sentence(solution), Facts(tuple(rows)), *_advice(solution)))
 
 
 def ranking_sentence(solution: Solution) -> tuple[str, ...]:
     """By what postures are ranked where it is not the scatter that is told of them."""
-    task = solution.programme.task
+    task = solution.optimisation_problem.task
     if task.criterion == "worst" and not task.minimize:
         return ()
     asked = " and ".join([CRITERIA[task.criterion].format(part=PARTS[task.within]), *(t.kind for t in task.minimize)])
@@ -35,7 +35,7 @@ def ranking_sentence(solution: Solution) -> tuple[str, ...]:
 
 
 def _gain(solution: Solution) -> list[tuple[str, str]]:
-    typical, worst = solution.evidence.typical, solution.evidence.worst
+    typical, worst = solution.statistics.typical, solution.statistics.worst
     if not (math.isfinite(typical) and math.isfinite(worst)):
         return []
     return [
@@ -49,8 +49,8 @@ def _gain(solution: Solution) -> list[tuple[str, str]]:
 
 def _size(solution: Solution, sigma: float, digits: int = 3) -> str:
     """A scatter, all of the block in the unit of the largest."""
-    evidence = solution.evidence
-    return length(sigma, digits, (solution.critical.sigma_max, evidence.typical, evidence.worst))
+    statistics = solution.statistics
+    return length(sigma, digits, (solution.critical.sigma_max, statistics.typical, statistics.worst))
 
 
 def _less(gain: float) -> str:
@@ -59,37 +59,37 @@ def _less(gain: float) -> str:
     return f"{percent(abs(gain))} {'less' if gain > 0 else 'more'} scatter than"
 
 
-def _floor(solution: Solution) -> list[tuple[str, str]]:
-    floor = solution.floor
-    if floor is None:
+def _lower_bound(solution: Solution) -> list[tuple[str, str]]:
+    bound = solution.lower_bound
+    if bound is None:
         return []
-    arm = solution.programme.arm
-    where = "at this place" if solution.goal.kind == "point" else "anywhere in this box"
-    lever = f" on a lever of {length(floor.radius, 4)}" if math.isfinite(floor.radius) and floor.radius > 0 else ""
-    share = "alone sets it" if floor.share > 0.995 else f"makes {percent(floor.share)} of it"
-    source = f"the {source_words(floor.source, arm)}{lever} {share}"
-    return [("Floor", f"{where} no posture can get below {_size(solution, floor.sigma)}: {source}"),
-            ("", _above(solution.critical.sigma_max / floor.sigma))]  # fmt: skip
+    arm = solution.optimisation_problem.arm
+    where = "at this target" if solution.target.kind == "point" else "anywhere in this box"
+    lever = f" on a lever of {length(bound.radius, 4)}" if math.isfinite(bound.radius) and bound.radius > 0 else ""
+    share = "alone sets it" if bound.share > 0.995 else f"makes {percent(bound.share)} of it"
+    source = f"the {source_words(bound.source, arm)}{lever} {share}"
+    return [("Lower bound", f"{where} no posture can get below {_size(solution, bound.sigma)}: {source}"),
+            ("", _above(solution.critical.sigma_max / bound.sigma))]  # fmt: skip
 
 
 def _above(ratio: float) -> str:
     if ratio > 2:
-        return f"the answer is {number(ratio, 2)} times this floor"
+        return f"the answer is {number(ratio, 2)} times this bound"
     if ratio < 1.0005:
-        return "the answer lies on this floor"
-    return f"the answer lies {percent(ratio - 1)} above this floor"
+        return "the answer lies on this bound"
+    return f"the answer lies {percent(ratio - 1)} above this bound"
 
 
-def _evidence(solution: Solution) -> list[tuple[str, str]]:
-    e = solution.evidence
+def _search(solution: Solution) -> list[tuple[str, str]]:
+    e = solution.statistics
     text = (
         f"{count(e.tried, 'random start')} led towards the target, {e.starts} arrived, {e.feasible} of these meet "
         f"every requirement; the best {e.polished} improved to a local optimum, {min(e.converged, e.polished)} of them "
         "confirmed by the solver"
     )
     rows = [("Search", text)]
-    rows.append(("", f"{count(e.distinct, 'distinct optimum', 'distinct optima')}; the best one was hit {e.hits} times"
-                     f" out of {e.polished}"))  # fmt: skip
+    optima = count(e.distinct, "distinct optimum", "distinct optima")
+    rows.append(("", f"{optima}; the best one was found by {e.hits} of {count(e.polished, 'local search')}"))
     if e.sweep is not None:
         rows.append(("Sweep", _sweep(solution, e.sweep)))
     return rows
@@ -97,7 +97,7 @@ def _evidence(solution: Solution) -> list[tuple[str, str]]:
 
 def _sweep(solution: Solution, sweep: Sweep) -> str:
     text = f"{sweep.over}: {count(sweep.points, 'posture')}, {sweep.feasible} of them feasible"
-    sigma, answer = solution.evidence.sweep_sigma, solution.critical.sigma_max
+    sigma, answer = solution.statistics.sweep_sigma, solution.critical.sigma_max
     if not math.isfinite(sigma):
         return text
     # Where something else than the largest scatter is made small, a worse posture may well scatter less.
@@ -107,14 +107,14 @@ def _sweep(solution: Solution, sweep: Sweep) -> str:
 
 
 def _advice(solution: Solution) -> tuple[str, ...]:
-    typical = solution.evidence.typical
-    if solution.goal.kind != "point" or not math.isfinite(typical):
+    typical = solution.statistics.typical
+    if solution.target.kind != "point" or not math.isfinite(typical):
         return ()
     gain = solution.gain_over(typical)
     if gain >= SMALL_GAIN:
         return ()
     return (
-        f"At this fixed place the posture matters little: a typical one does {_almost(gain)}. If the workpiece may be "
+        f"At this fixed target the posture matters little: a typical one does {_almost(gain)}. If the workpiece may be "
         "moved, more is to be won by placing it: write region: {min: [...], max: [...]} in the task, in place of "
         "position: [...].",
     )

@@ -79,7 +79,7 @@ def comparison_table(columns: Columns, names: Mapping[str, str] = MODEL_NAMES) -
     sizes = [landing.critical_error for _, landing in columns.values()]
     cells = [_cells(answer, sizes) for answer in columns.values()]
     first = next(solution for solution, _ in columns.values())
-    labels = [joint.name for joint in first.programme.robot.joints]
+    labels = [joint.name for joint in first.optimisation_problem.robot.joints]
     labels += ["largest σ, as planned", "largest σ, as judged", "mean off the target"]
     labels += ["95 of 100 visits within", "fits (probability of success)"]
     rows = [row for row in zip(labels, *cells, strict=True) if any(row[1:])]
@@ -88,7 +88,10 @@ def comparison_table(columns: Columns, names: Mapping[str, str] = MODEL_NAMES) -
 
 def _cells(answer: tuple[Solution, Landing], sizes: list[float]) -> tuple[str, ...]:
     solution, landing = answer
-    joints = [joint_value(q, joint.type) for q, joint in zip(solution.q, solution.programme.robot.joints, strict=True)]
+    joints = [
+        joint_value(q, joint.type)
+        for q, joint in zip(solution.q, solution.optimisation_problem.robot.joints, strict=True)
+    ]
     errors = (solution.critical.sigma_max, landing.sigma_max, landing.distance, landing.critical_error)
     odds = landing.success_probability
     return (*joints, *(_length(value, sizes) for value in errors), "" if odds is None else _odds(odds))

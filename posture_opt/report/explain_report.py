@@ -1,14 +1,15 @@
-"""The nonlinear programme, printed: variables, objective, rows with their bounds, and their values at the solution."""
+"""The nonlinear program, printed: variables, objective, rows with their bounds, and their values at the solution."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
+from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Report, Table
 from posture_opt.report.units_text import UNKNOWN, quantity
-from posture_opt.selection.goal import FREE, SIZES
-from posture_opt.selection.values import Floats, Values
+from posture_opt.selection.nlp import Values
+from posture_opt.selection.task_target import FREE, SIZES
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
@@ -29,9 +30,9 @@ _MEANING = {
 
 
 def explain_report(problem: Problem, solution: Solution) -> Report:
-    """The programme as it was solved."""
-    nlp = solution.programme.nlp
-    parameters = solution.goal.parameters()
+    """The nonlinear program as it was solved."""
+    nlp = solution.optimisation_problem.nlp
+    parameters = solution.target.parameters()
     values = Values.of(nlp, solution.q, parameters)
     lead = (
         f"Minimise the objective over {len(nlp.variables)} joint values, subject to the bounds of the joints and to "
@@ -41,9 +42,9 @@ def explain_report(problem: Problem, solution: Solution) -> Report:
         Block("Objective", (_objective(nlp, values),)),
         Block("Variables", (_variables(nlp, solution.q),)),
         Block("Rows", (_rows(nlp, values) if nlp.rows else "None: the tool point is free.",)),
-        Block("Parameters of the goal", (_parameters(parameters),)),
+        Block("Parameters of the target", (_parameters(parameters),)),
     )
-    return Report(f"Nonlinear programme of: {problem.name}", lead, blocks)
+    return Report(f"Nonlinear program of: {problem.name}", lead, blocks)
 
 
 def _objective(nlp: Nlp, values: Values) -> Table:
@@ -51,7 +52,7 @@ def _objective(nlp: Nlp, values: Values) -> Table:
     return Table(("term", "value"), (*rows, ("objective", _plain(values.objective))))
 
 
-def _variables(nlp: Nlp, q: Floats) -> Table:
+def _variables(nlp: Nlp, q: Array) -> Table:
     rows = tuple(
         (v.name, *(quantity(float(x), v.unit) for x in (v.lower, value, v.upper)), _binding(v.lower, value, v.upper))
         for v, value in zip(nlp.variables, q, strict=True)
@@ -76,7 +77,7 @@ def _binding(low: float, value: float, high: float) -> str:
     return "at its bound" if min(value - low, high - value) < tolerance else ""
 
 
-def _parameters(parameters: Floats) -> Table:
+def _parameters(parameters: Array) -> Table:
     rows, at = [], 0
     for name, size in SIZES.items():
         entries = [float(v) for v in parameters[at : at + size]]

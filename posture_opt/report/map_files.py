@@ -47,13 +47,13 @@ def accuracy_files(problem: Problem, found: AccuracyMap, plots: bool = True) -> 
 
 def map_csv(found: TargetMap) -> str:
     """One row a target: place, whether there is a posture, its spread, and the posture; empty where there is none."""
-    part, has_hole = PARTS[found.within], not math.isnan(found.goal.clearance)
+    part, has_hole = PARTS[found.within], not math.isnan(found.target.clearance)
     spread = [f"sigma {part} [mm]", "sigma along the direction [mm]", f"95 % radius {part} [mm]"]
     rows = [[*_PLACE, *spread, *(["success"] if has_hole else []), *_posture_heads(found)]]
-    for spot in found.spots:
-        cells = [_cell(1e3 * value) for value in (spot.sigma_max, spot.sigma_along, spot.radius95)]
-        cells += [_cell(spot.success_probability)] if has_hole else []
-        rows.append([*_place_cells(spot), *cells, *_posture_cells(found, spot)])
+    for map_point in found.map_points:
+        cells = [_cell(1e3 * value) for value in (map_point.sigma_max, map_point.sigma_along, map_point.radius95)]
+        cells += [_cell(map_point.success_probability)] if has_hole else []
+        rows.append([*_place_cells(map_point), *cells, *_posture_cells(found, map_point)])
     return _table(rows)
 
 
@@ -63,9 +63,9 @@ def accuracy_csv(found: AccuracyMap) -> str:
     axes = [f"95 % semi-axis {k + 1} [mm]" for k in range(found.semi_axes95.shape[1])]
     heads = [*(f"bias {c} [mm]" for c in "xyz"), "bias [mm]", *axes, "95 % radius [mm]"]
     rows = [[*_PLACE, *heads, *_posture_heads(targets)]]
-    for k, spot in enumerate(targets.spots):
+    for k, map_point in enumerate(targets.map_points):
         values = [*found.bias[k], found.distance[k], *found.semi_axes95[k, ::-1], found.radius95[k]]
-        rows.append([*_place_cells(spot), *(_cell(1e3 * v) for v in values), *_posture_cells(targets, spot)])
+        rows.append([*_place_cells(map_point), *(_cell(1e3 * v) for v in values), *_posture_cells(targets, map_point)])
     return _table(rows)
 
 
@@ -73,17 +73,17 @@ def _table(rows: list[list[str]]) -> str:
     return "".join(", ".join(cells) + "\n" for cells in rows)
 
 
-def _place_cells(spot: MapPoint) -> list[str]:
-    return [*(f"{1e3 * value + 0.0:.4f}" for value in spot.position), str(int(spot.feasible))]
+def _place_cells(map_point: MapPoint) -> list[str]:
+    return [*(f"{1e3 * value + 0.0:.4f}" for value in map_point.position), str(int(map_point.feasible))]
 
 
 def _posture_heads(found: TargetMap) -> list[str]:
-    return [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in found.programme.robot.joints]
+    return [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in found.optimisation_problem.robot.joints]
 
 
-def _posture_cells(found: TargetMap, spot: MapPoint) -> list[str]:
-    joints = found.programme.robot.joints
-    return [_cell(q * joint_unit(joint.type)[1], 6) for q, joint in zip(spot.q, joints, strict=True)]
+def _posture_cells(found: TargetMap, map_point: MapPoint) -> list[str]:
+    joints = found.optimisation_problem.robot.joints
+    return [_cell(q * joint_unit(joint.type)[1], 6) for q, joint in zip(map_point.q, joints, strict=True)]
 
 
 def _cell(value: float, decimals: int = 0) -> str:

@@ -12,8 +12,8 @@ from posture_opt.report.words import CRITERIA, PARTS, direction_words, line_word
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
-    from posture_opt.selection.grid import Grid
     from posture_opt.selection.map_points import MapPoint
+    from posture_opt.selection.target_grid import Grid
     from posture_opt.selection.target_map import TargetMap
 
 _SAME = 5e-4  # of the spread: what a map cannot promise to win
@@ -52,12 +52,12 @@ def _own_sentence(best: MapPoint, own: MapPoint) -> str:
 
 def problem_block(problem: Problem, found: TargetMap) -> Block:
     """What was asked, and where."""
-    task = found.programme.task
+    task = found.optimisation_problem.task
     rows = [
         *robot_facts(problem),
         *input_facts(problem),
         ("Task", f"{task.kind} - {task.summary}"),
-        ("Direction", f"{direction_words(found.goal.direction)} in the world"),
+        ("Direction", f"{direction_words(found.target.direction)} in the world"),
         ("Minimised", CRITERIA[task.criterion].format(part=PARTS[task.within])),
         ("Targets", grid_words(found.grid)),
         *source_facts(problem),
@@ -81,23 +81,27 @@ def grid_words(grid: Grid) -> str:
 
 def places_block(found: TargetMap) -> Block:
     """Best, worst and own place with their postures."""
-    spots = {"best place": found.best, "worst place": found.worst}
+    map_points = {"best place": found.best, "worst place": found.worst}
     if found.own is not None and found.own.feasible:
-        spots = {"best place": found.best, "position in the problem": found.own, "worst place": found.worst}
-    table = places_table(found, spots)
+        map_points = {"best place": found.best, "position in the problem": found.own, "worst place": found.worst}
+    table = places_table(found, map_points)
     return Block("Places", (table.transposed() if len(table.headers) > _MOST_COLUMNS else table,))
 
 
-def places_table(found: TargetMap, spots: dict[str, MapPoint]) -> Table:
+def places_table(found: TargetMap, map_points: dict[str, MapPoint]) -> Table:
     """Target, spread and posture of some places."""
-    joints = found.programme.robot.joints
-    unit, factor = length_unit([spot.sigma_max for spot in spots.values()])
+    joints = found.optimisation_problem.robot.joints
+    unit, factor = length_unit([map_point.sigma_max for map_point in map_points.values()])
     headers = ["", *(f"{c} [mm]" for c in "xyz"), f"scatter [{unit}]"]
     headers += [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in joints]
     rows = []
-    for name, spot in spots.items():
-        cells = [name, *(fixed(1e3 * value, 1) for value in spot.position), number(factor * spot.sigma_max, 4)]
-        cells += [fixed(q * joint_unit(joint.type)[1], 1) for q, joint in zip(spot.q, joints, strict=True)]
+    for name, map_point in map_points.items():
+        cells = [
+            name,
+            *(fixed(1e3 * value, 1) for value in map_point.position),
+            number(factor * map_point.sigma_max, 4),
+        ]
+        cells += [fixed(q * joint_unit(joint.type)[1], 1) for q, joint in zip(map_point.q, joints, strict=True)]
         rows.append(tuple(cells))
     return Table(tuple(headers), tuple(rows))
 
@@ -109,14 +113,14 @@ def map_block(found: TargetMap) -> Block:
 
 def served_sentence(found: TargetMap) -> str:
     """How many targets have a posture, and what keeps the others from one."""
-    fates = [spot.fate for spot in found.spots]
+    fates = [map_point.fate for map_point in found.map_points]
     text = f"{fates.count('feasible')} of {count(len(fates), 'target')} have a posture"
     if fates.count("feasible") == 1:
         text = f"1 of {count(len(fates), 'target')} has a posture"
     away, kept = fates.count("not reached"), fates.count("requirement not met")
-    why = [f"{away} cannot be reached with the tool as it must be"] * (away > 0)
+    why = [f"{away} cannot be reached with the required tool orientation"] * (away > 0)
     why += [f"{kept} can be reached, but not with all requirements met"] * (kept > 0)
-    unsure = sum(spot.feasible and not spot.optimal for spot in found.spots)
+    unsure = sum(map_point.feasible and not map_point.optimal for map_point in found.map_points)
     note = f" At {count(unsure, 'target')} the solver did not confirm an optimum." if unsure else ""
     return f"{text}; {', '.join(why)}.{note}" if why else f"{text}.{note}"
 

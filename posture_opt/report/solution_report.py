@@ -47,8 +47,8 @@ from posture_opt.uncertainty.regions import Ellipsoid
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
-    from posture_opt.selection.goal import Goal
     from posture_opt.selection.solution import Solution
+    from posture_opt.selection.task_target import TaskTarget
     from posture_opt.selection.terms import Term
 
 
@@ -74,7 +74,7 @@ def solution_report(problem: Problem, solution: Solution) -> Report:
 
 def lead(solution: Solution) -> tuple[str, ...]:
     """The answer in two sentences."""
-    robot = solution.programme.robot
+    robot = solution.optimisation_problem.robot
     values = ", ".join(joint_value(v, j.type) for v, j in zip(solution.q, robot.joints, strict=True))
     critical = solution.critical
     worst = ", worst axis" if len(critical.covariance) > 1 else ""
@@ -88,34 +88,34 @@ def lead(solution: Solution) -> tuple[str, ...]:
 
 def problem_block(problem: Problem, solution: Solution) -> Block:
     """What was asked."""
-    programme, goal = solution.programme, solution.goal
-    task = programme.task
+    optimisation_problem, target = solution.optimisation_problem, solution.target
+    task = optimisation_problem.task
     minimised = CRITERIA[task.criterion].format(part=PARTS[task.within])
     further = [f"{term.kind} (weight {term.weight:g})" for term in task.minimize]
     rows = [
         *robot_facts(problem),
         ("Task", f"{task.kind} - {task.summary}"),
-        ("Direction", f"{direction_words(goal.direction)} in the world"),
-        ("Target", target_words(goal)),
+        ("Direction", f"{direction_words(target.direction)} in the world"),
+        ("Target", target_words(target)),
         ("Minimised", minimised + (", and " + ", ".join(further) if further else "")),
         *input_facts(problem),
     ]
     if task.subject_to:
         rows.append(("Required", ", ".join(_bound_words(term) for term in task.subject_to)))
-    if not math.isnan(goal.clearance):
-        rows.append(("Clearance", f"{stated_length(goal.clearance)} to every side"))
+    if not math.isnan(target.clearance):
+        rows.append(("Clearance", f"{stated_length(target.clearance)} to every side"))
     rows += source_facts(problem)
     rows += note_facts((*problem.notes, *frame_notes(problem.robot), *solution.notes))
     return Block("Problem", (Facts(tuple(rows)),))
 
 
-def target_words(goal: Goal) -> str:
+def target_words(target: TaskTarget) -> str:
     """Where the tool point is to go."""
-    if goal.kind == "point":
-        return f"the point {place(goal.lower)}"
-    if goal.kind == "anywhere":
+    if target.kind == "point":
+        return f"the point {place(target.lower)}"
+    if target.kind == "anywhere":
         return "anywhere in reach: the workpiece may be placed"
-    return f"anywhere in the box from {place(goal.lower)} to {place(goal.upper)}: the workpiece may be placed"
+    return f"anywhere in the box from {place(target.lower)} to {place(target.upper)}: the workpiece may be placed"
 
 
 def _bound_words(term: Term) -> str:
@@ -129,19 +129,21 @@ def _bound_words(term: Term) -> str:
 def posture_block(solution: Solution) -> Block:
     """The joints, the tool, and where the workpiece goes."""
     facts = tool_facts(solution.spread)
-    goal, programme = solution.goal, solution.programme
-    if goal.tilt and programme.axis_rows:
-        leaning = math.degrees(lean(solution.spread, programme.task.tool_axis, goal.direction))
-        allowed = f"{math.degrees(goal.tilt):.6g} deg is allowed"
+    target, optimisation_problem = solution.target, solution.optimisation_problem
+    if target.tilt and optimisation_problem.axis_rows:
+        leaning = math.degrees(lean(solution.spread, optimisation_problem.task.tool_axis, target.direction))
+        allowed = f"{math.degrees(target.tilt):.6g} deg is allowed"
         facts.append(("Tool leans", f"{fixed(leaning)} deg off the direction; {allowed}"))
-    if solution.goal.kind != "point":
-        facts = [("Workpiece", f"put it where the target comes to lie at {place(solution.spread.position)}"), *facts]
-    return Block("Posture", (joint_table(solution.programme.robot, solution.q), Facts(tuple(facts))), figure="arm")
+    if solution.target.kind != "point":
+        facts = [("Workpiece", f"place it so that the target is at {place(solution.spread.position)}"), *facts]
+    return Block(
+        "Posture", (joint_table(solution.optimisation_problem.robot, solution.q), Facts(tuple(facts))), figure="arm"
+    )
 
 
 def nearest_block(solution: Solution) -> Block:
     """The posture that violates the requirements least."""
-    table = joint_table(solution.programme.robot, solution.q)
+    table = joint_table(solution.optimisation_problem.robot, solution.q)
     return Block("The posture that comes nearest", (table, Facts(tuple(tool_facts(solution.spread)))), figure="arm")
 
 
@@ -182,7 +184,7 @@ def _critical_rows(solution: Solution, among: list[float]) -> list[tuple[str, st
     }[critical.within]
     rows.append(("95 of 100 times", f"no more than {length(critical.radius95, among=among)} {where}"))
     if solution.success_probability is not None:
-        clearance = stated_length(solution.goal.clearance)
+        clearance = stated_length(solution.target.clearance)
         rows.append(("Success", f"within the clearance of {clearance} {probability(solution.success_probability)}"))
     return rows
 
@@ -200,11 +202,11 @@ def alternatives_block(solution: Solution) -> Block:
     alternatives = solution.alternatives
     if len(alternatives) < 2:
         return Block("Alternatives", ("No other distinct posture was found to be locally best.",), figure="joint_map")
-    joints = solution.programme.robot.joints
+    joints = solution.optimisation_problem.robot.joints
     unit, factor = length_unit([a.sigma_max for a in alternatives])
     headers = ["rank", f"scatter [{unit}]", "more by"]
     headers += [f"{j.name} [{joint_unit(j.type)[0]}]" for j in joints]
-    free = solution.goal.kind != "point"
+    free = solution.target.kind != "point"
     headers += [f"{c} [mm]" for c in "xyz"] if free else []
     rows = []
     for rank, a in enumerate(alternatives, start=1):

@@ -190,7 +190,7 @@ def _solution_figures(solution: Solution) -> dict[str, Figure]:
         return drawn
     drawn["cloud"] = figures.plot_cross_section(solution)
     drawn["budget"] = figures.plot_budget(solution.spread, solution.budget, solution.critical.worst_axis)
-    if solution.programme.robot.n == 2:
+    if solution.optimisation_problem.robot.n == 2:
         drawn["joint_map"] = figures.plot_joint_map(solution)
     return drawn
 

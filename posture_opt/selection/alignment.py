@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.model.arm import Arm
-from posture_opt.selection.feasible import TOLERANCE, InverseKinematics, axis_can_reach, wish_for
-from posture_opt.selection.goal import Goal
+from posture_opt.selection.inverse_kinematics import TOLERANCE, InverseKinematics, axis_can_reach, request_for
 from posture_opt.selection.optimisation_problem import Alignment
 from posture_opt.selection.reach import Reach
+from posture_opt.selection.task_target import TaskTarget
 from posture_opt.selection.tasks import Task
 
 _TRIALS = 96
@@ -26,7 +26,7 @@ class Aligner:
     reach: Reach
     compiled: bool | None
 
-    def at(self, goal: Goal) -> Alignment:
+    def at(self, target: TaskTarget) -> Alignment:
         """Whether the tool axis is asked for, and what the arm can give at such a target."""
         reach = self.reach
         if self.task.axis == "free" or reach.axis_rank == 0:
@@ -34,18 +34,18 @@ class Aligner:
         if reach.axis_freedom == 2 and reach.orients_at_point:
             return "exact"
         # Too few joints to turn the tool at will: it depends on direction and target, so try.
-        if reach.axis_rank == 1 and self._can_align(goal, 0.0):
+        if reach.axis_rank == 1 and self._can_align(target, 0.0):
             return "exact"
-        if self._can_align(goal, reach.axis_slack / 2):
+        if self._can_align(target, reach.axis_slack / 2):
             return "loose"
-        can_turn = goal.kind != "point" or reach.orients_at_point
-        nearly = can_turn and axis_can_reach(self.arm, self.task.tool_axis, goal, reach.axis_slack)
+        can_turn = target.kind != "point" or reach.orients_at_point
+        nearly = can_turn and axis_can_reach(self.arm, self.task.tool_axis, target, reach.axis_slack)
         return "loose" if nearly else "free"
 
-    def _can_align(self, goal: Goal, slack: float) -> bool:
+    def _can_align(self, target: TaskTarget, slack: float) -> bool:
         rng, ik = np.random.default_rng(0), self._trial
-        wish = wish_for(goal, _TRIALS, True, rng, whole_box=True, slack_of_axis=slack)
-        return bool(np.min(ik.solve(ik.random_postures(_TRIALS, rng), wish, enough=1)[1]) < TOLERANCE)
+        request = request_for(target, _TRIALS, True, rng, whole_box=True, slack_of_axis=slack)
+        return bool(np.min(ik.solve(ik.random_postures(_TRIALS, rng), request, enough=1)[1]) < TOLERANCE)
 
     @cached_property
     def _trial(self) -> InverseKinematics:

@@ -1,4 +1,4 @@
-"""``Engine``: the functions that screen, lead and polish the postures of one programme, built once."""
+"""``Engine``: the functions that screen, lead and polish the postures of one optimisation problem, built once."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.selection.feasible import ROW_TOLERANCE, InverseKinematics, Wish, wish_for
-from posture_opt.selection.goal import Goal
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, InverseKinematics, PoseRequest, request_for
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.solvers import Outcome, Polish, Solver
-
-Floats = np.ndarray
+from posture_opt.selection.task_target import TaskTarget
 
 
 @dataclass(frozen=True)
 class CandidatePosture:
     """One posture (n,): objective (scaled), worst violation of a row, σ_max [m], and the solver's word on it."""
 
-    q: Floats
+    q: Array
     objective: float
     violation: float
     sigma: float
@@ -29,6 +29,7 @@ class CandidatePosture:
 
     @property
     def feasible(self) -> bool:
+        """Whether every row is met."""
         return self.violation <= ROW_TOLERANCE
 
 
@@ -38,77 +39,100 @@ Recipe = tuple[OptimisationProblem, Solver, bool | None]
 
 @dataclass(frozen=True)
 class Engine:
-    """The functions that solve one programme again and again, built once."""
+    """The functions that solve one optimisation problem again and again, built once."""
 
-    programme: OptimisationProblem
+    optimisation_problem: OptimisationProblem
     solver: Solver
     compiled: bool | None
 
+    @property
+    def robot(self) -> Robot:
+        """Of the optimisation problem."""
+        return self.optimisation_problem.robot
+
     @classmethod
     def build(cls, recipe: Recipe) -> Engine:
+        """The engine that another process described."""
         return cls(*recipe)
 
     @property
     def recipe(self) -> Recipe:
-        # A fresh copy, without the symbols that the programme has cached.
-        return replace(self.programme), self.solver, self.compiled
+        """What another process builds the same engine from."""
+        # A fresh copy, without the symbols that the optimisation problem has cached.
+        return replace(self.optimisation_problem), self.solver, self.compiled
 
     @cached_property
     def ik(self) -> InverseKinematics:
-        programme = self.programme
-        return InverseKinematics(programme.arm, programme.task.tool_axis, programme.reach.directions, self.compiled)
+        """Brings random postures onto the target."""
+        problem = self.optimisation_problem
+        return InverseKinematics(problem.arm, problem.task.tool_axis, problem.reach.directions, self.compiled)
 
     @cached_property
     def screen(self) -> BatchFunction:
-        return BatchFunction(self.programme.nlp.screen, compiled=self.compiled)
+        """Postures (N, n) and parameters to objective, worst violation of a row, first term and variance."""
+        return BatchFunction(self.optimisation_problem.nlp.screen, compiled=self.compiled)
 
     @cached_property
     def polish(self) -> Polish:
-        return self.solver.build(self.programme.nlp, self.compiled)
+        """The local solver."""
+        return self.solver.build(self.optimisation_problem.nlp, self.compiled)
 
-    def wish(self, goal: Goal, count: int, rng: np.random.Generator, *, whole_box: bool = False) -> Wish:
+    def request(
+        self, target: TaskTarget, count: int, rng: np.random.Generator, *, whole_box: bool = False
+    ) -> PoseRequest:
         """What ``count`` starts are led to."""
-        slack = self.programme.reach.axis_slack / 2 if self.programme.alignment == "loose" else 0.0
-        aligned = self.programme.axis_rows > 0
-        return wish_for(goal, count, aligned, rng, whole_box=whole_box, slack_of_axis=slack)
+        problem = self.optimisation_problem
+        slack = problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
+        return request_for(target, count, problem.axis_rows > 0, rng, whole_box=whole_box, slack_of_axis=slack)
 
-    def candidates(self, Q: Floats, goal: Goal) -> list[CandidatePosture]:
-        """The postures (N, n) as candidates."""
-        columns = (column.tolist() for column in self.screened(Q, goal))
+    def candidates(self, Q: Array, target: TaskTarget) -> list[CandidatePosture]:
+        """The postures (N, n) as candidates for one target."""
+        return self.screened(Q, target.parameters())
+
+    def screened(self, Q: Array, parameters: Array) -> list[CandidatePosture]:
+        """The postures (N, n) as candidates for the target of ``parameters`` (p,), or of one row (N, p) each."""
+        objective, violation, _, variance = (column[:, 0] for column in self.screen(Q, parameters))
+        columns = (column.tolist() for column in (objective, violation, np.sqrt(np.maximum(variance, 0.0))))
         return [CandidatePosture(*row) for row in zip(Q, *columns, strict=True)]
 
-    def screened(self, Q: Floats, goal: Goal) -> tuple[Floats, Floats, Floats]:
-        """Objective (scaled), worst violation of a row and σ_max [m] of the postures (N, n): three times (N,)."""
-        objective, violation, _, variance = (column[:, 0] for column in self.screen(Q, goal.parameters()))
-        return objective, violation, np.sqrt(np.maximum(variance, 0.0))
+    def scale_of(self, variances: Array) -> float:
+        """What the objective is divided by: the median of some postures' own terms (N,), one where it has no unit."""
+        middle = 1.0 if self.optimisation_problem.task.criterion == "miss" else median(variances)
+        return middle if middle > 0 else 1.0
 
-    def polished(self, start: CandidatePosture, goal: Goal) -> CandidatePosture:
+    def polished(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
         """The start improved by the solver; the start itself where the solver made it worse.
 
         A start may gain a little objective from the last digits of its rows: a tie goes to the solver.
         """
-        outcome: Outcome = self.polish(start.q, goal.parameters())
+        outcome: Outcome = self.polish(start.q, target.parameters())
         if not np.all(np.isfinite(outcome.x)):
             return replace(start, message=outcome.message)
-        end = self.candidates(outcome.x[None], goal)[0]
+        end = self.candidates(outcome.x[None], target)[0]
         end = replace(end, optimal=outcome.optimal, message=outcome.message)
-        end = self.tidied(end, goal)
+        end = self.tidied(end, target)
         better = end.feasible and (not start.feasible or end.objective <= start.objective + 1e-6)
-        return end if better else self.tidied(replace(start, message=outcome.message), goal)
+        return end if better else self.tidied(replace(start, message=outcome.message), target)
 
-    def tidied(self, candidate: CandidatePosture, goal: Goal) -> CandidatePosture:
+    def tidied(self, candidate: CandidatePosture, target: TaskTarget) -> CandidatePosture:
         """The same posture as people write it: joints that do not matter at zero, whole turns taken off."""
-        robot = self.programme.robot
+        robot = self.robot
         lower, upper = np.array(robot.lower), np.array(robot.upper)
         turns = np.array([2 * np.pi * (joint.type == "revolute") for joint in robot.joints])
         q = candidate.q - turns * np.round(candidate.q / (2 * np.pi))
         q = np.where((q >= lower) & (q <= upper), q, candidate.q)
-        idle = list(self.programme.nlp.indifferent)
+        idle = list(self.optimisation_problem.nlp.indifferent)
         q[idle] = np.clip(0.0, lower[idle], upper[idle])
         # Where the objective is flat, a whole degree is as good as 179.98.
         rounded = np.clip(np.where(turns > 0, np.deg2rad(np.round(np.rad2deg(q))), q), lower, upper)
-        for tidy in self.candidates(np.array([rounded, q]), goal):
+        for tidy in self.candidates(np.array([rounded, q]), target):
             worse = tidy.violation > candidate.violation + 1e-9 or tidy.objective > candidate.objective + 1e-9
             if not worse:
                 return replace(tidy, optimal=candidate.optimal, message=candidate.message)
         return candidate
+
+
+def median(values: Array) -> float:
+    """The median of (N,) values; NumPy's own loads its masked arrays first, which a cold start can do without."""
+    ordered = np.sort(values)
+    return float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2

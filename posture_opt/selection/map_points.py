@@ -5,20 +5,30 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from posture_opt.selection.goal import Goal
-from posture_opt.selection.map_candidates import Fate, Place
+from posture_opt.numerics import Array, finite_or_none
+from posture_opt.selection.engine import CandidatePosture
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.solution import critical_basis
-from posture_opt.uncertainty.ball import central_radii, radius_in_space
-from posture_opt.uncertainty.clearance import radius_for, success_probability
-from posture_opt.uncertainty.validity import finite_or_none
+from posture_opt.selection.task_target import TaskTarget
+from posture_opt.uncertainty.clearance import within_clearance
+from posture_opt.uncertainty.coverage_radius import central_radii, coverage_radius
 
-Floats = np.ndarray
+Fate = Literal["feasible", "not reached", "requirement not met"]
+
 _CENTRAL = 0.01  # of σ: a smaller shift of the mean moves a radius by 1e-4 of it
+
+
+@dataclass(frozen=True)
+class MapCandidate:
+    """What was found for one target: a posture, or why there is none."""
+
+    fate: Fate
+    best: CandidatePosture | None
+    scale: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +48,12 @@ class MapPoint:
         success_probability: to stay within the clearance; NaN without one.
     """
 
-    position: Floats
+    position: Array
     fate: Fate
     optimal: bool
-    q: Floats
-    covariance: Floats
-    bias: Floats
+    q: Array
+    covariance: Array
+    bias: Array
     sigma_max: float
     sigma_along: float
     radius95: float
@@ -68,40 +78,41 @@ class MapPoint:
         }
 
 
-def spots_of(programme: OptimisationProblem, goals: Sequence[Goal], places: Sequence[Place]) -> list[MapPoint]:
+def map_points_of(
+    problem: OptimisationProblem, targets: Sequence[TaskTarget], candidates: Sequence[MapCandidate]
+) -> list[MapPoint]:
     """Moments of all postures in one evaluation, and what the task makes of them."""
-    B, d = critical_basis(programme, goals[0]), goals[0].direction
-    found = [k for k, place in enumerate(places) if place.best is not None]
-    nothing = np.full(programme.robot.n, np.nan)
-    postures = {k: best.q for k, place in enumerate(places) if (best := place.best) is not None}
+    B, d = critical_basis(problem, targets[0]), targets[0].direction
+    found = [k for k, candidate in enumerate(candidates) if candidate.best is not None]
+    nothing = np.full(problem.robot.n, np.nan)
+    postures = {k: best.q for k, candidate in enumerate(candidates) if (best := candidate.best) is not None}
     if not found:
-        return [_empty(goal, place.fate, nothing) for goal, place in zip(goals, places, strict=True)]
+        return [_empty(target, candidate.fate, nothing) for target, candidate in zip(targets, candidates, strict=True)]
     Q = np.array([postures[k] for k in found])
-    moments = programme.tool_point.moments([np.ascontiguousarray(column) for column in Q.T])
+    moments = problem.tool_point.moments([np.ascontiguousarray(column) for column in Q.T])
     C = np.broadcast_to(moments.covariance, (len(Q), 3, 3))
     bias = np.broadcast_to(moments.mean - moments.position, (len(Q), 3))
     own = B.T @ C @ B
     row, central = {k: i for i, k in enumerate(found)}, central_radii(0.95, own)
-    spots = []
-    for k, (goal, place) in enumerate(zip(goals, places, strict=True)):
-        if place.best is None:
-            spots.append(_empty(goal, place.fate, nothing))
+    map_points = []
+    for k, (target, candidate) in enumerate(zip(targets, candidates, strict=True)):
+        if candidate.best is None:
+            map_points.append(_empty(target, candidate.fate, nothing))
             continue
         i = row[k]
         b, sigma = B.T @ bias[i], math.sqrt(max(float(np.linalg.eigvalsh(own[i])[-1]), 0.0))
         radius = float(central[i])
         if float(np.linalg.norm(b)) > _CENTRAL * sigma:
-            radius = radius_for(0.95, own[i], b) if len(b) < 3 else radius_in_space(0.95, own[i], b)
-        hit = math.nan
-        if not math.isnan(goal.clearance) and len(b) < 3:
-            hit = success_probability(own[i], goal.clearance, b)
+            radius = coverage_radius(0.95, own[i], b)
+        hit = within_clearance(own[i], target.clearance, b)
         along = math.sqrt(max(float(d @ C[i] @ d), 0.0))
-        spots.append(
-            MapPoint(goal.lower, "feasible", place.best.optimal, Q[i], C[i], bias[i], sigma, along, radius, hit)
+        map_points.append(
+            MapPoint(target.lower, "feasible", candidate.best.optimal, Q[i], C[i], bias[i], sigma, along, radius,
+                     math.nan if hit is None else hit)
         )  # fmt: skip
-    return spots
+    return map_points
 
 
-def _empty(goal: Goal, fate: Fate, q: Floats) -> MapPoint:
+def _empty(target: TaskTarget, fate: Fate, q: Array) -> MapPoint:
     nan = math.nan
-    return MapPoint(goal.lower, fate, False, q, np.full((3, 3), nan), np.full(3, nan), nan, nan, nan, nan)
+    return MapPoint(target.lower, fate, False, q, np.full((3, 3), nan), np.full(3, nan), nan, nan, nan, nan)

@@ -10,19 +10,17 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.numerics import Progress
+from posture_opt.numerics import Array, Progress
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.engine import CandidatePosture, Engine, Recipe
-from posture_opt.selection.feasible import ROW_TOLERANCE, TOLERANCE
-from posture_opt.selection.goal import Goal
+from posture_opt.selection.engine import CandidatePosture, Engine, Recipe, median
+from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.task_target import TaskTarget
 
-Floats = np.ndarray
-
-_OVERSAMPLING = 3
-_EFFORT = 80
-_RETRIES = (1, 4, 16)
-_DISTINCT = math.radians(5.0)
-_DISTINCT_SHIFT = 0.01  # m
+_OVERSAMPLING = 3  # random postures for each start wanted at first: of a 6R arm about every second one arrives
+_EFFORT = 80  # random postures for each start wanted at most: then the target counts as out of reach
+_RETRIES = (1, 4, 16)  # times the starts, where no answer meets the further requirements
+_DISTINCT = math.radians(5.0)  # apart in a joint: well above what a solver leaves open in a flat valley
+_DISTINCT_SHIFT = 0.01  # m, the same of a slide
 _CLOSE = 0.3  # rad or m: starts nearer to each other than this mostly end at the same optimum
 
 
@@ -31,8 +29,8 @@ class Sampled:
     """Feasible postures Q (k, n) that random starts led to, with their σ_max (k,) [m]."""
 
     robot: Robot = field(repr=False)
-    Q: Floats = field(repr=False)
-    sigma: Floats = field(repr=False)
+    Q: Array = field(repr=False)
+    sigma: Array = field(repr=False)
 
     @classmethod
     def none(cls, robot: Robot) -> Sampled:
@@ -52,11 +50,11 @@ class Sampled:
 
 
 @dataclass(frozen=True)
-class Search:
+class MultistartResult:
     """What a global search found.
 
     Args:
-        goal: with the scale that the objectives are divided by.
+        target: with the scale that the objectives are divided by.
         found: polished candidates, best first; feasible before infeasible.
         sampled: the feasible starts before polishing.
         arrived: how many starts met target and tool axis.
@@ -64,7 +62,7 @@ class Search:
         polished: number of local solves.
     """
 
-    goal: Goal
+    target: TaskTarget
     found: tuple[CandidatePosture, ...]
     sampled: Sampled
     arrived: int
@@ -72,72 +70,76 @@ class Search:
     polished: int
 
 
-def feasible_starts(engine: Engine, goal: Goal, count: int, rng: np.random.Generator) -> tuple[Floats, int]:
+def feasible_starts(engine: Engine, target: TaskTarget, count: int, rng: np.random.Generator) -> tuple[Array, int]:
     """About ``count`` postures on the target, and how many random ones that took.
 
     Fewer mean that the effort, a multiple of ``count``, was used up; an empty array, that thousands of restarts
     found none.
     """
-    programme, tried = engine.programme, 0
-    arrived = np.zeros((0, programme.robot.n))
+    tried, arrived = 0, np.zeros((0, engine.robot.n))
     size = _OVERSAMPLING * count
     while len(arrived) < count and tried < _EFFORT * count:
         # Points of a region are drawn at first; where none of them is reached, any point of it will do.
-        wish = engine.wish(goal, size, rng, whole_box=tried > 0 and not len(arrived))
-        Q, errors = engine.ik.solve(engine.ik.random_postures(size, rng), wish, enough=count - len(arrived))
+        request = engine.request(target, size, rng, whole_box=tried > 0 and not len(arrived))
+        Q, errors = engine.ik.solve(engine.ik.random_postures(size, rng), request, enough=count - len(arrived))
         arrived, tried = np.vstack([arrived, Q[errors < TOLERANCE]]), tried + size
         rate = max(len(arrived), 1) / tried
         size = int(min(max(1.5 * (count - len(arrived)) / rate, count / 4), 16 * count))
     return arrived[: 2 * count], tried
 
 
-def search(
-    engine: Engine, goal: Goal, rng: np.random.Generator, starts: int, polish: int, map_polish: MapPolish | None = None
-) -> Search:
+def multistart(
+    engine: Engine,
+    target: TaskTarget,
+    rng: np.random.Generator,
+    starts: int,
+    polish: int,
+    map_polish: MapPolish | None = None,
+) -> MultistartResult:
     """Feasible starts, screened by their objective; the ``polish`` best distinct ones handed to the solver.
 
     Starts meet target and tool axis. Where no answer meets the further requirements, many more are tried.
     """
-    found = Search(goal, (), Sampled.none(engine.programme.robot), 0, 0, 0)
-    if engine.programme.reach.misses(goal.lower, goal.upper):
+    found = MultistartResult(target, (), Sampled.none(engine.robot), 0, 0, 0)
+    if engine.optimisation_problem.reach.misses(target.lower, target.upper):
         return found
-    for more in _RETRIES if engine.programme.task.subject_to else _RETRIES[:1]:
-        found = _search_once(engine, goal, rng, more * starts, more * polish, map_polish)
+    for more in _RETRIES if engine.optimisation_problem.task.subject_to else _RETRIES[:1]:
+        found = _multistart_once(engine, target, rng, more * starts, more * polish, map_polish)
         if any(candidate.feasible for candidate in found.found):
             break
     return found
 
 
-def _search_once(
-    engine: Engine, goal: Goal, rng: np.random.Generator, starts: int, polish: int, map_polish: MapPolish | None
-) -> Search:
-    Q, tried = feasible_starts(engine, goal, starts, rng)
+def _multistart_once(
+    engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int, polish: int, map_polish: MapPolish | None
+) -> MultistartResult:
+    Q, tried = feasible_starts(engine, target, starts, rng)
     if not len(Q):
-        return Search(goal, (), Sampled.none(engine.programme.robot), 0, tried, 0)
-    goal, objective, violation, sigma = _scaled(engine, goal, Q)
+        return MultistartResult(target, (), Sampled.none(engine.robot), 0, tried, 0)
+    target, objective, violation, sigma = _scaled(engine, target, Q)
     order = np.lexsort((objective, np.where(violation <= ROW_TOLERANCE, 0.0, violation)))
     first = order[_spread_out(Q[order], polish)]
     chosen = [CandidatePosture(Q[k], float(objective[k]), float(violation[k]), float(sigma[k])) for k in first]
     met = violation <= ROW_TOLERANCE
-    sampled = Sampled(engine.programme.robot, Q[met], sigma[met])
-    polished = (map_polish or _serial)(engine, chosen, goal)
-    return Search(goal, tuple(sorted(polished, key=rank)), sampled, len(Q), tried, len(chosen))
+    sampled = Sampled(engine.robot, Q[met], sigma[met])
+    polished = (map_polish or _serial)(engine, chosen, target)
+    return MultistartResult(target, tuple(sorted(polished, key=rank)), sampled, len(Q), tried, len(chosen))
 
 
-MapPolish = Callable[[Engine, Sequence[CandidatePosture], Goal], list[CandidatePosture]]
+MapPolish = Callable[[Engine, Sequence[CandidatePosture], TaskTarget], list[CandidatePosture]]
 
 
-def _serial(engine: Engine, chosen: Sequence[CandidatePosture], goal: Goal) -> list[CandidatePosture]:
-    return [engine.polished(candidate, goal) for candidate in chosen]
+def _serial(engine: Engine, chosen: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
+    return [engine.polished(candidate, target) for candidate in chosen]
 
 
 def with_progress(progress: Progress) -> MapPolish:
     """Polish one after the other, reporting ``(done, total)``."""
 
-    def run(engine: Engine, chosen: Sequence[CandidatePosture], goal: Goal) -> list[CandidatePosture]:
+    def run(engine: Engine, chosen: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
         done = []
         for candidate in chosen:
-            done.append(engine.polished(candidate, goal))
+            done.append(engine.polished(candidate, target))
             progress(len(done), len(chosen))
         return done
 
@@ -147,36 +149,29 @@ def with_progress(progress: Progress) -> MapPolish:
 def in_processes(workers: int) -> MapPolish:
     """Polish in ``workers`` processes: the linear solver inside IPOPT is not safe in threads."""
 
-    def run(engine: Engine, chosen: Sequence[CandidatePosture], goal: Goal) -> list[CandidatePosture]:
+    def run(engine: Engine, chosen: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
         shares = [chosen[k::workers] for k in range(workers)]
         with ProcessPoolExecutor(workers) as pool:
-            done = list(pool.map(_polish_there, [engine.recipe] * workers, shares, [goal] * workers))
+            done = list(pool.map(_polish_there, [engine.recipe] * workers, shares, [target] * workers))
         # Back into the order of the starts, so that the answer does not depend on the number of workers.
         return [done[k % workers][k // workers] for k in range(len(chosen))]
 
     return run
 
 
-def _polish_there(recipe: Recipe, chosen: Sequence[CandidatePosture], goal: Goal) -> list[CandidatePosture]:
-    return _serial(Engine.build(recipe), chosen, goal)
+def _polish_there(recipe: Recipe, chosen: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
+    return _serial(Engine.build(recipe), chosen, target)
 
 
-def _scaled(engine: Engine, goal: Goal, Q: Floats) -> tuple[Goal, Floats, Floats, Floats]:
-    """The goal with the median variance of the postures as scale, and objective, violation and σ_max on it, (N,) each.
+def _scaled(engine: Engine, target: TaskTarget, Q: Array) -> tuple[TaskTarget, Array, Array, Array]:
+    """The target with the postures' median variance as scale, and objective, violation and σ_max on it, (N,) each.
 
     Only the task's own term is divided by the scale, so that one evaluation at scale one gives all.
     """
-    plain = replace(goal, scale=1.0)
+    plain = replace(target, scale=1.0)
     objective, violation, own, variance = (column[:, 0] for column in engine.screen(Q, plain.parameters()))
-    middle = 1.0 if engine.programme.task.criterion == "miss" else median(own)
-    scale = middle if middle > 0 else 1.0
-    return replace(goal, scale=scale), objective - own + own / scale, violation, np.sqrt(np.maximum(variance, 0.0))
-
-
-def median(values: Floats) -> float:
-    """The median of (N,) values; NumPy's own loads its masked arrays first, which a cold start can do without."""
-    ordered = np.sort(values)
-    return float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
+    scale = engine.scale_of(own)
+    return replace(target, scale=scale), objective - own + own / scale, violation, np.sqrt(np.maximum(variance, 0.0))
 
 
 def rank(candidate: CandidatePosture) -> tuple[bool, float, bool, float]:
@@ -186,7 +181,7 @@ def rank(candidate: CandidatePosture) -> tuple[bool, float, bool, float]:
     return (not candidate.feasible, key, not candidate.optimal, float(np.linalg.norm(candidate.q)))
 
 
-def distinct(Q: Floats, robot: Robot) -> list[int]:
+def distinct(Q: Array, robot: Robot) -> list[int]:
     """Rows of Q (k, n) that differ from every earlier one by more than 5° or 10 mm in a joint, whole turns apart."""
     revolute = np.array([joint.type == "revolute" for joint in robot.joints])
     kept: list[int] = []
@@ -199,7 +194,7 @@ def distinct(Q: Floats, robot: Robot) -> list[int]:
     return kept
 
 
-def _spread_out(Q: Floats, count: int) -> list[int]:
+def _spread_out(Q: Array, count: int) -> list[int]:
     """Rows of Q (N, n), sorted best first, that are not close to a better one; filled up with the best of the rest."""
     chosen: list[int] = []
     for k in range(len(Q)):

@@ -1,4 +1,4 @@
-"""``Nlp``: the nonlinear programme as a value with named variables and rows, which can be printed."""
+"""``Nlp``: the nonlinear program as a value with named variables and rows, which can be printed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Row:
-    """A constraint ``lower ≤ expression ≤ upper`` [unit]; the bounds may depend on the goal's parameters."""
+    """A constraint ``lower ≤ expression ≤ upper`` [unit]; the bounds may depend on the target's parameters."""
 
     name: str
     unit: str
@@ -75,7 +75,7 @@ class Nlp:
         return tuple(int(k) for k in np.flatnonzero(~np.any(matters, axis=0)))
 
     def row_bounds(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(m,) lower and upper bounds of the rows for one goal."""
+        """(m,) lower and upper bounds of the rows for one target."""
         low, high = self._row_bounds.one(parameters)
         return low, high
 
@@ -96,3 +96,26 @@ class Nlp:
 
 def _stacked(bounds: Sequence[ca.SX]) -> ca.SX:
     return ca.vertcat(*bounds) if bounds else ca.SX(0, 1)
+
+
+@dataclass(frozen=True)
+class Values:
+    """Terms of the objective (t,), rows (m,) and their bounds (m,) at one posture and one target."""
+
+    terms: np.ndarray
+    rows: np.ndarray
+    row_lower: np.ndarray
+    row_upper: np.ndarray
+
+    @classmethod
+    def of(cls, nlp: Nlp, q: np.ndarray, parameters: np.ndarray) -> Values:
+        """The nonlinear program evaluated at ``q`` (n,) and the target's ``parameters``."""
+        terms = ca.vertcat(*(expression for _, expression in nlp.terms))
+        evaluated = ca.Function("values", [nlp.x, nlp.p], [terms, nlp.g])(q, parameters)
+        numbers, rows = (np.asarray(value, dtype=float).ravel() for value in evaluated)
+        return cls(numbers, rows, *nlp.row_bounds(parameters))
+
+    @property
+    def objective(self) -> float:
+        """The sum of the terms."""
+        return float(self.terms.sum())

@@ -1,4 +1,4 @@
-"""From a problem to its nonlinear programme: variables, objective and named rows."""
+"""From a problem to its nonlinear program: variables, objective and named rows."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk, stack
 from posture_opt.robot.robot import Robot
-from posture_opt.selection import criteria, goal
-from posture_opt.selection.goal import Goal
+from posture_opt.selection import criteria
 from posture_opt.selection.nlp import Nlp, Row, Variable
-from posture_opt.selection.quantities import Quantities, Within
 from posture_opt.selection.reach import PLANE_TOLERANCE, Reach
+from posture_opt.selection.task_target import TaskTarget, target_symbols
 from posture_opt.selection.tasks import Task
+from posture_opt.selection.terms.term import Quantities, Within
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
 _MOST_CORRELATED = 8
@@ -59,13 +59,13 @@ class OptimisationProblem:
             return 0
         return self.reach.axis_rank if self.alignment == "exact" else 2
 
-    def fixed_along(self, target: Goal) -> bool:
+    def fixed_along(self, target: TaskTarget) -> bool:
         """Whether no joint turns the tool axis, and it lies along the direction (within the tilt) as it is."""
         angle = math.acos(max(-1.0, min(1.0, float(self.reach.axis @ target.direction))))
         return self.reach.axis_rank == 0 and angle <= target.tilt + self.reach.axis_slack
 
-    def axis_note(self, target: Goal) -> str:
-        """What became of the wish to have the tool axis along the direction, in words."""
+    def axis_note(self, target: TaskTarget) -> str:
+        """What became of the request to have the tool axis along the direction, in words."""
         if self.task.axis == "free":
             return "The task leaves the tool axis free."
         if self.axis_rows:
@@ -73,9 +73,9 @@ class OptimisationProblem:
             return f"The tool axis is held along the direction{tilt}; its spin is free."
         if self.fixed_along(target):
             return "The arm holds its tool axis along the direction in every posture."
-        return "This arm cannot point its tool axis along the direction: the axis is left out."
+        return "This arm cannot point its tool axis along the direction: the tool orientation is not constrained."
 
-    def check_axis(self, target: Goal) -> None:
+    def check_axis(self, target: TaskTarget) -> None:
         """Raise InputError where the task requires an axis that the arm cannot give."""
         if self.task.axis == "required" and not self.axis_rows and not self.fixed_along(target):
             raise InputError(
@@ -83,7 +83,7 @@ class OptimisationProblem:
                     f"{self.task.kind} needs the tool axis along the direction, which this arm cannot give",
                     ("task", "kind"),
                     self.task.kind,
-                    "use kind: insert, which leaves the axis out for such an arm",
+                    "use kind: insert, which does not constrain the tool orientation of such an arm",
                 )
             )
 
@@ -111,7 +111,7 @@ class OptimisationProblem:
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, dict[str, ca.SX]]:
-        return goal.symbols()
+        return target_symbols()
 
     @cached_property
     def quantities(self) -> Quantities:
@@ -150,7 +150,7 @@ class OptimisationProblem:
 
     @cached_property
     def nlp(self) -> Nlp:
-        """The programme itself."""
+        """The nonlinear program itself."""
         units = {"revolute": "rad", "prismatic": "m"}
         variables = tuple(Variable(j.name, units[j.type], j.lower, j.upper) for j in self.robot.joints)
         terms = self._objective_terms()

@@ -14,13 +14,12 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.selector import select_posture
-from posture_opt.selection.solution import Solution
+from posture_opt.selection.solution import HasTask, Solution
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
-from posture_opt.uncertainty.ball import radius_in_space
-from posture_opt.uncertainty.clearance import radius_for, success_probability
+from posture_opt.uncertainty.clearance import within_clearance
+from posture_opt.uncertainty.coverage_radius import coverage_radius
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.spread import propagate
 
@@ -190,16 +189,14 @@ def _far_away(problem: HasTask) -> str:
 def _landing(problem: HasTask, solution: Solution, basis: Array) -> Landing:
     """As ``problem`` predicts it at the posture of a solution that another model may have chosen."""
     spread = propagate(problem, solution.q)
-    wanted = np.clip(solution.spread.position, solution.goal.lower, solution.goal.upper)
+    wanted = np.clip(solution.spread.position, solution.target.lower, solution.target.upper)
     miss = spread.position + spread.bias - wanted
     across, C = basis.T @ miss, basis.T @ spread.covariance @ basis
-    clearance = solution.goal.clearance
-    hit = None if math.isnan(clearance) or len(C) > 2 else success_probability(C, clearance, across)
     return Landing(
         miss=miss,
         across=across,
         sigma_max=math.sqrt(max(float(np.linalg.eigvalsh(C)[-1]), 0.0)),
-        critical_error=radius_for(0.95, C, across) if len(C) < 3 else radius_in_space(0.95, C, across),
-        success_probability=hit,
+        critical_error=coverage_radius(0.95, C, across),
+        success_probability=within_clearance(C, solution.target.clearance, across),
         covariance=spread.covariance,
     )

@@ -121,7 +121,7 @@ def _range(columns: Floats, lean: float = 0.0, least: float = 0.0) -> Floats:
 
 
 def _aligned(basis: Floats, lean: float) -> Floats:
-    """The same subspace spanned by coordinate axes where these lie in it: they read better in a printed programme."""
+    """The same subspace spanned by coordinate axes where these lie in it: they read better in a printed problem."""
     projector = basis @ basis.T
     columns = [e for e in np.eye(3) if np.linalg.norm(projector @ e - e) < max(1e-9, lean)]
     return np.array(columns).T if columns and len(columns) == basis.shape[1] else basis

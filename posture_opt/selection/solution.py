@@ -6,22 +6,45 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from posture_opt.selection.evidence import Evidence
-from posture_opt.selection.floor import Floor, floor
-from posture_opt.selection.goal import Goal
+from posture_opt.model.arm import Arm
+from posture_opt.numerics import Array, finite_or_none
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.lower_bound import LowerBound, lower_bound
 from posture_opt.selection.optimisation_problem import OptimisationProblem
-from posture_opt.uncertainty.ball import radius_in_space
+from posture_opt.selection.search_statistics import SearchStatistics
+from posture_opt.selection.solvers import Solver
+from posture_opt.selection.task_target import TaskTarget
+from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.budget import Share, budgets
-from posture_opt.uncertainty.clearance import radius_for, success_probability
+from posture_opt.uncertainty.clearance import within_clearance
+from posture_opt.uncertainty.coverage_radius import coverage_radius
+from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.spread import Spread, propagate
-from posture_opt.uncertainty.validity import finite_or_none
 
-Floats = np.ndarray
 Status = Literal["optimal", "feasible", "infeasible"]
+
+
+class HasTask(Protocol):
+    """What a selection needs of a ``Problem``."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def arm(self) -> Arm: ...
+    @property
+    def sources(self) -> Sources: ...
+    @property
+    def task(self) -> Task | None: ...
+    @property
+    def solver(self) -> Solver: ...
+    @property
+    def notes(self) -> tuple[str, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -29,7 +52,7 @@ class Alternative:
     """A distinct posture (joint name -> rad or m), its tool point (3,) [m] and its σ_max [m]."""
 
     posture: dict[str, float]
-    position: Floats
+    position: Array
     sigma_max: float
 
     def to_json(self) -> dict[str, Any]:
@@ -52,11 +75,11 @@ class Critical:
     """
 
     within: str
-    basis: Floats
-    covariance: Floats
-    bias: Floats
+    basis: Array
+    covariance: Array
+    bias: Array
     sigma_max: float
-    worst_axis: Floats
+    worst_axis: Array
     radius95: float
 
     def to_json(self) -> dict[str, Any]:
@@ -92,11 +115,11 @@ class Solution:
     """
 
     problem: Any
-    programme: OptimisationProblem
-    goal: Goal
+    optimisation_problem: OptimisationProblem
+    target: TaskTarget
     status: Status
-    q: Floats
-    evidence: Evidence
+    q: Array
+    statistics: SearchStatistics
     ranked: Callable[[], tuple[Alternative, ...]]
     notes: tuple[str, ...] = ()
     reasons: tuple[Reason, ...] = ()
@@ -104,7 +127,7 @@ class Solution:
     @property
     def posture(self) -> dict[str, float]:
         """Joint name -> value [rad or m]."""
-        return dict(zip(self.programme.robot.joint_names, map(float, self.q), strict=True))
+        return dict(zip(self.optimisation_problem.robot.joint_names, map(float, self.q), strict=True))
 
     @cached_property
     def spread(self) -> Spread:
@@ -112,7 +135,7 @@ class Solution:
         return propagate(self.problem, self.q)
 
     @property
-    def covariance(self) -> Floats:
+    def covariance(self) -> Array:
         """(3, 3) exact covariance of the tool point, world [m²]."""
         return self.spread.covariance
 
@@ -131,9 +154,9 @@ class Solution:
         return self.ranked()
 
     @property
-    def basis(self) -> Floats:
+    def basis(self) -> Array:
         """(3, m) basis of the part of the spread that counts."""
-        return critical_basis(self.programme, self.goal)
+        return critical_basis(self.optimisation_problem, self.target)
 
     @cached_property
     def critical(self) -> Critical:
@@ -143,27 +166,25 @@ class Solution:
         bias = B.T @ self.spread.bias
         values, vectors = np.linalg.eigh(C)
         return Critical(
-            within=self.programme.task.within,
+            within=self.optimisation_problem.task.within,
             basis=B.T,
             covariance=C,
             bias=bias,
             sigma_max=math.sqrt(max(values[-1], 0.0)),
             worst_axis=B @ vectors[:, -1],
-            radius95=radius_for(0.95, C, bias) if len(C) < 3 else radius_in_space(0.95, C, bias),
+            radius95=coverage_radius(0.95, C, bias),
         )
 
     @property
     def sigma_along(self) -> float:
         """Standard deviation along the task's direction [m]."""
-        d = self.goal.direction
+        d = self.target.direction
         return math.sqrt(max(float(d @ self.spread.covariance @ d), 0.0))
 
     @cached_property
     def success_probability(self) -> float | None:
         """Probability to stay within the clearance, bias included; None without a clearance."""
-        if math.isnan(self.goal.clearance) or len(self.critical.covariance) > 2:
-            return None
-        return success_probability(self.critical.covariance, self.goal.clearance, self.critical.bias)
+        return within_clearance(self.critical.covariance, self.target.clearance, self.critical.bias)
 
     @cached_property
     def budget(self) -> tuple[Share, ...]:
@@ -171,9 +192,9 @@ class Solution:
         return budgets(self.spread.tool_point, tuple(map(float, self.q)), self.critical.worst_axis[None])[0]
 
     @cached_property
-    def floor(self) -> Floor | None:
+    def lower_bound(self) -> LowerBound | None:
         """A spread that no posture can beat at this target."""
-        return floor(self.programme.tool_point, self.goal, self.basis)
+        return lower_bound(self.optimisation_problem.tool_point, self.target, self.basis)
 
     def gain_over(self, sigma: float) -> float:
         """Relative reduction of σ_max against ``sigma``: 0.1 means 10 % smaller."""
@@ -181,10 +202,10 @@ class Solution:
 
     def to_json(self) -> dict[str, Any]:
         """The document ``solution.json``: SI units, finite numbers only."""
-        spread, critical, evidence = self.spread, self.critical, self.evidence
+        spread, critical, statistics = self.spread, self.critical, self.statistics
         return {
             "name": self.problem.name,
-            "task": self.programme.task.kind,
+            "task": self.optimisation_problem.task.kind,
             "status": self.status,
             "posture": self.posture,
             "tool": {"position": spread.position.tolist(), "quaternion_wxyz": spread.quaternion_wxyz.tolist()},
@@ -197,18 +218,18 @@ class Solution:
             "budget": [{"parameter": s.parameter, "share": s.share} for s in self.budget],
             "validity": spread.validity.to_json(),
             "alternatives": [alternative.to_json() for alternative in self.alternatives],
-            "floor": self._floor_json(),
-            "typical_sigma_max": finite_or_none(evidence.typical),
-            "worst_sigma_max": finite_or_none(evidence.worst),
-            "solver": evidence.to_json(),
+            "floor": self._lower_bound_json(),
+            "typical_sigma_max": finite_or_none(statistics.typical),
+            "worst_sigma_max": finite_or_none(statistics.worst),
+            "solver": statistics.to_json(),
             "reasons": [vars(reason) for reason in self.reasons],
             "notes": list(self.notes),
         }
 
-    def _floor_json(self) -> dict[str, Any] | None:
-        if self.floor is None:
+    def _lower_bound_json(self) -> dict[str, Any] | None:
+        if self.lower_bound is None:
             return None
-        return {"sigma_max": self.floor.sigma, "source": self.floor.source, "share": self.floor.share}
+        return {"sigma_max": self.lower_bound.sigma, "source": self.lower_bound.source, "share": self.lower_bound.share}
 
     def plot(self) -> Any:
         """The arm in its posture with the ellipse and the direction of the task, as a matplotlib figure."""
@@ -217,11 +238,11 @@ class Solution:
         return plot_solution(self)
 
 
-def critical_basis(programme: OptimisationProblem, goal: Goal) -> Floats:
+def critical_basis(optimisation_problem: OptimisationProblem, target: TaskTarget) -> Array:
     """(3, m) orthonormal basis of the part of the spread that the task cares about."""
-    within = programme.task.within
+    within = optimisation_problem.task.within
     if within == "along":
-        return goal.direction[:, None]
+        return target.direction[:, None]
     if within == "across":
-        return goal.basis[:, : programme.across_rank]
-    return programme.reach.directions if programme.across_rank == 1 else np.eye(3)
+        return target.basis[:, : optimisation_problem.across_rank]
+    return optimisation_problem.reach.directions if optimisation_problem.across_rank == 1 else np.eye(3)

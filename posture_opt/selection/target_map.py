@@ -10,20 +10,19 @@ from typing import Any
 import numpy as np
 
 from posture_opt.errors import NoSolutionError
-from posture_opt.numerics import Progress
-from posture_opt.selection.goal import Goal
-from posture_opt.selection.grid import Grid, grid_of
-from posture_opt.selection.grid_request import GridRequest, Plane
-from posture_opt.selection.has_task import HasTask
-from posture_opt.selection.map_points import MapPoint, spots_of
-from posture_opt.selection.map_search import best_places
+from posture_opt.numerics import Array, Codes, Mask, Progress
+from posture_opt.selection.grid_layout import GridRequest, Plane, grid_of
+from posture_opt.selection.map_points import MapPoint, map_points_of
+from posture_opt.selection.map_search import best_candidates
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.reach import drawn_between
 from posture_opt.selection.selector import PostureSelector
+from posture_opt.selection.solution import HasTask
+from posture_opt.selection.target_grid import Grid
+from posture_opt.selection.task_target import TaskTarget
 
-Floats = np.ndarray
-_SAMPLES = 4000
-_MARGIN = 1e-6  # of σ: differences below it do not make a place better than another
+_SAMPLES = 4000  # tool points that show how far the workspace goes
+_MARGIN = 1e-6  # of σ: differences below it do not make one target better than another
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,17 +30,17 @@ class TargetMap:
     """The best posture and its spread at every target of a grid.
 
     Args:
-        spots: one for each of ``grid.points``.
+        map_points: one for each of ``grid.points``.
         own: the position in the problem file, where it has one.
         seconds: wall time.
         notes: sentences for the report.
     """
 
     problem: Any
-    programme: OptimisationProblem
-    goal: Goal
+    optimisation_problem: OptimisationProblem
+    target: TaskTarget
     grid: Grid
-    spots: tuple[MapPoint, ...]
+    map_points: tuple[MapPoint, ...]
     own: MapPoint | None
     seconds: float
     notes: tuple[str, ...] = ()
@@ -49,51 +48,51 @@ class TargetMap:
     @property
     def within(self) -> str:
         """The part of the spread that the task cares about: ``across``, ``along`` or ``all``."""
-        return self.programme.task.within
+        return self.optimisation_problem.task.within
 
     @cached_property
-    def feasible(self) -> np.ndarray:
+    def feasible(self) -> Mask:
         """(N,) whether there is a posture."""
-        return np.array([spot.feasible for spot in self.spots])
+        return np.array([map_point.feasible for map_point in self.map_points])
 
     @cached_property
-    def sigma(self) -> Floats:
+    def sigma(self) -> Array:
         """(N,) largest standard deviation of the part that counts [m]; NaN where there is no posture."""
-        return np.array([spot.sigma_max for spot in self.spots])
+        return np.array([map_point.sigma_max for map_point in self.map_points])
 
     @cached_property
-    def postures(self) -> Floats:
+    def postures(self) -> Array:
         """(N, n) postures [rad or m]; NaN where there is none."""
-        return np.array([spot.q for spot in self.spots])
+        return np.array([map_point.q for map_point in self.map_points])
 
     @property
     def best(self) -> MapPoint:
         """The target with the smallest spread."""
-        return self.spots[self._extreme(1)]
+        return self.map_points[self._extreme(1)]
 
     @property
     def worst(self) -> MapPoint:
         """The target with the largest spread among those that have a posture."""
-        return self.spots[self._extreme(-1)]
+        return self.map_points[self._extreme(-1)]
 
     def _extreme(self, sign: int) -> int:
         values = np.where(self.feasible, sign * self.sigma, np.inf)
         ties = np.flatnonzero(values <= values.min() + _MARGIN * abs(values.min()))
-        # Of equal places the one nearest to the middle of the map.
+        # Of equal targets the one nearest to the middle of the map.
         away = np.linalg.norm(self.grid.points[ties] - self.grid.points.mean(axis=0), axis=1)
         return int(ties[np.argmin(np.round(away, 9))])
 
     def to_json(self) -> dict[str, Any]:
         """The document ``map.json``: SI units, finite numbers only."""
-        joints = self.programme.robot.joint_names
+        joints = self.optimisation_problem.robot.joint_names
         return {
             "name": self.problem.name,
-            "task": self.programme.task.kind,
+            "task": self.optimisation_problem.task.kind,
             "quantity": "spread",
             "within": self.within,
-            "direction": self.goal.direction.tolist(),
+            "direction": self.target.direction.tolist(),
             "grid": self.grid.to_json(),
-            "targets": [spot.to_json(joints) for spot in self.spots],
+            "targets": [map_point.to_json(joints) for map_point in self.map_points],
             "best": self.best.to_json(joints),
             "worst": self.worst.to_json(joints),
             "own": None if self.own is None else self.own.to_json(joints),
@@ -123,7 +122,7 @@ def map_targets(
     """The best posture of the task, and its spread, at every target of a grid.
 
     The grid lies in the plane of a planar arm, else across the direction of the task; it covers the task's region,
-    else the surroundings of its position, else the workspace at the height of the best place.
+    else the surroundings of its position, else the workspace at the height of the best target.
 
     Args:
         problem: with a task and uncertain parameters.
@@ -140,51 +139,56 @@ def map_targets(
         NoSolutionError: no target of the grid has a posture.
     """
     began = time.perf_counter()
-    wish = GridRequest(counts, low, high, plane)
-    wish.check()
+    request = GridRequest(counts, low, high, plane)
+    request.check()
     selector = PostureSelector(problem, compiled=compiled)
-    grid = _grid(problem, selector, wish)
-    targets = [grid.points, *([selector.goal.lower[None]] if selector.goal.kind == "point" else [])]
-    goals = [selector.goal.with_position(point) for point in np.vstack(targets)]
-    engines = [selector.engine(goal) for goal in goals]
+    grid = _grid(problem, selector, request)
+    own = [selector.target.lower] if selector.target.kind == "point" else []
+    targets = [selector.target.with_position(point) for point in (*grid.points, *own)]
+    engines = [selector.engine(target) for target in targets]
     seed = problem.solver.seed if seed is None else seed
-    pairs = (*grid.neighbours, *_beside(grid, len(goals), goals))
-    places = best_places(engines, goals, pairs, seed=seed, workers=workers, progress=progress)
-    spots = spots_of(engines[0].programme, goals, places)
+    pairs = (*grid.neighbours, *_beside(grid, len(targets), targets))
+    candidates = best_candidates(engines, targets, pairs, seed=seed, workers=workers, progress=progress)
+    map_points = map_points_of(engines[0].optimisation_problem, targets, candidates)
     size = len(grid.points)
-    if not any(spot.feasible for spot in spots[:size]):
-        raise NoSolutionError(_nowhere(spots[:size]))
-    programme = engines[[spot.feasible for spot in spots].index(True)].programme
-    notes = (*problem.notes, programme.axis_note(selector.goal), *selector.remarks())
-    own = spots[size] if len(spots) > size else None
+    feasible = [map_point.feasible for map_point in map_points]
+    if not any(feasible[:size]):
+        raise NoSolutionError(_nowhere(map_points[:size]))
+    solved = engines[feasible.index(True)].optimisation_problem
     return TargetMap(
-        problem, programme, selector.goal, grid, tuple(spots[:size]), own, time.perf_counter() - began, notes
+        problem=problem,
+        optimisation_problem=solved,
+        target=selector.target,
+        grid=grid,
+        map_points=tuple(map_points[:size]),
+        own=map_points[size] if own else None,
+        seconds=time.perf_counter() - began,
+        notes=(*problem.notes, solved.axis_note(selector.target), *selector.remarks()),
     )
 
 
-def _grid(problem: HasTask, selector: PostureSelector, wish: GridRequest) -> Grid:
-    goal, robot = selector.goal, problem.robot
+def _grid(problem: HasTask, selector: PostureSelector, request: GridRequest) -> Grid:
+    target, robot = selector.target, problem.robot
     rng = np.random.default_rng(0)
     Q = rng.uniform(*drawn_between(robot), (_SAMPLES, robot.n))
     positions = np.broadcast_to(np.asarray(problem.arm.position(Q), dtype=float), (_SAMPLES, 3))
     best = None
-    if goal.kind == "anywhere" and wish.low is None:
+    if target.kind == "anywhere" and request.low is None:
         best = np.asarray(selector.solve().spread.position)
-    return grid_of(wish, goal, selector.reach, positions, best)
+    return grid_of(request, target, selector.reach, positions, best)
 
 
-def _beside(grid: Grid, count: int, goals: list[Goal]) -> list[tuple[np.ndarray, np.ndarray]]:
+def _beside(grid: Grid, count: int, targets: list[TaskTarget]) -> list[tuple[Codes, Codes]]:
     """The file's own position and the target next to it are neighbours."""
     if count == len(grid.points):
         return []
-    nearest = int(np.argmin(np.linalg.norm(grid.points - goals[-1].lower, axis=1)))
+    nearest = int(np.argmin(np.linalg.norm(grid.points - targets[-1].lower, axis=1)))
     own, other = np.array([count - 1]), np.array([nearest])
     return [(own, other), (other, own)]
 
 
-def _nowhere(spots: list[MapPoint]) -> str:
-    reached = sum(spot.fate == "requirement not met" for spot in spots)
+def _nowhere(map_points: list[MapPoint]) -> str:
+    reached = sum(map_point.fate == "requirement not met" for map_point in map_points)
     why = f"; {reached} can be reached, but not with all requirements met" if reached else ""
-    return (
-        f"none of the {len(spots)} targets has a posture with the tool as it must be{why}: move the box (--min, --max)"
-    )
+    targets = f"none of the {len(map_points)} targets"
+    return f"{targets} has a posture with the required tool orientation{why}: move the box (--min, --max)"

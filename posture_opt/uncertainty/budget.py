@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.model.chain import Walk
 from posture_opt.model.derivatives import position_column, rotation_column
 from posture_opt.numerics import Array
-from posture_opt.uncertainty.moments import exact_moments
+from posture_opt.uncertainty.exact_moments import exact_moments
 from posture_opt.uncertainty.tool_point import ToolPoint
 
 # Central differences in log σ: the truncation error h²/6 and the rounding error ε/h are both below 1e-8.

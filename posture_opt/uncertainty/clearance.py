@@ -46,6 +46,16 @@ def success_probability(covariance: ArrayLike, clearance: float, bias: ArrayLike
     return -math.expm1(log_miss_probability(covariance, clearance, bias))
 
 
+def within_clearance(covariance: Array, clearance: float, bias: Array) -> float | None:
+    """`success_probability` of the part of a spread that a task cares about; None where the question has no sense.
+
+    That is without a clearance (NaN) and in space, where no hole leaves play to every side.
+    """
+    if math.isnan(clearance) or len(covariance) > 2:
+        return None
+    return success_probability(covariance, clearance, bias)
+
+
 def log_miss_probability(covariance: ArrayLike, clearance: float, bias: ArrayLike | None = None) -> float:
     """The natural logarithm of `miss_probability`; it goes on where the probability itself is below 1e-308."""
     sigma, b = _principal(covariance, bias)

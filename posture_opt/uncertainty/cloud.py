@@ -11,9 +11,9 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array
+from posture_opt.robot.posture import PostureLike
 from posture_opt.uncertainty.adaptive import AdaptiveResult
 from posture_opt.uncertainty.adaptive import adaptive as adaptive_trials
-from posture_opt.uncertainty.posture import PostureLike
 from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
 from posture_opt.uncertainty.sampler import PAIRS, PowerSums, Sampler
 from posture_opt.uncertainty.spread import HasSources, Spread, budget_json, ellipse_json, propagate

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -13,16 +13,14 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk
 from posture_opt.numerics import Array
+from posture_opt.robot.posture import PostureLike, limit_notes, read_posture
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.budget import Share, budgets
-from posture_opt.uncertainty.posture import PostureLike, limit_notes, read_posture
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.second_order import second_order
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
-
-if TYPE_CHECKING:
-    from posture_opt.uncertainty.validity import Validity
+from posture_opt.uncertainty.validity import Validity
 
 
 class HasSources(Protocol):
@@ -115,8 +113,6 @@ class Spread:
     @cached_property
     def validity(self) -> Validity:
         """Whether the first-order ellipse may be trusted here."""
-        from posture_opt.uncertainty.validity import Validity
-
         reached, _ = self.tool_point.walk(self.q)
         parts = second_order(reached, self.tool_point.indices, self.tool_point.covariance)
         return Validity.of(parts.first, parts.curvature, parts.bias)

@@ -1,4 +1,4 @@
-"""``SpreadFunction``: covariances of many postures at once, as generated C where a compiler is found."""
+"""Generated C of the spread: ``SpreadFunction`` for many postures at once, ``covariance_c`` for other programs."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.model.c_source import c_source
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.sampler import PAIRS
@@ -120,3 +121,27 @@ def _upper(matrix: Any) -> ca.SX:
     """The six entries of a symmetric matrix that are computed; the others are mirrored."""
     C = ca.SX(matrix)
     return ca.vertcat(*(C[i, j] for i, j in PAIRS))
+
+
+def covariance_c(problem: HasSources, name: str = "tool_covariance") -> tuple[str, str]:
+    """C99 text and header of ``int name(q, position, covariance, first_order)`` for the robot of a problem.
+
+    ``q`` (n) [rad or m]; ``position`` (3) [m], world; ``covariance`` (3 x 3) and ``first_order`` (3 x 3) [m²], world.
+
+    Raises:
+        InputError: ``name`` is no free C identifier, or nothing is uncertain.
+    """
+    require_sources(problem.sources)
+    tool_point = ToolPoint.of(problem.arm, problem.sources)
+    q = ca.SX.sym("q", problem.arm.robot.n)
+    moments = tool_point.moments(ca.vertsplit(q))
+    results = [moments.position, moments.covariance, moments.first_order]
+    function = ca.Function("spread", [q], results, ["q"], ["position", "covariance", "first_order"])
+    joints = ", ".join(f"{j.name} [{j.unit}]" for j in problem.arm.robot.joints)
+    described = {
+        "q": f"joint values: {joints}",
+        "position": "nominal tool point in the world [m]",
+        "covariance": f"of the tool point in the world [m^2], {tool_point.method}",
+        "first_order": "the same to first order, J Sigma J' [m^2]",
+    }
+    return c_source(function, name, described)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from posture_opt.numerics import Array, finite_or_none
 from posture_opt.uncertainty.regions import RANK_TOLERANCE
 
 Verdict = Literal["good", "doubtful", "wrong"]
@@ -103,10 +104,6 @@ class Validity:
         }
 
 
-def _largest(matrix: NDArray[np.float64]) -> float:
+def _largest(matrix: Array) -> float:
     """The largest eigenvalue, zero at least; of nothing, zero."""
     return max(float(np.linalg.eigvalsh((matrix + matrix.T) / 2)[-1]), 0.0) if matrix.size else 0.0
-
-
-def finite_or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None

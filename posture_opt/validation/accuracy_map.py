@@ -13,18 +13,17 @@ from posture_opt.calibration.starting_values import kabsch
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.nominal_points import nominal_poses
 from posture_opt.model.arm import Arm
-from posture_opt.numerics import Progress
+from posture_opt.numerics import Progress, finite_or_none
 from posture_opt.problem.effects_section import moving_effects
 from posture_opt.problem.problem import Problem
-from posture_opt.selection.grid import Grid
-from posture_opt.selection.grid_request import Plane
+from posture_opt.selection.grid_layout import Plane
 from posture_opt.selection.map_points import MapPoint
+from posture_opt.selection.target_grid import Grid
 from posture_opt.selection.target_map import TargetMap, map_targets
-from posture_opt.uncertainty.ball import central_radii
+from posture_opt.uncertainty.coverage_radius import central_radii
 from posture_opt.uncertainty.regions import coverage_factor
 from posture_opt.uncertainty.spread import ellipse_basis
 from posture_opt.uncertainty.tool_point import ToolPoint
-from posture_opt.uncertainty.validity import finite_or_none
 from posture_opt.validation.measured_errors import MeasuredErrors, measured_errors
 
 Floats = np.ndarray
@@ -74,31 +73,32 @@ class AccuracyMap:
 
     def to_json(self) -> dict[str, Any]:
         """The document ``map.json``: SI units, finite numbers only."""
-        joints = self.targets.programme.robot.joint_names
+        joints = self.targets.optimisation_problem.robot.joint_names
         return {
             "name": self.targets.problem.name,
-            "task": self.targets.programme.task.kind,
+            "task": self.targets.optimisation_problem.task.kind,
             "quantity": "accuracy",
-            "direction": self.targets.goal.direction.tolist(),
+            "direction": self.targets.target.direction.tolist(),
             "corrections": self.corrections,
             "effects": self.effects,
             "own": None if self.own is None else {"bias": self.own[0].tolist(), "radius95": self.own[1]},
             "grid": self.grid.to_json(),
-            "targets": [self._target(k, spot, joints) for k, spot in enumerate(self.targets.spots)],
+            "targets": [self._target(k, map_point, joints) for k, map_point in enumerate(self.targets.map_points)],
             "measured": None if self.measured is None else self.measured.to_json(),
             "seconds": self.targets.seconds,
             "notes": list(self.targets.notes),
         }
 
-    def _target(self, k: int, spot: MapPoint, joints: tuple[str, ...]) -> dict[str, Any]:
-        kept = {key: value for key, value in spot.to_json(joints).items() if key in ("position", "feasible", "reason")}
+    def _target(self, k: int, map_point: MapPoint, joints: tuple[str, ...]) -> dict[str, Any]:
+        document = map_point.to_json(joints)
+        kept = {key: document[key] for key in ("position", "feasible", "reason")}
         return {
             **kept,
-            "bias": self.bias[k].tolist() if spot.feasible else None,
-            "covariance": self.covariance[k].tolist() if spot.feasible else None,
-            "semi_axes95": self.semi_axes95[k].tolist() if spot.feasible else None,
+            "bias": self.bias[k].tolist() if map_point.feasible else None,
+            "covariance": self.covariance[k].tolist() if map_point.feasible else None,
+            "semi_axes95": self.semi_axes95[k].tolist() if map_point.feasible else None,
             "radius95": finite_or_none(float(self.radius95[k])),
-            "posture": spot.to_json(joints)["posture"],
+            "posture": document["posture"],
         }
 
     def plot(self) -> Any:
@@ -147,7 +147,7 @@ def map_accuracy(
         uncorrected, counts=counts, low=low, high=high, plane=plane, seed=seed, workers=workers, progress=progress
     )
     tool_point = ToolPoint.of(problem.arm, problem.sources)
-    bias, covariance = _predicted(tool_point, targets.spots)
+    bias, covariance = _predicted(tool_point, targets.map_points)
     known = targets.feasible
     basis = ellipse_basis(tool_point, covariance[known][0])
     radius, semi_axes = np.full(len(bias), np.nan), np.full((len(bias), len(basis)), np.nan)
@@ -174,13 +174,13 @@ def _settled(points: Floats, bias: Floats) -> Floats:
     return left
 
 
-def _predicted(tool_point: ToolPoint, spots: Sequence[MapPoint]) -> tuple[Floats, Floats]:
+def _predicted(tool_point: ToolPoint, map_points: Sequence[MapPoint]) -> tuple[Floats, Floats]:
     """Bias (N, 3) [m] and covariance (N, 3, 3) [m²]; NaN where there is no posture."""
-    known, count = np.array([spot.feasible for spot in spots]), len(spots)
-    Q = np.array([spot.q for spot in spots])[known]
+    known, count = np.array([map_point.feasible for map_point in map_points]), len(map_points)
+    Q = np.array([map_point.q for map_point in map_points])[known]
     moments = tool_point.moments([np.ascontiguousarray(column) for column in Q.T])
     bias, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
-    bias[known] = moments.mean - np.array([spot.position for spot in spots])[known]
+    bias[known] = moments.mean - np.array([map_point.position for map_point in map_points])[known]
     covariance[known] = moments.covariance
     return bias, covariance
 

@@ -15,12 +15,12 @@ from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.nominal_points import nominal_poses
+from posture_opt.numerics import finite_or_none
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.target_map import TargetMap
-from posture_opt.uncertainty.ball import central_radii
+from posture_opt.uncertainty.coverage_radius import central_radii
 from posture_opt.uncertainty.regions import coverage_factor
 from posture_opt.uncertainty.tool_point import ToolPoint
-from posture_opt.uncertainty.validity import finite_or_none
 
 Floats = np.ndarray
 _ELSEWHERE = 20  # times the predicted distance: no spread is that much understated
@@ -124,7 +124,7 @@ def measured_errors(
     instrument = position_sigma(problem, data)
     place, _ = nominal_poses(problem.robot, data.q)
     cell = targets.grid.cells(place)
-    limits = np.full(len(targets.spots) + 1, np.nan)  # the last one is that of rows off the map
+    limits = np.full(len(targets.map_points) + 1, np.nan)  # the last one is that of rows off the map
     used = np.flatnonzero(targets.feasible)
     limits[used] = central_radii(0.95, projected[used] + instrument**2 * np.eye(projected.shape[1]))
     inside = _inside(problem.robot, tool_point, data, errors[1], instrument)

@@ -15,7 +15,7 @@ def planned(degrees: float, sigma: float, error: float, odds: float | None = Non
     """The posture of an arm of one joint."""
     robot = SimpleNamespace(joints=(SimpleNamespace(name="joint1", type="revolute"),))
     solution: Any = SimpleNamespace(
-        q=np.radians([degrees]), programme=SimpleNamespace(robot=robot),
+        q=np.radians([degrees]), optimisation_problem=SimpleNamespace(robot=robot),
         critical=SimpleNamespace(sigma_max=sigma, within="across"),
     )  # fmt: skip
     miss = np.array([error / 2, 0.0, 0.0])

@@ -125,7 +125,7 @@ class TestText:
         assert f"within the clearance of 50 mm {100 * solution.success_probability:.3g} % of the time" in report
         assert "(2.448 standard deviations)" in report  # a plane ellipse, chi-square of two degrees of freedom
         assert "(1.960 standard deviations)" in report  # the one direction across, of one degree
-        least = f"{1e3 * solution.floor.sigma:.2f} mm"
+        least = f"{1e3 * solution.lower_bound.sigma:.2f} mm"
         assert f"no posture can get below {least}: the joint1 angle on a lever of 984.9 mm" in report
         # |(900, 400)| mm from the base: the lever of the first joint
         assert math.hypot(900, 400) == pytest.approx(984.9, abs=0.05)
@@ -133,10 +133,10 @@ class TestText:
     def test_a_small_gain_at_a_fixed_hole_offers_placement(self, solved: tuple[Any, Any]) -> None:
         problem, solution = solved
         report = text_of(solution_report, problem, solution)
-        typical = solution.evidence.typical
-        small = solution.goal.kind == "point" and math.isfinite(typical) and solution.gain_over(typical) < 0.05
+        typical = solution.statistics.typical
+        small = solution.target.kind == "point" and math.isfinite(typical) and solution.gain_over(typical) < 0.05
         assert ("region: {min: [...], max: [...]}" in report) == small
-        assert ("put it where the target comes to lie at" in report) == (solution.goal.kind != "point")
+        assert ("place it so that the target is at" in report) == (solution.target.kind != "point")
 
     def test_budget_sums_to_all_of_it(self, solved: tuple[Any, Any]) -> None:
         report = text_of(solution_report, *solved)
@@ -148,7 +148,7 @@ class TestText:
         report = text_of(explain_report, problem, solution)
         assert max(map(len, report.splitlines())) <= 100
         assert not re.search(r"\bnan\b|\binf\b", report)
-        nlp = solution.programme.nlp
+        nlp = solution.optimisation_problem.nlp
         for name in [v.name for v in nlp.variables] + [row.name for row in nlp.rows]:
             assert re.search(rf"^{re.escape(name)} ", report, re.MULTILINE)
         assert "violated" not in report
@@ -297,7 +297,7 @@ def drawn_of(solution: Any, cloud: Any) -> dict[str, Any]:
         "budget": figures.plot_budget(solution.spread, solution.budget, solution.critical.worst_axis),
         "cloud": figures.plot_cloud(cloud),
     }
-    if solution.programme.robot.n == 2:
+    if solution.optimisation_problem.robot.n == 2:
         made["joint_map"] = figures.plot_joint_map(solution)
     return made
 

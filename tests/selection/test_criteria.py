@@ -1,4 +1,4 @@
-"""The smooth criteria of the programme against NumPy's eigenvalues and the quadrature that reports use."""
+"""The smooth criteria of the optimisation problem against NumPy's eigenvalues and the quadrature that reports use."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.problem.load import load_builtin
 from posture_opt.selection.target_map import TargetMap, map_targets
-from posture_opt.uncertainty.ball import central_radii, radius_in_space
+from posture_opt.uncertainty.coverage_radius import central_radii, radius_in_space
 from tests.helpers.command_line import invoke
 
 A1, A2 = 1.0, 0.7
@@ -71,13 +71,13 @@ def test_every_target_has_the_better_of_both_elbows(two_links: TargetMap) -> Non
     points = two_links.grid.points
     assert points.shape == (99, 3)
     np.testing.assert_allclose(np.unique(points[:, 0]), np.linspace(-1.8, 1.8, 11))
-    for point, spot in zip(points, two_links.spots, strict=True):
+    for point, map_point in zip(points, two_links.map_points, strict=True):
         postures = elbows(*point[:2])
-        assert spot.feasible == bool(postures), point
+        assert map_point.feasible == bool(postures), point
         if postures:
             # Second order of errors of 3e-4 rad: 1e-7 of σ; where the two elbows meet, the solver's own 1e-6.
-            assert spot.sigma_max == pytest.approx(min(sigma_x(*q) for q in postures), rel=1e-4)
-            q1, q2 = spot.q
+            assert map_point.sigma_max == pytest.approx(min(sigma_x(*q) for q in postures), rel=1e-4)
+            q1, q2 = map_point.q
             x, y = A1 * np.cos(q1) + A2 * np.cos(q1 + q2), A1 * np.sin(q1) + A2 * np.sin(q1 + q2)
             assert np.hypot(x - point[0], y - point[1]) < 2e-6
     beyond = np.hypot(points[:, 0], points[:, 1]) > A1 + A2
@@ -103,13 +103,13 @@ def test_what_is_reached_but_not_allowed_is_told_apart() -> None:
     problem = po.problem_from_dict(planar(subject_to=[{"kind": "limit_margin", "at_least": "60 deg"}]))
     found = map_targets(problem, counts=(8, 8), low=(-1.55, -1.5, 0), high=(1.6, 1.45, 0))
     fates = []
-    for point, spot in zip(found.grid.points, found.spots, strict=True):
+    for point, map_point in zip(found.grid.points, found.map_points, strict=True):
         postures = elbows(*point[:2])
         allowed = [q for q in postures if max(map(abs, q)) <= limit]
         fates.append("feasible" if allowed else "requirement not met" if postures else "not reached")
         if allowed:
-            assert spot.sigma_max == pytest.approx(min(sigma_x(*q) for q in allowed), rel=1e-4)
-    assert [spot.fate for spot in found.spots] == fates
+            assert map_point.sigma_max == pytest.approx(min(sigma_x(*q) for q in allowed), rel=1e-4)
+    assert [map_point.fate for map_point in found.map_points] == fates
     assert len(set(fates)) == 3
 
 
@@ -129,7 +129,7 @@ def test_a_spatial_map_is_as_good_as_thorough_solves() -> None:
         best = po.select_posture(problem.with_task(position=point))
         # What a map leaves to a solve of minutes: nothing that a person would see.
         assert found.sigma[k] <= best.critical.sigma_max * 1.005
-        assert found.spots[k].radius95 == pytest.approx(
+        assert found.map_points[k].radius95 == pytest.approx(
             po.PostureSelector(problem, compiled=False).solve(position=found.grid.points[k]).critical.radius95, rel=0.01
         )
 
@@ -278,16 +278,17 @@ def test_the_bias_is_that_of_the_arm_with_the_wrong_parameters() -> None:
     problem = po.problem_from_dict(corrected(SIX, WRONG, 1e-4, direction=[0, 0, -1], position=position))
     found = po.map_accuracy(problem, counts=(3, 3))
     assert found.targets.feasible.any()
-    for spot, bias, C in zip(found.targets.spots, found.bias, found.covariance, strict=True):
-        if not spot.feasible:
+    for map_point, bias, C in zip(found.targets.map_points, found.bias, found.covariance, strict=True):
+        if not map_point.feasible:
             assert np.isnan(bias).all()
             continue
         # To the solver's 1e-6 m; the second order of 1e-4 rad moves the mean by 1e-8 m.
-        np.testing.assert_allclose(tool_point(SIX, spot.q, {}), spot.position, atol=2e-6)
-        landed = tool_point(SIX, spot.q, WRONG)
-        np.testing.assert_allclose(bias, landed - spot.position, atol=3e-6)
+        np.testing.assert_allclose(tool_point(SIX, map_point.q, {}), map_point.position, atol=2e-6)
+        landed = tool_point(SIX, map_point.q, WRONG)
+        np.testing.assert_allclose(bias, landed - map_point.position, atol=3e-6)
         steps = 1e-6 * np.eye(6)
-        J = np.array([(tool_point(SIX, spot.q + s, WRONG) - tool_point(SIX, spot.q - s, WRONG)) / 2e-6 for s in steps])
+        q = map_point.q
+        J = np.array([(tool_point(SIX, q + s, WRONG) - tool_point(SIX, q - s, WRONG)) / 2e-6 for s in steps])
         np.testing.assert_allclose(C, 1e-8 * J.T @ J, rtol=1e-5, atol=1e-14)
     known = found.targets.feasible
     assert 1e-4 < np.nanmax(found.settled) < np.nanmax(found.distance)
@@ -402,8 +403,8 @@ def test_effects_count_as_corrections_do() -> None:
     problem = po.problem_from_dict({**data, "effects": [effect]})
     found = po.map_accuracy(problem, counts=(3, 3))
     assert found.corrected
-    for spot, bias in zip(found.targets.spots, found.bias, strict=True):
-        if spot.feasible:
-            q = [spot.q[0], spot.q[1] + 2e-3 * np.sin(3 * spot.q[1])]
+    for map_point, bias in zip(found.targets.map_points, found.bias, strict=True):
+        if map_point.feasible:
+            q = [map_point.q[0], map_point.q[1] + 2e-3 * np.sin(3 * map_point.q[1])]
             landed = tool_point([(0, A1, 0), (0, A2, 0)], q, {})
-            np.testing.assert_allclose(bias, landed - spot.position, atol=3e-6)
+            np.testing.assert_allclose(bias, landed - map_point.position, atol=3e-6)

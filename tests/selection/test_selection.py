@@ -73,13 +73,13 @@ def test_anywhere_in_reach_finds_the_grid_optimum() -> None:
     least = min(sigma_x_2r(a, b) for a in grid for b in grid)
     # The exact spread at the flat optimum exceeds the first-order one by 1.1 % (see docs/lecture.md).
     assert solution.critical.sigma_max == pytest.approx(least, rel=0.012)
-    assert solution.evidence.sweep is not None
-    assert solution.critical.sigma_max <= solution.evidence.sweep.best.sigma * (1 + 1e-9)
+    assert solution.statistics.sweep is not None
+    assert solution.critical.sigma_max <= solution.statistics.sweep.best.sigma * (1 + 1e-9)
 
 
 def test_a_tool_axis_that_cannot_turn_is_left_out_and_said_so() -> None:
     solution = po.select_posture(problem("planar_2r", {"direction": [0, -1, 0]}, SIGMA_2R))
-    assert any("axis is left out" in note for note in solution.notes)
+    assert any("orientation is not constrained" in note for note in solution.notes)
 
 
 # --- spatial arms: the answer obeys its requirements, judged by an independent forward kinematics -------------------
@@ -125,10 +125,10 @@ def test_no_sampled_posture_beats_the_answer(criterion: str) -> None:
         return -float(np.log(np.mean(np.exp(-(0.4e-3**2) / (2 * np.sum(u * u, axis=0))))))
 
     selector = po.PostureSelector(given, compiled=False)
-    engine = selector.engine(selector.goal)
+    engine = selector.engine(selector.target)
     from posture_opt.selection.multistart import feasible_starts
 
-    Q, _ = feasible_starts(engine, selector.goal, 300, np.random.default_rng(3))
+    Q, _ = feasible_starts(engine, selector.target, 300, np.random.default_rng(3))
     best = value(np.array(list(solution.posture.values())))
     sampled = np.array([value(q) for q in Q])
     # Rounding of the criterion at equal eigenvalues and second-order terms stay far below 0.2 %.
@@ -197,18 +197,18 @@ def test_the_floor_is_below_every_answer_and_is_the_base_joint_times_the_radius(
     selector = po.PostureSelector(given, compiled=False)
     for point in np.random.default_rng(1).uniform([0.35, -0.3, 0.1], [0.6, 0.3, 0.4], (8, 3)):
         solution = selector.solve(position=point)
-        assert solution.floor is not None
-        assert solution.floor.source == "panda_joint1.theta"
-        assert solution.floor.sigma == pytest.approx(0.3e-3 * np.hypot(*point[:2]), rel=1e-5)
-        assert solution.floor.sigma <= solution.critical.sigma_max
+        assert solution.lower_bound is not None
+        assert solution.lower_bound.source == "panda_joint1.theta"
+        assert solution.lower_bound.sigma == pytest.approx(0.3e-3 * np.hypot(*point[:2]), rel=1e-5)
+        assert solution.lower_bound.sigma <= solution.critical.sigma_max
 
 
-def test_gain_and_evidence_are_those_of_the_starts() -> None:
+def test_gain_and_statistics_are_those_of_the_starts() -> None:
     solution = po.select_posture(problem("panda", {"position": ["0.45 m", "0.1 m", "0.25 m"]}))
-    evidence = solution.evidence
-    assert solution.critical.sigma_max <= evidence.typical <= evidence.worst
-    assert 0 < evidence.hits <= evidence.polished == 32
-    assert evidence.distinct >= len(solution.alternatives) >= 1
+    statistics = solution.statistics
+    assert solution.critical.sigma_max <= statistics.typical <= statistics.worst
+    assert 0 < statistics.hits <= statistics.polished == 32
+    assert statistics.distinct >= len(solution.alternatives) >= 1
     sigmas = [a.sigma_max for a in solution.alternatives]
     # Ranked by the smoothed objective: equal to its sixth digit is equal.
     assert np.all(np.diff(sigmas) >= -1e-5 * sigmas[0])
@@ -396,11 +396,11 @@ def test_four_joints_hold_the_tool_straight_down(kind: str) -> None:
     assert T[:3, 0] == pytest.approx([0, 0, -1], abs=3e-5)
 
 
-def test_an_axis_that_never_comes_near_the_direction_is_left_out_in_a_region_too() -> None:
+def test_an_axis_that_never_comes_near_the_direction_is_not_constrained_in_a_region_either() -> None:
     region = {"min": ["0.3 m", "-0.3 m", "0.1 m"], "max": ["0.6 m", "0.3 m", "0.4 m"]}
     given = few({"region": region}, base_and_pitches())  # tool_axis z: horizontal in every posture
     solution = po.select_posture(given)
-    assert any("left out" in note for note in solution.notes)
+    assert any("not constrained" in note for note in solution.notes)
     with pytest.raises(InputError, match="cannot give"):
         po.select_posture(few({"kind": "drill", "region": region}, base_and_pitches()))
 
@@ -437,7 +437,7 @@ def test_limits_beyond_half_a_turn_are_searched(limits: list[str]) -> None:
 def test_starts_come_in_the_number_asked_for() -> None:
     task = {"position": ["0.45 m", "0.1 m", "0.25 m"]}
     given = problem("panda", task, tool={"xyz": ["0 m", "0 m", "0.1 m"], "rpy": ["0 deg", "0 deg", "0 deg"]})
-    assert po.select_posture(given).evidence.starts >= 32
+    assert po.select_posture(given).statistics.starts >= 32
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,7 @@ def _plot(found: AccuracyMap, values: Floats, label: str, measured: Floats | Non
         return plot_line(grid, label, values)
     near = found.measured is not None and found.measured.near
     canvas = Canvas.of(grid, values, None if measured is None else measured[near])
-    fates = np.array([spot.fate for spot in targets.spots])
+    fates = np.array([map_point.fate for map_point in targets.map_points])
     figure, panels = new_panels(canvas)
     mesh: Any = None
     for axes, layer in panels:
@@ -67,8 +67,8 @@ def _plot(found: AccuracyMap, values: Floats, label: str, measured: Floats | Non
         if measured is not None:
             _rows(axes, canvas, found, measured, layer)
         mark_own(axes, canvas, targets, layer)
-        mark_base(axes, canvas, targets.programme.robot)
-        mark_direction(axes, grid, targets.goal.direction)
+        mark_base(axes, canvas, targets.optimisation_problem.robot)
+        mark_direction(axes, grid, targets.target.direction)
     finish(figure, panels, mesh, f"{label} [{canvas.unit}]")
     return figure
 

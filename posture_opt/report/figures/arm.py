@@ -25,8 +25,8 @@ from posture_opt.report.style import (
 from posture_opt.report.words import REGIONS, line_words
 
 if TYPE_CHECKING:
-    from posture_opt.selection.goal import Goal
     from posture_opt.selection.solution import Solution
+    from posture_opt.selection.task_target import TaskTarget
     from posture_opt.uncertainty.spread import Spread
     from posture_opt.uncertainty.tool_point import ToolPoint
 
@@ -80,7 +80,7 @@ def enlargement(size: float, extent: float) -> float:
 @styled
 def plot_solution(solution: Solution) -> Figure:
     """The arm in the best posture, the 95 % region enlarged by a stated factor, direction and target."""
-    return _draw(solution.spread, solution.goal)
+    return _draw(solution.spread, solution.target)
 
 
 @styled
@@ -89,10 +89,12 @@ def plot_spread(spread: Spread) -> Figure:
     return _draw(spread, None)
 
 
-def _draw(spread: Spread, goal: Goal | None) -> Figure:
+def _draw(spread: Spread, target: TaskTarget | None) -> Figure:
     skeleton = Skeleton.of(spread.tool_point, spread.q)
     factor = enlargement(1e3 * float(spread.region(0.95)[-1]), skeleton.extent)
-    return _plane(spread, goal, skeleton, factor) if len(spread.basis) == 2 else _space(spread, goal, skeleton, factor)
+    return (
+        _plane(spread, target, skeleton, factor) if len(spread.basis) == 2 else _space(spread, target, skeleton, factor)
+    )
 
 
 def region_label(spread: Spread, factor: float) -> str:
@@ -108,7 +110,7 @@ def enlarged_ellipse(spread: Spread, factor: float) -> Floats:
     return boundary
 
 
-def _plane(spread: Spread, goal: Goal | None, skeleton: Skeleton, factor: float) -> Figure:
+def _plane(spread: Spread, target: TaskTarget | None, skeleton: Skeleton, factor: float) -> Figure:
     B = spread.basis
     line, joints = skeleton.points @ B.T, skeleton.joints @ B.T
     boundary = enlarged_ellipse(spread, factor)
@@ -122,27 +124,27 @@ def _plane(spread: Spread, goal: Goal | None, skeleton: Skeleton, factor: float)
     tool = 1e3 * (B @ spread.position)
     axes.plot(*tool, "o", color="black", ms=5, zorder=6, label="tool point")
     seen = [line, boundary]
-    if goal is not None:
-        seen += _plane_goal(axes, goal, B, tool, skeleton.extent)
+    if target is not None:
+        seen += _plane_target(axes, target, B, tool, skeleton.extent)
     _limits(axes, np.vstack(seen))
     axes.set(xlabel=f"{line_words(B[0])} [mm]", ylabel=f"{line_words(B[1])} [mm]", aspect="equal")
     legend_below(axes, 3)
     return figure
 
 
-def _plane_goal(axes: Any, goal: Goal, B: Floats, tool: Floats, extent: float) -> list[Floats]:
+def _plane_target(axes: Any, target: TaskTarget, B: Floats, tool: Floats, extent: float) -> list[Floats]:
     """Draws direction and region; the points that must be seen."""
     seen = []
-    if goal.kind == "region":
-        low, high = 1e3 * B @ goal.lower, 1e3 * B @ goal.upper
+    if target.kind == "region":
+        low, high = 1e3 * B @ target.lower, 1e3 * B @ target.upper
         corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]], low])
         axes.plot(*corners.T, "--", color=GREY, lw=1.2, zorder=1, label="box for the target")
         seen.append(corners)
-    target = 1e3 * B @ goal.lower
-    if goal.kind == "point" and np.linalg.norm(target - tool) > _APART:
-        axes.plot(*target, "X", color=VERMILLION, mec="white", ms=11, zorder=6, label="target, not reached")
-        seen.append(target[None])
-    along = B @ goal.direction
+    point = 1e3 * B @ target.lower
+    if target.kind == "point" and np.linalg.norm(point - tool) > _APART:
+        axes.plot(*point, "X", color=VERMILLION, mec="white", ms=11, zorder=6, label="target, not reached")
+        seen.append(point[None])
+    along = B @ target.direction
     if np.linalg.norm(along) > 1e-6:
         end = tool + _ARROW * extent * along
         arrow = {"arrowstyle": "-|>", "color": "black", "lw": 2, "shrinkA": 0, "shrinkB": 0}
@@ -174,15 +176,15 @@ def enlarged_ellipsoid(spread: Spread, factor: float, n: int = 24) -> Floats:
     return surface
 
 
-def _space(spread: Spread, goal: Goal | None, skeleton: Skeleton, factor: float) -> Figure:
+def _space(spread: Spread, target: TaskTarget | None, skeleton: Skeleton, factor: float) -> Figure:
     figure = new_figure(6.8, 5.8)
     # What lies in front is decided here: sorted by depth, the region would hide the tool point at its centre.
     axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
     surface = enlarged_ellipsoid(spread, factor)
     seen = [skeleton.points, surface.reshape(3, -1).T]
     tool = 1e3 * spread.position
-    if goal is not None:
-        seen += _space_goal(axes, goal, tool, skeleton.extent)
+    if target is not None:
+        seen += _space_target(axes, target, tool, skeleton.extent)
     low, high = _box(np.vstack(seen))
     x, y, _ = skeleton.points.T
     axes.plot(x, y, low[2], color=LIGHT, lw=4, zorder=1, label="shadow on the floor")
@@ -208,20 +210,20 @@ def _look(axes: Any, skeleton: Skeleton) -> None:
     axes.locator_params(nbins=6)
 
 
-def _space_goal(axes: Any, goal: Goal, tool: Floats, extent: float) -> list[Floats]:
+def _space_target(axes: Any, target: TaskTarget, tool: Floats, extent: float) -> list[Floats]:
     seen = []
-    if goal.kind == "region":
-        corners = 1e3 * np.array(list(itertools.product(*zip(goal.lower, goal.upper, strict=True))))
+    if target.kind == "region":
+        corners = 1e3 * np.array(list(itertools.product(*zip(target.lower, target.upper, strict=True))))
         edges = [(a, b) for a, b in itertools.combinations(corners, 2) if np.count_nonzero(np.abs(a - b) > 1e-9) == 1]
         for k, (a, b) in enumerate(edges):
             label = None if k else "box for the target"
             axes.plot(*np.array([a, b]).T, "--", color=GREY, lw=1, zorder=2, label=label)
         seen.append(corners)
-    target = 1e3 * goal.lower
-    if goal.kind == "point" and np.linalg.norm(target - tool) > _APART:
-        axes.plot(*target[:, None], "X", color=VERMILLION, mec="white", ms=11, zorder=8, label="target, not reached")
-        seen.append(target[None])
-    step = _ARROW * extent * goal.direction
+    point = 1e3 * target.lower
+    if target.kind == "point" and np.linalg.norm(point - tool) > _APART:
+        axes.plot(*point[:, None], "X", color=VERMILLION, mec="white", ms=11, zorder=8, label="target, not reached")
+        seen.append(point[None])
+    step = _ARROW * extent * target.direction
     axes.quiver(*tool, *step, color="black", lw=2, arrow_length_ratio=0.22, zorder=6)
     axes.plot([], [], "-", color="black", lw=2, marker=">", label="direction of the task")
     seen.append((tool + step)[None])

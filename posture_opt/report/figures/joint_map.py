@@ -30,7 +30,7 @@ def plot_joint_map(solution: Solution) -> Figure:
     """
     from matplotlib.ticker import MaxNLocator
 
-    joints = solution.programme.robot.joints
+    joints = solution.optimisation_problem.robot.joints
     assert len(joints) == 2, "a map has two axes"
     units = [joint_unit(joint.type) for joint in joints]
     factors = [factor for _, factor in units]
@@ -64,7 +64,7 @@ def _values(joint: Joint) -> Floats:
 
 def _evaluate(solution: Solution, q1: Floats, q2: Floats) -> tuple[Floats, Floats]:
     """σ_max (N, N) [m] and tool points (N, N, 3) [m] over the grid."""
-    moments = solution.programme.tool_point.moments([q1.ravel(), q2.ravel()])
+    moments = solution.optimisation_problem.tool_point.moments([q1.ravel(), q2.ravel()])
     B = solution.basis
     largest = np.linalg.eigvalsh(B.T @ moments.covariance @ B)[..., -1]
     sigma = np.sqrt(np.maximum(largest, 0.0)).reshape(q1.shape)
@@ -72,18 +72,20 @@ def _evaluate(solution: Solution, q1: Floats, q2: Floats) -> tuple[Floats, Float
 
 
 def _mark(axes: Any, solution: Solution, shown: list[Floats], position: Floats, factors: list[float]) -> None:
-    goal = solution.goal
-    if goal.kind == "region":
-        B = solution.programme.reach.directions
-        low, high = B.T @ goal.lower, B.T @ goal.upper
+    target = solution.target
+    if target.kind == "region":
+        B = solution.optimisation_problem.reach.directions
+        low, high = B.T @ target.lower, B.T @ target.upper
         at = position @ B
         inside = np.minimum(at - np.minimum(low, high), np.maximum(low, high) - at).min(axis=-1)
         axes.contour(*shown, inside.T, levels=[0.0], colors=VERMILLION, linewidths=1.8)
         axes.plot([], [], color=VERMILLION, label="edge of the postures in the box")
-    optima = [[a.posture[j.name] for j in solution.programme.robot.joints] for a in solution.alternatives[1:]]
+    optima = [
+        [a.posture[j.name] for j in solution.optimisation_problem.robot.joints] for a in solution.alternatives[1:]
+    ]
     if optima:
         points = np.array(optima) * factors
-        label = "other postures at the target" if goal.kind == "point" else "other optima"
+        label = "other postures at the target" if target.kind == "point" else "other optima"
         axes.plot(*points.T, "o", color="white", mec="black", ms=8, clip_on=False, zorder=5, label=label, ls="none")
     best = np.array(solution.q) * factors
     axes.plot(*best[:, None], "*", color=ORANGE, mec="black", ms=17, clip_on=False, zorder=6, label="answer", ls="none")

@@ -1,4 +1,4 @@
-"""Maps over a grid of targets: colours in the cells, hatching where there is no posture, the best spot marked."""
+"""Maps over a grid of targets: colours in the cells, hatching where there is no posture, the best target marked."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from posture_opt.report.units_text import fixed, length_unit
 from posture_opt.report.words import PARTS, line_words
 
 if TYPE_CHECKING:
-    from posture_opt.selection.grid import Grid
+    from posture_opt.selection.target_grid import Grid
     from posture_opt.selection.target_map import TargetMap
 
 Floats = NDArray[np.float64]
@@ -63,7 +63,7 @@ def plot_target_map(found: TargetMap) -> Figure:
     if found.grid.shape[1] == 1 and found.grid.shape[0] == 1:
         return plot_line(found.grid, label, found.sigma)
     canvas = Canvas.of(found.grid, found.sigma)
-    fates = np.array([spot.fate for spot in found.spots])
+    fates = np.array([map_point.fate for map_point in found.map_points])
     figure, panels = new_panels(canvas)
     mesh: Any = None
     for axes, layer in panels:
@@ -144,8 +144,8 @@ def hatch_cells(axes: Any, canvas: Canvas, fates: NDArray[Any]) -> None:
 def _mark_spots(axes: Any, canvas: Canvas, found: TargetMap, layer: int) -> None:
     mark_own(axes, canvas, found, layer)
     _mark(axes, canvas, found.best.position, layer, "best place", marker="*", color=ORANGE, mec="black", ms=18)
-    mark_base(axes, canvas, found.programme.robot)
-    mark_direction(axes, canvas.grid, found.goal.direction)
+    mark_base(axes, canvas, found.optimisation_problem.robot)
+    mark_direction(axes, canvas.grid, found.target.direction)
 
 
 def mark_own(axes: Any, canvas: Canvas, found: TargetMap, layer: int) -> None:

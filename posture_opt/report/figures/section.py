@@ -58,7 +58,7 @@ def view_basis(solution: Solution) -> Floats:
     elif len(critical.basis) == 2:
         basis = critical.basis
     elif len(critical.basis) == 1:
-        basis = np.array([solution.goal.basis[:, 0], solution.goal.direction])
+        basis = np.array([solution.target.basis[:, 0], solution.target.direction])
     else:
         basis = spread.axes[::-1][:2]
     return basis
@@ -88,7 +88,7 @@ def _strip(along: Floats, low: float, high: float, reach: float) -> Floats:
 
 def clearance_lines(axes: Any, solution: Solution, B: Floats, scale: float, half: float) -> None:
     """The play of the hole about the target: a circle, or two lines where one direction counts."""
-    clearance = solution.goal.clearance
+    clearance = solution.target.clearance
     if math.isnan(clearance) or solution.critical.within == "all":
         return
     r = clearance * scale

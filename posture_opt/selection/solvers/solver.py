@@ -25,7 +25,7 @@ class Outcome:
 
 
 Polish = Callable[[np.ndarray, np.ndarray], Outcome]
-"""(start (n,), goal parameters) -> outcome."""
+"""(start (n,), target parameters) -> outcome."""
 
 
 class Solver(Spec):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from posture_opt.selection.quantities import Within
 from posture_opt.selection.tasks.task import Criterion, Task
+from posture_opt.selection.terms.term import Within
 
 
 class Insert(Task):

@@ -7,8 +7,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
-from posture_opt.selection.quantities import Within
 from posture_opt.selection.terms import TermSpec
+from posture_opt.selection.terms.term import Within
 from posture_opt.spec import Spec
 from posture_opt.units import Angle, Celsius, Length, Mass, Time
 

@@ -7,8 +7,7 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from posture_opt.selection.quantities import Quantities
-from posture_opt.selection.terms.term import BoundedTerm
+from posture_opt.selection.terms.term import BoundedTerm, Quantities
 from posture_opt.units import Angle
 
 

@@ -9,8 +9,7 @@ import casadi as ca
 from pydantic import Field
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.selection.quantities import Quantities
-from posture_opt.selection.terms.term import BoundedTerm
+from posture_opt.selection.terms.term import BoundedTerm, Quantities
 from posture_opt.units import Angle
 
 

@@ -8,8 +8,7 @@ from typing import ClassVar, Literal
 import casadi as ca
 
 from posture_opt.selection import criteria
-from posture_opt.selection.quantities import Quantities, Within
-from posture_opt.selection.terms.term import BoundedTerm
+from posture_opt.selection.terms.term import BoundedTerm, Quantities, Within
 from posture_opt.units import Length
 
 

@@ -16,6 +16,7 @@ from posture_opt.robot.corrections import name_issues
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
 from posture_opt.uncertainty.covariance_file import read_covariance
+from posture_opt.uncertainty.repeatability import joint_sigmas
 from posture_opt.uncertainty.sources import Sources, covariance_issues
 from posture_opt.units import Angle, Length, Quantity, parse_quantity
 
@@ -167,8 +168,6 @@ class UncertaintySpec(Spec):
     def _with_repeatability(self, named: Sources, robot: Robot) -> Sources:
         if self.repeatability is None and (robot.repeatability is None or self._stated):
             return named
-        from posture_opt.uncertainty.repeatability import joint_sigmas
-
         if self.repeatability is None:
             assert robot.repeatability is not None
             value, source = robot.repeatability.value, robot.repeatability.source

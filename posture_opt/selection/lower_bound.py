@@ -1,4 +1,4 @@
-"""The floor: a spread that no posture can beat, because it depends on the target alone.
+"""A lower bound: a spread that no posture can beat, because it depends on the target alone.
 
 An error that acts before any joint has moved – the base, the first joint – shifts the tool point by
 ``a × (x − o)`` (or ``a``), and neither axis nor lever depends on the posture once the target ``x`` is given.
@@ -13,14 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.model.chain import factor_values, walk
-from posture_opt.selection.goal import Goal
+from posture_opt.numerics import Array
+from posture_opt.selection.task_target import TaskTarget
 from posture_opt.uncertainty.tool_point import ToolPoint
-
-Floats = np.ndarray
 
 
 @dataclass(frozen=True)
-class Floor:
+class LowerBound:
     """A lower bound on the largest standard deviation [m], the source that sets it and that one's share of it.
 
     Args:
@@ -31,21 +30,21 @@ class Floor:
     sigma: float
     source: str
     share: float
-    point: Floats
+    point: Array
     radius: float
 
 
-def floor(tool_point: ToolPoint, goal: Goal, basis: Floats) -> Floor | None:
+def lower_bound(tool_point: ToolPoint, target: TaskTarget, basis: Array) -> LowerBound | None:
     """The bound for the part of the spread in ``basis`` (3, m); None where nothing fixed is uncertain.
 
     For a region it is the least over the region: the bound is a convex function of the point.
     """
     fixed = _fixed_sources(tool_point)
-    if not fixed or goal.kind == "anywhere":
+    if not fixed or target.kind == "anywhere":
         return None
     covariance = _conditional(tool_point.covariance, fixed)
     columns = _Levers.of(tool_point, fixed)
-    point = goal.lower if goal.kind == "point" else _least(columns, covariance, goal, basis)
+    point = target.lower if target.kind == "point" else _least(columns, covariance, target, basis)
     J = basis.T @ columns.at(point)
     values, vectors = np.linalg.eigh(J @ covariance @ J.T)
     variance = float(values[-1])
@@ -53,7 +52,7 @@ def floor(tool_point: ToolPoint, goal: Goal, basis: Floats) -> Floor | None:
         return None
     gains = (vectors[:, -1] @ J) ** 2 * np.diag(covariance)
     first = int(np.argmax(gains))
-    return Floor(
+    return LowerBound(
         float(np.sqrt(variance)),
         tool_point.names[fixed[first]],
         float(gains[first] / gains.sum()),
@@ -66,9 +65,9 @@ def floor(tool_point: ToolPoint, goal: Goal, basis: Floats) -> Floor | None:
 class _Levers:
     """Axes (k, 3) and origins (k, 3) of the fixed sources, and which of them rotate."""
 
-    axes: Floats
-    origins: Floats
-    rotates: Floats
+    axes: Array
+    origins: Array
+    rotates: Array
 
     @classmethod
     def of(cls, tool_point: ToolPoint, fixed: list[int]) -> _Levers:
@@ -81,12 +80,12 @@ class _Levers:
             np.array([s.rotates for s in screws]),
         )
 
-    def at(self, point: Floats) -> Floats:
+    def at(self, point: Array) -> Array:
         """(3, k) derivative of the tool point."""
         turned = np.cross(self.axes, point - self.origins)
         return np.where(self.rotates[:, None], turned, self.axes).T
 
-    def radius(self, k: int, point: Floats) -> float:
+    def radius(self, k: int, point: Array) -> float:
         return float(np.linalg.norm(np.cross(self.axes[k], point - self.origins[k]))) if self.rotates[k] else np.nan
 
 
@@ -102,7 +101,7 @@ def _fixed_sources(tool_point: ToolPoint) -> list[int]:
     return [k for k, index in enumerate(tool_point.indices) if index <= last]
 
 
-def _conditional(covariance: Floats, fixed: list[int]) -> Floats:
+def _conditional(covariance: Array, fixed: list[int]) -> Array:
     """Covariance of the fixed sources given all others: what remains when those are known."""
     other = [k for k in range(len(covariance)) if k not in fixed]
     ff, fo, oo = covariance[np.ix_(fixed, fixed)], covariance[np.ix_(fixed, other)], covariance[np.ix_(other, other)]
@@ -112,19 +111,21 @@ def _conditional(covariance: Floats, fixed: list[int]) -> Floats:
     return np.asarray(remaining * np.sqrt(np.outer(shrink, shrink)))
 
 
-def _least(columns: _Levers, covariance: Floats, goal: Goal, basis: Floats) -> Floats:
+def _least(columns: _Levers, covariance: Array, target: TaskTarget, basis: Array) -> Array:
     """The point of the box with the least bound, by halving a pattern search: smooth enough, convex, 3 unknowns."""
 
-    def value(point: Floats) -> float:
+    def value(point: Array) -> float:
         J = basis.T @ columns.at(point)
         return float(np.linalg.eigvalsh(J @ covariance @ J.T)[-1])
 
     # The base axis is the usual least: start from the box's point nearest to it.
-    point = np.clip(columns.origins[0], goal.lower, goal.upper)
-    best, step = value(point), (goal.upper - goal.lower) / 2
+    point = np.clip(columns.origins[0], target.lower, target.upper)
+    best, step = value(point), (target.upper - target.lower) / 2
     while np.max(step) > 1e-5:
         moves = [
-            np.clip(point + sign * np.eye(3)[k] * step, goal.lower, goal.upper) for k in range(3) for sign in (1, -1)
+            np.clip(point + sign * np.eye(3)[k] * step, target.lower, target.upper)
+            for k in range(3)
+            for sign in (1, -1)
         ]
         values = [value(move) for move in moves]
         if min(values) < best * (1 - 1e-9):

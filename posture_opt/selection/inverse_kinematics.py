@@ -16,8 +16,8 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import stack
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.selection.goal import FREE, Goal
 from posture_opt.selection.reach import drawn_between
+from posture_opt.selection.task_target import FREE, TaskTarget
 
 Floats = np.ndarray
 
@@ -31,7 +31,7 @@ _LONGEST_STEP = 0.7  # rad or m: longer steps of a linear model of a rotation me
 
 
 @dataclass(frozen=True)
-class Wish:
+class PoseRequest:
     """What every row of a batch is to reach, as weighted residuals.
 
     Args:
@@ -81,16 +81,16 @@ class InverseKinematics:
         low, high = self._drawn
         return rng.uniform(low, high, (count, len(low)))
 
-    def solve(self, Q: Floats, wish: Wish, enough: int | None = None) -> tuple[Floats, Floats]:
-        """Move the postures (N, n) onto the wish; returns the postures reached and their errors (N,).
+    def solve(self, Q: Floats, request: PoseRequest, enough: int | None = None) -> tuple[Floats, Floats]:
+        """Move the postures (N, n) onto the request; returns the postures reached and their errors (N,).
 
         Stops early when ``enough`` rows have arrived.
         """
         best, error = Q.copy(), np.full(len(Q), np.inf)
         wanted, arrived = len(Q) if enough is None else enough, 0
         # Rows that have arrived, or that stand still away from the target, leave the batch.
-        rows, now, targets = np.arange(len(Q)), Q, wish.rows
-        step = self._aim_and_spin if wish.weights[2] else self._aim
+        rows, now, targets = np.arange(len(Q)), Q, request.rows
+        step = self._aim_and_spin if request.weights[2] else self._aim
         for _ in range(_ITERATIONS):
             moved, column = step(now, targets)
             distance = column[:, 0]
@@ -106,56 +106,56 @@ class InverseKinematics:
         return best, error
 
 
-def wish_for(
-    goal: Goal,
+def request_for(
+    target: TaskTarget,
     count: int,
     aligned: bool,
     rng: np.random.Generator,
     *,
     whole_box: bool = False,
     slack_of_axis: float = 0.0,
-) -> Wish:
+) -> PoseRequest:
     """Targets for ``count`` starts: the point, or points drawn from the region; axes drawn within the tilt.
 
     ``whole_box`` takes any point of the region: an arm with few joints cannot align its tool at a drawn one, while
     an arm with many comes to lie at the region's edge. ``slack_of_axis`` is as good as no error of the axis.
     """
-    anywhere = goal.kind == "anywhere"
-    position = np.zeros(3) if anywhere else rng.uniform(goal.lower, goal.upper, (count, 3))
+    anywhere = target.kind == "anywhere"
+    position = np.zeros(3) if anywhere else rng.uniform(target.lower, target.upper, (count, 3))
     slack = np.zeros(3)
-    if whole_box and goal.kind == "region":
-        position, slack = (goal.lower + goal.upper) / 2, (goal.upper - goal.lower) / 2
-    axis, cone = goal.direction, np.array([slack_of_axis])
-    if aligned and goal.tilt > 0:
+    if whole_box and target.kind == "region":
+        position, slack = (target.lower + target.upper) / 2, (target.upper - target.lower) / 2
+    axis, cone = target.direction, np.array([slack_of_axis])
+    if aligned and target.tilt > 0:
         # Half of the starts aim at drawn axes; the others take any axis of the cone, as an arm must that cannot
         # turn its tool everywhere.
-        axis, any_axis = _within_tilt(goal, count, rng), np.arange(count) % 2 == 1
-        axis[any_axis] = goal.direction
-        cone = np.where(any_axis, 2 * np.sin(0.999 * goal.tilt / 2), 0.0)[:, None]
+        axis, any_axis = _within_tilt(target, count, rng), np.arange(count) % 2 == 1
+        axis[any_axis] = target.direction
+        cone = np.where(any_axis, 2 * np.sin(0.999 * target.tilt / 2), 0.0)[:, None]
     weights = np.array([0.0 if anywhere else 1.0, 1.0 if aligned else 0.0, 0.0])
     assert np.all(np.abs(position) < FREE)
-    return Wish(position, axis, goal.basis[:, 0], weights, slack, cone)
+    return PoseRequest(position, axis, target.basis[:, 0], weights, slack, cone)
 
 
-def _within_tilt(goal: Goal, count: int, rng: np.random.Generator) -> Floats:
+def _within_tilt(target: TaskTarget, count: int, rng: np.random.Generator) -> Floats:
     """(count, 3) axes spread over the cone of the allowed tilt, every fourth one straight."""
-    # A little inside the cone: the programme's row is an inequality, and a start should satisfy it.
-    tilt = 0.999 * goal.tilt * np.sqrt(rng.uniform(size=count)) * (np.arange(count) % 4 != 0)
+    # A little inside the cone: the row of the optimisation problem is an inequality, and a start should satisfy it.
+    tilt = 0.999 * target.tilt * np.sqrt(rng.uniform(size=count)) * (np.arange(count) % 4 != 0)
     turn = rng.uniform(0, 2 * np.pi, count)
-    sideways = np.cos(turn)[:, None] * goal.basis[:, 0] + np.sin(turn)[:, None] * goal.basis[:, 1]
-    return np.asarray(np.cos(tilt)[:, None] * goal.direction + np.sin(tilt)[:, None] * sideways)
+    sideways = np.cos(turn)[:, None] * target.basis[:, 0] + np.sin(turn)[:, None] * target.basis[:, 1]
+    return np.asarray(np.cos(tilt)[:, None] * target.direction + np.sin(tilt)[:, None] * sideways)
 
 
 def _step_function(arm: Arm, tool_axis: tuple[float, float, float], directions: Floats, *, spun: bool) -> ca.Function:
-    """``(q, wish) -> (next q, error at q)``: two damped least squares steps within the limits.
+    """``(q, request) -> (next q, error at q)``: two damped least squares steps within the limits.
 
     Two at a time, because a call from Python costs as much as a step.
     """
     once = _single_step(arm, tool_axis, directions, spun)
-    q, wish = ca.SX.sym("q", arm.robot.n), ca.SX.sym("wish", 16)
-    between, error = once(q, wish)
-    after, _ = once(between, wish)
-    return ca.Function("ik_steps", [q, wish], ca.cse([after, error]))
+    q, request = ca.SX.sym("q", arm.robot.n), ca.SX.sym("request", 16)
+    between, error = once(q, request)
+    after, _ = once(between, request)
+    return ca.Function("ik_steps", [q, request], ca.cse([after, error]))
 
 
 def unlimited(arm: Arm) -> Arm:
@@ -169,17 +169,17 @@ def unlimited(arm: Arm) -> Arm:
     return replace(arm, robot=replace(arm.robot, joints=joints))
 
 
-def axis_can_reach(arm: Arm, tool_axis: tuple[float, float, float], goal: Goal, slack: float) -> bool:
+def axis_can_reach(arm: Arm, tool_axis: tuple[float, float, float], target: TaskTarget, slack: float) -> bool:
     """Whether the tool axis can come within the allowed tilt and ``slack`` of the direction, anywhere."""
     ik = InverseKinematics(unlimited(arm), tool_axis, np.eye(3), compiled=False)
-    wish = Wish(np.zeros(3), goal.direction, goal.basis[:, 0], np.array([0.0, 1.0, 0.0]))
-    _, errors = ik.solve(ik.random_postures(64, np.random.default_rng(0)), wish)
-    return bool(np.min(errors) <= 2 * np.sin(goal.tilt / 2) + slack)
+    request = PoseRequest(np.zeros(3), target.direction, target.basis[:, 0], np.array([0.0, 1.0, 0.0]))
+    _, errors = ik.solve(ik.random_postures(64, np.random.default_rng(0)), request)
+    return bool(np.min(errors) <= 2 * np.sin(target.tilt / 2) + slack)
 
 
 def _single_step(arm: Arm, tool_axis: tuple[float, float, float], directions: Floats, spun: bool) -> ca.Function:
-    q, wish = ca.SX.sym("q", arm.robot.n), ca.SX.sym("wish", 16)
-    position, axis, spin, weights, slack, cone = ca.vertsplit(wish, [0, 3, 6, 9, 12, 15, 16])
+    q, request = ca.SX.sym("q", arm.robot.n), ca.SX.sym("request", 16)
+    position, axis, spin, weights, slack, cone = ca.vertsplit(request, [0, 3, 6, 9, 12, 15, 16])
     robot, reached = arm.robot, arm.walk(q)
     R = ca.SX(stack(list(zip(*reached.columns, strict=True))))
     a = np.array(tool_axis) / np.linalg.norm(tool_axis)
@@ -198,7 +198,7 @@ def _single_step(arm: Arm, tool_axis: tuple[float, float, float], directions: Fl
     longest = ca.mmax(ca.fabs(dq))
     dq = dq * _LONGEST_STEP / ca.fmax(longest, _LONGEST_STEP)
     moved = ca.fmin(ca.fmax(q + dq, ca.DM(robot.lower)), ca.DM(robot.upper))
-    return ca.Function("ik_step", [q, wish], [moved, ca.sqrt(squared)])
+    return ca.Function("ik_step", [q, request], [moved, ca.sqrt(squared)])
 
 
 def _beyond(offset: ca.SX, slack: ca.SX) -> ca.SX:

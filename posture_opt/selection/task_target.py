@@ -1,4 +1,4 @@
-"""``Goal``: where one solve is to bring the tool point, in numbers: the parameters of the programme."""
+"""``TaskTarget``: where one solve is to bring the tool point: the parameters of the optimisation problem."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FREE = 1e6
 
 
 @dataclass(frozen=True)
-class Goal:
+class TaskTarget:
     """The target of one solve.
 
     Args:
@@ -40,8 +40,8 @@ class Goal:
     scale: float = 1.0
 
     @classmethod
-    def of(cls, task: Task, reach: Reach) -> Goal:
-        """The goal that the task of a problem file states."""
+    def of(cls, task: Task, reach: Reach) -> TaskTarget:
+        """The target that the task of a problem file states."""
         lower, upper = np.full(3, -FREE), np.full(3, FREE)
         if task.position is not None:
             lower = upper = np.array(task.position)
@@ -51,13 +51,13 @@ class Goal:
         clearance = math.nan if task.clearance is None else task.clearance
         return cls(lower, upper, d, complement(d, reach), clearance, task.tilt)
 
-    def with_position(self, position: Floats) -> Goal:
-        """The same goal at another point."""
+    def with_position(self, position: Floats) -> TaskTarget:
+        """The same target at another point."""
         point = _vector(position, "position")
         return replace(self, lower=point, upper=point)
 
-    def with_direction(self, direction: Floats, reach: Reach) -> Goal:
-        """The same goal along another direction."""
+    def with_direction(self, direction: Floats, reach: Reach) -> TaskTarget:
+        """The same target along another direction."""
         d = _vector(direction, "direction")
         if np.linalg.norm(d) < 1e-12:
             raise InputError(Issue("a direction of length zero points nowhere", ("direction",), direction))
@@ -72,14 +72,14 @@ class Goal:
         return "anywhere" if bool(np.all(self.upper >= FREE)) else "region"
 
     def parameters(self) -> Floats:
-        """(18,) the parameters of the programme, in the order of ``SIZES``."""
+        """(18,) the parameters of the optimisation problem, in the order of ``SIZES``."""
         clearance = 1.0 if math.isnan(self.clearance) else self.clearance
         tail = [clearance, math.sin(self.tilt), self.scale]
         return np.concatenate([self.lower, self.upper, self.direction, self.basis[:, 0], self.basis[:, 1], tail])
 
 
-def symbols() -> tuple[ca.SX, dict[str, ca.SX]]:
-    """The parameter vector of the programme and its named parts."""
+def target_symbols() -> tuple[ca.SX, dict[str, ca.SX]]:
+    """The parameter vector of the optimisation problem and its named parts."""
     p = ca.SX.sym("p", sum(SIZES.values()))
     parts = ca.vertsplit(p, [0, *np.cumsum(list(SIZES.values())).tolist()])
     return p, dict(zip(SIZES, parts, strict=True))

@@ -1,4 +1,4 @@
-"""The distance from the target in space that holds a biased Gaussian point with a given probability.
+"""The distance from the target that holds a biased Gaussian point with a given probability.
 
 In three dimensions the direction is integrated over the sphere: with ``x = b + ρ L u`` and ``|b + ρ L u| = r`` at
 ``ρ*(u)``, ``P(|x| > r)`` is the mean over all directions u of the tail of the chi distribution with three degrees of
@@ -14,12 +14,23 @@ import math
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.uncertainty.clearance import decreasing_root
+from posture_opt.uncertainty.clearance import decreasing_root, radius_for
 from posture_opt.uncertainty.regions import coverage_factor
 
 _POLAR, _AZIMUTHS = 64, 128  # ten digits of a round ellipsoid, three of a line in space
 _NODES, _HALVINGS = 24, 45
 _erfc = np.vectorize(math.erfc, otypes=[float])
+
+
+def coverage_radius(p: float, covariance: Array, bias: Array) -> float:
+    """The radius r [m] with ``P(|x| ≤ r) = p`` for ``x ~ N(bias, covariance)`` on a line, in the plane or in space.
+
+    Args:
+        p: probability, at least 0.5.
+        covariance: (m, m) [m²], m = 1, 2 or 3, positive semidefinite.
+        bias: (m,) [m].
+    """
+    return radius_for(p, covariance, bias) if len(covariance) < 3 else radius_in_space(p, covariance, bias)
 
 
 def radius_in_space(p: float, covariance: Array, bias: Array) -> float:
