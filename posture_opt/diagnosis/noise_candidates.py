@@ -14,6 +14,11 @@ from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, Stated
 from posture_opt.numerics import Array, Mask
 from posture_opt.validation.scatter_model import null_sets
 
+_LEAST_FREE = 0.02  # share of a residual that a fit leaves free at the least: beyond, it says nothing of the noise
+_STUDENT_FREEDOM = np.geomspace(1.5, 60, 40)  # from tails without a variance to all but Gaussian ones
+_STUDENT_ROUNDS = 30  # of EM (Lange, Little, Taylor 1989): more digits than a choice by BIC needs
+_FIRST_SHARE, _EM_ROUNDS, _EM_TOLERANCE = 0.02, 200, 1e-8  # EM: where it starts, and where it ends for certain
+
 
 @dataclass(frozen=True)
 class NoiseCandidate:
@@ -47,7 +52,7 @@ def standardised(e: Array, leverage: Array) -> Array:
     """(N, d) residuals blown up by what the fit has taken from them: ``(I − H_ii)^(−1/2) e_i``."""
     d = e.shape[1]
     values, vectors = np.linalg.eigh(np.eye(d) * (1 + 1e-9) - leverage)
-    root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, 0.02)), vectors)
+    root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, _LEAST_FREE)), vectors)
     return np.asarray(np.einsum("nij,nj->ni", root, e))
 
 
@@ -98,14 +103,14 @@ def _ratio(sets: Array, pattern: Pattern) -> tuple[Array, float, float]:
 
 def _likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
     """(F,) log likelihood and likeliest s² of noise of one size, from squares of residuals and their part along it."""
-    rank_members, determinant, count = total, 0.0, total.shape[1] * d
+    weighted, determinant, count = total, 0.0, total.shape[1] * d
     if along is not None:
         inflation = pattern.inflation(value)
-        rank_members, determinant = (total - along) + along / inflation, float(np.log(inflation).sum())
+        weighted, determinant = (total - along) + along / inflation, float(np.log(inflation).sum())
     level = pattern.level(value)
     if level is not None:
-        rank_members, determinant = rank_members * np.exp(-level), determinant + d * float(level.sum())
-    s2 = rank_members.sum(axis=1) / count
+        weighted, determinant = weighted * np.exp(-level), determinant + d * float(level.sum())
+    s2 = weighted.sum(axis=1) / count
     return -count / 2 * np.log(s2) - 0.5 * determinant, s2
 
 
@@ -177,9 +182,9 @@ def _student(squares: Array, d: int) -> tuple[float, float]:
     from scipy.special import gammaln
 
     best, freedom = -np.inf, np.inf
-    for nu in np.geomspace(1.5, 60, 40):
+    for nu in _STUDENT_FREEDOM:
         s2 = squares.mean() / d
-        for _ in range(30):
+        for _ in range(_STUDENT_ROUNDS):
             weights = (nu + d) / (nu + squares / s2)
             s2 = float(np.mean(weights * squares) / d)
         value = len(squares) * (gammaln((nu + d) / 2) - gammaln(nu / 2) - d / 2 * np.log(np.pi * nu * s2))
@@ -190,19 +195,19 @@ def _student(squares: Array, d: int) -> tuple[float, float]:
 
 
 def _mixture(squares: Array, d: int) -> tuple[float, float, Mask]:
-    """EM for ``(1 − w) N(0, s²) + w N(0, (f s)²)``, f at least 4."""
+    """EM for ``(1 − w) N(0, s²) + w N(0, (f s)²)``, f at least 4 (Dempster, Laird, Rubin 1977)."""
     s2 = float(np.median(squares)) / d
-    share, wide = 0.02, max(float(squares.max()) / d, 25 * s2)
+    share, wide = _FIRST_SHARE, max(float(squares.max()) / d, (levels.OUTLIER_RATIO + 1) ** 2 * s2)
     value = -np.inf
-    for _ in range(200):
+    for _ in range(_EM_ROUNDS):
         good = np.log1p(-share) - d / 2 * np.log(2 * np.pi * s2) - squares / (2 * s2)
         bad = np.log(share) - d / 2 * np.log(2 * np.pi * wide) - squares / (2 * wide)
         total = np.logaddexp(good, bad)
         weight = np.exp(bad - total)
         former, value = value, float(total.sum())
-        if abs(value - former) < 1e-8 * abs(value):
+        if abs(value - former) < _EM_TOLERANCE * abs(value):
             break
         share = float(np.clip(weight.mean(), 1e-6, 0.5))
         s2 = float(np.sum((1 - weight) * squares) / (d * np.sum(1 - weight)))
-        wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), 16 * s2)
+        wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), levels.OUTLIER_RATIO**2 * s2)
     return value, share, np.asarray(weight > 0.5)

@@ -10,8 +10,10 @@ import numpy as np
 from posture_opt.diagnosis import levels
 from posture_opt.numerics import Array, Codes
 
-_CHUNK = 4_000_000  # numbers of one block of columns
-_SPREAD = 32  # frequencies about each one whose sine is taken
+_CHUNK = 4_000_000  # numbers of one block of columns: 32 MB
+_SPREAD = 32  # frequencies about each one whose sine is taken: a sine takes as long as fifty multiplications
+_MOST_LEVERAGE = 0.99  # above, a residual says nothing of the noise
+_ROUNDING = 1e-6  # of the largest singular value: linear dependence, to rounding of inner products
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +44,7 @@ class ProjectedBaseline:
         Q = orthonormal(columns)
         e = r - Q @ (Q.T @ r)
         rng = np.random.default_rng(seed)
-        leverage = np.minimum(np.einsum("ij,ij->i", Q, Q), 0.99)
+        leverage = np.minimum(np.einsum("ij,ij->i", Q, Q), _MOST_LEVERAGE)
         signs = rng.choice([-1.0, 1.0], size=(int(groups.max(initial=0)) + 1, flips))[groups]
         drawn = signs * (e / np.sqrt(1 - leverage))[:, None]
         drawn -= Q @ (Q.T @ drawn)
@@ -84,7 +86,7 @@ def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float
     if rho < levels.SURVIVING_SHARE:
         return np.zeros((len(Z), 0)), rho
     U, s, _ = np.linalg.svd(rest / np.where(norms > 0, norms, 1.0), full_matrices=False)
-    return np.asarray(U[:, s > max(levels.SURVIVING_SHARE, 1e-6 * float(s[0]))]), rho
+    return np.asarray(U[:, s > max(levels.SURVIVING_SHARE, _ROUNDING * float(s[0]))]), rho
 
 
 def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Array) -> Array:
@@ -126,7 +128,7 @@ def explained(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple
                 continue
             values, vectors = np.linalg.eigh(rest)
             s = np.sqrt(np.maximum(values, 0.0))
-            clear = s > max(levels.SURVIVING_SHARE, 1e-6 * float(s[-1]))
+            clear = s > max(levels.SURVIVING_SHARE, _ROUNDING * float(s[-1]))
             kept[i] = int(clear.sum())
             parts = vectors[:, clear].T @ (scores[own] / norms[:, None])
             gains[i] = np.sum(parts**2 / values[clear, None], axis=0)

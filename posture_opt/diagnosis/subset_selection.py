@@ -13,6 +13,9 @@ from posture_opt.numerics import Array, Codes
 
 Chosen = tuple[int, ...]
 
+_DEPENDENT, _INVERTIBLE = 1e-6, 1e-8  # of the largest eigenvalue of a Gram matrix: linear dependence to rounding
+_BETTER = 1e-9  # of the criterion: a smaller gain is rounding, and an exchange could go in circles
+
 
 @dataclass(frozen=True, eq=False)
 class Pool:
@@ -63,7 +66,7 @@ class Pool:
             return self.rss0
         index = self._index(chosen)
         G, b = self._gram[np.ix_(index, index)], self._scores[index]
-        return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=1e-6)[0])
+        return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=_DEPENDENT)[0])
 
     def criterion(self, chosen: Chosen) -> float:
         """``m log(RSS/m) + Σ penalties``: the least is the best (Schwarz 1978)."""
@@ -82,7 +85,7 @@ class Pool:
         rss = self.rss0
         cross, left = G[:0], b
         if chosen:
-            inverse = np.linalg.pinv(G[np.ix_(index, index)], rcond=1e-8)
+            inverse = np.linalg.pinv(G[np.ix_(index, index)], rcond=_INVERTIBLE)
             cross = inverse @ G[index]
             left = b - G[:, index] @ (inverse @ b[index])
             rss = float(rss - b[index] @ inverse @ b[index])
@@ -131,7 +134,7 @@ def _exchanged(pool: Pool, chosen: Chosen) -> Chosen:
             trials.append((pool.criterion(rest), rest))
             trials += pool.additions(rest)[:1]
         better = min(trials, default=(np.inf, chosen))
-        if better[0] >= value - 1e-9:
+        if better[0] >= value - _BETTER:
             return chosen
         value, chosen = better
 
