@@ -79,7 +79,7 @@ def row(n: int, runs: int) -> list[Any]:
     data = measurements(task, n)
     whole, _ = timed(lambda: po.calibrate(task, data), runs)
     residuals, _ = compare(task, data)
-    x0 = fit_frames(task.robot, residuals)
+    x0 = fit_frames(residuals)
     known = determine(task, residuals, x0, None, False)
     D = known.directions
 

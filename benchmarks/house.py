@@ -197,7 +197,7 @@ def main() -> None:
     parser.add_argument("--python", default=sys.executable)
     parser.add_argument("--against", type=Path)
     options = parser.parse_args()
-    roots = [options.against.resolve()] * (options.against is not None) + [options.root.resolve()]
+    roots = [root.resolve() for root in (options.against, options.root) if root is not None]
     columns = [measured(root, options.python) for root in roots]
     widths = [max(map(len, column.values())) for column in columns]
     for name in columns[-1]:

@@ -282,6 +282,16 @@ def loaded_by(code: str, libraries: tuple[str, ...]) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.parametrize("folder", ["benchmarks", "docs"])
+def test_what_stands_beside_the_package_names_what_is_in_it(folder: str) -> None:
+    for path in sorted((PACKAGE.parent / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("posture_opt"):
+                module = importlib.import_module(str(node.module))
+                missing = [a.name for a in node.names if not hasattr(module, a.name)]
+                assert not missing, f"{path.name}:{node.lineno}"
+
+
 @pytest.mark.parametrize("module", sorted(set(MODULES) - {"posture_opt.__main__"}))
 def test_every_module_imports_alone(module: str) -> None:
     importlib.import_module(module)
