@@ -42,7 +42,6 @@ from posture_opt.report.units_text import (
     stated_length,
 )
 from posture_opt.report.words import CRITERIA, PARTS, REGIONS, direction_words, line_words
-from posture_opt.selection.terms.spread import SpreadTerm
 from posture_opt.uncertainty.regions import Ellipsoid
 
 if TYPE_CHECKING:
@@ -122,7 +121,7 @@ def _bound_words(term: Term) -> str:
     low, high = term.bounds()
     sides = [f"at least {stated(low, term.unit)}"] * math.isfinite(low)
     sides += [f"at most {stated(high, term.unit)}"] * math.isfinite(high)
-    of = f" {PARTS[term.within]}" if isinstance(term, SpreadTerm) else ""
+    of = f" {PARTS[term.part]}" if term.part is not None else ""
     return f"{term.kind.replace('_', ' ')}{of} {' and '.join(sides)}".strip()
 
 

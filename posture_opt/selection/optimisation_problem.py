@@ -168,10 +168,7 @@ class OptimisationProblem:
         else:
             measure = {"worst": criteria.worst, "trace": criteria.trace, "area": criteria.area}[task.criterion]
             main = (f"{task.criterion} of the spread {task.within}, over scale", measure(C) / scale)
-        extra = [
-            (f"{term.weight:g} x {term.kind}", term.weight * ca.sumsqr(term.quantity(at) / term.scale(at)))
-            for term in task.minimize
-        ]
+        extra = [(f"{term.weight:g} x {term.kind}", term.weight * term.cost(at)) for term in task.minimize]
         return [main, *extra]
 
     def _target_rows(self) -> list[Row]:

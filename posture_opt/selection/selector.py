@@ -187,7 +187,7 @@ class PostureSelector:
         if self._problem.robot.n < 3:
             return ()
         tipped = any(f.kind == "rotate" and f.axis != 2 and abs(f.nominal) > 1e-6 for f in self._problem.robot.base)
-        asked = any(term.kind == "link_height" for term in self.task.subject_to)
+        asked = any(term.keeps_clear for term in self.task.subject_to)
         return (f"Collisions are not checked.{'' if tipped or asked else _LINK_HEIGHT}",)
 
     def _alternatives(

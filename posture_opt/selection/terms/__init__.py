@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 
 from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.link_height import LinkHeight
+from posture_opt.selection.terms.manipulability import Manipulability
 from posture_opt.selection.terms.near_posture import NearPosture
 from posture_opt.selection.terms.singularity_margin import SingularityMargin
 from posture_opt.selection.terms.spread import SpreadTerm
 from posture_opt.selection.terms.term import Term
 from posture_opt.spec import one_of
 
-TERMS: tuple[type[Term], ...] = (SpreadTerm, LimitMargin, LinkHeight, SingularityMargin, NearPosture)
+TERMS: tuple[type[Term], ...] = (SpreadTerm, LimitMargin, LinkHeight, SingularityMargin, Manipulability, NearPosture)
 
 if TYPE_CHECKING:
     TermSpec = Term

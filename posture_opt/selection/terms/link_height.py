@@ -17,6 +17,8 @@ class LinkHeight(BoundedTerm):
     summary: ClassVar[str] = "height (world z) of the end of every link (at_least)"
     unit: ClassVar[str] = "m"
 
+    keeps_clear: ClassVar[bool] = True
+
     kind: Literal["link_height"]
     at_least: Length = 0.0
 

@@ -22,6 +22,10 @@ class SpreadTerm(BoundedTerm):
     within: Within = "along"
     at_most: Length | None = None
 
+    @property
+    def part(self) -> Within | None:
+        return self.within
+
     def quantity(self, at: Quantities) -> ca.SX:
         return ca.sqrt(criteria.worst(at.projected(self.within)[0]))
 

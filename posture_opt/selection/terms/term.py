@@ -55,13 +55,24 @@ class Term(Spec):
     """One line for ``optimize-posture list``."""
     unit: ClassVar[str]
     """SI unit of the quantity."""
+    keeps_clear: ClassVar[bool] = False
+    """Whether it keeps the arm away from what stands around it."""
 
     kind: str
     weight: float = Field(default=1.0, ge=0)
 
+    @property
+    def part(self) -> Within | None:
+        """The part of the spread that it speaks of, None where it does not speak of the spread."""
+        return None
+
     @abstractmethod
     def quantity(self, at: Quantities) -> ca.SX:
-        """The (k,) expression."""
+        """The (k,) expression [unit]."""
+
+    def cost(self, at: Quantities) -> ca.SX:
+        """What ``minimize`` adds to the objective at weight one: the squared quantity in units of its scale."""
+        return ca.sumsqr(self.quantity(at) / self.scale(at))
 
     def labels(self, at: Quantities) -> list[str]:
         """A name for every entry of the quantity, for people."""

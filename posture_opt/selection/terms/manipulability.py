@@ -1,0 +1,39 @@
+"""Term ``manipulability``: how far the joints move the tool point, all directions together."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Literal
+
+import casadi as ca
+
+from posture_opt.selection import criteria
+from posture_opt.selection.terms.term import BoundedTerm, Quantities
+from posture_opt.units import Length
+
+
+class Manipulability(BoundedTerm):
+    """Geometric mean ``det(J Jᵀ)^(1/2r)`` [m/rad] of the r singular values of the position Jacobian J (r, n).
+
+    T. Yoshikawa, Int. J. Robotics Research 4 (1985) 3, eq. 6, is its r-th power, whose unit depends on the arm. In
+    ``minimize`` the squared inverse is what is made small. At a singular posture it is 1 % of the root mean square of
+    the singular values instead of zero, so that there is a slope that leads away.
+    """
+
+    summary: ClassVar[str] = "geometric mean of the singular values of the position Jacobian, m per rad (at_least)"
+    unit: ClassVar[str] = "m/rad"
+
+    kind: Literal["manipulability"]
+    at_least: Length = 0.0
+
+    def quantity(self, at: Quantities) -> ca.SX:
+        return ca.sqrt(criteria.area(at.jacobian @ at.jacobian.T))
+
+    def cost(self, at: Quantities) -> ca.SX:
+        return ca.sumsqr(self.scale(at) / self.quantity(at))
+
+    def bounds(self) -> tuple[float, float]:
+        return self.at_least, math.inf
+
+    def scale(self, at: Quantities) -> float:
+        return 0.1

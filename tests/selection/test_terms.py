@@ -1,0 +1,77 @@
+"""Terms: every listed one has the slope of its differences, and manipulability is Yoshikawa's measure."""
+
+from __future__ import annotations
+
+from typing import Any, get_args
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.selection.terms import TERMS, Term
+from posture_opt.selection.terms.manipulability import Manipulability
+from tests.helpers.factors import differences, joint_jacobian
+
+STATED: dict[str, Any] = {"near_posture": {"posture": {"elbow": "30 deg", "wrist_1": "-20 deg"}}}
+"""What a term cannot do without."""
+
+
+def problem(robot: str = "ur10e", **task: Any) -> Any:
+    given = {"robot": {"kind": "preset", "name": robot}, "uncertainty": {"repeatability": "0.05 mm"}}
+    region = {"min": ["0.4 m"] * 3, "max": ["0.7 m"] * 3} if robot == "ur10e" else None
+    return po.problem_from_dict({**given, "task": {"kind": "insert", "region": region, **task}})
+
+
+def evaluated(term: Term, robot: str = "ur10e") -> ca.Function:
+    """``q -> (quantity and cost, their slope)``."""
+    solved = po.PostureSelector(problem(robot), compiled=False)
+    asked = solved.engine(solved.target).optimisation_problem
+    values = ca.vertcat(ca.vec(term.quantity(asked.quantities)), term.cost(asked.quantities))
+    values = ca.substitute(values, asked.nlp.p, ca.DM(solved.target.parameters()))
+    return ca.Function("term", [asked.q], [values, ca.jacobian(values, asked.q)])
+
+
+@pytest.mark.parametrize("listed", TERMS, ids=lambda term: term.__name__)
+def test_the_slope_is_that_of_differences(listed: type[Term]) -> None:
+    (kind,) = get_args(listed.model_fields["kind"].annotation)
+    function = evaluated(listed.model_validate({"kind": kind, **STATED.get(kind, {})}))
+    for q in np.random.default_rng(0).uniform(-2, 2, (10, 6)):
+        expected = differences(lambda q: np.asarray(function(q)[0]).ravel(), q)
+        scale = max(float(np.abs(expected).max()), 1.0)
+        np.testing.assert_allclose(np.asarray(function(q)[1]), expected, atol=1e-6 * scale)
+
+
+@pytest.mark.parametrize(("robot", "rank"), [("ur10e", 3), ("iiwa14", 3), ("planar_2r", 2)])
+def test_manipulability_is_the_geometric_mean_of_the_singular_values(robot: str, rank: int) -> None:
+    arm = problem(robot).robot
+    function = evaluated(Manipulability(kind="manipulability"), robot)
+    for q in np.random.default_rng(1).uniform(-2, 2, (20, arm.n)):
+        values = np.linalg.svd(joint_jacobian(arm, q)[:3], compute_uv=False)[:rank]
+        expected = np.prod(values) ** (1 / rank)
+        if values[-1] > 0.05 * values[0]:
+            assert np.asarray(function(q)[0]).ravel() == pytest.approx([expected, (0.1 / expected) ** 2], rel=1e-4)
+
+
+def test_at_a_singular_posture_manipulability_is_next_to_nothing_and_has_a_slope() -> None:
+    function = evaluated(Manipulability(kind="manipulability"), "planar_2r")
+    values, slope = (np.asarray(part) for part in function([0.3, 1e-3]))
+    assert 0 < values[0, 0] < 0.05
+    assert np.isfinite(slope).all()
+    assert abs(slope[0, 1]) > 1e-3
+
+
+def manipulability(solution: Any) -> float:
+    J = joint_jacobian(solution.problem.robot, solution.q)[:3]
+    return float(np.linalg.det(J @ J.T) ** (1 / 6))
+
+
+def test_a_bound_on_manipulability_is_met_and_its_weight_pulls() -> None:
+    free = po.select_posture(problem())
+    least = 1.05 * manipulability(free)
+    bound = {"kind": "manipulability", "at_least": f"{1e3 * least:.3f} mm"}
+    bounded = po.select_posture(problem(subject_to=[bound]))
+    assert manipulability(bounded) == pytest.approx(least, rel=1e-3)
+    assert bounded.critical.sigma_max > free.critical.sigma_max
+    pulled = po.select_posture(problem(minimize=[{"kind": "manipulability", "weight": 10.0}]))
+    assert manipulability(pulled) > manipulability(free)
