@@ -1,7 +1,8 @@
-"""Quantities with units in files, SI and radians inside.
+"""Quantities with units in files and reports, SI and radians inside.
 
 A number that has a dimension carries its unit in the file: ``0.05 mm``, ``20 arcsec``, ``8 urad/(N m)``.
 The annotated types below are the fields of the ``Spec`` classes: they read such a text and hold SI floats.
+`shown` goes the other way, with a standard error where there is one: ``0.261 ± 0.012 mrad``.
 """
 
 from __future__ import annotations
@@ -31,6 +32,24 @@ DIMENSIONS: dict[str, tuple[str, str]] = {
     "per length": ("1/m", "2e-5 / m"),
     "length per length": ("m/m", "6 um/m"),
 }
+
+SHOWN: dict[str, tuple[float, str]] = {
+    # dimension -> factor from SI and unit that reports use
+    "angle": (1e3, "mrad"),
+    "time": (1 / 60, "min"),
+    "angle per torque": (1e6, "µrad/(N m)"),
+    "angle mass per torque": (1e6, "µrad kg/(N m)"),
+    "length per temperature": (1e6, "µm/K"),
+    "angle per temperature": (1e6, "µrad/K"),
+    "per temperature": (1e6, "µm/(m K)"),
+    "per length": (1e6, "ppm/m"),
+    "length per length": (1e6, "µm/m"),
+    "ratio": (1e3, "mrad per rad"),
+    "share": (1e2, "%"),
+    "factor": (1.0, ""),
+}
+UNKNOWN = "not known"
+_SHORT = 1e-3  # m: below this an error of length is written in µm
 
 # Only what a robot file can need. The whole of pint's table takes 0.3 s to read, and it would accept
 # 'min', 'a' (year) or 'd' (day) where a typing error is far more likely.
@@ -152,6 +171,42 @@ def parse_celsius(value: Any) -> float:
     if match is None or match[2] not in ("degC", "°C"):
         raise ValueError(f"'{value}' is no temperature; write for example 23.5 degC")
     return float(match[1])
+
+
+def number(value: float, digits: int = 3) -> str:
+    """``value`` with at least ``digits`` significant digits and never an exponent: 0.0123, 1.23, 1234."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    if value == 0:
+        return "0"
+    rounded = float(f"{value:.{digits - 1}e}")  # 9.996 has one digit more before the point once it is rounded
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
+    return f"{value:.{decimals}f}"
+
+
+def fixed(value: float, decimals: int = 2) -> str:
+    """A fixed number of decimals and no negative zero."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    text = f"{value:.{decimals}f}"
+    return text.lstrip("-") if float(text) == 0 else text
+
+
+def plus_minus(value: float, std: float, factor: float = 1.0, unit: str = "") -> str:
+    """A number times ``factor`` with its standard error to two digits: 0.261 ± 0.012 mrad."""
+    value, std = value * factor, std * factor
+    gap = " " if unit else ""
+    if not math.isfinite(std) or std <= 0:
+        return f"{number(value)}{gap}{unit}"
+    decimals = max(0, 1 - math.floor(math.log10(std)))
+    return f"{fixed(value, decimals)} ± {fixed(std, decimals)}{gap}{unit}"
+
+
+def shown(value: float, dimension: str, std: float = math.nan) -> str:
+    """A small quantity of a dimension in the unit that reports use: 0.261 ± 0.012 mrad, 8.00 µrad/(N m)."""
+    if dimension == "length":
+        return plus_minus(value, std, *((1e6, "µm") if abs(value) < _SHORT else (1e3, "mm")))
+    return plus_minus(value, std, *SHOWN[dimension])
 
 
 if TYPE_CHECKING:

@@ -92,7 +92,7 @@ def diagnose_batch(
 def _correlated(pair: CorrelatedPair) -> Finding:
     effect = CorrelatedLengths(lengths=(pair.a, pair.b), rho=pair.correlation)
     size = {"correlation": (pair.correlation, (pair.interval[1] - pair.interval[0]) / 3.92, "1")}
-    return Finding(effect.kind, effect.target, size, pair.p_value, 0.0, noise=effect)
+    return Finding(effect, size, pair.p_value, 0.0)
 
 
 def _as_stated(stated: float, interval: tuple[float, float]) -> bool:

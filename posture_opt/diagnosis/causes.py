@@ -13,7 +13,7 @@ from posture_opt.diagnosis.linear_model import LinearModel
 from posture_opt.diagnosis.noise_causes import NoiseCause
 from posture_opt.diagnosis.other_session import Gain
 from posture_opt.diagnosis.search import SearchResult
-from posture_opt.model.effects import Effect, NoiseEffect
+from posture_opt.model.effects import Cause, Effect, NoiseEffect
 from posture_opt.numerics import Codes, Progress
 from posture_opt.units import DIMENSIONS
 
@@ -23,23 +23,40 @@ class Finding:
     """One cause with its size.
 
     Args:
+        cause: what it is; an effect or a kind of noise as it stands in a problem file.
         estimate: parameter -> (value, standard error, SI unit).
         p_value: family-wise, of the data without this cause.
         gain: relative drop of the cross-validated RMS that it brings.
-        confounded_with: (kind, target) that could stand for it.
-        effect, noise: what it is in a problem file, if it moves the tool point, or spreads it or its measurements.
+        confounded_with: causes that could stand for it.
         interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
     """
 
-    kind: str
-    target: str
+    cause: Cause
     estimate: Mapping[str, tuple[float, float, str]]
     p_value: float
     gain: float
-    confounded_with: tuple[tuple[str, str], ...] = ()
-    effect: Effect | None = None
+    confounded_with: tuple[Cause, ...] = ()
     interval: tuple[float, float] | None = None
-    noise: NoiseEffect | None = None
+
+    @property
+    def kind(self) -> str:
+        """The name of the cause in files."""
+        return self.cause.kind
+
+    @property
+    def target(self) -> str:
+        """What the cause is of, as in files."""
+        return self.cause.target
+
+    @property
+    def effect(self) -> Effect | None:
+        """The cause, if it moves the tool point beyond the geometry."""
+        return self.cause if isinstance(self.cause, Effect) else None
+
+    @property
+    def noise(self) -> NoiseEffect | None:
+        """The cause, if it spreads the tool point or its measurements."""
+        return self.cause if isinstance(self.cause, NoiseEffect) else None
 
     def to_json(self) -> dict[str, Any]:
         """The entry of ``effects`` in ``diagnosis.json``."""
@@ -51,7 +68,7 @@ class Finding:
             "p_value": self.p_value,
             "gain": self.gain,
             **interval,
-            "confounded_with": [{"kind": k, "target": t} for k, t in self.confounded_with],
+            "confounded_with": [{"kind": c.kind, "target": c.target} for c in self.confounded_with],
         }
 
 
@@ -64,14 +81,11 @@ def effect_findings(
     about = LinearModel.of(model)
     for place, i in enumerate(named):
         gain = Gain.of(whole.errors, held_out(model, parts, place, about=about).errors, groups)
-        rivals = tuple((r.kind, r.target) for r in found.rivals[i])
+        rivals = tuple(r.what for r in found.rivals[i])
         fitted = _effect(model, place)
         findings.append(
-            Finding(
-                fitted.kind, fitted.target, _estimate(model, place), found.p_values[i], gain.value, rivals, fitted,
-                (gain.low, gain.high),
-            )
-        )  # fmt: skip
+            Finding(fitted, _estimate(model, place), found.p_values[i], gain.value, rivals, (gain.low, gain.high))
+        )
         tell(place + 1, len(named))
     return findings
 
@@ -89,7 +103,7 @@ def _estimate(model: Extended, place: int) -> dict[str, tuple[float, float, str]
     estimate = {name: (float(v), float(s), _unit(dimension)) for (name, dimension), v, s in rows}
     for name in effect.shape:
         value, error = float(getattr(effect, name)), model.shape_std.get(place, float("nan"))
-        estimate[name] = (value, error if name == "cycles" else value * error, "")  # of a travel: of its logarithm
+        estimate[name] = (value, value * error if effect.relative_shape else error, "")
     return estimate
 
 
@@ -99,15 +113,10 @@ def _unit(dimension: str) -> str:
 
 def noise_finding(cause: NoiseCause) -> Finding:
     """A kind of noise as a finding: it brings nothing to the errors themselves."""
-    effect = cause.effect
-    return Finding(effect.kind, effect.target, cause.estimate, cause.p_value, 0.0, cause.confounded_with, noise=effect)
+    return Finding(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with)
 
 
 def geometry_finding(cause: GeometryCause, held: Mapping[str, HeldOut]) -> Finding:
     """A geometric cause as a finding; the gain is that of all calibrated geometry."""
     gain = 1 - held["calibrated"].rms / held["nominal"].rms
-    if cause.parameter is None:
-        return Finding(cause.kind, cause.target, {}, cause.p_value, gain)
-    last = cause.parameter.name.rpartition(".")[2]
-    estimate = {last: (cause.deviation, cause.std, cause.parameter.unit)}
-    return Finding(cause.kind, cause.target, estimate, cause.p_value, gain, cause.confounded_with)
+    return Finding(cause.deviation, cause.estimate, cause.p_value, gain, cause.confounded_with)

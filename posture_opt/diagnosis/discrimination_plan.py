@@ -17,6 +17,7 @@ from posture_opt.diagnosis.model_discrimination import ModelDiscrimination, Riva
 from posture_opt.errors import InputError
 from posture_opt.experiments.candidate_postures import candidate_rows
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.effects import Cause
 from posture_opt.numerics import Array, Mask
 
 Steps = Sequence[tuple[int, Array]]
@@ -27,14 +28,14 @@ class DiscriminatedPair:
     """How well an effect is discriminated from one of its rivals.
 
     Args:
+        rival: what could stand for it.
         angle: least principal angle between their columns, beside the geometry and the other effects [rad].
         now: noncentrality λ of the data, the lesser of the two directions of taking one for true.
         then: λ with the planned measurements; what the data predicted and did not show is taken off.
         count: measurements of the plan for a detection probability of 90 %; None where no postures discriminate them.
     """
 
-    kind: str
-    target: str
+    rival: Cause
     angle: float
     now: float
     then: float
@@ -43,7 +44,7 @@ class DiscriminatedPair:
     def to_json(self) -> dict[str, Any]:
         """Plain numbers; the angle in rad."""
         return {
-            "kind": self.kind, "target": self.target, "angle": self.angle, "lambda_now": self.now,
+            "kind": self.rival.kind, "target": self.rival.target, "angle": self.angle, "lambda_now": self.now,
             "lambda": self.then, "chance": detection_probability(self.then), "count": self.count,
         }  # fmt: skip
 
@@ -139,7 +140,7 @@ def _discriminated(
         then = float(steps[-1][1][b]) if steps else 0.0
         count = _count(steps, np.arange(len(possible)) == b, possible)
         least = float(now[2 * b : 2 * b + 2].min())
-        one = DiscriminatedPair(rival.rival.kind, rival.rival.target, rival.angle, least, then, count)
+        one = DiscriminatedPair(rival.rival.what, rival.angle, least, then, count)
         found[rival.place] = (*found.get(rival.place, ()), one)
     return found
 

@@ -15,12 +15,11 @@ from posture_opt.calibration.estimation import FAIR, ROUNDS, known_rows, varianc
 from posture_opt.calibration.least_squares import Fit, least_squares
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.shape_refinement import with_shape
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes
 
 _STEP = 1e-3  # of a shape: where its derivative is taken by differences
-_SEARCHED = ("cycles", "travel", "constant")  # shapes that the residuals depend on smoothly
+_LIMIT = {True: 0.3, False: 0.02}  # of a step of a relative shape, and of one in its own unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +66,7 @@ class Extended:
 
     @property
     def shape_std(self) -> dict[int, float]:
-        """Standard error of the shape of each effect that has a smooth one, of its logarithm except for cycles."""
+        """Standard error of the shape of each effect that has a smooth one, of its logarithm where it is relative."""
         smooth = [i for i, s in enumerate(self.suspects) if _smooth(s.what)]
         variance = np.diag(self.covariance)[self.directions.shape[1] + len(self.theta) :]
         return {i: float(np.sqrt(max(v, 0.0))) for i, v in zip(smooth, variance, strict=False)}
@@ -184,13 +183,13 @@ def with_known(residuals: Residuals, x: Array, known: Array) -> tuple[Array, Arr
 def _reshaped(
     tangents: EffectSensitivities, suspects: Sequence[Candidate], smooth: Sequence[tuple[int, str]], steps: Array
 ) -> list[Candidate]:
-    """The suspects with their shapes moved by ``steps`` (of the cycles, else of the logarithm), not too far at once."""
+    """The suspects with their shapes moved by ``steps`` (of relative ones the logarithm), not too far at once."""
     moved = list(suspects)
     for (i, name), step in zip(smooth, steps, strict=True):
-        cycles, value = name == "cycles", float(getattr(suspects[i].what, name))
-        limit = 0.02 if cycles else 0.3
-        value += float(np.clip(step, -limit, limit)) * (1.0 if cycles else value)
-        what = with_shape(_effect(suspects[i]), name, value)
+        effect = _effect(suspects[i])
+        value, limit = float(getattr(effect, name)), _LIMIT[effect.relative_shape]
+        value += float(np.clip(step, -limit, limit)) * (value if effect.relative_shape else 1.0)
+        what = effect.with_shape(value)
         moved[i] = Candidate(what, tangents.columns(what), suspects[i].searched)
     return moved
 
@@ -211,13 +210,13 @@ def _effect(suspect: Candidate) -> Effect:
 
 
 def _smooth(what: object) -> bool:
-    return isinstance(what, Effect) and bool(what.shape) and what.shape[0] in _SEARCHED and what.target != "linear"
+    return isinstance(what, Effect) and bool(what.smooth_shape)
 
 
 def _shape_columns(
     tangents: EffectSensitivities, suspects: Sequence[Candidate], theta: Array, smooth: Sequence[tuple[int, str]]
 ) -> Array:
-    """(m, shapes) derivative of the effects by their shapes: by the cycles, by the logarithm of travel or constant."""
+    """(m, shapes) derivative of the effects by their shapes: by the logarithm of relative ones."""
     m = tangents.rows
     if not np.any(theta):
         return np.zeros((m, 0))
@@ -226,9 +225,9 @@ def _shape_columns(
     for i, name in smooth:
         effect = _effect(suspects[i])
         value = float(getattr(effect, name))
-        step = _STEP if name == "cycles" else _STEP * value
-        more = tangents.columns(with_shape(effect, name, value + step))
-        less = tangents.columns(with_shape(effect, name, value - step))
+        step = _STEP * value if effect.relative_shape else _STEP
+        more = tangents.columns(effect.with_shape(value + step))
+        less = tangents.columns(effect.with_shape(value - step))
         columns.append((more - less) @ theta[edges[i] : edges[i + 1]] / (2 * _STEP))
     return np.stack(columns, axis=1) if columns else np.zeros((m, 0))
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +13,11 @@ from posture_opt.calibration.residuals import Residuals
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.extended_fit import Extended, fit_extended
+from posture_opt.model.effects import Cause, FittedSizes, Size
 from posture_opt.numerics import Array
+from posture_opt.units import plus_minus
 
-KINDS = {
+_KINDS = {
     "theta": "joint_offset",
     "yaw": "joint_offset",
     "a": "link_length",
@@ -27,28 +30,65 @@ KINDS = {
     "pitch": "link_twist",
     "beta": "axis_tilt",
 }
+_WORDS = {
+    "joint_offset": "{target} has a zero offset",
+    "link_length": "the length of the link behind {target} differs from the file",
+    "link_offset": "the offset along the axis of {target} differs from the file",
+    "link_twist": "the twist of the link behind {target} differs from the file",
+    "axis_tilt": "the axis behind {target} is tilted from what the file states",
+    "base_frame": "the base frame differs from the file",
+    "tool_frame": "the tool frame differs from the file",
+    "geometry": "many geometric parameters differ from the file",
+}
+
+
+@dataclass(frozen=True)
+class GeometricDeviation(Cause):
+    """A wrong geometric parameter of a joint or link, a wrong frame, or many of them together."""
+
+    kind: str
+    target: str
+
+    @classmethod
+    def of(cls, parameter: Parameter) -> GeometricDeviation:
+        """The deviation of one parameter."""
+        prefix, _, last = parameter.name.rpartition(".")
+        if parameter.group in ("base", "tool"):
+            return cls(f"{parameter.group}_frame", parameter.group)
+        prismatic_value = last == "d" and parameter.unit == "rad"
+        return cls("joint_offset" if prismatic_value else _KINDS[last], prefix)
+
+    @classmethod
+    def of_all(cls) -> GeometricDeviation:
+        """Many parameters together, none of which stands out."""
+        return cls("geometry", "all")
+
+    @property
+    def single(self) -> bool:
+        """Whether it is one parameter, or one frame."""
+        return self.kind != "geometry"
+
+    @property
+    def words(self) -> str:
+        return _WORDS[self.kind].format(target=self.target)
+
+    @property
+    def moved_joint(self) -> str:
+        return self.target if self.kind == "joint_offset" else ""
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        units = {"rad": (math.degrees(1.0), "deg"), "m": (1e3, "mm")}
+        return tuple(Size("deviation", plus_minus(v, s, *units[unit])) for v, s, unit in estimate.values.values())
 
 
 @dataclass(frozen=True, eq=False)
 class GeometryCause:
-    """A geometric cause: the deviation of one parameter with its error, or all of them (``parameter`` None)."""
+    """A geometric cause that is named, with its size where it is a single parameter."""
 
-    kind: str
-    target: str
-    parameter: Parameter | None
-    deviation: float
-    std: float
+    deviation: GeometricDeviation
+    estimate: Mapping[str, tuple[float, float, str]]
     p_value: float
-    confounded_with: tuple[tuple[str, str], ...] = ()
-
-
-def kind_of(parameter: Parameter) -> tuple[str, str]:
-    """(kind, target) of a geometric parameter."""
-    prefix, _, last = parameter.name.rpartition(".")
-    if parameter.group in ("base", "tool"):
-        return f"{parameter.group}_frame", parameter.group
-    prismatic_value = last == "d" and parameter.unit == "rad"
-    return ("joint_offset" if prismatic_value else KINDS[last]), prefix
+    confounded_with: tuple[Cause, ...] = ()
 
 
 def geometry_causes(
@@ -67,7 +107,7 @@ def geometry_causes(
     few = _few(residuals, x_frames, known, full, candidates)
     if few is not None:
         return few
-    return [GeometryCause("geometry", "all", None, 0.0, 0.0, p)]
+    return [GeometryCause(GeometricDeviation.of_all(), {}, p)]
 
 
 def _rss(model: Extended) -> float:
@@ -148,12 +188,16 @@ def _causes(
         without = fit_extended(residuals, x_frames, _with(known, rest, len(x_frames)), candidates)
         others = _single_gains(without, [j for j in range(len(x_frames)) if j not in chosen and not np.any(known[j])])
         limit = rss * np.exp(levels.RIVAL_CRITERION / m)
-        rivals = [kind_of(residuals.parameters[j]) for j, gain in others.items() if _rss(without) - gain <= limit]
-        kind, target = kind_of(residuals.parameters[i])
+        rivals = [
+            GeometricDeviation.of(residuals.parameters[j])
+            for j, gain in others.items()
+            if _rss(without) - gain <= limit
+        ]
+        parameter = residuals.parameters[i]
+        own = GeometricDeviation.of(parameter)
         deviation = float(model.x[i] - x_frames[i]) + float(x_frames[i])
         std = float(np.sqrt(max(model.covariance[f + place, f + place], 0.0))) * 1e-3
-        causes.append(
-            GeometryCause(kind, target, residuals.parameters[i], deviation, std, _f_test(without, model),
-                          tuple(dict.fromkeys(r for r in rivals if r != (kind, target))))
-        )  # fmt: skip
+        estimate = {parameter.name.rpartition(".")[2]: (deviation, std, parameter.unit)}
+        others_alike = tuple(dict.fromkeys(r for r in rivals if r != own))
+        causes.append(GeometryCause(own, estimate, _f_test(without, model), others_alike))
     return causes

@@ -18,6 +18,7 @@ _LEAST_FREE = 0.02  # share of a residual that a fit leaves free at the least: b
 _STUDENT_FREEDOM = np.geomspace(1.5, 60, 40)  # from tails without a variance to all but Gaussian ones
 _STUDENT_ROUNDS = 30  # of EM (Lange, Little, Taylor 1989): more digits than a choice by BIC needs
 _FIRST_SHARE, _EM_ROUNDS, _EM_TOLERANCE = 0.02, 200, 1e-8  # EM: where it starts, and where it ends for certain
+GROSS = "gross errors"  # a law of residuals: Gaussian with a few gross errors
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
         p, std = p_value_of_maximum(most, ratio), pattern.error(value, s2)
         named = partial(pattern.named, value, s2, std)
         spread = None if pattern.unit is None else pattern.unit * np.sqrt(pattern.inflation(value) - 1)[:, None]
-        who = pattern.kind, pattern.target
+        who = pattern.effect.kind_name(), pattern.target
         candidates.append(NoiseCandidate(*who, ratio, p, pattern.quantity, size, std, named, spread))
     return sorted(candidates, key=lambda s: -s.ratio)
 
@@ -133,7 +134,9 @@ def score_stated_sigma(variance: float, freedom: int, kurtosis: float) -> NoiseC
     z = float(np.log(max(variance, 1e-300)) / spread)
     factor = float(np.sqrt(variance))
     p, named = float(erfc(abs(z) / np.sqrt(2))), partial(StatedSigma, factor=factor)
-    return NoiseCandidate("stated_sigma", "data", z * z, p, ("factor", "1"), factor, factor * spread / 2, named)
+    return NoiseCandidate(
+        StatedSigma.kind_name(), "data", z * z, p, ("factor", "1"), factor, factor * spread / 2, named
+    )
 
 
 @dataclass(frozen=True)
@@ -141,7 +144,7 @@ class Tails:
     """How the lengths of residuals are spread: as Gaussian ones, with long tails, or with a few gross errors.
 
     Args:
-        shape: the best of ``gaussian``, ``heavy``, ``outliers`` by the least BIC.
+        shape: the best of ``gaussian``, ``heavy``, ``gross errors`` by the least BIC.
         freedom: of Student's t that fits best.
         share: of gross errors in the mixture.
         rows: (N,) whether a row is rather a gross error, by the mixture.
@@ -165,10 +168,10 @@ def fit_tails(e: Array) -> Tails:
     values = {
         "gaussian": gaussian,
         "heavy": -2 * student + 2 * np.log(N),
-        "outliers": -2 * mixture + 3 * np.log(N),
+        GROSS: -2 * mixture + 3 * np.log(N),
     }
     if not 0 < rows.sum() <= max(1.0, levels.OUTLIER_SHARE * N):
-        values["outliers"] = np.inf
+        values[GROSS] = np.inf
     order = sorted(values, key=lambda name: values[name])
     return Tails(order[0], freedom, share, rows, float(values[order[1]] - values[order[0]]))
 

@@ -15,6 +15,7 @@ from posture_opt.calibration.residuals import Residuals
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.extended_fit import Extended
 from posture_opt.diagnosis.noise_candidates import (
+    GROSS,
     NoiseCandidate,
     fit_tails,
     score_stated_sigma,
@@ -23,7 +24,7 @@ from posture_opt.diagnosis.noise_candidates import (
 )
 from posture_opt.diagnosis.score_tests import ProjectedBaseline
 from posture_opt.measurements.repeat_groups import repeat_of_row
-from posture_opt.model.effects import NoiseEffect, Outliers, Rows
+from posture_opt.model.effects import Cause, NoiseEffect, Outliers, Rows
 from posture_opt.numerics import Array
 from posture_opt.validation.scatter_model import whitened
 from posture_opt.validation.stated_scatter import joint_errors
@@ -36,7 +37,7 @@ class NoiseCause:
     effect: NoiseEffect
     estimate: Mapping[str, tuple[float, float, str]]
     p_value: float
-    confounded_with: tuple[tuple[str, str], ...] = ()
+    confounded_with: tuple[Cause, ...] = ()
 
 
 def noise_causes(
@@ -96,13 +97,12 @@ def find_uneven_noise(e: Array, rows: Rows, seed: int, level: float = levels.NOI
     Args:
         e: (N, d) residuals in units of their stated covariance.
     """
-    named: list[tuple[NoiseCandidate, list[tuple[str, str]]]] = []
+    named: list[tuple[NoiseCandidate, list[NoiseCandidate]]] = []
     candidates = score_uneven_noise(e, rows, seed)
     while candidates and candidates[0].p_value < (levels.NOISE_BESIDE_A_CAUSE if named else level):
         first = candidates[0]
-        named.append(
-            (first, [(s.kind, s.target) for s in candidates[1:] if s.ratio > first.ratio - levels.RIVAL_CRITERION])
-        )
+        least = max(first.ratio - levels.RIVAL_CRITERION, 0.0)
+        named.append((first, [s for s in candidates[1:] if s.ratio > least]))
         if first.spread is None or len(named) == len(rows.levers):
             break
         e, rows = _without(e, rows, first.spread)
@@ -110,7 +110,10 @@ def find_uneven_noise(e: Array, rows: Rows, seed: int, level: float = levels.NOI
         candidates = [s for s in score_uneven_noise(e, rows, seed) if (s.kind, s.target) not in taken]
     taken = {(s.kind, s.target) for s, _ in named}
     return [
-        NoiseCause(s.named(), s.estimate, s.p_value, tuple(r for r in rivals if r not in taken)) for s, rivals in named
+        NoiseCause(
+            s.named(), s.estimate, s.p_value, tuple(r.named() for r in rivals if (r.kind, r.target) not in taken)
+        )
+        for s, rivals in named
     ]
 
 
@@ -152,7 +155,7 @@ def _outliers(calibration: Calibration, model: Extended, other: bool) -> list[No
     columns = np.concatenate([np.zeros((rows, 0)), *Z], axis=1)
     e = (residuals.whitened(model.x)[:rows] + columns @ model.theta).reshape(-1, residuals.block)
     law = fit_tails(e)
-    if law.shape != "outliers":
+    if law.shape != GROSS:
         return []
     count = int(law.rows.sum())
     p = float(np.exp(-max(law.evidence, 0.0) / 2))

@@ -6,7 +6,7 @@ import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import case_of
 from posture_opt.calibration.residuals import Residuals
-from posture_opt.model.effects import CATALOGUE, EFFECTS, Evidence, Limit
+from posture_opt.model.effects import CATALOGUE, EFFECTS, INPUTS, Evidence, Limit
 
 
 def unknowable(residuals: Residuals) -> tuple[Limit, ...]:
@@ -16,20 +16,10 @@ def unknowable(residuals: Residuals) -> tuple[Limit, ...]:
     return tuple(limit for kind in CATALOGUE if (limit := kind.unknowable(evidence)) is not None)
 
 
-_LACKS = {
-    "approach": ("both sides", "arrive at each joint value from both sides; columns 'JOINT.approach' state them"),
-    "payload": ("payload", "measure with two payloads or more, in a column 'payload [kg]'"),
-    "temperature": ("temperature", "log it as it changes, in a column 'temperature [degC]'"),
-    "time": ("time", "log them in a column 'time [s]'"),
-    "masses": ("masses", "state 'mass' and 'com' of every joint in the problem file"),
-    "gear_ratio": ("gear ratio", "state 'gear_ratio' of every joint in the problem file"),
-}
-
-
 def not_looked_for(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str, ...]]]:
     """Input that is lacking -> what that is, how to mend it, and the kinds of effects that need it.
 
-    A joint that gives way is looked for without the masses of the links too: they are unknowns then.
+    A compliant joint is looked for without the masses of the links too: they are unknowns then.
     """
     excitation = case_of(residuals.data, residuals.robot)
     have = set(excitation.inputs)
@@ -38,5 +28,5 @@ def not_looked_for(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str,
     missing: dict[str, list[str]] = {}
     for kind in EFFECTS:
         for lacking in sorted(kind.needs - have):
-            missing.setdefault(lacking, []).append(str(kind.model_fields["kind"].default))
-    return {key: (*_LACKS[key], tuple(missing[key])) for key in _LACKS if key in missing}
+            missing.setdefault(lacking, []).append(kind.kind_name())
+    return {key: (needed.words, needed.mend, tuple(missing[key])) for key, needed in INPUTS.items() if key in missing}

@@ -10,14 +10,27 @@ import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.diagnosis import levels
-from posture_opt.model.effects import Excitation
+from posture_opt.model.effects import Cause, Excitation
 from posture_opt.numerics import Array
 
 _DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)], dtype=float)
 
 
+_WORDS = {
+    "curve": "a smooth curve over {target}",
+    "dent": "a local deviation in the range of {target}",
+    "square wave": "a square wave over {target}",
+    "product": "an interaction of two joints ({target})",
+    "side and posture": "the side of approach of {target}, by posture",
+    "side and load": "the side of approach by the load of another joint ({target})",
+    "foreign side": "the side of approach of another joint ({target})",
+    "field": "a wave over the workspace",
+    "course": "a change with time",
+}
+
+
 @dataclass(frozen=True)
-class UnnamedComponent:
+class UnnamedComponent(Cause):
     """A curve without a name: what it hangs on, where, and which of its grid it is, or between which two."""
 
     kind: str
@@ -25,9 +38,8 @@ class UnnamedComponent:
     shape: float = 0.0
 
     @property
-    def exclusive(self) -> tuple[str, str]:
-        """Components that have it in common are shapes of one."""
-        return self.kind, self.target
+    def words(self) -> str:
+        return _WORDS[self.kind].format(target=self.target)
 
 
 def unnamed_components(

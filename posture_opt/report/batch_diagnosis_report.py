@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from posture_opt.model.effects.cause import FittedSizes
 from posture_opt.report.batch_report import batch_report
 from posture_opt.report.blocks import Block, Report, Table
-from posture_opt.report.effect_words import chance_words, size_words
 from posture_opt.report.finding_words import finding_words
+from posture_opt.report.words import p_value
 from posture_opt.report.write import report_files, write_files
 
 if TYPE_CHECKING:
@@ -30,12 +31,12 @@ def _causes(problem: Problem, found: BatchDiagnosis) -> Block:
         return Block("Causes", ("No lengths vary together, and no joint is noisier than stated, beyond chance.",))
     rows = []
     for finding in found.findings:
-        sizes = ", ".join(f"{label} {size}" for label, size in size_words(finding))
-        rows.append((finding_words(finding, problem), sizes, chance_words(finding.p_value)))
+        sizes = ", ".join(f"{size.label} {size}" for size in finding.cause.sizes(FittedSizes(finding.estimate)))
+        rows.append((finding_words(finding, problem), sizes, p_value(finding.p_value)))
     text = (
         "One robot alone cannot show lengths that vary together: a long link and a long neighbour are simply its links."
     )
-    return Block("Causes", (Table(("cause", "size", "how sure"), tuple(rows), text_columns=3), text))
+    return Block("Causes", (Table(("cause", "size", "p-value"), tuple(rows), text_columns=3), text))
 
 
 def write_batch_diagnosis(

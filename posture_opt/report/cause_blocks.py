@@ -8,26 +8,17 @@ import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosed import Diagnosed
-from posture_opt.report.effect_rivals import splitting_measurement
-from posture_opt.report.effect_words import (
-    chance_words,
-    main_size,
-    odds,
-    plus_minus,
-    short_words,
-    size_words,
-)
 from posture_opt.report.finding_words import finding_words
 from posture_opt.report.parts import sentence
 from posture_opt.report.units_text import length, number, percent
+from posture_opt.report.words import p_value, p_words
+from posture_opt.units import plus_minus
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes import Finding
 
 _PAIRS, _SPLITS = 4, 8  # of causes that could be confused, and of measurements that tell them apart
 _FULL = 4  # effects that are told in full; lighter ones stand in a table
-_OF_ARM = "it spreads the tool point from visit to visit, and stands under effects in extended.yaml"
-_OF_MEASUREMENT = "left out, as it is of the measurement and not of the arm"
 _VAGUE = 10.0  # times the standard error among what the data tell: the rest is open
 _LISTED = 5  # geometric parameters that are farthest off, for their errors
 
@@ -55,72 +46,37 @@ def _lighter(diagnosed: Diagnosed, findings: list[Finding]) -> Table:
         place = diagnosed.place(finding)
         assert place is not None
         most = length(float(diagnosed.at_tool(place).max()))
-        name = short_words(finding.kind, finding.target, finding.estimate)
-        size = main_size(finding, diagnosed.amplitude(place))
-        rows.append((name, size, most, percent(finding.gain), odds(finding.p_value)))
-    return Table(("cause", "size", "at the tool up to", "off the RMS", "by chance"), tuple(rows))
+        size = diagnosed.headline(finding)
+        rows.append((finding.cause.label, size, most, percent(finding.gain), p_value(finding.p_value)))
+    return Table(("cause", "size", "at the tool up to", "off the RMS", "p-value"), tuple(rows))
 
 
 def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
     place = diagnosed.place(finding)
     name = finding.kind if finding.target == "all" else f"{finding.kind} of {finding.target}"
     rows = [("Name", name)]
-    loads = place is not None and getattr(finding.effect, "loads", "masses") == "points"
-    sizes = (
-        _loads(diagnosed, place)
-        if loads and place is not None
-        else size_words(
-            finding, None if place is None else diagnosed.amplitude(place), diagnosed.residuals.data.time is not None
-        )
-    )
-    rows += [(label[:1].upper() + label[1:], text) for label, text in sizes]
-    if finding.kind == "geometry":
+    sizes = finding.cause.sizes(diagnosed.estimate(finding))
+    rows += [(size.label[:1].upper() + size.label[1:], str(size)) for size in sizes]
+    if finding.effect is None and finding.noise is None and not finding.estimate:
         rows += _geometry(diagnosed)
     if place is not None:
         rows.append(_at_tool(diagnosed, place))
-    rows.append(("Evidence", _evidence(finding.p_value)))
+    rows.append(("Evidence", f"{p_words(finding.p_value)}, corrected for the whole search"))
     brings = _brings(diagnosed, finding)
     rows += [("Brings", brings)] if brings else []
-    stays = {effect.name for effect in diagnosed.diagnosis.persistent.effects()}
-    if finding.effect is not None and finding.effect.name in stays and not finding.effect.for_planning:
-        rows.append(("Planning", "kept, as asked for: the 'time' of the task says when it is done"))
-    elif finding.effect is not None and not finding.effect.for_planning:
-        rows.append(("Planning", _left_out(finding)))
-    if finding.noise is not None:
-        rows.append(("Planning", _OF_ARM if finding.noise.of_arm else _OF_MEASUREMENT))
+    planning = _planning(diagnosed, finding)
+    rows += [("Planning", planning)] if planning else []
     if finding.confounded_with:
-        others = ", ".join(dict.fromkeys(short_words(*rival) for rival in finding.confounded_with))
+        others = ", ".join(dict.fromkeys(rival.label for rival in finding.confounded_with))
         rows.append(("Could be", f"{others} instead: see below"))
     return rows
 
 
-def _left_out(finding: Finding) -> str:
-    if finding.kind == "slip":
-        if finding.target == "base":
-            return (
-                "left out: set the base up again and measure anew; the plan holds it where it stood on average, if free"
-            )
-        return "left out: planned for the arm as it was before; undo the slip, or measure anew, before you use that"
-    whose = "the instrument's" if finding.kind == "instrument_field" else "this session's"
-    return f"left out, as it is {whose} and not the arm's"
-
-
-def _loads(diagnosed: Diagnosed, place: int) -> list[tuple[str, str]]:
-    """Of a joint that gives way under masses that nobody states: how far it turns, and what is not known for that."""
-    low, high = diagnosed.turns(place)
-    count = len(diagnosed.diagnosis.model.suspects[place].Z.T)
-    return [
-        ("Turns by", f"{number(1e3 * low)} to {number(1e3 * high)} mrad in these data"),
-        (
-            "Masses",
-            f"the file states none, so {count} loads times compliance are estimated in place of one compliance: that "
-            "costs certainty, and the stiffness stays open; state 'mass' and 'com' of every joint",
-        ),
-    ]
-
-
-def _evidence(p: float) -> str:
-    return f"{chance_words(p)}, with the whole search for causes counted in"
+def _planning(diagnosed: Diagnosed, finding: Finding) -> str:
+    """Whether tasks are planned with a cause, where that is not plain."""
+    entry = finding.effect or finding.noise
+    kept = {effect.name for effect in diagnosed.diagnosis.persistent.effects()}
+    return "" if entry is None else entry.planning_note(entry.name in kept)
 
 
 def _at_tool(diagnosed: Diagnosed, place: int) -> tuple[str, str]:
@@ -184,30 +140,29 @@ def _geometry(diagnosed: Diagnosed) -> list[tuple[str, str]]:
 
 def cyclic_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
     """The periodogram of the joints with cyclic errors; nothing where there are none."""
-    names = [diagnosed.residuals.data.joint_names[j] for j in diagnosed.cyclic_joints]
+    names = [diagnosed.residuals.data.joint_names[j] for j in diagnosed.periodic_joints]
     if not names:
         return ()
     text = (
-        f"Errors that come back with the turn of a wheel were sought at every number of cycles a turn of each joint; "
-        f"they are found in {', '.join(names)}. The search over all of them is counted in the evidence."
+        f"Periodic joint errors were searched for at every frequency of each joint, in cycles per revolution; they are "
+        f"found in {', '.join(names)}. The p-values are corrected for that search."
     )
-    return (Block("Cycles of gears", (text,), "diagnosis_periodogram"),)
+    return (Block("Periodic joint errors", (text,), "diagnosis_periodogram"),)
 
 
 def confusion_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
     """What each cause may be confused with, and the measurement that would tell them apart; nothing if nothing."""
     splits: dict[str, list[str]] = {}
     for finding in diagnosed.diagnosis.findings:
-        mine = short_words(finding.kind, finding.target, finding.estimate)
-        for kind, target in dict.fromkeys(finding.confounded_with):
-            split = splitting_measurement((finding.kind, finding.target), (kind, target))
-            splits.setdefault(split, []).append(f"{mine} or {short_words(kind, target)}")
+        rivals = {rival.label: rival for rival in finding.confounded_with}
+        for label, rival in rivals.items():
+            splits.setdefault(finding.cause.discrimination(rival), []).append(f"{finding.cause.label} or {label}")
     if not splits:
         return ()
-    text = "These data fit either cause about as well. What is named explains them best; a measurement would tell:"
+    text = "These data fit either cause about equally well; the named one fits best. To discriminate them:"
     texts = [f"{_listed(pairs)}: {split}." for split, pairs in splits.items()]
     more = [f"And {len(texts) - _SPLITS} more measurements."] if len(texts) > _SPLITS else []
-    return (Block("What could be confused", (text, *texts[:_SPLITS], *more)),)
+    return (Block("Causes that could be confused", (text, *texts[:_SPLITS], *more)),)
 
 
 def _listed(pairs: list[str]) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.report.effect_words import amplitude
+from posture_opt.model.effects.cause import FittedSizes
 from posture_opt.report.words import MODEL_NAMES
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated", "extended")}
-CYCLIC = ("cyclic_error", "gear_ripple")
 _REPEATS = 12  # degrees of freedom of repeats, from which on they tell the noise
 
 
@@ -77,31 +76,35 @@ class Diagnosed:
         rows = (model.suspects[place].Z @ model.theta[model.slices[place]]).reshape(-1, residuals.block)
         return np.asarray(np.linalg.norm(rows[:, : len(residuals.axes)], axis=1) * residuals.sigma)
 
-    def turns(self, place: int) -> tuple[float, float]:
-        """Least and largest turn of its joint by an effect that acts on one joint [rad]."""
-        model, tangents = self.diagnosis.model, self.linearised.sensitivities
-        moves = model.suspects[place].what.moves(tangents.site)  # type: ignore[union-attr]
+    def estimate(self, finding: Finding) -> FittedSizes:
+        """What the fit says of a finding."""
+        timed, place = self.residuals.data.time is not None, self.place(finding)
+        if place is None:
+            return FittedSizes(finding.estimate, timed=timed)
+        model, part = self.diagnosis.model, self.diagnosis.model.slices[place]
+        inner = slice(model.directions.shape[1] + part.start, model.directions.shape[1] + part.stop)
+        return FittedSizes(finding.estimate, model.covariance[inner, inner], timed, self._turn(place))
+
+    def headline(self, finding: Finding) -> str:
+        """The size of a finding that stands beside its words; empty where no single number says it."""
+        return finding.cause.headline(self.estimate(finding))
+
+    def _turn(self, place: int) -> tuple[float, float]:
+        """Least and largest turn of its joint by an effect, 0 of one that acts on no joint [rad]."""
+        model, site = self.diagnosis.model, self.linearised.sensitivities.site
         turned = np.zeros(len(self.residuals.data))
+        moves = model.suspects[place].what.moves(site)  # type: ignore[union-attr]
         for move, value in zip(moves, model.theta[model.slices[place]], strict=True):
             for size in move.joints.values():
                 turned = turned + value * np.asarray(size, dtype=float)
         return float(turned.min()), float(turned.max())
 
-    def amplitude(self, place: int) -> tuple[float, float] | None:
-        """Of a sine and a cosine [rad], with its standard error."""
-        model, part = self.diagnosis.model, self.diagnosis.model.slices[place]
-        effect = model.suspects[place].what
-        if [name for name, _ in getattr(effect, "dimensions", ())] != ["sin", "cos"]:
-            return None
-        g = model.directions.shape[1]
-        inner = slice(g + part.start, g + part.stop)
-        return amplitude(model.theta[part], model.covariance[inner, inner])
-
     @property
-    def cyclic_joints(self) -> list[int]:
-        """Joints of which a cyclic error is named, the weightiest first."""
+    def periodic_joints(self) -> list[int]:
+        """Joints of which a line of the periodogram is named, the weightiest first."""
         names = list(self.residuals.data.joint_names)
-        return list(dict.fromkeys(names.index(f.target) for f in self.diagnosis.findings if f.kind in CYCLIC))
+        lines = [f.effect.moved_joint for _, f in self.effects if f.effect and f.effect.spectral_line is not None]
+        return [names.index(joint) for joint in dict.fromkeys(lines)]
 
     @cached_property
     def floor(self) -> tuple[float, str]:

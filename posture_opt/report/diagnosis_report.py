@@ -12,7 +12,6 @@ from posture_opt.report.blocks import Block, Facts, Report
 from posture_opt.report.cause_blocks import causes_block, confusion_block, cyclic_block
 from posture_opt.report.comparison_blocks import comparison_blocks, comparison_lead
 from posture_opt.report.diagnosed import MODELS, Diagnosed
-from posture_opt.report.effect_words import cause_words, main_size
 from posture_opt.report.elsewhere_blocks import elsewhere_lead, test_block
 from posture_opt.report.error_blocks import errors_block, mm
 from posture_opt.report.finding_words import finding_words
@@ -76,13 +75,8 @@ def answer(diagnosed: Diagnosed) -> tuple[str, ...]:
 
 
 def _named(diagnosed: Diagnosed, finding: Finding) -> str:
-    place = diagnosed.place(finding)
-    if place is not None and getattr(finding.effect, "loads", "masses") == "points":
-        return cause_words(finding.kind, finding.target)
-    size = main_size(finding, None if place is None else diagnosed.amplitude(place))
-    words = finding_words(finding, diagnosed.problem)
-    told = finding.kind == "instrument_field" or size in words
-    return f"{words} ({size})" if any(map(str.isdigit, size)) and not told else words
+    size, words = diagnosed.headline(finding), finding_words(finding, diagnosed.problem)
+    return f"{words} ({size})" if size and size not in words else words
 
 
 def _improvement(diagnosed: Diagnosed) -> str:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosed import Diagnosed
-from posture_opt.report.effect_words import short_words
 from posture_opt.report.error_blocks import figures_of, models_of
 from posture_opt.report.units_text import count, percent
 
@@ -53,10 +52,7 @@ def test_block(diagnosed: Diagnosed) -> Block:
         items.append(
             "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."
         )
-    rows = [
-        (short_words(f.kind, f.target, f.estimate), percent(f.gain), *_elsewhere(test.gains[place]))
-        for place, f in diagnosed.effects
-    ]
+    rows = [(f.cause.label, percent(f.gain), *_elsewhere(test.gains[place])) for place, f in diagnosed.effects]
     if rows:
         items.append(Table(("effect", "gain here", "on the test file", "verdict"), tuple(rows)))
     return Block("On the test file", tuple(items))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from posture_opt.report.effect_words import cause_words, main_size
+from posture_opt.model.effects.cause import FittedSizes
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes import Finding
@@ -12,12 +12,11 @@ if TYPE_CHECKING:
 
 
 def finding_words(finding: Finding, problem: Problem | None = None) -> str:
-    """A finding in words; a joint that scatters is held against what the problem file states, if it states anything."""
-    if finding.kind == "joint_noise" and problem is not None and not _states(problem, finding):
-        return (
-            f"{finding.target} scatters from visit to visit by {main_size(finding)}, of which the file states nothing"
-        )
-    return cause_words(finding.kind, finding.target, finding.estimate)
+    """A finding in words; scatter of which the problem file states nothing is said to be so."""
+    noise = finding.noise
+    if noise is not None and noise.unstated and problem is not None and not _states(problem, finding):
+        return noise.unstated.format(target=noise.target, size=noise.headline(FittedSizes(finding.estimate)))
+    return finding.cause.words
 
 
 def _states(problem: Problem, finding: Finding) -> bool:

@@ -46,7 +46,7 @@ def repeats_block(found: Assessment) -> Block:
     if repeats is None:
         return Block(title, ("No posture was visited twice, so that repeatability cannot be said.",))
     low, high = repeats.interval
-    slipped = f" Without {count(len(repeats.outlying), 'slip')}, named below." if repeats.outlying else ""
+    slipped = f" Without {count(len(repeats.outlying), 'odd row')}, named below." if repeats.outlying else ""
     pooled = (
         f"{count(repeats.groups, 'posture was', 'postures were')} visited more than once, {repeats.rows} visits in "
         f"all. About the mean of its posture a visit scatters by {length(repeats.sigma)} in a coordinate (standard "

@@ -10,7 +10,6 @@ import numpy as np
 from posture_opt.diagnosis.discrimination_design import detection_probability
 from posture_opt.measurements.header import AXES, QUATERNION
 from posture_opt.report.blocks import Block, Facts, Table
-from posture_opt.report.effect_words import short_words
 from posture_opt.report.units_text import angle, count, fixed, joint_unit, percent
 
 if TYPE_CHECKING:
@@ -55,7 +54,7 @@ def _pairs(diagnosed: Diagnosed, plan: DiscriminationPlan) -> Table:
     rows = []
     for place, finding in diagnosed.effects:
         for split in plan.pairs.get(place, ()):
-            names = short_words(finding.kind, finding.target, finding.estimate), short_words(split.kind, split.target)
+            names = finding.cause.label, split.rival.label
             rows.append((*names, angle(split.angle), _odds(detection_probability(split.now)), *_then(split)))
     table = Table(("cause", "or", "angle", "told now", "then", "needed"), tuple(rows), text_columns=2)
     return table if len(plan.rows) else Table(table.headers[:4], tuple(row[:4] for row in table.rows), text_columns=2)

@@ -5,20 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-UNKNOWN = "not known"
+from posture_opt.units import UNKNOWN as UNKNOWN
+from posture_opt.units import fixed as fixed
+from posture_opt.units import number as number
+
 _SMALL = 1e-5  # m: below this a length is written in µm
 _NOTHING = 1e-12  # m: below this it is rounding
-
-
-def number(value: float, digits: int = 3) -> str:
-    """``value`` with at least ``digits`` significant digits and never an exponent: 0.0123, 1.23, 1234."""
-    if not math.isfinite(value):
-        return UNKNOWN
-    if value == 0:
-        return "0"
-    rounded = float(f"{value:.{digits - 1}e}")  # 9.996 has one digit more before the point once it is rounded
-    decimals = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
-    return f"{value:.{decimals}f}"
 
 
 def length(metres: float, digits: int = 3, among: Iterable[float] = ()) -> str:
@@ -124,14 +116,6 @@ def probability(p: float) -> str:
         decimals = 1 - math.floor(math.log10(100 * miss))
         return f"{100 * p:.{decimals}f} % of the time (one miss in {1 / miss:,.0f})"
     return f"{100 * p:.3g} % of the time" if p < 0.99 else f"{100 * p:.2f} % of the time"
-
-
-def fixed(value: float, decimals: int = 2) -> str:
-    """A fixed number of decimals and no negative zero."""
-    if not math.isfinite(value):
-        return UNKNOWN
-    text = f"{value:.{decimals}f}"
-    return text.lstrip("-") if float(text) == 0 else text
 
 
 def decimals_of(value: float, digits: int = 2) -> int:

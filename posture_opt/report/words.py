@@ -1,4 +1,4 @@
-"""Names of things in the language of the shop floor."""
+"""Names of sources, regions and directions, and p-values, in words."""
 
 from __future__ import annotations
 
@@ -44,6 +44,9 @@ MODEL_NAMES = {
 }
 """Models of one arm, by their names in JSON."""
 PARTS = {"across": "across the direction", "along": "along the direction", "all": "in space"}
+UNLIKELY = 0.05
+"""Family-wise p-value below which noise is no explanation."""
+_LEAST_P = 1e-6
 METHODS = {
     "exact": "closed form, exact for normally distributed errors",
     "exact, planar": "closed form, exact for normally distributed errors, correlated ones too",
@@ -72,6 +75,16 @@ def source_size(name: str, sigma: float, arm: Arm) -> str:
         return said
     factor = arm.robot.parameters.get(name)
     return stated_length(sigma) if factor is not None and factor.kind == "translate" else stated_angle(sigma)
+
+
+def p_words(p: float) -> str:
+    """A p-value: "p = 0.012", "p = 9e-06", "p < 1e-6"."""
+    return f"p {p_value(p)}" if p < _LEAST_P else f"p = {p_value(p)}"
+
+
+def p_value(p: float) -> str:
+    """The same for a table: "0.012", "9e-06", "< 1e-6"."""
+    return "< 1e-6" if p < _LEAST_P else f"{p:.2g}" if p < UNLIKELY else f"{p:.2f}"
 
 
 def direction_words(d: Vector) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +14,23 @@ from click.testing import Result
 import posture_opt as po
 from posture_opt.calibration.progress import Stages
 from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.causes import Finding
 from posture_opt.diagnosis.extended_fit import fit_extended
 from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.other_session import Gain
 from posture_opt.diagnosis.undetectable import not_looked_for
-from posture_opt.model.effects import CATALOGUE
+from posture_opt.model.effects import Effect, FittedSizes
+from posture_opt.model.effects.backlash import Backlash
+from posture_opt.model.effects.cause import amplitude
 from posture_opt.model.effects.cyclic_error import CyclicError
+from posture_opt.model.effects.drift import Drift
+from posture_opt.model.effects.hysteresis import Hysteresis
+from posture_opt.model.effects.joint_compliance import JointCompliance
+from posture_opt.model.effects.quantisation import Quantisation
+from posture_opt.model.effects.slip import Slip
 from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.diagnosis_report import diagnosis_report
-from posture_opt.report.effect_rivals import splitting_measurement
-from posture_opt.report.effect_words import amplitude, cause_words, chance_words, size_words
 from posture_opt.report.text import render
+from posture_opt.report.words import p_words
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write
@@ -135,8 +139,8 @@ def test_files_and_report_tell_the_story(written: tuple[Path, Result]) -> None:
     assert max(map(len, text.splitlines())) <= 100
     flat = " ".join(text.split())
     for words in (
-        "What the model gets wrong has a name: an error of joint1 that comes back 12.0",
-        "less than one in a million by chance",
+        "joint1 has a cyclic error of 12.0",
+        "p < 1e-6, corrected for the whole search",
         "The gain holds on the test file",
         "measure a scale bar of known length",
     ):
@@ -231,9 +235,9 @@ def test_what_could_be_confused_comes_with_a_measurement(folder: Path) -> None:
     problem = po.load_problem(folder / "problem.yaml")
     data = po.read_measurements(folder / "data.csv", problem)
     found = po.diagnose(problem, data)
-    twin = replace(found.findings[0], confounded_with=(("quantisation", "joint1"),))
+    twin = replace(found.findings[0], confounded_with=(Quantisation(joint="joint1", lsb="0.001 rad"),))
     text = render(diagnosis_report(problem, Diagnosed(data, replace(found, findings=(twin, *found.findings[1:])))))
-    assert "What could be confused" in text
+    assert "Causes that could be confused" in text
     assert "log the joint values that the controller reached" in " ".join(text.split())
     assert found.plot().axes
 
@@ -272,7 +276,7 @@ def test_effects_of_time_are_planned_with_where_they_are_asked_for(folder: Path,
         assert result.exit_code == 0, result.stderr
         posture = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))["posture"]["extended"]["posture"]
         landed[len(option)] = position(np.array([list(posture.values())]))[0, 0] + DRIFT  # an hour later, truly
-        assert ("kept, as asked for" in result.stdout) == bool(option)
+        assert ("kept, as requested" in result.stdout) == bool(option)
     assert landed[0] == pytest.approx(0.9 + DRIFT, abs=3e-5)  # geometry has taken nothing of it
     assert landed[1] == pytest.approx(0.9, abs=3e-5)
     assert [effect.kind for effect in po.load_problem(tmp_path / "out1" / "extended.yaml").effects] == ["drift"]
@@ -307,7 +311,7 @@ def test_a_longer_link_is_named_with_its_length(folder: Path, tmp_path: Path) ->
     result = run(tmp_path / "longer.csv", "--problem", folder / "problem.yaml")
     assert result.exit_code == 0, result.stderr
     text = " ".join(result.stdout.split())
-    assert "has a name: the link behind joint2 is not as long as the file says (3.00" in text or "(2.99" in text
+    assert "the length of the link behind joint2 differs from the file (3.00" in text or "(2.99" in text
     assert "link_length of joint2" in text
     assert "with its effects" not in text
 
@@ -364,35 +368,32 @@ def test_stages_go_up_to_a_hundred() -> None:
     assert told[-1] == 100
 
 
-KINDS = [(str(kind.model_fields["kind"].default), "joint2") for kind in CATALOGUE]
+def test_sizes_are_in_units_that_engineers_use() -> None:
+    soft = JointCompliance(joint="joint2")
+    (size,) = soft.sizes(FittedSizes({"compliance": (8e-6, 2e-7, "rad/(N*m)")}))
+    assert str(size) == "8.00 ± 0.20 µrad/(N m) (stiffness 125.0 ± 3.1 kN m/rad)"
+    assert soft.headline(FittedSizes({"compliance": (8e-6, 2e-7, "rad/(N*m)")})) == "8.00 ± 0.20 µrad/(N m)"
+    play = Backlash(joint="joint2").sizes(FittedSizes({"width": (2e-4, 1e-5, "rad")}))
+    assert [(s.label, str(s)) for s in play] == [("width", "0.200 ± 0.010 mrad (41 arcsec)")]
+    slip = Slip(of="joint2", moment="162 s")
+    values = {"step": (2e-4, 1e-5, "rad"), "moment": (162.0, float("nan"), "")}
+    assert told(slip, values)["at"] == "2.70 min after the first row"
+    assert told(slip, values, timed=False)["at"] == "row 163, as no times are logged"
+    drift = Drift(course="exponential", constant="291 s")
+    values = {**dict.fromkeys("xyz", (0.0001, 3e-06, "m")), "constant": (291.0, 21.0, "")}
+    assert told(drift, values)["time constant"] == "4.85 ± 0.35 min"
+    assert told(drift, values, timed=False)["time constant"] == "291 ± 21 rows, as no times are logged"
+    lost = Hysteresis(joint="joint2", travel="0.2 rad")
+    values = {"height": (2e-4, 1e-5, "rad"), "travel": (0.2, 0.03, "")}
+    assert told(lost, values)["63 % reached after"] == "a move of 11.5 ± 1.7 deg"
 
 
-def test_every_cause_has_words_and_every_pair_a_measurement() -> None:
-    for kind, target in KINDS:
-        assert not cause_words(kind, target).startswith(kind)
-    for one, other in product(KINDS, KINDS):
-        text = splitting_measurement(one, (other[0], "joint3"))
-        assert len(text) > 20
-        assert "{" not in text
+def told(effect: Effect, values: dict[str, tuple[float, float, str]], timed: bool = True) -> dict[str, str]:
+    return {size.label: str(size) for size in effect.sizes(FittedSizes(values, timed=timed))}
 
 
-def test_sizes_are_in_units_of_the_shop_floor() -> None:
-    soft = Finding("joint_compliance", "joint2", {"compliance": (8e-6, 2e-7, "rad/(N*m)")}, 1e-9, 0.3)
-    assert size_words(soft) == [("compliance", "8.00 ± 0.20 µrad/(N m): a stiffness of 125.0 ± 3.1 N m/mrad")]
-    play = Finding("backlash", "joint2", {"width": (2e-4, 1e-5, "rad")}, 1e-9, 0.3)
-    assert size_words(play) == [("width", "0.200 ± 0.010 mrad (41 arcsec)")]
-    slip = Finding("slip", "joint2", {"step": (2e-4, 1e-5, "rad"), "moment": (162.0, float("nan"), "")}, 1e-9, 0.3)
-    assert dict(size_words(slip))["at"] == "2.70 min after the first row"
-    assert dict(size_words(slip, timed=False))["at"] == "row 163, as no times are logged"
-    shift = dict.fromkeys("xyz", (0.0001, 3e-06, "m"))
-    drift = Finding("drift", "exponential", {**shift, "constant": (291.0, 21.0, "")}, 1e-9, 0.3)
-    after = "two thirds of it after"
-    assert dict(size_words(drift))[after] == "4.85 ± 0.35 min"
-    assert dict(size_words(drift, timed=False))[after] == "291 ± 21 rows, as no times are logged"
-    lost = Finding("hysteresis", "joint2", {"height": (2e-4, 1e-5, "rad"), "travel": (0.2, 0.03, "")}, 1e-9, 0.3)
-    assert dict(size_words(lost))[after] == "a move of 11.5 ± 1.7 deg"
-    assert chance_words(1e-9) == "less than one in a million by chance"
-    assert chance_words(1e-4) == "one in 10 000 by chance"
-    size, std = amplitude(np.array([3.0, 4.0]), np.diag([0.01, 0.04]))
+def test_p_values_and_amplitudes() -> None:
+    assert [p_words(p) for p in (1e-9, 9.02e-6, 0.012, 0.4)] == ["p < 1e-6", "p = 9e-06", "p = 0.012", "p = 0.40"]
+    size, std = amplitude(3.0, 4.0, np.diag([0.01, 0.04]))
     assert size == pytest.approx(5.0)
     assert std == pytest.approx(np.sqrt(0.36 * 0.01 + 0.64 * 0.04))  # first-order propagation

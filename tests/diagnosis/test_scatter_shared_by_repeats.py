@@ -100,4 +100,4 @@ def test_every_noisy_joint_is_named(sigma: tuple[float, float], named: list[str]
     assert [cause.effect.target for cause in found] == named
     assert not any(cause.confounded_with for cause in found)
     for cause, true in zip(found, sigma, strict=False):
-        assert cause.effect.sizes[0][1] == pytest.approx(true, rel=0.3)
+        assert cause.effect.stated[0][1] == pytest.approx(true, rel=0.3)

@@ -83,7 +83,7 @@ def test_every_identifier_of_the_catalogue_is_listed() -> None:
 
 def test_every_file_of_an_effect_is_listed_and_read_in_problem_files() -> None:
     folder = Path(effects.__file__).parent
-    bases = {"__init__", "catalogue_entry", "effect", "noise_effect"}
+    bases = {"__init__", "abscissa", "catalogue_entry", "cause", "effect", "harmonic", "joint_effect", "noise_effect"}
     assert {cls.__module__.rpartition(".")[2] for cls in CATALOGUE} == {f.stem for f in folder.rglob("*.py")} - bases
     union, _ = get_args(effects.EffectSpec)
     assert set(get_args(union)) == set(CATALOGUE)
@@ -100,9 +100,9 @@ def test_an_effect_survives_its_file(cls: type[NoiseEffect]) -> None:
     assert type(effect) is cls
     assert effect.name == f"{kind_of(cls)}({effect.target})"
     again = problem(yaml.safe_load(yaml.safe_dump(effect.to_dict()))).effects[0]
-    assert [n for n, _, _ in again.sizes] == [n for n, _, _ in effect.sizes]
-    assert [v for _, v, _ in again.sizes] == pytest.approx([v for _, v, _ in effect.sizes], rel=1e-11)
-    assert all(value > 0 for _, value, _ in effect.sizes)
+    assert [n for n, _, _ in again.stated] == [n for n, _, _ in effect.stated]
+    assert [v for _, v, _ in again.stated] == pytest.approx([v for _, v, _ in effect.stated], rel=1e-11)
+    assert all(value > 0 for _, value, _ in effect.stated)
 
 
 @every_kind
@@ -235,7 +235,7 @@ def test_named_noise_has_the_size_that_was_drawn() -> None:
     e = rng.normal(size=(N, 2)) + 2e-4 * rng.normal(size=(N, 1)) * c[1]
     first = score_uneven_noise(e, Rows(robot, c, ranges, sigma), seed=0)[0]
     assert (first.kind, first.target) == ("joint_noise", "joint2")
-    ((_, value, _),) = first.named().sizes
+    ((_, value, _),) = first.named().stated
     assert value == pytest.approx(2e-4, rel=0.05)
     # σ = 10 µm + 20 µm/m r; the search has its logarithm a straight line, which is 10 % off in the middle.
     e = rng.normal(size=(N, 2)) * ((1e-5 + 2e-5 * ranges) / sigma)[:, None]

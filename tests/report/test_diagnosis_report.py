@@ -55,7 +55,7 @@ def test_the_scatter_of_a_named_joint_stands_beside_what_is_left(noisy: tuple[po
     assert noises[name] == pytest.approx(np.hypot(np.sqrt(2) * NOISE, SCATTER), rel=0.2)
     text = text_of(*noisy)
     assert "joint2 scatters from visit to visit by 0." in text.partition("Where they had not been seen")[0]
-    assert "of which the file states nothing" in text
+    assert "which the file does not state" in text
     tables = [item for item in errors_block(noisy[1]).items if isinstance(item, Table)]
     assert name in [row[0] for table in tables for row in table.rows]
     assert f"with joint2's scatter it makes {1e3 * noises[name]:.3f} mm" in text

@@ -10,9 +10,9 @@ import pytest
 import posture_opt as po
 from posture_opt.model.effects import CATALOGUE, EFFECTS
 from posture_opt.problem.problem import Problem
-from posture_opt.report.effect_facts import effect_facts, effect_text, input_facts, size_text
+from posture_opt.report.effect_facts import effect_facts, input_facts
 from posture_opt.report.words import source_size, source_words
-from posture_opt.units import DIMENSIONS
+from posture_opt.units import DIMENSIONS, shown
 from tests.helpers.command_line import invoke
 
 EFFECTS_SECTION = [
@@ -40,16 +40,14 @@ def test_effects_and_their_inputs_are_told() -> None:
     ((label, text),) = effect_facts(arm)
     assert label == "Effects"
     # 8e-6 rad for 1 N m: 125 kN m for a radian. The wave's size is that of both parts: 3, 4, 5.
-    assert "joint compliance of joint2 8.00 µrad/(N m) (125 kN m/rad)" in text
+    assert "joint compliance of joint2 8.00 µrad/(N m) (stiffness 125 kN m/rad)" in text
     assert "backlash of joint1 0.100 mrad" in text
-    assert "gear eccentricity of joint1 of 0.500 mrad" in text
-    assert "cyclic error of joint1 of 0.0500 mrad, 12.00 a turn" in text
+    assert "gear eccentricity of joint1 0.500 mrad" in text
+    assert "cyclic error of joint1 0.0500 mrad (10 arcsec), 12.00 cycles per revolution" in text
     assert "thermal growth of all lengths 12.0 µm/(m K)" in text
     ((label, text),) = input_facts(arm)
     assert label == "Computed for"
-    assert text == (
-        "a payload of 5 kg, joint1 arriving with its values going downwards, joint2 arriving from either side, 28 degC"
-    )
+    assert text == ("a payload of 5 kg, joint1 approached downwards, joint2 approached from either side, 28 degC")
     assert effect_facts(problem([])) == []
     assert input_facts(problem([])) == []
     assert input_facts(problem(EFFECTS_SECTION[3:4])) == []  # it depends on the joint alone
@@ -66,15 +64,15 @@ def test_sources_of_effects_have_words_and_units() -> None:
     assert source_words("joint_compliance(joint2).compliance", arm) == "joint2 joint compliance"
     assert source_size("joint_compliance(joint2).compliance", 2e-7, arm) == "0.200 µrad/(N m)"
     assert source_words("gear_eccentricity(joint1).sin", arm) == "joint1 gear eccentricity, sin"
-    assert source_words("joint1.side", arm) == "joint1 side of arrival"
+    assert source_words("joint1.side", arm) == "joint1 side of approach"
     assert source_words("joint1.theta", arm) == "joint1 angle"
     for name, dimension in arm.dimensions.items():
-        assert source_size(name, 1e-5, arm) == size_text(1e-5, dimension)
+        assert source_size(name, 1e-5, arm) == shown(1e-5, dimension)
 
 
 @pytest.mark.parametrize("dimension", sorted({*DIMENSIONS, "ratio"} - {"mass", "temperature", "time"}))
 def test_every_dimension_of_an_estimate_has_a_unit_that_suits_it(dimension: str) -> None:
-    assert size_text(1e-5, dimension).split()[1]
+    assert shown(1e-5, dimension).split()[1]
 
 
 def test_every_effect_has_a_text() -> None:
@@ -84,7 +82,7 @@ def test_every_effect_has_a_text() -> None:
     }  # fmt: skip
     for cls in EFFECTS:
         effect = cls(**{name: value for name, value in shapes.items() if name in cls.model_fields})
-        text = effect_text(effect.with_estimate([1e-4] * len(effect.dimensions)))
+        text = effect.with_estimate([1e-4] * len(effect.dimensions)).stated_words
         assert text.startswith(effect.kind.replace("_", " "))
 
 
@@ -97,7 +95,7 @@ def test_noise_has_a_text() -> None:
     assert facts == [
         (
             "Effects",
-            "joint noise of joint2 (sigma 0.100 mrad), range noise of instrument (a 0.015 mm, b 6.00 µm/m), "
+            "joint noise of joint2 (sigma 0.100 mrad), range noise of instrument (a 15.0 µm, b 6.00 µm/m), "
             "outliers (share 2.00 %)",
         )
     ]

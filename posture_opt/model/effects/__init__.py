@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from pydantic import Field
-
+from posture_opt.model.effects.abscissa import Abscissa
 from posture_opt.model.effects.backlash import Backlash
 from posture_opt.model.effects.base_compliance import BaseCompliance
-from posture_opt.model.effects.catalogue_entry import CatalogueEntry, Evidence, Limit
+from posture_opt.model.effects.catalogue_entry import INPUTS, CatalogueEntry, Evidence, Limit
+from posture_opt.model.effects.cause import Cause, FittedSizes, Size
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.model.effects.drift import Drift
-from posture_opt.model.effects.effect import Effect, Excitation, JointEffect, Sensitivity
+from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
 from posture_opt.model.effects.gear_ripple import GearRipple
 from posture_opt.model.effects.gear_second_harmonic import GearSecondHarmonic
@@ -20,6 +18,7 @@ from posture_opt.model.effects.instrument_field import InstrumentField
 from posture_opt.model.effects.instrument_scale import InstrumentScale
 from posture_opt.model.effects.joint_compliance import JointCompliance
 from posture_opt.model.effects.joint_coupling import JointCoupling
+from posture_opt.model.effects.joint_effect import JointEffect
 from posture_opt.model.effects.joint_scale import JointScale
 from posture_opt.model.effects.link_bending import LinkBending
 from posture_opt.model.effects.load_backlash import LoadBacklash
@@ -34,6 +33,7 @@ from posture_opt.model.effects.quantisation import Quantisation
 from posture_opt.model.effects.slip import Slip
 from posture_opt.model.effects.thermal_growth import ThermalGrowth
 from posture_opt.model.effects.thermal_offset import ThermalOffset
+from posture_opt.spec import one_of
 
 EFFECTS: tuple[type[Effect], ...] = (
     JointScale,
@@ -70,45 +70,23 @@ NOISES: tuple[type[NoiseEffect], ...] = (
 
 CATALOGUE: tuple[type[CatalogueEntry], ...] = (*EFFECTS, *NOISES)
 
-EffectSpec = Annotated[
-    JointScale
-    | GearEccentricity
-    | GearSecondHarmonic
-    | GearRipple
-    | CyclicError
-    | JointCompliance
-    | LinkBending
-    | BaseCompliance
-    | Backlash
-    | Hysteresis
-    | LoadBacklash
-    | JointCoupling
-    | PayloadError
-    | ThermalGrowth
-    | ThermalOffset
-    | Drift
-    | Slip
-    | InstrumentScale
-    | InstrumentField
-    | Quantisation
-    | JointNoise
-    | RangeNoise
-    | StatedSigma
-    | Outliers
-    | CorrelatedLengths,
-    Field(discriminator="kind"),
-]
+EffectSpec = one_of(CATALOGUE)
+"""The entry of ``effects:`` in a problem file: any of the catalogue, told apart by its kind."""
 
 __all__ = [
     "CATALOGUE",
     "EFFECTS",
+    "INPUTS",
     "NOISES",
+    "Abscissa",
     "CatalogueEntry",
+    "Cause",
     "CorrelatedLengths",
     "Effect",
     "EffectSpec",
     "Evidence",
     "Excitation",
+    "FittedSizes",
     "JointEffect",
     "JointNoise",
     "Limit",
@@ -117,5 +95,6 @@ __all__ = [
     "Pattern",
     "Rows",
     "Sensitivity",
+    "Size",
     "StatedSigma",
 ]

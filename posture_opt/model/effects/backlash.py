@@ -4,15 +4,25 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+import numpy as np
+
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import JointEffect
+from posture_opt.model.effects.abscissa import Abscissa, over_joint
+from posture_opt.model.effects.joint_effect import JointEffect
 
 
 class Backlash(JointEffect):
     """``dq = b s / 2``, s the side from which the joint arrived."""
 
     summary: ClassVar[str] = "lost motion: the joint value depends on the side from which it was reached"
+    phrase: ClassVar[str] = "{target} has backlash"
+    measurement: ClassVar[str] = "approach each posture from both sides, in random order"
+    rivals: ClassVar = {
+        "hysteresis": "approach from both sides after short moves and after long ones: backlash is constant, "
+        "hysteresis grows with the move",
+        "load_backlash": "approach from both sides under two payloads",
+    }
     parameters: ClassVar = (("width", "angle"),)
     needs: ClassVar = frozenset({"approach"})
 
@@ -20,3 +30,7 @@ class Backlash(JointEffect):
 
     def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         return (site.inputs.side(joint) / 2,)
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
+        joint = self.index(site)
+        return over_joint(site, joint, ", by side of approach", np.sign(site.inputs.side(joint)))

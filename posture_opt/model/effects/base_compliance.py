@@ -6,6 +6,7 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import cross, dot, scale, subtract
+from posture_opt.model.effects.cause import Size, compliance_size
 from posture_opt.model.effects.effect import Sensitivity, SoleEffect
 
 
@@ -13,6 +14,8 @@ class BaseCompliance(SoleEffect):
     """``φ = c M``: the base turns about the overturning moment of links and payload about the first joint's foot."""
 
     summary: ClassVar[str] = "the base tilts under the overturning moment"
+    phrase: ClassVar[str] = "the base is compliant: it tilts under the weight of the arm"
+    measurement: ClassVar[str] = "measure targets fixed to the base in every posture"
     sole: ClassVar = "base"
     parameters: ClassVar = (("compliance", "angle per torque"),)
     needs: ClassVar = frozenset({"masses"})
@@ -25,3 +28,6 @@ class BaseCompliance(SoleEffect):
         g = site.robot.gravity
         turn = subtract(moment, scale(dot(moment, g) / dot(g, g), g))
         return (Sensitivity(twist=(cross(turn, subtract(site.tool, foot)), turn)),)
+
+    def size(self, name: str, dimension: str, value: float, std: float) -> Size:
+        return compliance_size(name, value, std)

@@ -9,11 +9,33 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import WithJsonSchema
 
+from posture_opt.model.effects.cause import Cause
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
 
-Input = str  # "approach", "payload", "temperature", "time", "masses", "gear_ratio"
+Input = str
+"""A key of ``INPUTS``."""
 Quantity = Annotated[Any, WithJsonSchema({"type": ["string", "number"]})]
+
+
+@dataclass(frozen=True)
+class NeededInput:
+    """What an effect may need to be seen: its name in words, and how to supply it."""
+
+    words: str
+    mend: str
+
+
+INPUTS: dict[Input, NeededInput] = {
+    "approach": NeededInput(
+        "both sides", "approach each joint value from both sides; columns 'JOINT.approach' state them"
+    ),
+    "payload": NeededInput("payload", "measure with two payloads or more, in a column 'payload [kg]'"),
+    "temperature": NeededInput("temperature", "log it as it changes, in a column 'temperature [degC]'"),
+    "time": NeededInput("time", "log it in a column 'time [s]'"),
+    "masses": NeededInput("masses", "state 'mass' and 'com' of every joint in the problem file"),
+    "gear_ratio": NeededInput("gear ratio", "state 'gear_ratio' of every joint in the problem file"),
+}
 
 
 @dataclass(frozen=True)
@@ -43,7 +65,7 @@ class Evidence:
     lengths: tuple[str, ...]
 
 
-class CatalogueEntry(Spec):
+class CatalogueEntry(Cause, Spec):
     """One kind of the catalogue at one target."""
 
     summary: ClassVar[str]
@@ -64,6 +86,27 @@ class CatalogueEntry(Spec):
     def name(self) -> str:
         """``kind(target)``."""
         return f"{self.kind}({self.target})"
+
+    @property
+    def stated_words(self) -> str:
+        """Kind, target and stated size: "joint compliance of elbow 8.00 µrad/(N m) (stiffness 125 kN m/rad)"."""
+        named = f"{self.title} of {self.place}" if self.place else self.title
+        qualifier = f", {self.qualifier}" if self.qualifier else ""
+        return f"{named} {self.stated_size}{qualifier}"
+
+    @property
+    @abstractmethod
+    def stated_size(self) -> str:
+        """The size that the entry states, with its unit."""
+
+    def planning_note(self, kept: bool) -> str:
+        """Whether a task is planned with it and why not; empty where it simply is. ``kept``: on request."""
+        return ""
+
+    @classmethod
+    def kind_name(cls) -> str:
+        """The ``kind`` of every instance."""
+        return str(cls.model_fields["kind"].default)
 
     def robot_fault(self, robot: Robot) -> str:
         """What this robot lacks for the effect, or an empty text."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
@@ -9,9 +10,11 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ZERO, ArmState
 from posture_opt.model.chain import Scalar
+from posture_opt.model.effects.abscissa import Abscissa, over_time
+from posture_opt.model.effects.cause import FittedSizes, Size
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
 from posture_opt.model.scalars import exp
-from posture_opt.units import Time
+from posture_opt.units import Time, plus_minus, shown
 
 _GRID = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the duration; slower than half of it an exponential is a line
 
@@ -19,7 +22,13 @@ _GRID = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the duration; slower than half of it
 class Drift(Effect):
     """``dp = v (1 − exp(−t / τ))`` (exponential) or ``dp = v t / t_end`` (linear, v the shift at the end)."""
 
-    summary: ClassVar[str] = "the point moves with time, the same in all postures"
+    summary: ClassVar[str] = "the measured point drifts with time, the same in all postures"
+    phrase: ClassVar[str] = "the measured point drifts with time ({target})"
+    measurement: ClassVar[str] = "return to a reference target every few postures, and take the others in random order"
+    rivals: ClassVar = {
+        "slip": "return to the same few postures again and again: a drift is gradual, a slip is a step",
+        "instrument_field": "repeat the postures in another order, so that position and time are independent",
+    }
     parameters: ClassVar = (("x", "length"), ("y", "length"), ("z", "length"))
     shape: ClassVar = ("constant",)
     shape_units: ClassVar = {"constant": "s"}
@@ -33,6 +42,23 @@ class Drift(Effect):
     @property
     def target(self) -> str:
         return self.course
+
+    @property
+    def smooth_shape(self) -> str:
+        return "constant" if self.course == "exponential" else ""
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
+        return over_time(site, timed)
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        shift, std = _length([estimate.entry(axis) for axis in "xyz"])
+        sizes = (Size("shift", plus_minus(shift, std, 1e6, "µm"), " at the end"),)
+        if self.course == "linear":
+            return sizes
+        constant = estimate.entry("constant")
+        if estimate.timed:
+            return (*sizes, Size("time constant", shown(constant[0], "time", constant[1])))
+        return (*sizes, Size("time constant", plus_minus(*constant, 1.0, "rows"), ", as no times are logged"))
 
     def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
         t = site.inputs.time / self.constant
@@ -49,6 +75,12 @@ class Drift(Effect):
 
 def _seconds(value: float) -> Any:
     return f"{value!r} s"
+
+
+def _length(parts: list[tuple[float, float]]) -> tuple[float, float]:
+    """Of a vector with standard errors of its components, as if they were independent."""
+    size = math.hypot(*(value for value, _ in parts))
+    return size, math.hypot(*(value * std for value, std in parts)) / size if size else math.nan
 
 
 def _along(axis: int, size: Scalar) -> Any:

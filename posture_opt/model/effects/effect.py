@@ -13,9 +13,14 @@ from pydantic import ConfigDict, Field, model_validator
 
 from posture_opt.model.arm_state import ZERO, ArmState
 from posture_opt.model.chain import Scalar, Vector
+from posture_opt.model.effects.abscissa import Abscissa
 from posture_opt.model.effects.catalogue_entry import CatalogueEntry, Input, Quantity
+from posture_opt.model.effects.cause import FittedSizes, Size
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-from posture_opt.units import DIMENSIONS, parse_quantity
+from posture_opt.units import DIMENSIONS, number, parse_quantity, shown
+
+_NEIGHBOUR = 1.6  # factor to either side on a geometric grid of shapes
 
 
 @dataclass(frozen=True)
@@ -91,6 +96,10 @@ class Effect(CatalogueEntry):
     """Whether it takes any smooth shape, and so stands for effects of other kinds too."""
     for_planning: ClassVar[bool] = True
     """Whether a task can be planned with it; what changes with time cannot be."""
+    slow: ClassVar[bool] = False
+    """Whether it is a slow curve over its joint, of which several together can imitate any other."""
+    relative_shape: ClassVar[bool] = True
+    """Whether errors of the shape are shares of it; else they are in its own unit."""
 
     estimate: dict[str, Quantity] = Field({}, description="parameter: value with its unit")
     covariance: str | None = Field(None, min_length=1, description="CSV file with the covariance of the estimate")
@@ -105,20 +114,9 @@ class Effect(CatalogueEntry):
         """Every instance that the data of ``case`` could show, one for each value of the shape's grid."""
 
     @property
-    def name(self) -> str:
-        """``kind(target)``, under which its parameters stand among the sources; a line tells its cycles."""
-        label = "".join(f" {getattr(self, name):.4g}" for name in self.shape if name == "cycles")
-        return f"{self.kind}({self.target}{label})"
-
-    @property
     def parameter_names(self) -> tuple[str, ...]:
         """``kind(target).parameter``."""
         return tuple(f"{self.name}.{name}" for name, _ in self.dimensions)
-
-    @property
-    def exclusive(self) -> tuple[object, ...]:
-        """Effects that have it in common are shapes of one, of which a model holds one."""
-        return self.kind, self.target
 
     @property
     def dimensions(self) -> tuple[tuple[str, str], ...]:
@@ -135,6 +133,65 @@ class Effect(CatalogueEntry):
         """The estimate in SI units, zero for what is not stated."""
         given = self.estimate
         return tuple(_read(given[name], dimension) if name in given else 0.0 for name, dimension in self.dimensions)
+
+    @property
+    def smooth_shape(self) -> str:
+        """The field that it depends on smoothly, so that it is fitted with the rest; empty for none."""
+        return self.shape[0] if self.shape else ""
+
+    def bracket(self, span: float) -> tuple[float, float]:
+        """Where a better smooth shape can lie about a point of the grid; ``span`` of its joint in the data [rad]."""
+        value = float(getattr(self, self.smooth_shape))
+        return value / _NEIGHBOUR, value * _NEIGHBOUR
+
+    def shape_steps(self, site: ArmState) -> Array:
+        """(k,) the shapes about this one that differ in the data, where it depends on its shape in steps."""
+        return np.zeros(0)
+
+    def with_shape(self, value: float) -> Effect:
+        """The same effect with another shape [SI]."""
+        return self.model_copy(update={self.shape[0]: value})
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa | None:
+        """What it is a curve of, in every row; ``None`` where it depends on several things at once.
+
+        ``timed`` says whether the time of the rows is known; otherwise it counts them.
+        """
+        return None
+
+    @property
+    def unstated_loads(self) -> bool:
+        """Whether its parameters stand for loads that nobody stated, so that none of them is its size."""
+        return False
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        dimensions = dict(self.dimensions)
+        found = [self.size(n, dimensions[n], *estimate.entry(n)) for n in dimensions if n in estimate.values]
+        return tuple(found)
+
+    def size(self, name: str, dimension: str, value: float, std: float) -> Size:
+        """One parameter in words."""
+        more = f" ({number(math.degrees(value) * 3600, 2)} arcsec)" if dimension == "angle" else ""
+        return Size(name.replace("_", " "), shown(value, dimension, std), more)
+
+    @property
+    def stated_size(self) -> str:
+        values = {n: (v, math.nan, "") for (n, _), v in zip(self.dimensions, self.values, strict=True)}
+        values |= {n: (float(getattr(self, n)), math.nan, "") for n in self.shape}
+        estimate = FittedSizes(values)
+        if not self.headline(estimate):
+            return f"({len(self.dimensions)} coefficients)"
+        return str(self.sizes(estimate)[0])
+
+    def planning_note(self, kept: bool) -> str:
+        if self.for_planning:
+            return ""
+        return "kept, as requested: the 'time' of the task says when it is done" if kept else self.omitted
+
+    @property
+    def omitted(self) -> str:
+        """Why no task is planned with it."""
+        return "left out: it belongs to this session and not to the arm"
 
     @model_validator(mode="after")
     def _estimate_fits(self) -> Effect:
@@ -179,44 +236,3 @@ class SoleEffect(Effect):
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
         return [cls(kind=cls.model_fields["kind"].default)] if cls.needs <= case.inputs else []
-
-
-class EffectOfJoint(Effect):
-    """An effect of one joint, or of the link behind it."""
-
-    types: ClassVar[tuple[str, ...]] = ("revolute",)
-
-    joint: str = Field(description="the joint that errs")
-
-    @property
-    def target(self) -> str:
-        return self.joint
-
-    @classmethod
-    def candidates(cls, case: Excitation) -> Sequence[Effect]:
-        return [cls.of_joint(name) for name in case.moving(*cls.types)] if cls.needs <= case.inputs else []
-
-    @classmethod
-    def of_joint(cls, joint: str, **shape: Any) -> Effect:
-        """The effect of one joint, nothing estimated yet."""
-        return cls(joint=joint, **shape)
-
-    def robot_fault(self, robot: Robot) -> str:
-        types = {j.name: j.type for j in robot.joints}
-        if self.joint not in types:
-            return f"the robot has no joint '{self.joint}'; its joints: {', '.join(types)}"
-        if types[self.joint] not in self.types:
-            return f"{self.kind} is of {' and '.join(self.types)} joints, and {self.joint} is {types[self.joint]}"
-        return ""
-
-
-class JointEffect(EffectOfJoint):
-    """An effect that adds to one joint: ``dq = Σ θ_k φ_k(q, u)``."""
-
-    @abstractmethod
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
-        """``φ_k`` of each parameter."""
-
-    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
-        joint = site.robot.joint_names.index(self.joint)
-        return tuple(Sensitivity({joint: feature}) for feature in self.features(site, joint))

@@ -1,22 +1,30 @@
-"""Eccentricity of a gear or an encoder disc: one period a turn."""
+"""Eccentricity of a gear or an encoder disc: one cycle per revolution."""
 
 from __future__ import annotations
 
 from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import JointEffect
-from posture_opt.model.scalars import cos, sin
+from posture_opt.model.effects.abscissa import Abscissa, over_joint
+from posture_opt.model.effects.harmonic import Harmonic
 
 
-class GearEccentricity(JointEffect):
+class GearEccentricity(Harmonic):
     """``dq = a sin q + b cos q``."""
 
-    summary: ClassVar[str] = "one period of joint error a turn, as of an eccentric gear or encoder disc"
-    parameters: ClassVar = (("sin", "angle"), ("cos", "angle"))
+    summary: ClassVar[str] = "joint error of one cycle per revolution, as of an eccentric gear or encoder disc"
+    phrase: ClassVar[str] = "{target} has an eccentric gear or encoder (one cycle per revolution)"
+    measurement: ClassVar[str] = "drive {target} through a whole revolution, under two payloads"
+    rivals: ClassVar = {
+        "gear_second_harmonic": "drive {target} through a whole revolution: on part of it, one cycle looks like two",
+    }
+    slow: ClassVar[bool] = True
 
     kind: Literal["gear_eccentricity"] = "gear_eccentricity"
 
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
-        return sin(site.q[joint]), cos(site.q[joint])
+    @property
+    def frequency(self) -> float:
+        return 1.0
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
+        return over_joint(site, self.index(site))

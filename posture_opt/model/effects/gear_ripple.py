@@ -8,26 +8,37 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import Effect, Excitation, JointEffect
-from posture_opt.model.scalars import cos, sin
+from posture_opt.model.effects.effect import Effect, Excitation
+from posture_opt.model.effects.harmonic import Harmonic
+from posture_opt.units import number
 
 
-class GearRipple(JointEffect):
+class GearRipple(Harmonic):
     """``dq = a sin(n N q) + b cos(n N q)``, N the gear ratio and n the harmonic."""
 
-    summary: ClassVar[str] = "joint error at the period of the motor, or half of it; needs the gear ratio"
-    parameters: ClassVar = (("sin", "angle"), ("cos", "angle"))
+    summary: ClassVar[str] = "joint error once or twice per revolution of the motor; needs the gear ratio"
+    phrase: ClassVar[str] = "the gear of {target} has ripple at its input shaft"
+    measurement: ClassVar[str] = "measure many joint values that lie on no regular grid"
+    rivals: ClassVar = {
+        "quantisation": "log the joint values that the controller reached, and state 'gear_ratio'",
+    }
     needs: ClassVar = frozenset({"gear_ratio"})
 
     kind: Literal["gear_ripple"] = "gear_ripple"
-    ratio: float = Field(description="N, motor turns a turn of the joint")
-    harmonic: int = Field(1, ge=1, description="n, periods a turn of the motor")
+    ratio: float = Field(description="N, motor revolutions per revolution of the joint")
+    harmonic: int = Field(1, ge=1, description="n, cycles per revolution of the motor")
 
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
-        angle = self.harmonic * self.ratio * site.q[joint]
-        return sin(angle), cos(angle)
+    @property
+    def frequency(self) -> float:
+        return self.harmonic * self.ratio
+
+    @property
+    def spectral_line(self) -> float:
+        return self.frequency
+
+    @property
+    def qualifier(self) -> str:
+        return f"{number(self.frequency, 4)} cycles per revolution"
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

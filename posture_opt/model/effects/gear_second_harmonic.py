@@ -1,22 +1,27 @@
-"""Second harmonic of a gear or an encoder disc: two periods a turn."""
+"""Second harmonic of a gear or an encoder disc: two cycles per revolution."""
 
 from __future__ import annotations
 
 from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import JointEffect
-from posture_opt.model.scalars import cos, sin
+from posture_opt.model.effects.abscissa import Abscissa, over_joint
+from posture_opt.model.effects.harmonic import Harmonic
 
 
-class GearSecondHarmonic(JointEffect):
+class GearSecondHarmonic(Harmonic):
     """``dq = a sin 2q + b cos 2q``."""
 
-    summary: ClassVar[str] = "two periods of joint error a turn, as of an oval or tilted disc"
-    parameters: ClassVar = (("sin", "angle"), ("cos", "angle"))
+    summary: ClassVar[str] = "joint error of two cycles per revolution, as of an oval or tilted disc"
+    phrase: ClassVar[str] = "{target} has a second harmonic (two cycles per revolution), as of an oval gear"
+    measurement: ClassVar[str] = "drive {target} through a whole revolution"
+    slow: ClassVar[bool] = True
 
     kind: Literal["gear_second_harmonic"] = "gear_second_harmonic"
 
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
-        return sin(2 * site.q[joint]), cos(2 * site.q[joint])
+    @property
+    def frequency(self) -> float:
+        return 2.0
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
+        return over_joint(site, self.index(site))

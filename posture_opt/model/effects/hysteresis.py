@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import ClassVar, Literal
 
+import numpy as np
 from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import Effect, Excitation, JointEffect
+from posture_opt.model.effects.abscissa import Abscissa
+from posture_opt.model.effects.cause import FittedSizes, Size
+from posture_opt.model.effects.effect import Effect, Excitation
+from posture_opt.model.effects.joint_effect import JointEffect
 from posture_opt.model.scalars import exp
-from posture_opt.units import Angle
+from posture_opt.units import Angle, plus_minus
 
 _GRID = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.5)  # rad
 
@@ -19,7 +24,9 @@ _GRID = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.5)  # rad
 class Hysteresis(JointEffect):
     """``dq = h s (1 − exp(−d / d0))``, s and d side and length of the last move."""
 
-    summary: ClassVar[str] = "lost motion that grows with the travel before"
+    summary: ClassVar[str] = "lost motion that grows with the length of the last move"
+    phrase: ClassVar[str] = "{target} has hysteresis that grows with the last move"
+    measurement: ClassVar[str] = "approach each posture from both sides after short moves and after long ones"
     parameters: ClassVar = (("height", "angle"),)
     shape: ClassVar = ("travel",)
     shape_units: ClassVar = {"travel": "rad"}
@@ -30,6 +37,15 @@ class Hysteresis(JointEffect):
 
     def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         return (site.inputs.side(joint) * (1 - exp(-site.inputs.travel(joint) / self.travel)),)
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
+        joint = self.index(site)
+        move = np.sign(site.inputs.side(joint)) * np.degrees(site.inputs.travel(joint))
+        return Abscissa.of(site, move, f"last move of {self.joint} [deg]")
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        travel = plus_minus(*estimate.entry("travel"), math.degrees(1.0), "deg")
+        return (*super().sizes(estimate), Size("63 % reached after", f"a move of {travel}"))
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

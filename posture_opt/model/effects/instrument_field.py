@@ -9,6 +9,7 @@ import numpy as np
 
 from posture_opt.model.arm_state import ZERO, ArmState
 from posture_opt.model.chain import subtract
+from posture_opt.model.effects.cause import FittedSizes, Size
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity, SoleEffect
 
 _PRODUCTS = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -21,6 +22,9 @@ class InstrumentField(SoleEffect):
     """
 
     summary: ClassVar[str] = "the instrument errs smoothly over its volume"
+    phrase: ClassVar[str] = "the instrument has an error that varies smoothly over its volume"
+    measurement: ClassVar[str] = "measure the same postures from a second station of the instrument"
+    decisive: ClassVar[bool] = True
     sole: ClassVar = "instrument"
     parameters: ClassVar = tuple((f"{axis}_{product}", "per length") for axis in "xyz" for product in _PRODUCTS)
     flexible: ClassVar = True
@@ -38,6 +42,16 @@ class InstrumentField(SoleEffect):
                 vector[axis] = product
                 moves.append(Sensitivity(twist=((vector[0], vector[1], vector[2]), ZERO)))
         return tuple(moves)
+
+    @property
+    def omitted(self) -> str:
+        return "left out: it belongs to the instrument and not to the arm"
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        return (Size("size", f"{len(estimate.values)} coefficients, see the JSON document"),)
+
+    def headline(self, estimate: FittedSizes) -> str:
+        return ""
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

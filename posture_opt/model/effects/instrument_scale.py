@@ -16,9 +16,9 @@ class InstrumentScale(SoleEffect):
     An arm whose lengths are all wrong by that share does the same, so that it is no candidate of any diagnosis.
     """
 
-    summary: ClassVar[str] = (
-        "the instrument reads all distances too long by one share; no data without a scale bar tell"
-    )
+    summary: ClassVar[str] = "the instrument reads all distances too long by one factor; only a scale bar tells"
+    phrase: ClassVar[str] = "the instrument has a scale error"
+    measurement: ClassVar[str] = "measure a scale bar of known length with the same instrument"
     sole: ClassVar = "instrument"
     parameters: ClassVar = (("scale", "length per length"),)
     for_planning: ClassVar = False
@@ -27,6 +27,10 @@ class InstrumentScale(SoleEffect):
 
     def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
         return (Sensitivity(twist=(site.tool, ZERO)),)
+
+    @property
+    def omitted(self) -> str:
+        return "left out: it belongs to the instrument and not to the arm"
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
@@ -37,9 +41,9 @@ class InstrumentScale(SoleEffect):
         if not evidence.positions:
             return None
         return Limit(
-            "instrument_scale",
+            cls.kind_name(),
             cls.sole,
             "an instrument that reads all distances too long by the same share looks exactly like an arm whose "
             "lengths are all too long by that share",
-            "measure a scale bar of known length with the same instrument",
+            cls.measurement,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import ClassVar, Literal
 
@@ -9,8 +10,12 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
+from posture_opt.model.effects.abscissa import Abscissa
 from posture_opt.model.effects.catalogue_entry import Input
-from posture_opt.model.effects.effect import Effect, Excitation, JointEffect
+from posture_opt.model.effects.cause import FittedSizes, Size, compliance_size
+from posture_opt.model.effects.effect import Effect, Excitation
+from posture_opt.model.effects.joint_effect import JointEffect
+from posture_opt.units import number
 
 
 class JointCompliance(JointEffect):
@@ -20,7 +25,18 @@ class JointCompliance(JointEffect):
     joint: ``dq = Σ_i θ_i τ_i(q) + c τ_payload``, τ_i the torque of 1 kg at frame i and θ_i compliance times mass.
     """
 
-    summary: ClassVar[str] = "the joint gives way to the torque of gravity and payload"
+    summary: ClassVar[str] = "the joint is compliant under the torque of gravity and payload"
+    phrase: ClassVar[str] = "{target} is compliant under gravity"
+    measurement: ClassVar[str] = "measure the same postures under two payloads"
+    rivals: ClassVar = {
+        "gear_eccentricity": "measure the same postures under two payloads: a compliance is proportional to the load, "
+        "a gear error does not depend on it",
+        "gear_second_harmonic": "measure the same postures under two payloads: a gear error does not depend on the "
+        "load",
+        "link_bending": "measure the orientation of the tool too, under two payloads: bending turns the end of the "
+        "link by another share than a joint does",
+        "base_compliance": "measure targets fixed to the base in every posture: a compliant base moves them",
+    }
 
     parameters: ClassVar = (("compliance", "angle per torque"),)
 
@@ -44,6 +60,33 @@ class JointCompliance(JointEffect):
         names = site.robot.joint_names
         places = [site.tool if p == "tool" else site.frames[names.index(p)].origin for p in self.points]
         return tuple(site.unit_torque(joint, place) for place in places)
+
+    @property
+    def unstated_loads(self) -> bool:
+        return self.loads == "points"
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa | None:
+        if self.unstated_loads:
+            return None
+        return Abscissa.of(site, site.torque(self.index(site)), f"torque of gravity on {self.joint} [N m]")
+
+    def size(self, name: str, dimension: str, value: float, std: float) -> Size:
+        return compliance_size(name, value, std)
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        if not self.unstated_loads:
+            return super().sizes(estimate)
+        low, high = estimate.turn or (math.nan, math.nan)
+        masses = (
+            f"the file states none, so {len(self.points)} products of load and compliance are estimated in place of "
+            "one compliance: that costs certainty, and the stiffness stays open; state 'mass' and 'com' of every joint"
+        )
+        return Size("turns by", f"{number(1e3 * low)} to {number(1e3 * high)} mrad in these data"), Size(
+            "masses", masses
+        )
+
+    def headline(self, estimate: FittedSizes) -> str:
+        return "" if self.unstated_loads else super().headline(estimate)
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

@@ -9,14 +9,18 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import Effect, Excitation, JointEffect
+from posture_opt.model.effects.abscissa import Abscissa, over_joint
+from posture_opt.model.effects.effect import Effect, Excitation
+from posture_opt.model.effects.joint_effect import JointEffect
 from posture_opt.robot.robot import Robot
 
 
 class JointCoupling(JointEffect):
     """``dq_B = c q_A``: joint B (``joint``) follows joint A (``follows``)."""
 
-    summary: ClassVar[str] = "the joint follows another one by a small ratio"
+    summary: ClassVar[str] = "the joint follows another one by a small ratio (cross-coupling)"
+    measurement: ClassVar[str] = "move both joints of the coupling over wide ranges, one at a time"
+    rivals: ClassVar = {"joint_scale": measurement}
     parameters: ClassVar = (("ratio", "ratio"),)
 
     kind: Literal["joint_coupling"] = "joint_coupling"
@@ -26,8 +30,15 @@ class JointCoupling(JointEffect):
     def target(self) -> str:
         return f"{self.follows}->{self.joint}"
 
+    @property
+    def words(self) -> str:
+        return f"{self.joint} is coupled to {self.follows}"
+
     def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         return (site.q[site.robot.joint_names.index(self.follows)],)
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
+        return over_joint(site, site.robot.joint_names.index(self.follows))
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

@@ -6,13 +6,23 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import JointEffect
+from posture_opt.model.effects.abscissa import Abscissa, over_joint
+from posture_opt.model.effects.joint_effect import JointEffect
 
 
 class JointScale(JointEffect):
     """``dq = c q``."""
 
-    summary: ClassVar[str] = "the joint moves by a factor more than commanded"
+    summary: ClassVar[str] = "the joint moves by a constant factor more or less than commanded"
+    phrase: ClassVar[str] = "{target} has a scale error"
+    measurement: ClassVar[str] = "drive {target} through its whole range"
+    rivals: ClassVar = {
+        "gear_eccentricity": "drive {target} through its whole range: a scale error grows linearly, an eccentricity "
+        "is periodic",
+        "gear_second_harmonic": "drive {target} through its whole range: a scale error grows linearly, a harmonic is "
+        "periodic",
+    }
+    slow: ClassVar[bool] = True
     parameters: ClassVar = (("scale", "ratio"),)
     types: ClassVar = ("revolute", "prismatic")
 
@@ -20,3 +30,6 @@ class JointScale(JointEffect):
 
     def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         return (site.q[joint],)
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
+        return over_joint(site, self.index(site))

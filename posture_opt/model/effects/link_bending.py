@@ -8,7 +8,9 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Vector, add, cross, dot, scale, subtract
-from posture_opt.model.effects.effect import Effect, EffectOfJoint, Excitation, Sensitivity
+from posture_opt.model.effects.cause import Size, compliance_size
+from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
+from posture_opt.model.effects.joint_effect import EffectOfJoint
 from posture_opt.robot.robot import Robot
 
 _SHORT = 0.02  # m; a link shorter than this has nothing to bend
@@ -21,7 +23,10 @@ class LinkBending(EffectOfJoint):
     shifted there by ``φ × ℓ / 2``, ℓ from one end of the link to the other.
     """
 
-    summary: ClassVar[str] = "the link behind the joint bends under the weights that it carries"
+    summary: ClassVar[str] = "the link behind the joint bends under the weight that it carries"
+    phrase: ClassVar[str] = "the link behind {target} bends under gravity"
+    measurement: ClassVar[str] = "measure the orientation of the tool too, under two payloads"
+    rivals: ClassVar = {"base_compliance": "measure targets fixed to the base in every posture"}
     parameters: ClassVar = (("compliance", "angle per torque"),)
     types: ClassVar = ("revolute", "prismatic")
     needs: ClassVar = frozenset({"masses"})
@@ -37,6 +42,9 @@ class LinkBending(EffectOfJoint):
         turn = subtract(moment, scale(dot(moment, link) / square, link))
         shift = add(cross(turn, scale(0.5, link)), cross(turn, subtract(site.tool, end)))
         return (Sensitivity(twist=(shift, turn)),)
+
+    def size(self, name: str, dimension: str, value: float, std: float) -> Size:
+        return compliance_size(name, value, std)
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

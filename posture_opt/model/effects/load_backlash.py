@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+import numpy as np
+
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import JointEffect
+from posture_opt.model.effects.abscissa import Abscissa
+from posture_opt.model.effects.joint_effect import JointEffect
 from posture_opt.model.scalars import magnitude
 
 
 class LoadBacklash(JointEffect):
     """``dq = h s |τ|``, s the side from which the joint arrived and τ the torque of gravity."""
 
-    summary: ClassVar[str] = "lost motion in proportion to the load of the joint, as friction leaves it"
+    summary: ClassVar[str] = "backlash in proportion to the load of the joint, as of friction"
+    phrase: ClassVar[str] = "{target} has backlash in proportion to its load"
+    measurement: ClassVar[str] = "approach each posture from both sides under two payloads"
+    rivals: ClassVar = {
+        "hysteresis": "approach from both sides, after short and long moves, under two payloads",
+    }
     parameters: ClassVar = (("height", "angle per torque"),)
     needs: ClassVar = frozenset({"approach", "masses"})
 
@@ -21,3 +29,8 @@ class LoadBacklash(JointEffect):
 
     def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         return (site.inputs.side(joint) * magnitude(site.torque(joint)),)
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
+        joint = self.index(site)
+        torque = np.sign(site.inputs.side(joint)) * np.abs(site.torque(joint))
+        return Abscissa.of(site, torque, f"torque on {self.joint} [N m], with the sign of the side of approach")

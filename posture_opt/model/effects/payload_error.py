@@ -14,7 +14,13 @@ class PayloadError(SoleEffect):
     e is the common compliance of the joints times the relative error of the mass; only the product shows.
     """
 
-    summary: ClassVar[str] = "the sag in proportion to the payload is more or less than the model's"
+    summary: ClassVar[str] = "the deflection in proportion to the payload differs from the model"
+    phrase: ClassVar[str] = "the deflection under the payload differs from the model"
+    measurement: ClassVar[str] = "measure under three payloads, one of them zero"
+    rivals: ClassVar = dict.fromkeys(
+        ("joint_compliance", "link_bending", "base_compliance"),
+        "measure under three weighed payloads, one of them zero: the weight of the links acts without a payload too",
+    )
     sole: ClassVar = "payload"
     parameters: ClassVar = (("sag", "angle per torque"),)
     needs: ClassVar = frozenset({"payload"})

@@ -6,13 +6,17 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar, Literal
 
+import numpy as np
 from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import Effect, Excitation, JointEffect
+from posture_opt.model.effects.abscissa import Abscissa
+from posture_opt.model.effects.cause import FittedSizes, Size
+from posture_opt.model.effects.effect import Effect, Excitation
+from posture_opt.model.effects.joint_effect import JointEffect
 from posture_opt.model.scalars import nearest_integer
-from posture_opt.units import Angle
+from posture_opt.units import Angle, number, plus_minus
 
 _BITS = range(9, 17)
 _DECIMALS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)  # deg
@@ -21,7 +25,9 @@ _DECIMALS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)  # deg
 class Quantisation(JointEffect):
     """``dq = c (round(q / lsb) lsb − q)``, c near one, lsb the step of the encoder or of the controller's numbers."""
 
-    summary: ClassVar[str] = "the joint reaches whole steps only"
+    summary: ClassVar[str] = "the joint reaches discrete steps only"
+    phrase: ClassVar[str] = "{target} is quantised: it reaches discrete steps only"
+    measurement: ClassVar[str] = "log the joint values that the controller reached"
     parameters: ClassVar = (("share", "ratio"),)
     shape: ClassVar = ("lsb",)
     shape_units: ClassVar = {"lsb": "rad"}
@@ -34,6 +40,17 @@ class Quantisation(JointEffect):
     def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         steps = site.q[joint] / self.lsb
         return (self.lsb * (nearest_integer(steps) - steps),)
+
+    @property
+    def smooth_shape(self) -> str:
+        return ""  # a step that differs by a little is another column altogether: the grid has those that are built
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
+        return Abscissa.of(site, np.mod(np.asarray(site.q[self.index(site)]) / self.lsb, 1.0), "fraction of a step")
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        step = f"{number(math.degrees(self.lsb) * 3600)} arcsec"
+        return Size("step", step), Size("share of it that shows", plus_minus(*estimate.entry("share")))
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
@@ -10,10 +11,13 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ZERO, ArmState
 from posture_opt.model.chain import cross, subtract
+from posture_opt.model.effects.abscissa import Abscissa, over_time
+from posture_opt.model.effects.cause import FittedSizes, Size
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
 from posture_opt.model.scalars import at_least
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-from posture_opt.units import Time
+from posture_opt.units import Time, number
 
 _Way = Literal["shift", "slide", "settle"]
 STEPS = 150  # moments at which a slip is looked for
@@ -30,6 +34,8 @@ class Slip(Effect):
     """``dq = h (t ≥ t0)`` of a joint; of the base a shift, a slide on the floor, or both tilted, from ``t0`` on."""
 
     summary: ClassVar[str] = "a step at some moment: a coupling or the base slipped"
+    phrase: ClassVar[str] = "{target} slipped during the measurements"
+    measurement: ClassVar[str] = "return to the same few postures again and again"
     shape: ClassVar = ("moment",)
     shape_units: ClassVar = {"moment": "s"}
     needs: ClassVar = frozenset({"time"})
@@ -52,6 +58,43 @@ class Slip(Effect):
         if self.of != "base":
             return (("step", "angle"),)
         return tuple((name, "angle" if name in _TURNS else "length") for name in _WAYS[self.way])
+
+    @property
+    def moved_joint(self) -> str:
+        return "" if self.of == "base" else self.of
+
+    @property
+    def words(self) -> str:
+        return self.phrase.format(target="the base" if self.of == "base" else self.of)
+
+    @property
+    def omitted(self) -> str:
+        if self.of == "base":
+            return "left out: set the base up again and measure anew; a free base is delivered as it stood on average"
+        return "left out: delivered is the arm as it was before; undo the slip, or measure anew, before you use it"
+
+    @property
+    def smooth_shape(self) -> str:
+        return ""  # any moment between two rows gives the same column
+
+    def shape_steps(self, site: ArmState) -> Array:
+        times = np.unique(np.asarray(site.inputs.time, dtype=float))
+        step = float(np.ptp(times)) / STEPS
+        near = (times[:-1] < self.moment + step) & (times[1:] > self.moment - step)
+        return np.asarray(((times[:-1] + times[1:]) / 2)[near])
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
+        return over_time(site, timed)
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        moment, _ = estimate.entry("moment")
+        row = Size("at", f"row {math.ceil(moment) + 1}", ", as no times are logged")
+        timed = Size("at", f"{number(moment / 60)} min after the first row")
+        return (*super().sizes(estimate), timed if estimate.timed else row)
+
+    def headline(self, estimate: FittedSizes) -> str:
+        """Of the base a shift and a turn, which mean something together only."""
+        return "" if self.of == "base" else super().headline(estimate)
 
     def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
         after = at_least(site.inputs.time, self.moment)

@@ -15,7 +15,14 @@ from posture_opt.robot.robot import Factor, Robot
 class ThermalGrowth(Effect):
     """``dL = α L (T − T0)`` of one length, or of all lengths of the links."""
 
-    summary: ClassVar[str] = "lengths grow with the temperature"
+    summary: ClassVar[str] = "lengths expand with temperature"
+    phrase: ClassVar[str] = "{target} expands with temperature"
+    measurement: ClassVar[str] = "log the temperature through a warm-up and a cool-down"
+    rivals: ClassVar = {
+        "drift": "log the temperature through a warm-up and a cool-down: time only grows",
+        "thermal_offset": "measure stretched and folded postures at the same temperatures: growth acts along the "
+        "links, a drifting zero across them",
+    }
     parameters: ClassVar = (("expansion", "per temperature"),)
     needs: ClassVar = frozenset({"temperature"})
 
@@ -25,6 +32,14 @@ class ThermalGrowth(Effect):
     @property
     def target(self) -> str:
         return self.length
+
+    @property
+    def words(self) -> str:
+        return self.phrase.format(target="the whole arm" if self.length == "all" else self.length)
+
+    @property
+    def place(self) -> str:
+        return "all lengths" if self.length == "all" else self.length
 
     def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
         grown = {

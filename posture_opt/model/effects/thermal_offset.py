@@ -6,13 +6,19 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.effect import JointEffect
+from posture_opt.model.effects.abscissa import Abscissa
+from posture_opt.model.effects.joint_effect import JointEffect
 
 
 class ThermalOffset(JointEffect):
     """``dq = c (T − T0)``."""
 
-    summary: ClassVar[str] = "the joint turns with the temperature"
+    summary: ClassVar[str] = "the zero of the joint drifts with temperature"
+    phrase: ClassVar[str] = "the zero of {target} drifts with temperature"
+    measurement: ClassVar[str] = "log the temperature through a warm-up and a cool-down"
+    rivals: ClassVar = {
+        "drift": "log the temperature through a warm-up and a cool-down: time only grows",
+    }
     parameters: ClassVar = (("rate", "angle per temperature"),)
     needs: ClassVar = frozenset({"temperature"})
 
@@ -20,3 +26,6 @@ class ThermalOffset(JointEffect):
 
     def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
         return (site.inputs.temperature,)
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
+        return Abscissa.of(site, site.inputs.temperature, "temperature above 20 degC [K]")

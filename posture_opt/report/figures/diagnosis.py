@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from posture_opt.diagnosis.levels import FIRST_EFFECT
 from posture_opt.report.diagnosed import MODELS, Diagnosed
-from posture_opt.report.effect_words import short_words
 from posture_opt.report.figures.residuals import _settled, chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, legend_below, new_figure, styled
 from posture_opt.report.units_text import number
@@ -44,7 +43,7 @@ def diagnosis_figures(diagnosed: Diagnosed) -> dict[str, Figure]:
     figures = {"diagnosis_errors": plot_errors(diagnosed), "diagnosis_scores": plot_scores(diagnosed)}
     if diagnosed.effects:
         figures["diagnosis_curves"] = plot_curves(diagnosed)
-    if diagnosed.cyclic_joints:
+    if diagnosed.periodic_joints:
         figures["diagnosis_periodogram"] = plot_periodogram(diagnosed)
     if diagnosed.diagnosis.outcome == "unexplained":
         figures["diagnosis_left"] = plot_left(diagnosed)
@@ -146,7 +145,7 @@ def plot_scores(diagnosed: Diagnosed) -> Figure:
     handles = _handles(
         any(end and j.candidate.named for j, end in zip(scored, ends, strict=True)), nameless, FIRST_EFFECT
     )
-    axes.set_yticks(range(len(scored)), [_label(j) for j in scored], fontsize=9)
+    axes.set_yticks(range(len(scored)), [j.candidate.what.label for j in scored], fontsize=9)
     axes.set_ylim(max(len(scored), 4) - 0.5, -0.5)
     right = 1.04 * max([*size, 1.5])
     ticks = [t for t in _TICKS if math.sqrt(t) <= right and (t in (0, 1) or math.sqrt(t) > 0.12 * right)]
@@ -183,9 +182,3 @@ def _handles(named: bool, nameless: bool, level: float) -> tuple[list[Any], list
         (line, f"chance reaches this line in {100 * level:.1f} of 100 data sets"),
     ]
     return [e[0] for e in entries], [e[1] for e in entries]
-
-
-def _label(scored: ScoredCandidate) -> str:
-    cycles = getattr(scored.candidate.what, "cycles", None)
-    estimate = None if cycles is None else {"cycles": (float(cycles), math.nan, "")}
-    return short_words(scored.candidate.kind, scored.candidate.target, estimate)

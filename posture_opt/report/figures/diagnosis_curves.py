@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from posture_opt.report.effect_words import short_words
+from posture_opt.model.effects.abscissa import Abscissa, over_joint
 from posture_opt.report.figures.residual_joints import Binned
 from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled
@@ -36,7 +36,7 @@ class Curve:
     """What is drawn of one effect.
 
     Args:
-        x: (n,) what it hangs on; ``side`` (n,) the side of approach where there are two curves, else 1.
+        x: (n,) what it depends on; ``side`` (n,) the side of approach where there are two curves, else 1.
         errors: (n,) what the rest of the model leaves of the errors, along the effect; ``modelled`` (n,) the effect.
     """
 
@@ -61,7 +61,7 @@ def plot_curves(diagnosed: Diagnosed) -> Figure:
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, (place, finding) in zip(grid, shown, strict=False):
         _panel(axes, curve_of(diagnosed, tangents, place, finding))
-        axes.set_title(short_words(finding.kind, finding.target, finding.estimate))
+        axes.set_title(finding.cause.label)
     for axes in grid[len(shown) :]:
         axes.set_visible(False)
     handles: dict[str, Any] = {}
@@ -103,87 +103,50 @@ def _look(rows: int) -> dict[str, Any]:
     return {"mew": 0, "rasterized": True, **size}
 
 
-def curve_of(diagnosed: Diagnosed, tangents: EffectSensitivities, place: int, finding: Finding) -> Curve:
-    """The curve of one effect: over what it hangs on where that is one number, else as modelled against as seen."""
+def curve_of(diagnosed: Diagnosed, sensitivities: EffectSensitivities, place: int, finding: Finding) -> Curve:
+    """The curve of one effect over its abscissa; of one that depends on several things, as modelled against as seen."""
     model, residuals = diagnosed.diagnosis.model, diagnosed.residuals
     shape = (len(residuals.data), residuals.block)
-    effect = (model.suspects[place].Z @ model.theta[model.slices[place]]).reshape(shape)
-    partial = effect - model.whitened().reshape(shape)
-    moved = {j for move in model.suspects[place].what.moves(tangents.site) for j in move.joints}  # type: ignore[union-attr]
-    over = _hangs_on(finding, tangents, place, diagnosed) if len(moved) == 1 else None
-    if over is not None:
-        joint = next(iter(moved))
-        column = tangents.joints[joint]
-        square = np.sum(column**2, axis=1)
-        far = square > (_LEVER**2) * square.max()
-        factor, unit = (1e3, "mrad") if residuals.robot.joints[joint].type == "revolute" else (1e6, "µm")
-        x, side, xlabel = over
-        errors, modelled = (factor * np.sum(e * column, axis=1)[far] / square[far] for e in (partial, effect))
-        return Curve(x[far], side[far], errors, modelled, xlabel, f"error of the joint [{unit}]")
+    modelled = (model.suspects[place].Z @ model.theta[model.slices[place]]).reshape(shape)
+    partial = modelled - model.whitened().reshape(shape)
+    effect = finding.effect
+    assert effect is not None
+    over = effect.abscissa(sensitivities.site, residuals.data.time is not None)
+    moved = {j for move in effect.moves(sensitivities.site) for j in move.joints}
+    if over is not None and len(moved) == 1:
+        return _joint_curve(sensitivities, moved.pop(), over, partial, modelled)
     axes = slice(0, len(residuals.axes))
-    e, m = (1e3 * residuals.sigma * v[:, axes] for v in (partial, effect))
-    one = np.ones(len(e))
-    if finding.kind in ("drift", "slip"):
-        mean = m.mean(axis=0)
-        along = mean / max(float(np.linalg.norm(mean)), 1e-300)
-        x, label = _time(tangents)
-        return Curve(x, one, e @ along, m @ along, label, "error along the shift [mm]")
-    size = np.linalg.norm(m, axis=1)
+    seen, said = (1e3 * residuals.sigma * v[:, axes] for v in (partial, modelled))
+    return _size_curve(seen, said) if over is None else _shift_curve(over, seen, said)
+
+
+def _joint_curve(
+    sensitivities: EffectSensitivities, joint: int, over: Abscissa, partial: Floats, modelled: Floats
+) -> Curve:
+    """Errors of a joint, in the rows in which it moves the tool point."""
+    column = sensitivities.joints[joint]
+    square = np.sum(column**2, axis=1)
+    far = square > (_LEVER**2) * square.max()
+    revolute = sensitivities.residuals.robot.joints[joint].type == "revolute"
+    factor, unit = (1e3, "mrad") if revolute else (1e6, "µm")
+    errors, curve = (factor * np.sum(e * column, axis=1)[far] / square[far] for e in (partial, modelled))
+    return Curve(over.values[far], over.side[far], errors, curve, over.label, f"error of the joint [{unit}]")
+
+
+def _shift_curve(over: Abscissa, seen: Floats, said: Floats) -> Curve:
+    """Errors (N, axes) along the mean shift [mm]."""
+    mean = said.mean(axis=0)
+    along = mean / max(float(np.linalg.norm(mean)), 1e-300)
+    return Curve(over.values, over.side, seen @ along, said @ along, over.label, "error along the shift [mm]")
+
+
+def _size_curve(seen: Floats, said: Floats) -> Curve:
+    """Errors (N, axes) along the modelled effect of each row, over its size [mm]."""
+    size = np.linalg.norm(said, axis=1)
     some = size > _LEVER * size.max()
-    along = m[some] / size[some][:, None]
-    errors = np.sum(e[some] * along, axis=1)
-    return Curve(size[some], one[some], errors, size[some], "modelled effect at the tool [mm]", "seen along it [mm]")
-
-
-def _hangs_on(
-    finding: Finding, tangents: EffectSensitivities, place: int, diagnosed: Diagnosed
-) -> tuple[Floats, Floats, str] | None:
-    """What a joint's effect is a curve of, with the side of approach where it has two, and its name."""
-    effect: Any = diagnosed.diagnosis.model.suspects[place].what
-    data, site = diagnosed.residuals.data, tangents.site
-    n = len(data)
-    one = np.ones(n)
-    names = list(data.joint_names)
-    if finding.kind == "slip":
-        x, label = _time(tangents)
-        return x, one, label
-    if finding.kind == "joint_coupling":
-        return _joint(diagnosed, names.index(effect.follows), one)
-    joint = names.index(effect.joint)
-    q, side = data.q[:, joint], np.sign(data.approach[:, joint])
-    if finding.kind in ("joint_scale", "gear_eccentricity", "gear_second_harmonic"):
-        return _joint(diagnosed, joint, one)
-    if finding.kind in ("cyclic_error", "gear_ripple"):
-        k = effect.cycles if finding.kind == "cyclic_error" else effect.harmonic * effect.ratio
-        return np.degrees(np.mod(k * q, 2 * np.pi)), one, f"phase of the cycle [deg], {k:.4g} cycles a turn"
-    if finding.kind == "quantisation":
-        return np.mod(q / effect.lsb, 1.0), one, "part of a step"
-    if finding.kind == "backlash":
-        x, _, label = _joint(diagnosed, joint, one)
-        return x, side, f"{label}, by the side it came from"
-    if finding.kind == "hysteresis":
-        return side * np.degrees(data.approach_length[:, joint]), one, f"last move of {effect.joint} [deg]"
-    if finding.kind == "thermal_offset":
-        return np.broadcast_to(np.asarray(site.inputs.temperature, dtype=float), (n,)), one, "temperature above 20 degC"
-    if finding.kind in ("joint_compliance", "load_backlash") and getattr(effect, "loads", "masses") == "masses":
-        torque = np.broadcast_to(np.asarray(site.torque(joint), dtype=float), (n,))
-        if finding.kind == "load_backlash":
-            return side * np.abs(torque), one, f"torque on {effect.joint} [N m], with the sign of the side"
-        return torque, one, f"torque of gravity on {effect.joint} [N m]"
-    return None
-
-
-def _joint(diagnosed: Diagnosed, joint: int, one: Floats) -> tuple[Floats, Floats, str]:
-    data, kind = diagnosed.residuals.data, diagnosed.residuals.robot.joints[joint]
-    factor, unit = (math.degrees(1.0), "deg") if kind.type == "revolute" else (1e3, "mm")
-    return factor * data.q[:, joint], one, f"{kind.name} [{unit}]"
-
-
-def _time(tangents: EffectSensitivities) -> tuple[Floats, str]:
-    """When each row was measured, in minutes; the number of the row where no times are logged."""
-    data = tangents.residuals.data
-    time = np.broadcast_to(np.asarray(tangents.site.inputs.time, dtype=float), (len(data),))
-    return (time + 1.0, "row, in the order of measuring") if data.time is None else (time / 60, "time [min]")
+    errors = np.sum(seen[some] * said[some], axis=1) / size[some]
+    one = np.ones(len(errors))
+    return Curve(size[some], one, errors, size[some], "modelled effect at the tool [mm]", "measured along it [mm]")
 
 
 @styled
@@ -203,8 +166,8 @@ def plot_left(diagnosed: Diagnosed) -> Figure:
         lever = np.linalg.norm(column, axis=1)
         far = lever > _LEVER * lever.max()
         along = 1e3 * residuals.sigma * np.sum(e * column, axis=1)[far] / lever[far]
-        x, _, label = _joint(diagnosed, joint, np.ones(len(e)))
-        _cloud(axes, x[far], along, label)
+        over = over_joint(tangents.site, joint)
+        _cloud(axes, over.values[far], along, over.label)
     axes = grid[len(moving)]
     lengths = 1e3 * residuals.sigma * np.linalg.norm(e[:, : len(residuals.axes)], axis=1)
     rows_by_time = np.arange(1, len(e) + 1, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Periodograms of joints with cyclic errors: what each number of cycles a turn explains, and what chance does."""
+"""Periodograms of joints with periodic errors: what each frequency explains, and what noise alone does."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.levels import FIRST_EFFECT
-from posture_opt.report.diagnosed import CYCLIC, Diagnosed
+from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.style import BLUE, GREEN, GREY, new_figure, styled
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def plot_periodogram(diagnosed: Diagnosed) -> Figure:
     from posture_opt.model.effects.cyclic_error import CyclicError
     from posture_opt.report.figures.diagnosis import critical_log_p
 
-    joints = diagnosed.cyclic_joints[:_MOST]
+    joints = diagnosed.periodic_joints[:_MOST]
     linearised, model = diagnosed.linearised, diagnosed.diagnosis.model
     chosen = list(model.suspects)
     line = critical_log_p(diagnosed.diagnosis.search.null, CyclicError.family)
@@ -36,20 +36,20 @@ def plot_periodogram(diagnosed: Diagnosed) -> Figure:
     after = linearised.baseline(chosen, flips=0)
     for axes, joint in zip(grid, joints, strict=True):
         name = diagnosed.residuals.data.joint_names[joint]
-        mine = [s for s in chosen if s.kind in CYCLIC and s.target == name]
+        mine = [s for s in chosen if s.what.spectral_line is not None and s.target == name]
         before = linearised.baseline([s for s in chosen if s not in mine], flips=0)
         cycles, share = _spectrum(diagnosed, before, joint)
-        axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label="before its cyclic errors are named", zorder=3)
+        axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label="before its periodic errors are named", zorder=3)
         cycles, share = _spectrum(diagnosed, after, joint)
         axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all named effects", zorder=4)
         null = f"chance reaches this line in {100 * FIRST_EFFECT:.1f} of 100 data sets"
         axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=null, zorder=5)
-        for k, cycles_a_turn in enumerate(sorted(_cycles(suspect.what) for suspect in mine)):
-            _mark(axes, cycles_a_turn, k)
+        for k, frequency in enumerate(sorted(s.what.spectral_line or 0.0 for s in mine)):
+            _mark(axes, frequency, k)
         axes.set(title=name, ylabel="explains [%]", xscale="log", ylim=(0, None))
     grid[-1].set_xticks(_TICKS, [f"{t:g}" for t in _TICKS])
     grid[-1].minorticks_off()
-    grid[-1].set_xlabel("cycles a turn")
+    grid[-1].set_xlabel("cycles per revolution")
     figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
@@ -74,10 +74,6 @@ def _share_of(line: float, baseline: ProjectedBaseline) -> float:
         value = float(log_p(np.array([middle]), np.array([1.0]), 2, baseline.freedom)[0])
         low, high = (low, middle) if value < line else (middle, high)
     return high
-
-
-def _cycles(effect: Any) -> float:
-    return float(effect.cycles if effect.kind == "cyclic_error" else effect.harmonic * effect.ratio)
 
 
 def _mark(axes: Any, cycles: float, k: int) -> None:

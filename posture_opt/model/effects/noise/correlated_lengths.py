@@ -8,8 +8,10 @@ from pydantic import Field, model_validator
 
 from posture_opt.errors import one_of
 from posture_opt.model.effects.catalogue_entry import Evidence, Limit
+from posture_opt.model.effects.cause import FittedSizes, Size
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect
 from posture_opt.robot.robot import Robot
+from posture_opt.units import plus_minus
 
 FEW_ROBOTS = 10
 
@@ -17,7 +19,10 @@ FEW_ROBOTS = 10
 class CorrelatedLengths(NoiseEffect):
     """``Σ_ab = ρ σ_a σ_b``: off the diagonal of what is not known of the geometry, as of parts made together."""
 
-    summary: ClassVar[str] = "two lengths are long or short together, as parts made on one machine"
+    summary: ClassVar[str] = (
+        "the errors of two lengths are correlated from robot to robot, as of parts made on one machine"
+    )
+    phrase: ClassVar[str] = "the errors of {target} are correlated from robot to robot"
     of_arm: ClassVar[bool] = True
 
     kind: Literal["correlated_lengths"] = "correlated_lengths"
@@ -35,8 +40,11 @@ class CorrelatedLengths(NoiseEffect):
         return ", ".join(self.lengths)
 
     @property
-    def sizes(self) -> tuple[tuple[str, float, str], ...]:
+    def stated(self) -> tuple[tuple[str, float, str], ...]:
         return (("correlation", self.rho, "factor"),)
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        return (Size("correlation", plus_minus(*estimate.entry("correlation"))),)
 
     @property
     def correlation(self) -> tuple[tuple[str, str, float], ...]:
@@ -54,7 +62,7 @@ class CorrelatedLengths(NoiseEffect):
         if len(evidence.lengths) < 2:
             return None
         return Limit(
-            "correlated_lengths",
+            cls.kind_name(),
             ", ".join(evidence.lengths[:2]),
             "whether lengths err together shows only from robot to robot: one robot has one error of each",
             f"measure {FEW_ROBOTS} robots of the type or more, with a column 'robot'",

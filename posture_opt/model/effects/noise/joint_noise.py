@@ -9,10 +9,11 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from posture_opt.model.effects.cause import FittedSizes, Size
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, Rows
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-from posture_opt.units import Quantity, parse_quantity
+from posture_opt.units import Quantity, parse_quantity, shown
 
 _RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
 """Variance along a joint's column over the variance of the instrument, at the root mean square of the column."""
@@ -22,6 +23,13 @@ class JointNoise(NoiseEffect):
     """``Σ = Σ0 + σ² J_j J_jᵀ``: a joint whose value is off by another amount at every visit."""
 
     summary: ClassVar[str] = "the joint scatters from visit to visit, on top of what else is stated of it"
+    phrase: ClassVar[str] = "{target} scatters more than stated"
+    unstated: ClassVar[str] = "{target} scatters from visit to visit by {size}, which the file does not state"
+    measurement: ClassVar[str] = "repeat each posture a few times, moving away in between"
+    rivals: ClassVar = {
+        "range_noise": "repeat postures near the instrument and far from it, moving away in between",
+        "outliers": "repeat each posture a few times, moving away in between: an outlier does not recur",
+    }
     of_arm: ClassVar[bool] = True
     uneven: ClassVar[bool] = True
 
@@ -42,8 +50,16 @@ class JointNoise(NoiseEffect):
         return self.joint
 
     @property
-    def sizes(self) -> tuple[tuple[str, float, str], ...]:
+    def stated(self) -> tuple[tuple[str, float, str], ...]:
         return (("sigma", self.value, _dimension(self.sigma)),)
+
+    @property
+    def moved_joint(self) -> str:
+        return self.joint
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        text = shown(estimate.entry("sigma")[0], _dimension(self.sigma), estimate.entry("sigma")[1])
+        return (Size("scatter", text, ", one standard deviation"),)
 
     @property
     def value(self) -> float:
@@ -99,7 +115,7 @@ def _dimension(text: object) -> str:
 class Along(Pattern):
     """Rows that a noisy joint spreads along its column (N, d)."""
 
-    kind = "joint_noise"
+    effect = JointNoise
     grid = _RATIOS
 
     def __init__(self, joint: str, column: Array, turns: bool) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from posture_opt.model.effects.catalogue_entry import CatalogueEntry
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
+from posture_opt.units import shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class Pattern(ABC):
     ``Σ_i = s² exp(l_i) (I + (k_i − 1) u_i u_iᵀ)``, s² common to all rows and unknown.
     """
 
-    kind: str
+    effect: type[NoiseEffect]
     target: str
     grid: Array
     quantity: tuple[str, str]
@@ -82,11 +83,22 @@ class NoiseEffect(CatalogueEntry):
     """Whether it spreads some measurements more than others."""
     of_stated: ClassVar[bool] = False
     """Whether it changes an instrument's σ that has to be stated."""
+    unstated: ClassVar[str] = ""
+    """Its words where the file states no scatter of that target at all, if they differ: ``{target}``, ``{size}``."""
 
     @property
     @abstractmethod
-    def sizes(self) -> tuple[tuple[str, float, str], ...]:
+    def stated(self) -> tuple[tuple[str, float, str], ...]:
         """Name, value [SI] and dimension of what says how large it is."""
+
+    @property
+    def stated_size(self) -> str:
+        return f"({', '.join(f'{name} {shown(value, dimension)}' for name, value, dimension in self.stated)})"
+
+    def planning_note(self, kept: bool) -> str:
+        if self.of_arm:
+            return "it spreads the tool point from visit to visit, and stands under effects in extended.yaml"
+        return "left out: it belongs to the measurement and not to the arm"
 
     def scatter(self, robot: Robot) -> dict[str, float]:
         """Model parameter -> σ that is added to its scatter from visit to visit [rad or m]."""

@@ -6,7 +6,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from posture_opt.model.effects.cause import FittedSizes, Size
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect
+from posture_opt.units import number
 
 
 class Outliers(NoiseEffect):
@@ -17,6 +19,8 @@ class Outliers(NoiseEffect):
 
     summary: ClassVar[str] = "single rows are grossly wrong"
 
+    phrase: ClassVar[str] = "some rows are outliers"
+
     kind: Literal["outliers"] = "outliers"
     share: float = Field(gt=0, lt=0.5, description="of the rows", examples=[0.02])
 
@@ -25,8 +29,11 @@ class Outliers(NoiseEffect):
         return "data"
 
     @property
-    def sizes(self) -> tuple[tuple[str, float, str], ...]:
+    def stated(self) -> tuple[tuple[str, float, str], ...]:
         return (("share", self.share, "share"),)
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        return (Size("rows", number(estimate.entry("count")[0], 1)),)
 
     @property
     def usable(self) -> float:

@@ -8,9 +8,10 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from posture_opt.model.effects.cause import FittedSizes, Size
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, Rows
 from posture_opt.numerics import Array
-from posture_opt.units import Length, LengthPerLength
+from posture_opt.units import Length, LengthPerLength, number
 
 _SLOPES = np.linspace(-2.5, 2.5, 51)
 _LEAST = 1e-2  # of the largest σ: a line that falls below zero is none of standard deviations
@@ -20,7 +21,10 @@ _FEW = 8
 class RangeNoise(NoiseEffect):
     """``σ = a + b r`` of every measured coordinate, r the distance from the instrument at the world's origin."""
 
-    summary: ClassVar[str] = "the instrument scatters more the farther away it measures"
+    summary: ClassVar[str] = "the noise of the instrument grows with distance"
+    phrase: ClassVar[str] = "the noise of the instrument grows with distance"
+    measurement: ClassVar[str] = "repeat postures near the instrument and far from it, moving away in between"
+    rivals: ClassVar = {"stated_sigma": "repeat postures near the instrument and far from it"}
     uneven: ClassVar[bool] = True
     shape_units: ClassVar = {"a": "m", "b": "m/m"}
 
@@ -33,12 +37,16 @@ class RangeNoise(NoiseEffect):
         return "instrument"
 
     @property
-    def sizes(self) -> tuple[tuple[str, float, str], ...]:
+    def stated(self) -> tuple[tuple[str, float, str], ...]:
         return (*([("a", self.a, "length")] if self.a is not None else []), ("b", self.b, "length per length"))
 
     @property
     def of_stated(self) -> bool:  # type: ignore[override] # of this very instance
         return self.a is None
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        times = number(1 + estimate.entry("growth")[0], 2)
+        return (Size("noise", f"{times} times larger at the farthest point than at the nearest"),)
 
     def reading(self, sigma: Array, ranges: Array) -> Array:
         found = (sigma if self.a is None else self.a) + self.b * ranges
@@ -60,7 +68,7 @@ class RangeNoise(NoiseEffect):
 class Growing(Pattern):
     """Rows whose σ grows with their range: its logarithm does, so that it stays above zero on the whole grid."""
 
-    kind, target = "range_noise", "instrument"
+    effect, target = RangeNoise, "instrument"
     grid = _SLOPES
     quantity = "growth", "1"
 

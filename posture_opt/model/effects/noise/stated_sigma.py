@@ -6,14 +6,17 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from posture_opt.model.effects.cause import FittedSizes, Size
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect
 from posture_opt.numerics import Array
+from posture_opt.units import plus_minus
 
 
 class StatedSigma(NoiseEffect):
     """``Σ = f² Σ0``: measurements scatter f times as much as stated."""
 
     summary: ClassVar[str] = "measurements scatter more, or less, than stated by one factor"
+    phrase: ClassVar[str] = "the measurement noise differs from what the file states"
     of_stated: ClassVar[bool] = True
 
     kind: Literal["stated_sigma"] = "stated_sigma"
@@ -24,8 +27,11 @@ class StatedSigma(NoiseEffect):
         return "data"
 
     @property
-    def sizes(self) -> tuple[tuple[str, float, str], ...]:
+    def stated(self) -> tuple[tuple[str, float, str], ...]:
         return (("factor", self.factor, "factor"),)
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        return (Size("noise", f"{plus_minus(*estimate.entry('factor'))} times what is stated"),)
 
     def reading(self, sigma: Array, ranges: Array) -> Array:
         return self.factor * sigma

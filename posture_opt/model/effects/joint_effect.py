@@ -1,0 +1,63 @@
+"""Effects of one joint: of its value, or of the link behind it."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from pydantic import Field
+
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.chain import Scalar
+from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
+from posture_opt.robot.robot import Robot
+
+
+class EffectOfJoint(Effect):
+    """An effect of one joint, or of the link behind it."""
+
+    types: ClassVar[tuple[str, ...]] = ("revolute",)
+
+    joint: str = Field(description="the joint that errs")
+
+    @property
+    def target(self) -> str:
+        return self.joint
+
+    @property
+    def moved_joint(self) -> str:
+        return self.joint
+
+    @classmethod
+    def candidates(cls, case: Excitation) -> Sequence[Effect]:
+        return [cls.of_joint(name) for name in case.moving(*cls.types)] if cls.needs <= case.inputs else []
+
+    @classmethod
+    def of_joint(cls, joint: str, **shape: Any) -> Effect:
+        """The effect of one joint, nothing estimated yet."""
+        return cls(joint=joint, **shape)
+
+    def robot_fault(self, robot: Robot) -> str:
+        types = {j.name: j.type for j in robot.joints}
+        if self.joint not in types:
+            return f"the robot has no joint '{self.joint}'; its joints: {', '.join(types)}"
+        if types[self.joint] not in self.types:
+            return f"{self.kind} is of {' and '.join(self.types)} joints, and {self.joint} is {types[self.joint]}"
+        return ""
+
+
+class JointEffect(EffectOfJoint):
+    """An effect that adds to one joint: ``dq = Σ θ_k φ_k(q, u)``."""
+
+    @abstractmethod
+    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
+        """``φ_k`` of each parameter."""
+
+    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
+        joint = self.index(site)
+        return tuple(Sensitivity({joint: feature}) for feature in self.features(site, joint))
+
+    def index(self, site: ArmState) -> int:
+        """Place of the joint in the arm."""
+        return site.robot.joint_names.index(self.joint)
