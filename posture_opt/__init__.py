@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from posture_opt import errors
     from posture_opt.batch.batch_calibration import Batch, calibrate_batch
-    from posture_opt.batch.batch_diagnosis import diagnose_batch
+    from posture_opt.batch.batch_diagnosis import BatchDiagnosis, diagnose_batch
     from posture_opt.calibration.calibrate import calibrate
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.diagnosis.diagnosis import Diagnosis, diagnose
@@ -43,9 +43,10 @@ if TYPE_CHECKING:
     from posture_opt.problem.extended_problem import extended_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
     from posture_opt.selection.selector import PostureSelector, select_posture
+    from posture_opt.selection.solution import Solution
     from posture_opt.selection.target_map import TargetMap, map_targets
-    from posture_opt.uncertainty.cloud import simulate
-    from posture_opt.uncertainty.spread import propagate
+    from posture_opt.uncertainty.cloud import Cloud, simulate
+    from posture_opt.uncertainty.spread import Spread, propagate
     from posture_opt.uncertainty.spread_function import SpreadFunction
     from posture_opt.validation.accuracy_map import AccuracyMap, map_accuracy
     from posture_opt.validation.assessment import Assessment, assess
@@ -58,11 +59,15 @@ __all__ = [
     "Arm",
     "Assessment",
     "Batch",
+    "BatchDiagnosis",
     "Calibration",
+    "Cloud",
     "Diagnosis",
     "MeasurementPlan",
     "Measurements",
     "PostureSelector",
+    "Solution",
+    "Spread",
     "SpreadCheck",
     "SpreadFunction",
     "TargetMap",
@@ -93,11 +98,15 @@ _HOMES = {
     "Arm": "model.arm",
     "Assessment": "validation.assessment",
     "Batch": "batch.batch_calibration",
+    "BatchDiagnosis": "batch.batch_diagnosis",
     "Calibration": "calibration.calibration",
+    "Cloud": "uncertainty.cloud",
     "Diagnosis": "diagnosis.diagnosis",
     "MeasurementPlan": "experiments.measurement_plan",
     "Measurements": "measurements.measurements",
     "PostureSelector": "selection.selector",
+    "Solution": "selection.solution",
+    "Spread": "uncertainty.spread",
     "SpreadCheck": "validation.spread_check",
     "SpreadFunction": "uncertainty.spread_function",
     "TargetMap": "selection.target_map",

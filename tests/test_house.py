@@ -38,7 +38,12 @@ HOME = {
     "matplotlib": {"report"},
     "yaml": {"problem", "robot"},  # the presets are YAML, and robots stand below problems
 }
-LAZY = {"": "public names are imported when they are first used", "cli": "a command, when it is called"}
+LAZY = {
+    "": "public names are imported when they are first used",
+    "cli": "a command, when it is called",
+    "result": "how a result is told, when it is first looked at",
+    "report": "figures, when one is drawn, and pandas, when a table is asked for",
+}
 """Where modules may be imported by name, and what for."""
 
 NAMED_ALIKE = ("posture_opt.cli", "posture_opt.report")
@@ -59,9 +64,9 @@ DOCUMENTED = {"outliers", "joint_noise"}
 
 # How many offences are left of each kind; what is not named has none. These numbers only ever shrink.
 LEFT: dict[str, int] = {
-    "imports upward": 11,
-    "circles": 5,
-    "imports inside functions": 93,
+    "imports upward": 6,
+    "circles": 1,
+    "imports inside functions": 43,
     "questions for a kind": 1,
 }
 

@@ -22,6 +22,7 @@ from posture_opt.calibration.parameters import CalibrationProblem, Parameter
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask, Progress
+from posture_opt.result import Result
 from posture_opt.uncertainty.regions import coverage_factor
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.validation.coverage import P, distances, share_interval
@@ -30,11 +31,12 @@ from posture_opt.validation.spread_check import predictions
 FEWEST = 3  # robots: with two, a standard deviation is known to within a factor of thirty
 
 
-@dataclass(frozen=True, eq=False)
-class Batch:
+@dataclass(frozen=True, eq=False, repr=False)
+class Batch(Result):
     """What measurements of several robots of one type say of the type.
 
     Args:
+        problem: the type as it is stated; ``data`` the measurements of all robots.
         robots: their names; ``calibrations`` one of each.
         rows: for each robot, its rows in the data.
         parameters: (k,) geometric parameters that the data of every robot determine.
@@ -48,6 +50,8 @@ class Batch:
         notes: sentences for the report.
     """
 
+    problem: CalibrationProblem
+    data: Measurements
     robots: tuple[str, ...]
     calibrations: tuple[Calibration, ...]
     rows: tuple[Codes, ...]
@@ -146,6 +150,8 @@ def calibrate_batch(
     spread = covariance_between_robots(estimates, errors)
     robots = np.repeat(np.arange(len(rows)), [len(c.kept_rows) for c in calibrations])
     return Batch(
+        problem=problem,
+        data=data,
         robots=data.robot_names,
         calibrations=calibrations,
         rows=rows,

@@ -20,25 +20,21 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeat_groups import repeat_of_row
 from posture_opt.model.effects import CorrelatedLengths, Rows
 from posture_opt.numerics import Progress
+from posture_opt.result import Result
 
 
-@dataclass(frozen=True, eq=False)
-class BatchDiagnosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class BatchDiagnosis(Result):
     """The causes that a batch shows and no single robot can: correlated lengths; and the noise that all share."""
 
     batch: Batch
-    findings: tuple[Finding, ...]
+    effects: tuple[Finding, ...]
     by: By
 
     @property
     def verdict(self) -> Outcome:
         """``effects_found`` or ``none_found``."""
-        return "effects_found" if self.findings else "none_found"
-
-    @property
-    def effects(self) -> tuple[Finding, ...]:
-        """The same as `findings`."""
-        return self.findings
+        return "effects_found" if self.effects else "none_found"
 
     def to_json(self) -> dict[str, Any]:
         """The document ``diagnosis.json`` of a batch."""
@@ -47,7 +43,7 @@ class BatchDiagnosis:
         calibrated = shares.get("calibrated")
         return {
             "verdict": self.verdict,
-            "effects": [finding.to_json() for finding in self.findings],
+            "effects": [finding.to_json() for finding in self.effects],
             "unexplained": {"p_value": 1.0, "place": []},
             "residual_rms": {**rms, "extended": self.batch.calibrated.rms},
             "coverage95": {**shares, "extended": calibrated},

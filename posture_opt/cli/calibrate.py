@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import click
@@ -11,7 +10,15 @@ import click
 import posture_opt as po
 from posture_opt.cli.measured import Session, answer, measured_options
 from posture_opt.cli.options import Common, common_options
-from posture_opt.cli.output import Answer, progress_bar, rendered
+from posture_opt.cli.output import Answer, progress_bar, save_result
+from posture_opt.problem.calibrated_problem import compare_calibrated
+from posture_opt.report.calibration_report import (
+    Learned,
+    calibration_document,
+    calibration_report,
+    save_calibration,
+)
+from posture_opt.report.text import render
 
 
 @click.command("calibrate")
@@ -21,19 +28,22 @@ from posture_opt.cli.output import Answer, progress_bar, rendered
 def command(common: Common, session: Session, no_priors: bool, **given: Any) -> None:
     """What the simulation gets wrong, and the parameters of the arm that the measurements determine."""
 
-    def of_batch(folder: Path | None, problem: Any, measured: po.Measurements) -> Answer:
-        from posture_opt.cli.calibrate_batch import calibrated_batch
+    of_one = partial(_calibrated, common, session, not no_priors)
+    answer(common, session, given, of_one, partial(_calibrated_batch, common, session))
 
-        return calibrated_batch(common, folder, problem, measured, session.folds, session.by)
 
-    answer(common, session, given, partial(_calibrated, common, session, not no_priors), of_batch)
+def _calibrated_batch(common: Common, session: Session, problem: Any, data: po.Measurements) -> Answer:
+    """Calibrates every robot, and saves what the batch says."""
+    with progress_bar(common, "calibrating robots") as progress:
+        found = po.calibrate_batch(problem, data, folds=session.folds, by=session.by, progress=progress)
+    save_result(common, found)
+    return found.to_json, found.report
 
 
 def _calibrated(
     common: Common,
     session: Session,
     priors: bool,
-    folder: Path | None,
     problem: Any,
     measured: po.Measurements,
     other: po.Measurements | None,
@@ -45,10 +55,6 @@ def _calibrated(
             problem, measured, priors=priors, folds=folds, by=session.by, test=other, refit_frames=again,
             progress=progress,
         )  # fmt: skip
-    from posture_opt.problem.calibrated_problem import compare_calibrated
-    from posture_opt.report.calibration_report import Learned
-    from posture_opt.report.write import calibration_document, write_calibration
-
     learned = Learned(
         measured, found, folds, priors, other, again,
         calibrated=(calibrated := po.calibrated_problem(problem, found)),
@@ -56,6 +62,6 @@ def _calibrated(
         spread_check=po.check_spread(problem, measured, found, folds=folds),
         comparison=compare_calibrated(problem, found, calibrated, seed=common.seed) if session.plan else None,
     )  # fmt: skip
-    if folder is not None:
-        write_calibration(folder, problem, learned, common.plots)
-    return partial(calibration_document, learned), rendered("calibration_report", problem, learned)
+    if common.out is not None:
+        save_calibration(common.out, problem, learned, common.plots)
+    return partial(calibration_document, learned), lambda: render(calibration_report(problem, learned))

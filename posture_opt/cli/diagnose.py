@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import click
@@ -11,8 +10,13 @@ import click
 import posture_opt as po
 from posture_opt.cli.measured import Session, answer, measured_options
 from posture_opt.cli.options import Common, common_options
-from posture_opt.cli.output import Answer, progress_bar, rendered, show
+from posture_opt.cli.output import Answer, progress_bar, save_result, show
+from posture_opt.diagnosis.measured_goals import measured_goals
 from posture_opt.errors import InsufficientDataError
+from posture_opt.problem.extended_problem import compare_extended, extended_problem, models_of
+from posture_opt.report.diagnosed import Diagnosed
+from posture_opt.report.diagnosis_report import diagnosis_document, diagnosis_report, save_diagnosis
+from posture_opt.report.text import render
 
 
 @click.command("diagnose")
@@ -22,19 +26,24 @@ from posture_opt.errors import InsufficientDataError
 def command(common: Common, session: Session, with_time: bool, **given: Any) -> None:
     """What the simulation gets wrong, why, and how much better it is once the cause is part of the model."""
 
-    def of_batch(folder: Path | None, problem: Any, measured: po.Measurements) -> Answer:
-        from posture_opt.cli.diagnose_batch import diagnosed_batch
+    of_one = partial(_diagnosed, common, session, with_time)
+    answer(common, session, given, of_one, partial(_diagnosed_batch, common, session))
 
-        return diagnosed_batch(common, folder, problem, measured, session.folds, session.by)
 
-    answer(common, session, given, partial(_diagnosed, common, session, with_time), of_batch)
+def _diagnosed_batch(common: Common, session: Session, problem: Any, data: po.Measurements) -> Answer:
+    """Diagnoses the batch, and saves what it says."""
+    with progress_bar(common, "diagnosing robots") as progress:
+        found = po.diagnose_batch(
+            problem, data, folds=session.folds, by=session.by, seed=common.seed or 0, progress=progress
+        )
+    save_result(common, found)
+    return found.to_json, found.report
 
 
 def _diagnosed(
     common: Common,
     session: Session,
     with_time: bool,
-    folder: Path | None,
     problem: Any,
     measured: po.Measurements,
     other: po.Measurements | None,
@@ -49,11 +58,6 @@ def _diagnosed(
     except InsufficientDataError as error:
         _tell_insufficient(common, error)
         raise
-    from posture_opt.diagnosis.measured_goals import measured_goals
-    from posture_opt.problem.extended_problem import compare_extended, extended_problem, models_of
-    from posture_opt.report.diagnosed import Diagnosed
-    from posture_opt.report.write import diagnosis_document, write_diagnosis
-
     extended = extended_problem(problem, found)
     comparison, goals = None, None
     if problem.task is not None and session.plan:
@@ -62,9 +66,9 @@ def _diagnosed(
         goals = measured_goals(found, models)
     frames = session.refit_frames
     diagnosed = Diagnosed(measured, found, session.folds, other, frames, extended, comparison, goals, problem)
-    if folder is not None:
-        write_diagnosis(folder, problem, diagnosed, common.plots)
-    return partial(diagnosis_document, diagnosed), rendered("diagnosis_report", problem, diagnosed)
+    if common.out is not None:
+        save_diagnosis(common.out, problem, diagnosed, common.plots)
+    return partial(diagnosis_document, diagnosed), lambda: render(diagnosis_report(problem, diagnosed))
 
 
 def _tell_insufficient(common: Common, error: InsufficientDataError) -> None:

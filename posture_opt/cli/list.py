@@ -8,9 +8,15 @@ from typing import Any, get_args
 
 import click
 
-from posture_opt.report.document import json_text
+from posture_opt.model.effects import CATALOGUE
+from posture_opt.output import json_text
+from posture_opt.problem.load import builtin_names, load_builtin
 from posture_opt.report.text import WIDTH
 from posture_opt.report.text_table import text_table
+from posture_opt.robot import load_preset, preset_names
+from posture_opt.selection.solvers import SOLVERS
+from posture_opt.selection.tasks import TASKS
+from posture_opt.selection.terms import TERMS
 
 Row = dict[str, str]
 
@@ -39,33 +45,7 @@ def _kinds(specs: Iterable[Any]) -> list[Row]:
     return [{"kind": get_args(spec.model_fields["kind"].annotation)[0], "is": spec.summary} for spec in specs]
 
 
-def _tasks() -> list[Row]:
-    from posture_opt.selection.tasks import TASKS
-
-    return _kinds(TASKS)
-
-
-def _terms() -> list[Row]:
-    from posture_opt.selection.terms import TERMS
-
-    return _kinds(TERMS)
-
-
-def _solvers() -> list[Row]:
-    from posture_opt.selection.solvers import SOLVERS
-
-    return _kinds(SOLVERS)
-
-
-def _effects() -> list[Row]:
-    from posture_opt.model.effects import CATALOGUE
-
-    return _kinds(CATALOGUE)
-
-
 def _presets() -> list[Row]:
-    from posture_opt.robot import load_preset, preset_names
-
     robots = {name: load_preset(name) for name in preset_names()}
     return [
         {
@@ -79,16 +59,14 @@ def _presets() -> list[Row]:
 
 
 def _problems() -> list[Row]:
-    from posture_opt.problem.load import builtin_names, load_builtin
-
     return [{"name": name, "is": load_builtin(name).name} for name in builtin_names()]
 
 
 TABLES: dict[str, Callable[[], list[Row]]] = {
-    "tasks": _tasks,
-    "effects": _effects,
+    "tasks": lambda: _kinds(TASKS),
+    "effects": lambda: _kinds(CATALOGUE),
     "presets": _presets,
-    "solvers": _solvers,
-    "terms": _terms,
+    "solvers": lambda: _kinds(SOLVERS),
+    "terms": lambda: _kinds(TERMS),
     "built-in problems": _problems,
 }

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
-from posture_opt.cli.output import output_folder, progress_bar, rendered, show
+from posture_opt.cli.output import output, progress_bar, save_result, show_result
 from posture_opt.cli.request import corner, placed, requested_problem
 from posture_opt.errors import InputError, Issue
 from posture_opt.problem.problem import Problem
@@ -45,45 +43,20 @@ def command(
         raise click.UsageError("--data goes with --quantity accuracy.")
     where = {**_where(grid, low, high), "plane": plane, "seed": common.seed, "workers": common.workers}
     problem = requested_problem(**given)
-    with output_folder(common.out) as folder, placed(problem):
-        found = _accuracy(problem, data, common, where) if quantity == "accuracy" else _spread(problem, common, where)
-        if folder is not None:
-            found.write(folder)
-    show(common, found.document, found.text)
+    with output(common), placed(problem):
+        found = _mapped(problem, quantity, data, common, where)
+        save_result(common, found)
+    show_result(common, found)
 
 
-@dataclass(frozen=True)
-class _Found:
-    """What is shown of a map, whatever its quantity."""
-
-    document: Callable[[], dict[str, Any]]
-    text: Callable[[], str]
-    write: Callable[[Path], None]
-
-
-def _spread(problem: Problem, common: Common, where: dict[str, Any]) -> _Found:
-    with progress_bar(common, "targets") as progress:
-        found = po.map_targets(problem, **where, progress=progress)
-
-    def write(folder: Path) -> None:
-        from posture_opt.report.map_files import write_map
-
-        write_map(folder, problem, found, common.plots)
-
-    return _Found(found.to_json, rendered("map_report", problem, found), write)
-
-
-def _accuracy(problem: Problem, data: Path | None, common: Common, where: dict[str, Any]) -> _Found:
+def _mapped(
+    problem: Problem, quantity: str, data: Path | None, common: Common, where: dict[str, Any]
+) -> po.TargetMap | po.AccuracyMap:
     measured = None if data is None else po.read_measurements(data, problem)
     with progress_bar(common, "targets") as progress:
-        found = po.map_accuracy(problem, measured, **where, progress=progress)
-
-    def write(folder: Path) -> None:
-        from posture_opt.report.map_files import write_accuracy
-
-        write_accuracy(folder, problem, found, common.plots)
-
-    return _Found(found.to_json, rendered("accuracy_report", problem, found), write)
+        if quantity == "accuracy":
+            return po.map_accuracy(problem, measured, **where, progress=progress)
+        return po.map_targets(problem, **where, progress=progress)
 
 
 def _where(grid: str | None, low: str | None, high: str | None) -> dict[str, Any]:

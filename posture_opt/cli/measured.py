@@ -12,12 +12,12 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Command, Common, add_options, problem_options
-from posture_opt.cli.output import Answer, output_folder, show
+from posture_opt.cli.output import Answer, output, show
 from posture_opt.cli.request import placed, requested_problem
 
-OfOne = Callable[[Path | None, Any, po.Measurements, po.Measurements | None], Answer]
-"""Folder, problem, measurements and test file of one robot -> what can be shown, its files written."""
-OfBatch = Callable[[Path | None, Any, po.Measurements], Answer]
+OfOne = Callable[[Any, po.Measurements, po.Measurements | None], Answer]
+"""Problem, measurements and test file of one robot -> what can be shown, its files written."""
+OfBatch = Callable[[Any, po.Measurements], Answer]
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,13 @@ def answer(common: Common, session: Session, given: dict[str, Any], of_one: OfOn
     if session.refit_frames and session.test is None:
         raise click.UsageError("--refit-frames goes with --test.")
     problem = requested_problem(**given)
-    with output_folder(common.out) as folder, placed(problem):
+    with output(common), placed(problem):
         measured = po.read_measurements(session.data, problem)
         if len(measured.robot_names) > 1:
             if session.test is not None:
                 raise click.UsageError("--test goes with measurements of one robot, and the data are of several.")
-            document, text = of_batch(folder, problem, measured)
+            document, text = of_batch(problem, measured)
         else:
             other = None if session.test is None else po.read_measurements(session.test, problem)
-            document, text = of_one(folder, problem, measured, other)
+            document, text = of_one(problem, measured, other)
     show(common, document, text)

@@ -10,6 +10,7 @@ import click
 from posture_opt.cli.output import write_text
 from posture_opt.errors import InputError, Issue
 from posture_opt.problem.starter import starter_text
+from posture_opt.robot import preset_names
 
 
 @click.command("new")
@@ -20,8 +21,6 @@ from posture_opt.problem.starter import starter_text
 def command(preset: str | None, out: Path | None, force: bool, debug: bool) -> None:
     """Print a commented problem file for PRESET, which solves as it is."""
     if preset is None:
-        from posture_opt.robot import preset_names
-
         raise click.UsageError(f"Name a preset: {', '.join(preset_names())}.")
     try:
         text = starter_text(preset)

@@ -1,16 +1,12 @@
-"""What leaves the program: JSON text, progress, and files that appear whole or not at all."""
+"""What the commands print and save: the report or the JSON document of a result, progress, and files."""
 
 from __future__ import annotations
 
-import os
-import shutil
 import signal
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -18,9 +14,11 @@ import click
 
 from posture_opt.cli.options import Common
 from posture_opt.cli.progress import ProgressBar
-from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Progress
-from posture_opt.report.document import json_text
+from posture_opt.output import json_text, staged_folder, writable_folder
+from posture_opt.result import Result
+
+OUT = ("--out",)
 
 Answer = tuple[Callable[[], dict[str, Any]], Callable[[], str]]
 """What a command can show: its JSON document and its report."""
@@ -34,15 +32,15 @@ def show(common: Common, document: Callable[[], dict[str, Any]], text: Callable[
         click.echo(text().rstrip("\n"))
 
 
-def rendered(report: str, *arguments: object) -> Callable[[], str]:
-    """What prints a report, ``posture_opt.report.REPORT.REPORT(*arguments)``, imported only when it is asked for."""
+def show_result(common: Common, result: Result) -> None:
+    """Print a result as its JSON document or as its report."""
+    show(common, result.to_json, result.report)
 
-    def text() -> str:
-        from posture_opt.report.text import render
 
-        return render(getattr(import_module(f"posture_opt.report.{report}"), report)(*arguments))
-
-    return text
+def save_result(common: Common, result: Result) -> None:
+    """Save a result where that is asked for."""
+    if common.out is not None:
+        result.save(common.out, figures=common.plots)
 
 
 @contextmanager
@@ -59,82 +57,17 @@ def progress_bar(common: Common, what: str) -> Iterator[Progress | None]:
 
 
 @contextmanager
-def output_folder(out: Path | None) -> Iterator[Path | None]:
-    """A folder to write into, whose files move to ``out`` when all went well and vanish when anything did not.
+def output(common: Common) -> Iterator[None]:
+    """Makes sure that results can be saved before they are computed, and cleans up when the program is ended.
 
     Raises:
-        InputError: ``out`` cannot be written to; nothing was computed yet.
+        InputError: the folder cannot be written to; nothing was computed yet.
     """
-    if out is None:
-        yield None
+    if common.out is None:
+        yield
         return
-    made = _missing_parents(out)
-    staging = _staging(out)
-    try:
-        with _ended_politely():
-            yield staging
-            _move_into_place(staging, out)
-    except OSError as error:
-        if error.filename is None or str(staging) not in str(error.filename):
-            raise
-        raise InputError(Issue(f"cannot write to {out}: {error.strerror}", ("--out",))) from error
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-        _remove_empty(made)
-
-
-def _missing_parents(out: Path) -> list[Path]:
-    return [folder for folder in out.absolute().parents if not folder.exists()]
-
-
-def _staging(out: Path) -> Path:
-    """A new folder in the file system of ``out``: inside it where it exists, else beside it."""
-    try:
-        if out.exists() and not out.is_dir():
-            raise NotADirectoryError(20, "this is a file, not a folder")
-        if not out.exists():
-            out.absolute().parent.mkdir(parents=True, exist_ok=True)
-        return Path(tempfile.mkdtemp(prefix=".posture_opt-", dir=out if out.exists() else out.absolute().parent))
-    except OSError as error:
-        message = f"cannot write to {out}: {(error.strerror or str(error)).lower()}"
-        raise InputError(Issue(message, ("--out",), str(out), "name a folder that you may write to")) from None
-
-
-def _move_into_place(staging: Path, out: Path) -> None:
-    if not out.exists():
-        umask = os.umask(0)
-        os.umask(umask)
-        staging.chmod(0o777 & ~umask)  # a temporary folder is private, the result is not
-        staging.rename(out)
-        return
-    stale = _stale(staging, out)
-    for file in sorted(path for path in staging.rglob("*") if path.is_file()):
-        target = out / file.relative_to(staging)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        file.replace(target)
-    for file in stale:
-        file.unlink(missing_ok=True)
-
-
-def _stale(staging: Path, out: Path) -> list[Path]:
-    """Files of an earlier report in ``out`` that the new one does not replace: they would pass for its own."""
-    if not (staging / "report.html").exists():
-        return []
-    from posture_opt.report.write import DOCUMENTS, OWN_FILES
-
-    former = {name for name in OWN_FILES if (out / name).is_file()}
-    # A figure alone may be anybody's; a report of ours never comes without one of these.
-    reported = former & set(DOCUMENTS)
-    return sorted(out / name for name in former if reported and not (staging / name).exists())
-
-
-def _remove_empty(folders: list[Path]) -> None:
-    """Folders that were made on the way are removed where nothing came of it."""
-    for folder in folders:
-        try:
-            folder.rmdir()
-        except OSError:
-            return
+    with _ended_politely(), writable_folder(common.out, OUT):
+        yield
 
 
 @contextmanager
@@ -163,6 +96,5 @@ def write_text(path: Path | None, text: str) -> None:
     if path is None:
         click.echo(text.rstrip("\n"))
         return
-    with output_folder(path.absolute().parent) as folder:
-        assert folder is not None
+    with staged_folder(path.absolute().parent, OUT) as folder:
         (folder / path.name).write_text(text, encoding="utf-8")

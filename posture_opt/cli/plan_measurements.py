@@ -10,7 +10,7 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
-from posture_opt.cli.output import output_folder, progress_bar, rendered, show
+from posture_opt.cli.output import output, progress_bar, save_result, show_result
 from posture_opt.cli.request import corner, height_of, placed, requested_problem
 from posture_opt.errors import InputError, Issue
 
@@ -45,7 +45,7 @@ def command(
 ) -> None:  # fmt: skip
     """Which postures to measure next: those that tell most about the arm, or about its task."""
     problem, box = requested_problem(**given), _box(low, high)
-    with output_folder(common.out) as folder, placed(problem):
+    with output(common), placed(problem):
         measured = None if data is None else po.read_measurements(data, problem)
         with progress_bar(common, "choosing postures") as progress:
             plan = po.plan_measurements(
@@ -53,12 +53,8 @@ def command(
                 link_height=None if link_height is None else height_of(link_height), within=box,
                 repeats=repeats, candidates=candidates, progress=progress,
             )  # fmt: skip
-        if folder is not None:
-            from posture_opt.report.plan_files import write_plan
-
-            write_plan(folder, problem, plan, common.plots)
-
-    show(common, plan.to_json, rendered("plan_report", problem, plan))
+        save_result(common, plan)
+    show_result(common, plan)
 
 
 def _box(low: str | None, high: str | None) -> Box | None:

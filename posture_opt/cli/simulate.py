@@ -8,7 +8,7 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, posture_option, problem_options
-from posture_opt.cli.output import output_folder, rendered, show
+from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.request import placed, requested_posture, requested_problem
 
 
@@ -25,11 +25,7 @@ def command(common: Common, posture: str, n: int, adaptive: bool, **given: Any) 
     problem = requested_problem(**given)
     values = requested_posture(posture, problem.robot)
     seed = problem.solver.seed if common.seed is None else common.seed
-    with output_folder(common.out) as folder, placed(problem):
+    with output(common), placed(problem):
         cloud = po.simulate(problem, values, n=n, seed=seed, adaptive=adaptive)
-        if folder is not None:
-            from posture_opt.report.write import write_cloud
-
-            write_cloud(folder, problem, cloud, plots=common.plots)
-
-    show(common, cloud.to_json, rendered("cloud_report", problem, cloud))
+        save_result(common, cloud)
+    show_result(common, cloud)

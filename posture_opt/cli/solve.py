@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common
-from posture_opt.cli.output import output_folder, progress_bar, rendered, show
+from posture_opt.cli.output import output, progress_bar, save_result, show
 from posture_opt.cli.request import placed, requested_problem
 from posture_opt.errors import NoSolutionError
 from posture_opt.problem.problem import Problem
-
-if TYPE_CHECKING:
-    from posture_opt.selection.solution import Solution
 
 
 def solve(common: Common, explain: bool, **given: Any) -> None:
@@ -25,18 +22,15 @@ def solve(common: Common, explain: bool, **given: Any) -> None:
     if given["robot"] and not given["task"]:
         raise click.UsageError("Name the --task of the robot, for example --task insert.")
     problem = requested_problem(**given)
-    with output_folder(common.out) as folder:
+    with output(common):
         solution, reason = _solved(problem, common)
-        if folder is not None:
-            from posture_opt.report.write import write_solution
-
-            write_solution(folder, problem, solution, plots=common.plots)
-    show(common, solution.to_json, lambda: _text(problem, solution, explain))
+        save_result(common, solution)
+    show(common, solution.to_json, lambda: _text(solution, explain))
     if reason is not None:
         raise reason
 
 
-def _solved(problem: Problem, common: Common) -> tuple[Solution, NoSolutionError | None]:
+def _solved(problem: Problem, common: Common) -> tuple[po.Solution, NoSolutionError | None]:
     """The solution, or the nearest posture with the reason why it is none."""
     with progress_bar(common, "starts") as progress, placed(problem):
         try:
@@ -47,6 +41,5 @@ def _solved(problem: Problem, common: Common) -> tuple[Solution, NoSolutionError
             return error.solution, error
 
 
-def _text(problem: Problem, solution: Solution, explain: bool) -> str:
-    report = rendered("solution_report", problem, solution)()
-    return f"{report.rstrip()}\n\n{rendered('explain_report', problem, solution)()}" if explain else report
+def _text(solution: po.Solution, explain: bool) -> str:
+    return f"{solution.report()}\n{solution.explain()}" if explain else solution.report()

@@ -8,7 +8,7 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, posture_option, problem_options
-from posture_opt.cli.output import output_folder, rendered, show
+from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.request import placed, requested_posture, requested_problem
 
 
@@ -20,11 +20,7 @@ def command(common: Common, posture: str, **given: Any) -> None:
     """Covariance, ellipse, coverage regions and error budget at one posture, in closed form."""
     problem = requested_problem(**given)
     values = requested_posture(posture, problem.robot)
-    with output_folder(common.out) as folder, placed(problem):
+    with output(common), placed(problem):
         spread = po.propagate(problem, values)
-        if folder is not None:
-            from posture_opt.report.write import write_spread
-
-            write_spread(folder, problem, spread, plots=common.plots)
-
-    show(common, spread.to_json, rendered("spread_report", problem, spread))
+        save_result(common, spread)
+    show_result(common, spread)

@@ -8,12 +8,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from posture_opt.calibration.parameters import Parameter
+from posture_opt.calibration.parameters import CalibrationProblem, Parameter
 from posture_opt.experiments.candidate_postures import Workspace
 from posture_opt.experiments.expected_errors import ExpectedErrors
 from posture_opt.experiments.visiting_order import Tour
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Mask
+from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
 
 Purpose = Literal["parameters", "task"]
@@ -28,11 +29,12 @@ class Target:
     within: str
 
 
-@dataclass(frozen=True, eq=False)
-class MeasurementPlan:
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasurementPlan(Result):
     """Postures to measure, in the order of their visit, and what is expected of them.
 
     Args:
+        problem: the arm that is to be measured, and its task.
         q: (count, n) the postures [rad, m], rounded to 0.01 deg and 0.01 mm.
         points: (count, 3) where the nominal tool point comes to lie, world [m].
         repeats: how often each is visited.
@@ -54,7 +56,7 @@ class MeasurementPlan:
         notes: sentences for the report.
     """
 
-    robot: Robot
+    problem: CalibrationProblem
     q: Array
     points: Array
     repeats: int
@@ -81,6 +83,11 @@ class MeasurementPlan:
     axes: tuple[str, ...]
     targets: tuple[str, ...]
     notes: tuple[str, ...] = ()
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that is measured."""
+        return self.problem.robot
 
     @property
     def postures(self) -> list[dict[str, float]]:

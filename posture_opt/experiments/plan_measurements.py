@@ -169,7 +169,7 @@ def plan(
     equivalent, gain = search.compared(chosen, random)
     residuals = measuring.residuals
     return MeasurementPlan(
-        robot=problem.robot, q=q, points=nominal_poses(problem.robot, q)[0], repeats=repeats, purpose=purpose,
+        problem=problem, q=q, points=nominal_poses(problem.robot, q)[0], repeats=repeats, purpose=purpose,
         parameters=measuring.parameters, settled=unknowns.settled, undetermined=unknowns.known.words,
         before=unknowns.before(J), after=unknowns.after(chosen),
         random=ExpectedErrors.median([unknowns.after(drawn[:count]) for drawn in random]), gain=gain,

@@ -2,35 +2,36 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from posture_opt.model.effects.cause import FittedSizes
-from posture_opt.report.batch_report import batch_report
-from posture_opt.report.blocks import Block, Report, Table
+from posture_opt.problem.batch_section import batch_yaml
+from posture_opt.problem.noise_section import of_a_type
+from posture_opt.report.batch_report import batch_facts, batch_report, problem_of
+from posture_opt.report.blocks import Block, Report, Summary, Table
 from posture_opt.report.finding_words import finding_words
+from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.save import Files
 from posture_opt.report.words import p_value
-from posture_opt.report.write import report_files, write_files
 
 if TYPE_CHECKING:
     from posture_opt.batch.batch_diagnosis import BatchDiagnosis
-    from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
 
 
-def batch_diagnosis_report(problem: Problem, data: Measurements, found: BatchDiagnosis) -> Report:
+def batch_diagnosis_report(found: BatchDiagnosis) -> Report:
     """The causes that a batch shows, and then the batch itself."""
-    batch = batch_report(problem, data, found.batch)
-    named = "; ".join(finding_words(f, problem) for f in found.findings)
+    batch, problem = batch_report(found.batch), problem_of(found.batch)
+    named = "; ".join(finding_words(f, problem) for f in found.effects)
     lead = f"What the model does not say of these robots: {named}." if named else "The robots are what the model says."
     return Report(problem.name or "Diagnosis", (lead, *batch.lead[1:]), (_causes(problem, found), *batch.blocks))
 
 
 def _causes(problem: Problem, found: BatchDiagnosis) -> Block:
-    if not found.findings:
+    if not found.effects:
         return Block("Causes", ("No lengths vary together, and no joint is noisier than stated, beyond chance.",))
     rows = []
-    for finding in found.findings:
+    for finding in found.effects:
         sizes = ", ".join(f"{size.label} {size}" for size in finding.cause.sizes(FittedSizes(finding.estimate)))
         rows.append((finding_words(finding, problem), sizes, p_value(finding.p_value)))
     text = (
@@ -39,19 +40,34 @@ def _causes(problem: Problem, found: BatchDiagnosis) -> Block:
     return Block("Causes", (Table(("cause", "size", "p-value"), tuple(rows), text_columns=3), text))
 
 
-def write_batch_diagnosis(
-    folder: Path, problem: Problem, data: Measurements, found: BatchDiagnosis, plots: bool = True
-) -> None:
-    """Writes diagnosis.json, the reports, the section for the problem file and the figure into ``folder``."""
-    from posture_opt.problem.batch_section import batch_yaml
-    from posture_opt.problem.noise_section import of_a_type
+class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
+    """What several robots of one type show together."""
 
-    figures = {}
-    if plots and found.batch.pairs:
-        from posture_opt.report.figures.batch import plot_batch
+    document = "diagnosis"
 
-        figures["batch"] = plot_batch(problem, found.batch)
-    report = batch_diagnosis_report(problem, data, found)
-    files = report_files("diagnosis", found.to_json(), report, figures, problem)
-    noises = [f.noise for f in found.findings if f.noise is not None and f.noise.of_arm and not of_a_type(f.noise)]
-    write_files(folder, {**files, "uncertainty.yaml": batch_yaml(problem, found.batch, noises).encode()})
+    @property
+    def problem(self) -> Problem:
+        return problem_of(self.result.batch)
+
+    def summary(self) -> Summary:
+        named = "; ".join(finding_words(f, self.problem) for f in self.result.effects) or "none"
+        facts = (("Verdict", self.result.verdict), ("Causes", named), *batch_facts(self.result.batch)[:3])
+        return Summary(f"Diagnosis of several robots of one type: {self.problem.name}", facts)
+
+    def report(self) -> Report:
+        return batch_diagnosis_report(self.result)
+
+    def columns(self) -> Columns:
+        """The causes that were found."""
+        found = self.result.effects
+        return {
+            "kind": [f.kind for f in found],
+            "target": [f.target for f in found],
+            "p_value": [f.p_value for f in found],
+        }
+
+    def files(self) -> Files:
+        """The section for the problem file."""
+        noises = [f.noise for f in self.result.effects if f.noise is not None]
+        of_arm = [noise for noise in noises if noise.of_arm and not of_a_type(noise)]
+        return {"uncertainty.yaml": batch_yaml(self.problem, self.result.batch, of_arm).encode()}

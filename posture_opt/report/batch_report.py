@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.problem.batch_section import batch_yaml
+from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.calibration_report import statistics_table
 from posture_opt.report.parts import note_facts, robot_facts
+from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.save import Files
 from posture_opt.report.units_text import count, decimals_of, fixed, number, percent
 from posture_opt.report.words import source_words
 
 if TYPE_CHECKING:
     from posture_opt.batch.batch_calibration import Batch
     from posture_opt.batch.batch_covariance import CorrelatedPair
-    from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
 
 _LISTED = 20
@@ -25,10 +27,11 @@ _PAIRS = 8
 _MANY = 10  # robots: with fewer, a correlation is hardly told
 
 
-def batch_report(problem: Problem, data: Measurements, found: Batch) -> Report:
+def batch_report(found: Batch) -> Report:
     """Data, errors robot by robot, variation across the batch, correlations, the section for the problem file."""
+    problem = problem_of(found)
     blocks = (
-        _data_block(problem, data, found),
+        _data_block(problem, found),
         _errors_block(found),
         _spread_block(problem, found),
         _pairs_block(found),
@@ -58,7 +61,8 @@ def _errors(found: Batch) -> str:
     return f"Calibrated one by one, their position errors go from {before} mm to {after} mm RMS."
 
 
-def _data_block(problem: Problem, data: Measurements, found: Batch) -> Block:
+def _data_block(problem: Problem, found: Batch) -> Block:
+    data = found.data
     names = ", ".join(found.robots[:_LISTED]) + (" …" if len(found.robots) > _LISTED else "")
     facts = [
         ("File", Path(data.file).name or "table"),
@@ -145,3 +149,53 @@ def _section_block() -> Block:
         "type."
     )
     return Block("For the problem file", (text,))
+
+
+def problem_of(found: Batch) -> Problem:
+    """The problem, as reports need it: whole."""
+    return cast("Problem", found.problem)
+
+
+def batch_facts(found: Batch) -> tuple[tuple[str, str], ...]:
+    """Robots, errors and what varies together, in a few lines."""
+    before, after = (number(1e3 * s.rms) for s in (found.nominal, found.calibrated))
+    real = [pair for pair in found.pairs if pair.significant]
+    together = [("Vary together", f"{real[0].a} and {real[0].b}, correlation {_rho(real[0])}")] if real else []
+    return (
+        ("Robots", f"{len(found.robots)}, {count(len(found.data), 'row')} in all"),
+        ("Position error", f"{before} mm RMS before calibration, {after} mm calibrated (cross-validated)"),
+        ("Parameters", f"{len(found.parameters)} told by the data of every robot"),
+        *together,
+    )
+
+
+class BatchPresenter(Presenter["Batch"]):
+    """Several robots of one type, calibrated."""
+
+    document = "calibration"
+
+    @property
+    def problem(self) -> Problem:
+        return problem_of(self.result)
+
+    def summary(self) -> Summary:
+        return Summary(f"Calibration of several robots of one type: {self.problem.name}", batch_facts(self.result))
+
+    def report(self) -> Report:
+        return batch_report(self.result)
+
+    def columns(self) -> Columns:
+        """Mean and standard deviation of each parameter across the batch, SI units."""
+        found = self.result
+        return {
+            "parameter": found.names,
+            "unit": [p.unit for p in found.parameters],
+            "mean deviation": found.spread.mean,
+            "its standard error": found.spread.mean_std,
+            "sigma across": found.spread.sigma,
+            "sigma stated": found.stated,
+        }
+
+    def files(self) -> Files:
+        """The section for the problem file."""
+        return {"uncertainty.yaml": batch_yaml(self.problem, self.result).encode()}

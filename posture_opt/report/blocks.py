@@ -42,3 +42,11 @@ class Report:
     title: str
     lead: tuple[str, ...]
     blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A result in a few lines: what it is, and its most important numbers with their labels."""
+
+    title: str
+    facts: tuple[tuple[str, str], ...]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,11 +14,14 @@ from posture_opt.report.comparison_blocks import comparison_blocks, comparison_l
 from posture_opt.report.parameter_blocks import parameters_block, undetermined_block
 from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.residual_blocks import residual_blocks
+from posture_opt.report.save import report_files, save_files
 from posture_opt.report.truth_blocks import truth_blocks, truth_lead
 from posture_opt.report.units_text import count, decimals_of, fixed, number, stated_length
 from posture_opt.report.words import MODEL_NAMES
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.calibration.error_statistics import Statistics
     from posture_opt.measurements.measurements import Measurements
@@ -154,3 +157,45 @@ def test_block(learned: Learned) -> Block:
     moved = not learned.refit_frames and test > _ELSEWHERE * own
     hint = "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."
     return Block("Test file", (text, table, *([hint] if moved else [])))
+
+
+def calibration_document(learned: Learned) -> dict[str, Any]:
+    """The document ``calibration.json``."""
+    document = learned.calibration.to_json()
+    if learned.assessment is not None:
+        document["assessment"] = learned.assessment.to_json()
+    if learned.spread_check is not None:
+        document["coverage95"] = learned.spread_check.coverage95
+        document["spread_check"] = learned.spread_check.to_json()
+    if learned.comparison is not None:
+        document["posture"] = learned.comparison.to_json()
+    return document
+
+
+def save_calibration(folder: Path, problem: Problem, learned: Learned, plots: bool = True) -> None:
+    """Writes the files of a calibration into ``folder``: the report and the calibrated arm."""
+    document, figures = calibration_document(learned), _calibration_figures(problem, learned) if plots else {}
+    files = report_files("calibration", document, calibration_report(problem, learned), figures, problem.to_yaml())
+    if learned.calibrated is not None:
+        files |= learned.calibrated.files("calibrated")
+    save_files(folder, files)
+
+
+def _calibration_figures(problem: Problem, learned: Learned) -> dict[str, Figure]:
+    from posture_opt.report.figures.residuals import residual_figures
+
+    figures = residual_figures(problem, learned)
+    if learned.spread_check is not None:
+        from posture_opt.report.figures.truth import truth_figures
+
+        figures |= truth_figures(learned.spread_check)
+    return figures | landing(learned.comparison)
+
+
+def landing(comparison: Comparison | None) -> dict[str, Figure]:
+    """The figure of a comparison in which the model before calibration and the reference have a posture."""
+    if comparison is None or not {"nominal", comparison.reference} <= set(comparison.answered):
+        return {}
+    from posture_opt.report.figures.landing import plot_landing
+
+    return {"landing": plot_landing(comparison)}

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from io import StringIO
 from typing import TYPE_CHECKING
 
-from posture_opt.report.blocks import Block, Facts, Report, Table
+import numpy as np
+
+from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.parts import validity_sentence
-from posture_opt.report.spread_report import arm_block, covariance_table, posture_block
-from posture_opt.report.units_text import fixed, length_unit, number
+from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.save import Files
+from posture_opt.report.spread_report import arm_block, covariance_table, posture_block, problem_of, spread_facts
+from posture_opt.report.units_text import fixed, length_unit, lengths, number
 from posture_opt.report.words import line_words
 from posture_opt.uncertainty.regions import coverage_factor
 
@@ -17,9 +22,9 @@ if TYPE_CHECKING:
     from posture_opt.uncertainty.cloud import Cloud
 
 
-def cloud_report(problem: Problem, cloud: Cloud) -> Report:
+def cloud_report(cloud: Cloud) -> Report:
     """Problem, posture, cloud beside closed form, covariance."""
-    spread = cloud.spread
+    spread, problem = cloud.spread, problem_of(cloud.spread)
     lead = (
         f"{cloud.n} simulated tool points beside the closed form: {100 * cloud.coverage95:.2f} % of them lie in its "
         "95 % region.",
@@ -83,3 +88,48 @@ def covariance_block(cloud: Cloud) -> Block:
     """Both covariances."""
     tables = (covariance_table(cloud.covariance), covariance_table(cloud.spread.covariance))
     return Block("Covariance of the tool point, world frame", ("Simulated:", tables[0], "Closed form:", tables[1]))
+
+
+def points_csv(cloud: Cloud) -> bytes:
+    """The simulated tool points in mm."""
+    text = StringIO()
+    np.savetxt(text, 1e3 * cloud.points, fmt="%.6f", delimiter=", ", header="x [mm], y [mm], z [mm]", comments="")
+    return text.getvalue().encode()
+
+
+def _summary(cloud: Cloud) -> Summary:
+    low, high = (100 * share for share in cloud.coverage95_interval)
+    posture, point, *_ = spread_facts(cloud.spread)
+    sizes = lengths([math.sqrt(max(float(v), 0.0)) for v in cloud.eigenvalues[::-1]])
+    ratios = ", ".join(fixed(float(ratio), 4) for ratio in cloud.ratio[::-1])
+    facts = (
+        posture,
+        point,
+        ("Standard deviations", sizes),
+        ("Over the closed form", f"times {ratios}"),
+        ("In its 95 % region", f"{100 * cloud.coverage95:.2f} % (sampling interval {low:.2f} to {high:.2f} %)"),
+    )
+    return Summary(f"{cloud.n} simulated tool points at one posture, seed {cloud.seed}", facts)
+
+
+class CloudPresenter(Presenter["Cloud"]):
+    """A simulation beside the closed form."""
+
+    document = "spread"
+
+    @property
+    def problem(self) -> Problem:
+        return problem_of(self.result.spread)
+
+    def summary(self) -> Summary:
+        return _summary(self.result)
+
+    def report(self) -> Report:
+        return cloud_report(self.result)
+
+    def columns(self) -> Columns:
+        """The simulated tool points."""
+        return {f"{axis} [mm]": 1e3 * self.result.points[:, k] for k, axis in enumerate("xyz")}
+
+    def files(self) -> Files:
+        return {"cloud.csv": points_csv(self.result)}

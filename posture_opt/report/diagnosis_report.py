@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from posture_opt.calibration.instrument import position_sigma
 from posture_opt.report.blocks import Block, Facts, Report
+from posture_opt.report.calibration_report import landing
 from posture_opt.report.cause_blocks import causes_block, confusion_block, cyclic_block
 from posture_opt.report.comparison_blocks import comparison_blocks, comparison_lead
 from posture_opt.report.diagnosed import MODELS, Diagnosed
@@ -18,10 +20,13 @@ from posture_opt.report.finding_words import finding_words
 from posture_opt.report.goal_blocks import goals_block, goals_lead
 from posture_opt.report.open_blocks import absorbed_block, left_block, scores_block, unknowable_block
 from posture_opt.report.parts import note_facts, robot_facts
-from posture_opt.report.split_blocks import split_block
+from posture_opt.report.save import report_files, save_files
+from posture_opt.report.split_blocks import FILE, split_block, split_csv
 from posture_opt.report.units_text import count, stated_length
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.diagnosis.causes import Finding
     from posture_opt.problem.problem import Problem
 
@@ -114,3 +119,29 @@ def data_block(problem: Problem, diagnosed: Diagnosed) -> Block:
     ]
     notes = note_facts((*data.warnings, *problem.notes, *found.notes))
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
+
+
+def diagnosis_document(diagnosed: Diagnosed) -> dict[str, Any]:
+    """The document ``diagnosis.json``."""
+    document = diagnosed.diagnosis.to_json()
+    if diagnosed.comparison is not None:
+        goals = {} if diagnosed.goals is None else {"goals": diagnosed.goals.to_json()}
+        document["posture"] = goals | diagnosed.comparison.to_json()
+    return document
+
+
+def save_diagnosis(folder: Path, problem: Problem, diagnosed: Diagnosed, plots: bool = True) -> None:
+    """Writes the files of a diagnosis into ``folder``: the report and the extended arm."""
+    figures: Mapping[str, Figure] = {}
+    if plots:
+        from posture_opt.report.figures.diagnosis import diagnosis_figures
+
+        figures = diagnosis_figures(diagnosed)
+        figures = {**figures, **landing(diagnosed.comparison)}
+    report = diagnosis_report(problem, diagnosed)
+    files = report_files("diagnosis", diagnosis_document(diagnosed), report, figures, problem.to_yaml())
+    if diagnosed.extended is not None:
+        files |= diagnosed.extended.files("extended")
+    if further := split_csv(diagnosed):
+        files[FILE] = further.encode()
+    save_files(folder, files)

@@ -12,7 +12,6 @@ from posture_opt.selection.nlp import Values
 from posture_opt.selection.task_target import FREE, SIZES
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
     from posture_opt.selection.nlp import Nlp
     from posture_opt.selection.solution import Solution
 
@@ -29,7 +28,7 @@ _MEANING = {
 }
 
 
-def explain_report(problem: Problem, solution: Solution) -> Report:
+def explain_report(solution: Solution) -> Report:
     """The nonlinear program as it was solved."""
     nlp = solution.optimisation_problem.nlp
     parameters = solution.target.parameters()
@@ -44,7 +43,7 @@ def explain_report(problem: Problem, solution: Solution) -> Report:
         Block("Rows", (_rows(nlp, values) if nlp.rows else "None: the tool point is free.",)),
         Block("Parameters of the target", (_parameters(parameters),)),
     )
-    return Report(f"Nonlinear program of: {problem.name}", lead, blocks)
+    return Report(f"Nonlinear program of: {solution.problem.name}", lead, blocks)
 
 
 def _objective(nlp: Nlp, values: Values) -> Table:

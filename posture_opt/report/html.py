@@ -5,9 +5,10 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Mapping
 from functools import cache
+from html import escape
 from typing import TYPE_CHECKING
 
-from posture_opt.report.blocks import Facts, Report, Table
+from posture_opt.report.blocks import Facts, Report, Summary, Table
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -46,6 +47,12 @@ def report_html(report: Report, images: Mapping[str, bytes], version: str, probl
     return _template().render(
         report=report, images=embedded, captions=CAPTIONS, version=version, problem_file=problem_file, kind=_kind
     )
+
+
+def summary_html(summary: Summary) -> str:
+    """A summary as a small table."""
+    rows = "".join(f"<tr><th>{escape(label)}</th><td>{escape(text)}</td></tr>" for label, text in summary.facts)
+    return f"<table><caption>{escape(summary.title)}</caption>{rows}</table>"
 
 
 def _kind(item: str | Facts | Table) -> str:

@@ -107,6 +107,11 @@ def joint_table(robot: Robot, q: Vector) -> Table:
     return Table(("joint", "value", "limits", "left to the nearer limit"), tuple(rows))
 
 
+def joint_values(robot: Robot, q: Vector) -> str:
+    """A posture in one line: joint1 12.34 deg, joint2 120.00 mm."""
+    return ", ".join(f"{j.name} {joint_value(v, j.type)}" for j, v in zip(robot.joints, q, strict=True))
+
+
 def _margin(joint: Joint, value: float) -> str:
     margin = min(value - joint.lower, joint.upper - value)
     if not math.isfinite(margin):

@@ -7,15 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.checks import checks_block, ranking_sentence
 from posture_opt.report.effect_facts import input_facts
+from posture_opt.report.explain_report import explain_report
 from posture_opt.report.parts import (
     budget_table,
     ellipse_facts,
     first_order_fact,
     frame_notes,
     joint_table,
+    joint_values,
     lean,
     mean_fact,
     method_fact,
@@ -27,6 +29,8 @@ from posture_opt.report.parts import (
     tool_facts,
     validity_sentence,
 )
+from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.text import render
 from posture_opt.report.units_text import (
     fixed,
     joint_unit,
@@ -50,9 +54,12 @@ if TYPE_CHECKING:
     from posture_opt.selection.task_target import TaskTarget
     from posture_opt.selection.terms import Term
 
+_STATUS = {"optimal": "Best posture", "feasible": "Best posture found", "infeasible": "No posture"}
 
-def solution_report(problem: Problem, solution: Solution) -> Report:
+
+def solution_report(solution: Solution) -> Report:
     """The blocks of a solution, or those of a failure: why, and what comes nearest."""
+    problem = solution.problem
     title = problem.name or "Posture selection"
     if solution.status == "infeasible":
         return Report(title, ("There is no posture for this task.",), (
@@ -222,3 +229,53 @@ def _more(sigma: float, best: float) -> str:
     if abs(more) < 5e-5:
         return "-" if sigma == best else "the same"
     return percent(more)
+
+
+def _summary(solution: Solution) -> Summary:
+    critical = solution.critical
+    place_words = "Tool point" if solution.status != "infeasible" else "Nearest point"
+    facts = [
+        ("Posture", joint_values(solution.optimisation_problem.robot, solution.q)),
+        (place_words, place(solution.spread.position)),
+        ("Scatter", f"{length(critical.sigma_max)} {PARTS[critical.within]} (one standard deviation)"),
+        ("95 % within", f"{length(critical.radius95)} of the target"),
+    ]
+    if solution.success_probability is not None:
+        facts.append(("Success", probability(solution.success_probability)))
+    if solution.status == "infeasible":
+        facts = [*facts[:2], ("Why", sentence(solution.reasons[0].message) if solution.reasons else "no posture fits")]
+    asked = solution.problem.name or solution.optimisation_problem.task.kind
+    return Summary(f"{_STATUS[solution.status]} of: {asked}", tuple(facts))
+
+
+def _columns(solution: Solution) -> dict[str, list[float]]:
+    """The distinct postures that are locally best, the best first."""
+    found = solution.alternatives
+    joints = {joint.name: joint_unit(joint.type) for joint in solution.optimisation_problem.robot.joints}
+    postures = {f"{name} [{unit}]": [a.posture[name] * k for a in found] for name, (unit, k) in joints.items()}
+    points = {f"{c} [mm]": [1e3 * float(a.position[i]) for a in found] for i, c in enumerate("xyz")}
+    return {**postures, **points, "sigma_max [mm]": [1e3 * a.sigma_max for a in found]}
+
+
+class SolutionPresenter(Presenter["Solution"]):
+    """A solution, or the nearest posture where there is none."""
+
+    document = "solution"
+
+    @property
+    def problem(self) -> Problem:
+        problem: Problem = self.result.problem
+        return problem
+
+    def summary(self) -> Summary:
+        return _summary(self.result)
+
+    def report(self) -> Report:
+        return solution_report(self.result)
+
+    def columns(self) -> Columns:
+        return _columns(self.result)
+
+    def explain(self) -> str:
+        """The optimisation problem with its values at the solution."""
+        return render(explain_report(self.result))

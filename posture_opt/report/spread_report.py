@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.effect_facts import input_facts
 from posture_opt.report.parts import (
     budget_table,
@@ -16,6 +16,7 @@ from posture_opt.report.parts import (
     first_order_fact,
     frame_notes,
     joint_table,
+    joint_values,
     mean_fact,
     method_fact,
     note_facts,
@@ -25,16 +26,18 @@ from posture_opt.report.parts import (
     tool_facts,
     validity_sentence,
 )
-from posture_opt.report.units_text import length, length_unit, number
-from posture_opt.report.words import line_words
+from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.units_text import length, length_unit, lengths, number, percent, place
+from posture_opt.report.words import line_words, source_words
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
     from posture_opt.uncertainty.spread import Spread
 
 
-def spread_report(problem: Problem, spread: Spread) -> Report:
+def spread_report(spread: Spread) -> Report:
     """Problem, posture, spread, covariance, budget."""
+    problem = problem_of(spread)
     largest = float(spread.ellipse.semi_axes[-1])
     lead = (f"At this posture the tool point scatters by {length(largest)} (one standard deviation, worst axis).",)
     blocks = (
@@ -103,3 +106,43 @@ def budget_block(problem: Problem, spread: Spread) -> Block:
     table = budget_table(problem.arm, spread.budget, sigma_of(problem))
     text = f"Share of each source in the variance along {line_words(spread.axes[-1])}, the longest axis:"
     return Block("Error budget", (text, table), figure="budget")
+
+
+def problem_of(spread: Spread) -> Problem:
+    """What was asked, as reports need it: a whole problem, and not only a robot with its sources."""
+    return cast("Problem", spread.problem)
+
+
+def spread_facts(spread: Spread) -> tuple[tuple[str, str], ...]:
+    """The posture and how far its tool point scatters, in four lines."""
+    first = spread.budget[0]
+    return (
+        ("Posture", joint_values(spread.robot, spread.q)),
+        ("Tool point", place(spread.position)),
+        ("Standard deviations", lengths([float(s) for s in spread.ellipse.semi_axes[::-1]])),
+        (
+            "Largest share",
+            f"{source_words(first.parameter, spread.tool_point.arm)}, {percent(first.share)} of the longest axis",
+        ),
+    )
+
+
+class SpreadPresenter(Presenter["Spread"]):
+    """The spread at one posture in closed form."""
+
+    document = "spread"
+
+    @property
+    def problem(self) -> Problem:
+        return problem_of(self.result)
+
+    def summary(self) -> Summary:
+        return Summary("Spread of the tool point at one posture", spread_facts(self.result))
+
+    def report(self) -> Report:
+        return spread_report(self.result)
+
+    def columns(self) -> Columns:
+        """The error budget of the longest axis."""
+        shares = self.result.budget
+        return {"parameter": [share.parameter for share in shares], "share": [share.share for share in shares]}

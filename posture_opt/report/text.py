@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 
-from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text_table import text_table
 
 WIDTH = 100
@@ -18,6 +18,12 @@ def render(report: Report) -> str:
         parts.append("\n".join(map(paragraph, report.lead)))
     parts += [_block(block) for block in report.blocks]
     return "\n\n".join(parts) + "\n"
+
+
+def render_summary(summary: Summary) -> str:
+    """A summary as text: its title, and a fact a line."""
+    facts = textwrap.indent(_facts(Facts(summary.facts), WIDTH - 2), "  ")
+    return f"{textwrap.shorten(summary.title, WIDTH)}\n{facts}"
 
 
 def paragraph(text: str, indent: str = "") -> str:
@@ -41,11 +47,11 @@ def _item(item: str | Facts | Table) -> str:
     return _facts(item) if isinstance(item, Facts) else _table(item)
 
 
-def _facts(facts: Facts) -> str:
+def _facts(facts: Facts, width: int = WIDTH) -> str:
     column = max((len(label) for label, _ in facts.rows), default=0) + 2
     lines = []
     for label, value in facts.rows:
-        wrapped = textwrap.wrap(value, WIDTH - column, break_on_hyphens=False) or [""]
+        wrapped = textwrap.wrap(value, width - column, break_on_hyphens=False) or [""]
         lines += [f"{label:<{column}}{wrapped[0]}", *(" " * column + line for line in wrapped[1:])]
     return "\n".join(lines)
 

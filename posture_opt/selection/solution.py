@@ -12,6 +12,7 @@ import numpy as np
 
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, finite_or_none
+from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.lower_bound import LowerBound, lower_bound
 from posture_opt.selection.optimisation_problem import OptimisationProblem
@@ -103,8 +104,8 @@ class Reason:
     unit: str
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Result):
     """The answer to one problem; where it is infeasible, the nearest posture and the reasons.
 
     Args:
@@ -231,11 +232,9 @@ class Solution:
             return None
         return {"sigma_max": self.lower_bound.sigma, "source": self.lower_bound.source, "share": self.lower_bound.share}
 
-    def plot(self) -> Any:
-        """The arm in its posture with the ellipse and the direction of the task, as a matplotlib figure."""
-        from posture_opt.report.figures import plot_solution
-
-        return plot_solution(self)
+    def explain(self) -> str:
+        """The optimisation problem as it was solved: variables, objective, rows, and their values here."""
+        return str(self._presenter.explain())
 
 
 def critical_basis(optimisation_problem: OptimisationProblem, target: TaskTarget) -> Array:

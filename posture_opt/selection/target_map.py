@@ -11,6 +11,7 @@ import numpy as np
 
 from posture_opt.errors import NoSolutionError
 from posture_opt.numerics import Array, Codes, Mask, Progress
+from posture_opt.result import Result
 from posture_opt.selection.grid_layout import GridRequest, Plane, grid_of
 from posture_opt.selection.map_points import MapPoint, map_points_of
 from posture_opt.selection.map_search import best_candidates
@@ -25,8 +26,8 @@ _SAMPLES = 4000  # tool points that show how far the workspace goes
 _MARGIN = 1e-6  # of σ: differences below it do not make one target better than another
 
 
-@dataclass(frozen=True, eq=False)
-class TargetMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class TargetMap(Result):
     """The best posture and its spread at every target of a grid.
 
     Args:
@@ -99,12 +100,6 @@ class TargetMap:
             "seconds": self.seconds,
             "notes": list(self.notes),
         }
-
-    def plot(self) -> Any:
-        """The map as a matplotlib figure."""
-        from posture_opt.report.figures.map import plot_target_map
-
-        return plot_target_map(self)
 
 
 def map_targets(

@@ -11,6 +11,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array
+from posture_opt.result import Result
 from posture_opt.robot.posture import PostureLike
 from posture_opt.uncertainty.adaptive import AdaptiveResult
 from posture_opt.uncertainty.adaptive import adaptive as adaptive_trials
@@ -26,8 +27,8 @@ _Z95 = coverage_factor(0.95, 1)
 Interval = tuple[float, float]
 
 
-@dataclass(frozen=True, eq=False)
-class Cloud:
+@dataclass(frozen=True, eq=False, repr=False)
+class Cloud(Result):
     """A sample of the tool pose beside the closed form.
 
     The 95 % intervals are those of sampling alone, from the fourth moments of the sample itself, so that they
@@ -161,12 +162,6 @@ class Cloud:
         if found is None:
             return None
         return {"stable": found.stable, "blocks": found.blocks, "kp": found.kp, "kq": found.kq}
-
-    def plot(self) -> Any:
-        """The cloud with the closed-form ellipse, as a matplotlib figure."""
-        from posture_opt.report.figures import plot_cloud
-
-        return plot_cloud(self)
 
 
 def simulate(

@@ -13,6 +13,7 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk
 from posture_opt.numerics import Array
+from posture_opt.result import Result
 from posture_opt.robot.posture import PostureLike, limit_notes, read_posture
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.budget import Share, budgets
@@ -32,12 +33,12 @@ class HasSources(Protocol):
     def sources(self) -> Sources: ...
 
 
-@dataclass(frozen=True, eq=False)
-class Spread:
+@dataclass(frozen=True, eq=False, repr=False)
+class Spread(Result):
     """Moments of the tool pose at a posture; everything in the world frame unless said.
 
     Args:
-        tool_point: robot and sources, as `budget` wants them.
+        problem: what was asked about; ``tool_point`` its robot and sources, as `budget` wants them.
         q: (n,) joint values [rad or m].
         position: (3,) nominal tool point [m].
         quaternion_wxyz: (4,) nominal orientation, w ≥ 0.
@@ -50,6 +51,7 @@ class Spread:
         notes: sentences for the report.
     """
 
+    problem: HasSources
     tool_point: ToolPoint
     q: tuple[float, ...]
     position: Array
@@ -135,12 +137,6 @@ class Spread:
             "notes": list(self.notes),
         }
 
-    def plot(self) -> Any:
-        """The arm in its posture with the ellipse, as a matplotlib figure."""
-        from posture_opt.report.figures import plot_spread
-
-        return plot_spread(self)
-
 
 def propagate(problem: HasSources, posture: PostureLike) -> Spread:
     """Mean and covariance of the tool pose at one posture, in closed form.
@@ -156,14 +152,11 @@ def propagate(problem: HasSources, posture: PostureLike) -> Spread:
     robot, sources = problem.arm.robot, problem.sources
     q = read_posture(robot, posture)
     require_sources(sources)
-    return spread_of(ToolPoint.of(problem.arm, sources), q, (*sources.notes, *limit_notes(robot, q)))
-
-
-def spread_of(tool_point: ToolPoint, q: Sequence[float], notes: tuple[str, ...] = ()) -> Spread:
-    """The spread of a tool point at ``q`` (n,) [rad or m], nothing checked."""
+    tool_point = ToolPoint.of(problem.arm, sources)
     moments = tool_point.moments(q)
     covariance = _symmetric(moments.covariance)
     return Spread(
+        problem=problem,
         tool_point=tool_point,
         q=tuple(q),
         position=moments.position,
@@ -173,7 +166,7 @@ def spread_of(tool_point: ToolPoint, q: Sequence[float], notes: tuple[str, ...] 
         bias=moments.mean - moments.position,
         pose_covariance=_symmetric(tool_point.pose_covariance(q, moments.walk)),
         basis=ellipse_basis(tool_point, covariance),
-        notes=notes,
+        notes=(*sources.notes, *limit_notes(robot, q)),
     )
 
 

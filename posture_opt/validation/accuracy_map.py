@@ -16,6 +16,7 @@ from posture_opt.model.arm import Arm
 from posture_opt.numerics import Progress, finite_or_none
 from posture_opt.problem.effects_section import moving_effects
 from posture_opt.problem.problem import Problem
+from posture_opt.result import Result
 from posture_opt.selection.grid_layout import Plane
 from posture_opt.selection.map_points import MapPoint
 from posture_opt.selection.target_grid import Grid
@@ -32,11 +33,12 @@ _OUTER = 0.02  # of the rows, on either side, that the map need not cover
 _STEP = 0.01  # m, that its box is rounded to
 
 
-@dataclass(frozen=True, eq=False)
-class AccuracyMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class AccuracyMap(Result):
     """Bias and spread of the arm at every target of a grid, in the posture that the task takes there.
 
     Args:
+        problem: with the corrections and effects of the arm.
         targets: the postures of the arm without corrections: what its controller would command.
         corrections: number of parameters that the file corrects; ``effects`` of effects that it knows.
         bias: (N, 3) mean tool point of the arm in the file minus the target, world [m]; NaN without a posture.
@@ -49,6 +51,7 @@ class AccuracyMap:
         measured: measured rows, where there are data.
     """
 
+    problem: Problem
     targets: TargetMap
     corrections: int
     effects: int
@@ -100,12 +103,6 @@ class AccuracyMap:
             "radius95": finite_or_none(float(self.radius95[k])),
             "posture": document["posture"],
         }
-
-    def plot(self) -> Any:
-        """File name -> matplotlib figure: the bias, where there are corrections, and the spread."""
-        from posture_opt.report.figures.accuracy import accuracy_figures
-
-        return accuracy_figures(self)
 
     @property
     def corrected(self) -> bool:
@@ -161,7 +158,9 @@ def map_accuracy(
     measured = None if data is None else measured_errors(problem, uncorrected, data, targets, projected, tool_point)
     known_of_arm = len(problem.spec.robot.corrections), len(moving_effects(problem.effects))
     settled = _settled(targets.grid.points, bias)
-    return AccuracyMap(targets, *known_of_arm, bias, covariance, basis, radius, semi_axes, settled, own, measured)
+    return AccuracyMap(
+        problem, targets, *known_of_arm, bias, covariance, basis, radius, semi_axes, settled, own, measured
+    )
 
 
 def _settled(points: Floats, bias: Floats) -> Floats:

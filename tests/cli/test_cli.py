@@ -18,9 +18,9 @@ from click.testing import CliRunner, Result
 
 import posture_opt as po
 from posture_opt.cli.main import COMMANDS, main
-from posture_opt.cli.output import output_folder
 from posture_opt.cli.request import requested_posture, requested_problem
 from posture_opt.errors import InputError
+from posture_opt.output import staged_folder
 from posture_opt.problem.load import builtin_problem, load_builtin
 from posture_opt.problem.starter import starter_text
 from posture_opt.robot import load_preset, preset_names
@@ -232,14 +232,12 @@ def test_new_replaces_a_file_only_on_demand(tmp_path: Path) -> None:
 
 def test_out_appears_whole(tmp_path: Path) -> None:
     out = tmp_path / "a" / "b"
-    with output_folder(out) as folder:
-        assert folder is not None
+    with staged_folder(out) as folder:
         (folder / "one").write_text("1")
         assert not out.exists()
     assert os.listdir(out) == ["one"]
     assert os.listdir(out.parent) == ["b"]
-    with output_folder(out) as folder:
-        assert folder is not None
+    with staged_folder(out) as folder:
         (folder / "one").write_text("2")
         (folder / "two").write_text("3")
         assert (out / "one").read_text() == "1"
@@ -248,8 +246,7 @@ def test_out_appears_whole(tmp_path: Path) -> None:
 
 
 def write_half(out: Path, error: type[BaseException]) -> None:
-    with output_folder(out) as folder:
-        assert folder is not None
+    with staged_folder(out) as folder:
         (folder / "half").write_text("1")
         raise error
 

@@ -13,7 +13,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-ROOMS = ["errors", "units", "spec", "numerics", "files", "robot", "model", "uncertainty", "selection"]
+ROOMS = ["errors", "units", "spec", "numerics", "files", "output", "result"]
+ROOMS += ["robot", "model", "uncertainty", "selection"]
 ROOMS += ["measurements", "calibration", "validation", "experiments", "diagnosis", "batch", "problem", "report", "cli"]
 """The rooms of the package in the order in which they may import each other: each only those before it."""
 

@@ -7,6 +7,7 @@ import math
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree import ElementTree
 
@@ -17,15 +18,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
 from posture_opt.report import figures, units_text
-from posture_opt.report.cloud_report import cloud_report
-from posture_opt.report.explain_report import explain_report
 from posture_opt.report.figures.arm import enlarged_ellipse, enlarged_ellipsoid, enlargement, region_label
-from posture_opt.report.solution_report import solution_report
-from posture_opt.report.spread_report import spread_report
+from posture_opt.report.save import OWN_FILES
 from posture_opt.report.style import image
-from posture_opt.report.text import render
 from posture_opt.report.words import roll_pitch_yaw, source_words
-from posture_opt.report.write import OWN_FILES, cloud_files, solution_files, spread_files, write_solution
 from posture_opt.uncertainty.cloud import cloud_of
 from tests.helpers import factors
 from tests.helpers.fresh import loaded_by
@@ -78,10 +74,6 @@ PROBLEMS: dict[str, dict[str, Any]] = {
 }
 
 
-def text_of(report: Any, *arguments: Any) -> str:
-    return render(report(*arguments))
-
-
 @pytest.fixture(scope="module", params=PROBLEMS)
 def solved(request: pytest.FixtureRequest) -> tuple[Any, Any]:
     problem = po.problem_from_dict(PROBLEMS[request.param])
@@ -94,6 +86,12 @@ def planar() -> tuple[Any, Any]:
     return problem, po.select_posture(problem)
 
 
+def contents(result: Any, figures: bool = True) -> dict[str, bytes]:
+    """File name -> content of what a result saves."""
+    with TemporaryDirectory() as folder:
+        return {path.name: path.read_bytes() for path in result.save(folder, figures=figures)}
+
+
 def check_text(report: str) -> None:
     assert max(map(len, report.splitlines())) <= 100
     assert not re.search(r"\bnan\b|\binf\b|\bNone\b|array\(|<.*object", report, re.IGNORECASE)
@@ -104,7 +102,7 @@ def check_text(report: str) -> None:
 
 class TestText:
     def test_blocks_stand_in_order(self, solved: tuple[Any, Any]) -> None:
-        report = text_of(solution_report, *solved)
+        report = solved[1].report()
         check_text(report)
         blocks = ["Problem", "Posture", "Spread of the tool point", "Error budget", "Alternatives", "Checks"]
         places = [report.index(f"\n{block}\n---") for block in blocks]
@@ -112,14 +110,14 @@ class TestText:
 
     def test_every_joint_is_shown_in_its_unit(self, solved: tuple[Any, Any]) -> None:
         problem, solution = solved
-        report = text_of(solution_report, problem, solution)
+        report = solution.report()
         for joint, value in zip(problem.robot.joints, solution.q, strict=True):
             shown = f"{math.degrees(value):.2f} deg" if joint.type == "revolute" else f"{1e3 * value:.2f} mm"
             assert re.search(rf"^{joint.name} +{re.escape(shown.replace('-0.00', '0.00'))} ", report, re.MULTILINE)
 
     def test_the_answer_the_odds_and_the_floor_are_those_of_the_solution(self, planar: tuple[Any, Any]) -> None:
-        problem, solution = planar
-        report = " ".join(text_of(solution_report, problem, solution).split())
+        _, solution = planar
+        report = " ".join(solution.report().split())
         sigma = f"{1e3 * solution.critical.sigma_max:.1f} mm"
         assert f"Across the direction the tool point then scatters by {sigma} (one standard deviation)" in report
         assert f"within the clearance of 50 mm {100 * solution.success_probability:.3g} % of the time" in report
@@ -131,21 +129,21 @@ class TestText:
         assert math.hypot(900, 400) == pytest.approx(984.9, abs=0.05)
 
     def test_a_small_gain_at_a_fixed_hole_offers_placement(self, solved: tuple[Any, Any]) -> None:
-        problem, solution = solved
-        report = text_of(solution_report, problem, solution)
+        _, solution = solved
+        report = solution.report()
         typical = solution.statistics.typical
         small = solution.target.kind == "point" and math.isfinite(typical) and solution.gain_over(typical) < 0.05
         assert ("region: {min: [...], max: [...]}" in report) == small
         assert ("place it so that the target is at" in report) == (solution.target.kind != "point")
 
     def test_budget_sums_to_all_of_it(self, solved: tuple[Any, Any]) -> None:
-        report = text_of(solution_report, *solved)
+        report = solved[1].report()
         block = report[report.index("\nError budget\n") : report.index("\nAlternatives\n")]
         assert re.findall(r"(\d+) %\s*$", block, re.MULTILINE)[-1] == "100"
 
     def test_explain_shows_every_variable_and_row(self, solved: tuple[Any, Any]) -> None:
-        problem, solution = solved
-        report = text_of(explain_report, problem, solution)
+        _, solution = solved
+        report = solution.explain()
         assert max(map(len, report.splitlines())) <= 100
         assert not re.search(r"\bnan\b|\binf\b", report)
         nlp = solution.optimisation_problem.nlp
@@ -158,15 +156,15 @@ class TestText:
         problem = po.problem_from_dict(data)
         with pytest.raises(NoSolutionError) as caught:
             po.select_posture(problem)
-        report = text_of(solution_report, problem, caught.value.solution)
+        report = caught.value.solution.report()
         check_text(report)
         assert "There is no posture for this task." in report
         assert "out of reach by 500 mm" in report  # both links stretched reach 2 m
         assert "The posture that comes nearest" in report
-        files = solution_files(problem, caught.value.solution)
+        files = contents(caught.value.solution)
         assert set(files) >= {"solution.json", "report.txt", "arm.png"}
         assert files["report.html"].count(b"data:image/png;base64,") == 1, "the arm beside its target"
-        assert "violated" in text_of(explain_report, problem, caught.value.solution)
+        assert "violated" in caught.value.solution.explain()
 
     def test_bounds_say_of_what_and_in_which_unit(self) -> None:
         bounds = [{"kind": "spread", "at_most": "5 mm"}, {"kind": "spread", "within": "all", "at_most": "1 m"},
@@ -174,7 +172,7 @@ class TestText:
         task = {"kind": "insert", "position": ["0.7 m", "0.2 m", "0.1 m"], "subject_to": bounds}
         problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur5e"}, "task": task,
                                         "solver": {"kind": "ipopt", "starts": 2}})  # fmt: skip
-        report = " ".join(text_of(solution_report, problem, po.select_posture(problem)).split())
+        report = " ".join(po.select_posture(problem).report().split())
         assert "Required spread along the direction at most 5 mm, spread in space at most 1000 mm, " in report
         assert "singularity margin at least 10 mm per rad" in report
 
@@ -184,7 +182,7 @@ class TestText:
         problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur5e"}, "task": task,
                                         "solver": {"kind": "ipopt", "starts": 2}})  # fmt: skip
         solution = po.select_posture(problem)
-        report = " ".join(text_of(solution_report, problem, solution).split())
+        report = " ".join(solution.report().split())
         ranked = "Postures are ranked by the probability to miss the clearance; the scatter told of them here is the"
         assert report.count(ranked) >= 1
         found = re.search(r"Tool leans ([\d.]+) deg off the direction; 5 deg is allowed", report)
@@ -203,7 +201,7 @@ class TestText:
         spread = po.propagate(problem, [0.8, -1.5])
         solution = po.select_posture(problem)
         assert solution.critical.sigma_max < 1e-5 < solution.spread.ellipse.semi_axes[-1]
-        for report in (text_of(solution_report, problem, solution), text_of(spread_report, problem, spread)):
+        for report in (solution.report(), spread.report()):
             block = report.split("\nSpread of the tool point\n")[1]
             block = block.split("\nCovariance")[0].split("\nError budget")[0]
             assert " mm" in block
@@ -211,8 +209,8 @@ class TestText:
 
     def test_spread_and_cloud(self, solved: tuple[Any, Any]) -> None:
         problem, solution = solved
-        spread = text_of(spread_report, problem, po.propagate(problem, solution.q))
-        cloud = text_of(cloud_report, problem, po.simulate(problem, solution.q, n=2000, seed=1))
+        spread = po.propagate(problem, solution.q).report()
+        cloud = po.simulate(problem, solution.q, n=2000, seed=1).report()
         check_text(spread)
         check_text(cloud)
         assert "Error budget" in spread
@@ -222,7 +220,7 @@ class TestText:
     def test_a_free_frame_is_told_to_stand_at_its_start(self) -> None:
         robot = {"kind": "preset", "name": "planar_2r", "base": "free"}
         problem = po.problem_from_dict({**PROBLEMS["planar"], "robot": robot})
-        spread = " ".join(text_of(spread_report, problem, po.propagate(problem, [0.5, 0.5])).split())
+        spread = " ".join(po.propagate(problem, [0.5, 0.5]).report().split())
         assert "The base is free, to be found from measurements: here it is taken at its start value." in spread
         assert "The tool is free" not in spread
 
@@ -240,7 +238,7 @@ class TestText:
             "solver": {"kind": "ipopt", "starts": 4},
         }
         problem = po.problem_from_dict(data)
-        check_text(text_of(solution_report, problem, po.select_posture(problem)))
+        check_text(po.select_posture(problem).report())
 
 
 class TestUnits:
@@ -444,7 +442,8 @@ class Page(HTMLParser):
 
 class TestFiles:
     def test_a_solution_is_complete_and_needs_no_other_file(self, planar: tuple[Any, Any], tmp_path: Path) -> None:
-        write_solution(tmp_path, *planar)
+        paths = planar[1].save(tmp_path)
+        assert all(path.is_file() for path in paths)
         drawn = {f"{name}.{kind}" for name in ("arm", "cloud", "budget", "joint_map") for kind in ("png", "svg")}
         assert {file.name for file in tmp_path.iterdir()} == {"solution.json", "report.txt", "report.html", *drawn}
         assert {file.name for file in tmp_path.iterdir()} <= OWN_FILES
@@ -462,17 +461,17 @@ class TestFiles:
     def test_names_are_escaped(self) -> None:
         data = {**PROBLEMS["planar"], "name": "<script>alert('&')</script>"}
         problem = po.problem_from_dict(data)
-        page = spread_files(problem, po.propagate(problem, [0.3, 0.5]), plots=False)["report.html"].decode()
+        page = contents(po.propagate(problem, [0.3, 0.5]), figures=False)["report.html"].decode()
         assert "<script" not in page
         assert "&lt;script&gt;" in page
 
     def test_without_plots_no_figure_is_drawn(self, planar: tuple[Any, Any]) -> None:
-        assert set(solution_files(*planar, plots=False)) == {"solution.json", "report.txt", "report.html"}
+        assert set(contents(planar[1], figures=False)) == {"solution.json", "report.txt", "report.html"}
 
     def test_cloud_points_are_those_of_the_cloud(self, planar: tuple[Any, Any]) -> None:
         problem, solution = planar
         cloud = po.simulate(problem, solution.q, n=50)
-        files = cloud_files(problem, cloud, plots=False)
+        files = contents(cloud, figures=False)
         lines = files["cloud.csv"].decode().splitlines()
         assert lines[0] == "x [mm], y [mm], z [mm]"
         assert np.loadtxt(lines[1:], delimiter=",") == pytest.approx(1e3 * cloud.points, abs=1e-6)
@@ -480,8 +479,8 @@ class TestFiles:
 
     def test_text_path_imports_neither_matplotlib_nor_scipy(self) -> None:
         code = (
-            "import posture_opt as po; from posture_opt.cli.output import rendered\n"
+            "import posture_opt as po\n"
             "p = po.load_problem('problems/insert_planar_2r.yaml')\n"
-            "rendered('solution_report', p, po.select_posture(p))()"
+            "po.select_posture(p).report()"
         )
         assert loaded_by(code, "matplotlib", "scipy", "jinja2") == []

@@ -24,8 +24,8 @@ from posture_opt.report.figures.residuals import (
     residual_figures,
 )
 from posture_opt.report.residual_blocks import residual_blocks
+from posture_opt.report.save import OWN_FILES
 from posture_opt.report.text import render
-from posture_opt.report.write import OWN_FILES
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import first_order, position
 

@@ -30,12 +30,6 @@ _ARROW = 0.9  # of a cell's shorter side: the longest arrow
 _ALONG = 0.05  # of the longest arrow: below it an arrow is a dot
 
 
-def accuracy_figures(found: AccuracyMap) -> dict[str, Figure]:
-    """File name -> figure: the bias, where there are corrections, and the spread."""
-    figures = {"map_bias": plot_bias(found)} if found.corrected else {}
-    return {**figures, "map_spread": plot_spread_map(found)}
-
-
 @styled
 def plot_bias(found: AccuracyMap) -> Figure:
     """How far off the target the arm lands without its corrections, and which way."""

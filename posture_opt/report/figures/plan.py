@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from posture_opt.report.plan_report import shown
+from posture_opt.report.measurement_plan_report import shown
 from posture_opt.report.style import (
     BLUE,
     GREY,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
-from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.effect_facts import input_facts
-from posture_opt.report.parts import frame_notes, note_facts, robot_facts, source_facts
+from posture_opt.report.parts import frame_notes, joint_values, note_facts, robot_facts, source_facts
+from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.save import Files
 from posture_opt.report.units_text import count, fixed, joint_unit, length, length_unit, number, percent, place
 from posture_opt.report.words import CRITERIA, PARTS, direction_words, line_words
 
@@ -21,8 +24,9 @@ _MOST_COLUMNS = 9
 _LESS = 1.5  # times: below, a gain is told in percent
 
 
-def map_report(problem: Problem, found: TargetMap) -> Report:
+def target_map_report(found: TargetMap) -> Report:
     """Problem, places, the map itself."""
+    problem: Problem = found.problem
     title = problem.name or "Map of targets"
     return Report(title, lead(found), (problem_block(problem, found), places_block(found), map_block(found)))
 
@@ -139,3 +143,75 @@ def _small_table(found: TargetMap) -> tuple[Table, ...]:
         for at, row in zip(found.grid.values[1][::-1], values[::-1], strict=True)
     ]
     return (Table((f"{unit}: {headers[0]}", *headers[1:]), tuple(cells), text_columns=0),)
+
+
+def columns(found: TargetMap) -> dict[str, list[float]]:
+    """One row a target: place, whether there is a posture, its spread, and the posture; NaN where there is none."""
+    part, points = PARTS[found.within], found.map_points
+    success = {"success": [s.success_probability for s in points]} if not math.isnan(found.target.clearance) else {}
+    return {
+        **place_columns(found),
+        f"sigma {part} [mm]": [1e3 * s.sigma_max for s in points],
+        "sigma along the direction [mm]": [1e3 * s.sigma_along for s in points],
+        f"95 % radius {part} [mm]": [1e3 * s.radius95 for s in points],
+        **success,
+        **posture_columns(found),
+    }
+
+
+def place_columns(found: TargetMap) -> dict[str, list[float]]:
+    """Where the targets are, and 1 where there is a posture, else 0."""
+    points = {f"{c} [mm]": [1e3 * s.position[k] + 0.0 for s in found.map_points] for k, c in enumerate("xyz")}
+    return {**points, "feasible": [int(s.feasible) for s in found.map_points]}
+
+
+def posture_columns(found: TargetMap) -> dict[str, list[float]]:
+    """The posture at every target."""
+    joints = [(joint.name, *joint_unit(joint.type)) for joint in found.optimisation_problem.robot.joints]
+    return {f"{name} [{u}]": [s.q[k] * factor for s in found.map_points] for k, (name, u, factor) in enumerate(joints)}
+
+
+def map_csv(columns: Columns, joints: int) -> str:
+    """The table of a map as a file: places to 0.1 µm, joints to 1e-6 deg or mm, the rest to six digits."""
+    heads = list(columns)
+    decimals = {**dict.fromkeys(heads[:3], 4), "feasible": 0, **dict.fromkeys(heads[-joints:], 6)}
+    cells = [[_cell(value, decimals.get(head)) for value in columns[head]] for head in heads]
+    return "".join(", ".join(row) + "\n" for row in (heads, *zip(*cells, strict=True)))
+
+
+def _cell(value: float, decimals: int | None) -> str:
+    """A number to so many decimals, else to six digits; nothing where it is not known."""
+    if math.isnan(value):
+        return ""
+    return f"{value + 0.0:.6g}" if decimals is None else f"{value + 0.0:.{decimals}f}"
+
+
+class TargetMapPresenter(Presenter["TargetMap"]):
+    """The best posture over a grid of targets."""
+
+    document = "map"
+
+    @property
+    def problem(self) -> Problem:
+        problem: Problem = self.result.problem
+        return problem
+
+    def summary(self) -> Summary:
+        found, best = self.result, self.result.best
+        facts = (
+            ("Targets", grid_words(found.grid)),
+            ("Served", served_sentence(found)),
+            ("Best place", f"{place(best.position)}: {length(best.sigma_max)} {PARTS[found.within]} (1 σ)"),
+            ("Its posture", joint_values(found.optimisation_problem.robot, best.q)),
+            ("Worst place", f"{place(found.worst.position)}: {length(found.worst.sigma_max)}"),
+        )
+        return Summary(f"Map of targets: {found.problem.name or found.optimisation_problem.task.kind}", facts)
+
+    def report(self) -> Report:
+        return target_map_report(self.result)
+
+    def columns(self) -> Columns:
+        return columns(self.result)
+
+    def files(self) -> Files:
+        return {"map.csv": map_csv(self.columns(), self.result.optimisation_problem.robot.n).encode()}

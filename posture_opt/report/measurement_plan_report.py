@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from posture_opt.experiments.plan_measurements import NO_TABLE
-from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.parts import note_facts, robot_facts, sentence
+from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.save import Files
 from posture_opt.report.units_text import (
     angle,
     count,
@@ -42,8 +44,9 @@ _SAID = {
 }
 
 
-def plan_report(problem: Problem, plan: MeasurementPlan) -> Report:
+def measurement_plan_report(plan: MeasurementPlan) -> Report:
     """What is planned, what it brings, the parameters, the postures in the order of their visit."""
+    problem = problem_of(plan)
     blocks = (
         planned_block(problem, plan),
         gain_block(plan),
@@ -233,3 +236,51 @@ def _sides(plan: MeasurementPlan) -> str:
         return f"Always from the same side {'arrives' if len(one_sided) == 1 else 'arrive'} {', '.join(one_sided)}."
     low, high = min(shares.values()), max(shares.values())
     return f"Every joint arrives from both sides, from below on {percent(low)} to {percent(high)} of the legs."
+
+
+def problem_of(plan: MeasurementPlan) -> Problem:
+    """The problem, as reports need it: whole."""
+    return cast("Problem", plan.problem)
+
+
+def points_csv(plan: MeasurementPlan) -> str:
+    """Where the nominal tool point comes to lie, world [mm], for the eye and for the instrument."""
+    rows = [f"{k}, {', '.join(fixed(1e3 * float(v)) for v in point)}" for k, point in enumerate(plan.points, start=1)]
+    return "\n".join(["posture, x [mm], y [mm], z [mm]", *rows]) + "\n"
+
+
+class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
+    """Which postures to measure next."""
+
+    document = "plan"
+
+    @property
+    def problem(self) -> Problem:
+        return problem_of(self.result)
+
+    def summary(self) -> Summary:
+        plan = self.result
+        known = [int(np.sum(np.isfinite(stage.std))) for stage in (plan.before, plan.after)]
+        worth = f"{plan.equivalent} random ones" if plan.equivalent else f"more than {plan.tried} random ones"
+        task = [] if plan.target is None or math.isnan(plan.after.task) else [("At the task", length(plan.after.task))]
+        facts = (
+            ("Plan for", plan.purpose),
+            ("Worth", worth),
+            ("Parameters determined", f"{known[1]} of {len(plan.parameters)} ({known[0]} before)"),
+            *task,
+            ("Joint travel", angle(plan.tour.travel)),
+        )
+        return Summary(f"Plan of {count(len(plan.q), 'posture')} to measure: {self.problem.name}", facts)
+
+    def report(self) -> Report:
+        return measurement_plan_report(self.result)
+
+    def columns(self) -> Columns:
+        """The postures in the order of the visit, and where the tool comes to lie."""
+        plan = self.result
+        joints = [(joint.name, *joint_unit(joint.type)) for joint in plan.robot.joints]
+        postures = {f"{name} [{unit}]": plan.q[:, k] * factor for k, (name, unit, factor) in enumerate(joints)}
+        return {**postures, **{f"{c} [mm]": 1e3 * plan.points[:, k] for k, c in enumerate("xyz")}}
+
+    def files(self) -> Files:
+        return {"plan.csv": self.result.to_csv().encode(), "plan_points.csv": points_csv(self.result).encode()}

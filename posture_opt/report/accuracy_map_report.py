@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.effect_facts import input_facts
-from posture_opt.report.map_report import grid_words, served_sentence
 from posture_opt.report.parts import frame_notes, note_facts, robot_facts, source_facts
+from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.save import Files
+from posture_opt.report.target_map_report import grid_words, map_csv, place_columns, posture_columns, served_sentence
 from posture_opt.report.units_text import count, length, length_unit, number, percent, place
 from posture_opt.report.words import direction_words
 
@@ -24,8 +26,9 @@ Floats = NDArray[np.float64]
 _FEW = 20  # rows: fewer say little about a share of 95 %
 
 
-def accuracy_report(problem: Problem, found: AccuracyMap) -> Report:
+def accuracy_map_report(found: AccuracyMap) -> Report:
     """Problem, bias, spread, measured rows."""
+    problem = found.problem
     title = problem.name or "Map of accuracy"
     measured = [measured_block(found.measured)] if found.measured is not None else []
     blocks = (problem_block(problem, found), bias_block(found), spread_block(found), *measured)
@@ -166,3 +169,48 @@ def _verdict(measured: MeasuredErrors) -> str:
     if measured.share < 0.95 - chance:
         return ": the spread is understated"
     return ": the spread is overstated" if measured.share > 0.95 + chance else ""
+
+
+def columns(found: AccuracyMap) -> dict[str, list[float]]:
+    """One row a target: place, mean error, 95 % region and radius, and the posture; NaN where there is none."""
+    axes = found.semi_axes95[:, ::-1]
+    values = {
+        **{f"bias {c} [mm]": found.bias[:, k] for k, c in enumerate("xyz")},
+        "bias [mm]": found.distance,
+        **{f"95 % semi-axis {k + 1} [mm]": axes[:, k] for k in range(axes.shape[1])},
+        "95 % radius [mm]": found.radius95,
+    }
+    lengths = {head: (1e3 * column).tolist() for head, column in values.items()}
+    return {**place_columns(found.targets), **lengths, **posture_columns(found.targets)}
+
+
+class AccuracyMapPresenter(Presenter["AccuracyMap"]):
+    """Mean error and scatter over a grid of targets."""
+
+    document = "map"
+
+    @property
+    def problem(self) -> Problem:
+        return self.result.problem
+
+    def summary(self) -> Summary:
+        found = self.result
+        off = [("Off without corrections", _range(found.distance))] if found.corrected else []
+        seen = [("Measured rows", str(len(found.measured.cell)))] if found.measured is not None else []
+        facts = (
+            ("Targets", grid_words(found.grid)),
+            ("Served", served_sentence(found.targets)),
+            *off,
+            ("95 % of visits within", f"{_range(found.radius95)} of their mean"),
+            *seen,
+        )
+        return Summary(f"Map of accuracy: {found.problem.name}", facts)
+
+    def report(self) -> Report:
+        return accuracy_map_report(self.result)
+
+    def columns(self) -> Columns:
+        return columns(self.result)
+
+    def files(self) -> Files:
+        return {"map.csv": map_csv(self.columns(), self.result.targets.optimisation_problem.robot.n).encode()}

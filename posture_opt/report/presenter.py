@@ -1,0 +1,121 @@
+"""``Presenter``: how one kind of result is told, tabulated, drawn and filed.
+
+The file ``report/some_thing_report.py`` presents the class ``SomeThing`` by its class ``SomeThingPresenter``; its
+figures are listed by the function ``some_thing`` of ``figures/results.py``, which is imported when something is drawn.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.numerics import Array
+from posture_opt.report.blocks import Report, Summary
+from posture_opt.report.html import summary_html
+from posture_opt.report.save import Files, report_files, save_files
+from posture_opt.report.text import render, render_summary
+from posture_opt.result import Result, snake_case
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from posture_opt.problem.problem import Problem
+
+R = TypeVar("R", bound=Result)
+
+Drawings = dict[str, Callable[[], "Figure"]]
+"""Name of a figure -> what draws it, the most important one first."""
+Columns = Mapping[str, Sequence[Any] | Array]
+"""Head of a column with its unit -> its cells."""
+
+
+class Presenter(ABC, Generic[R]):
+    """One result with what only its report needs, worked out when it is asked for.
+
+    Args:
+        document: stem of the JSON document, ``map`` of ``map.json``.
+    """
+
+    document: ClassVar[str]
+
+    def __init__(self, result: R) -> None:
+        self.result = result
+
+    @property
+    @abstractmethod
+    def problem(self) -> Problem:
+        """What was asked; its file stands at the end of the page."""
+
+    @abstractmethod
+    def summary(self) -> Summary:
+        """What the result is, and its three or four most important numbers."""
+
+    @abstractmethod
+    def report(self) -> Report:
+        """The whole report."""
+
+    @abstractmethod
+    def columns(self) -> Columns:
+        """The main table."""
+
+    def files(self) -> Files:
+        """Further files of ``save`` by name."""
+        return {}
+
+    def summary_text(self) -> str:
+        """The summary as plain text, at most 12 lines."""
+        return render_summary(self.summary())
+
+    def summary_html(self) -> str:
+        """The summary as a small table for notebooks."""
+        return summary_html(self.summary())
+
+    def report_text(self) -> str:
+        """The report as plain text, at most 100 columns wide."""
+        return render(self.report())
+
+    def figures(self) -> dict[str, Figure]:
+        """All figures by name, drawn."""
+        return {name: draw() for name, draw in self._drawings().items()}
+
+    def plot(self) -> Figure:
+        """The first figure.
+
+        Raises:
+            InputError: this result has none.
+        """
+        for draw in self._drawings().values():
+            return draw()
+        raise InputError(f"there is nothing to draw of this {type(self.result).__name__}")
+
+    def dataframe(self) -> Any:
+        """The main table.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        try:
+            pandas = import_module("pandas")
+        except ImportError:
+            mend = "install it (pip install pandas), or use to_json()"
+            raise InputError(Issue("to_dataframe needs the library pandas", mend=mend)) from None
+        return pandas.DataFrame(dict(self.columns()))
+
+    def save(self, folder: Path, *, figures: bool = True) -> tuple[Path, ...]:
+        """Writes document, reports, further files and figures into ``folder``, all or none; their paths."""
+        return save_files(folder, self.contents(figures=figures))
+
+    def contents(self, *, figures: bool = True) -> Files:
+        """File name -> content of all that `save` writes."""
+        drawn = self.figures() if figures else {}
+        files = report_files(self.document, self.result.to_json(), self.report(), drawn, self.problem.to_yaml())
+        return {**files, **self.files()}
+
+    def _drawings(self) -> Drawings:
+        name = snake_case(type(self.result).__name__)
+        drawings: Drawings = getattr(import_module("posture_opt.report.figures.results"), name)(self)
+        return drawings

@@ -1,0 +1,79 @@
+"""``Result``: the face that every answer of this package shows, in Python, in notebooks and on the command line.
+
+A result holds numbers and knows nothing of reports. How it is told stands in the room above, in the file that is named
+after its class: ``TargetMap`` is presented by ``TargetMapPresenter`` of ``report/target_map_report.py``. That file is
+imported when a result is first looked at, so computing needs none of it.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cached_property
+from importlib import import_module
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+
+class Result:
+    """A frozen answer that prints in a few lines, reports, draws and saves itself.
+
+    Subclasses are dataclasses with ``repr=False``, add ``to_json``, and carry what their report tells of.
+    """
+
+    def to_json(self) -> dict[str, Any]:
+        """The JSON document of this result: SI units and radians."""
+        raise NotImplementedError
+
+    def summary(self) -> str:
+        """What this is and its most important numbers, with units: at most 12 lines."""
+        return str(self._presenter.summary_text())
+
+    def report(self) -> str:
+        """The whole report as plain text, as the command line prints it."""
+        return str(self._presenter.report_text())
+
+    def figures(self) -> dict[str, Any]:
+        """Name -> matplotlib ``Figure``, the most important one first; they belong to no window."""
+        return dict(self._presenter.figures())
+
+    def plot(self) -> Any:
+        """The most important figure, as a matplotlib ``Figure``."""
+        return self._presenter.plot()
+
+    def to_dataframe(self) -> Any:
+        """The main table of this result as a pandas ``DataFrame``; the unit of a column stands in its name.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        return self._presenter.dataframe()
+
+    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> tuple[Path, ...]:
+        """Write the JSON document, the report as text and as a page, tables and figures: all of them, or nothing.
+
+        Files of an earlier result of this package in ``folder`` are removed, measured or planned data are not.
+
+        Raises:
+            InputError: the folder cannot be written to.
+        """
+        written: tuple[Path, ...] = self._presenter.save(Path(folder), figures=figures)
+        return written
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def _repr_html_(self) -> str:
+        return str(self._presenter.summary_html())
+
+    @cached_property
+    def _presenter(self) -> Any:
+        """How this result is told; the only way from the rooms below to the reports above."""
+        name = type(self).__name__
+        module = import_module(f"posture_opt.report.{snake_case(name)}_report")
+        return getattr(module, f"{name}Presenter")(self)
+
+
+def snake_case(name: str) -> str:
+    """``TargetMap`` as ``target_map``."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
