@@ -1,4 +1,4 @@
-"""The report on a diagnosis: what the simulation gets wrong, why, what naming it brings, and what stays open."""
+"""The report on a diagnosis: the causes of the errors, their gain, their rivals, and what stays unexplained."""
 
 from __future__ import annotations
 
@@ -31,10 +31,11 @@ if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
 
 _MOST_NAMES = 3
+_NUMBERS = ("Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten")
 
 
 def diagnosis_report(problem: Problem, diagnosed: Diagnosed) -> Report:
-    """The verdict, the causes, what they bring, what they may be confused with, what stays open, the data."""
+    """The answer, the causes, their gain, their rivals, what stays unexplained, and the data."""
     blocks = (
         causes_block(diagnosed),
         *cyclic_block(diagnosed),
@@ -54,22 +55,22 @@ def diagnosis_report(problem: Problem, diagnosed: Diagnosed) -> Report:
 
 
 def answer(diagnosed: Diagnosed) -> tuple[str, ...]:
-    """The verdict in one sentence, and what it brings in another."""
+    """The causes in one sentence, and what knowing them brings in another."""
     found = diagnosed.diagnosis
     geometry = [f for f in found.findings if f.effect is None and f.noise is None]
     causes = [f for f in found.findings if f not in geometry] or geometry
     said = [_named(diagnosed, f) for f in causes[:_MOST_NAMES]]
     more = len(causes) - len(said)
     names = "; ".join(said) + (f"; and {count(more, 'more cause')}" if more else "")
-    beside = " Beside that, the geometry of the arm is off." if geometry and causes is not geometry else ""
+    beside = " The geometry differs from the file, too." if geometry and causes is not geometry else ""
     if found.outcome == "none_found":
-        first = "The model is right as far as these data can tell: nothing is found that it gets wrong."
+        first = "The model explains these data: no cause of error is found beyond measurement noise."
     elif found.outcome == "effects_found":
-        first = f"What the model gets wrong has a name: {names}.{beside}"
+        first = f"{_counted(len(causes))} the errors: {names}.{beside}"
     elif said:
-        first = f"Part of what the model gets wrong has a name: {names}. The rest has none.{beside}"
+        first = f"{_counted(len(causes))} part of the error: {names}. The rest is unexplained.{beside}"
     else:
-        first = "Something is left that the model gets wrong, and no cause of the catalogue explains it."
+        first = "The errors are more than measurement noise, and no cause of the catalogue explains them."
     return (
         first,
         _improvement(diagnosed),
@@ -87,12 +88,19 @@ def _named(diagnosed: Diagnosed, finding: Finding) -> str:
 def _improvement(diagnosed: Diagnosed) -> str:
     found = diagnosed.diagnosis
     sizes = {name: found.errors[name].rms for name in MODELS}
-    text = f"Where they had not been seen, positions were {mm(sizes['nominal'])} mm off as the arm stands (RMS), "
+    text = f"On rows held out from the fit, the RMS error was {mm(sizes['nominal'])} mm before calibration, "
     text += f"{mm(sizes['calibrated'])} mm calibrated"
     if diagnosed.effects:
         text += f", and {mm(sizes['extended'])} mm with {_these(len(diagnosed.effects))}"
     floor, _ = diagnosed.floor
-    return text + (f"; noise alone makes {mm(floor)} mm." if 0 < floor < sizes["extended"] else ".")
+    return text + (f"; measurement noise alone accounts for {mm(floor)} mm." if 0 < floor < sizes["extended"] else ".")
+
+
+def _counted(n: int) -> str:
+    """One cause explains, two causes explain, 12 causes explain."""
+    if n == 1:
+        return "One cause explains"
+    return f"{_NUMBERS[n - 2] if n - 2 < len(_NUMBERS) else n} causes explain"
 
 
 def _these(n: int) -> str:
@@ -111,11 +119,7 @@ def data_block(problem: Problem, diagnosed: Diagnosed) -> Block:
         ("Rows", f"{len(data)} in {count(len(np.unique(data.pose)), 'pose')}"),
         ("Instrument", touched if data.position is None else stated),
         ("Geometry", f"{found.model.directions.shape[1]} combinations of parameters are fitted in every model"),
-        *(
-            [("Left out", f"as outliers, lines {', '.join(map(str, gone[:10]))}{' …' * (len(gone) > 10)}")]
-            if gone
-            else []
-        ),
+        *([("Outliers", f"left out, lines {', '.join(map(str, gone[:10]))}{' …' * (len(gone) > 10)}")] if gone else []),
     ]
     notes = note_facts((*data.warnings, *problem.notes, *found.notes))
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))

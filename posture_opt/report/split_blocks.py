@@ -1,4 +1,4 @@
-"""What to measure to tell a named effect from what it could be confused with: pairs, postures, a file to fill in."""
+"""Measurements that discriminate named effects from their rivals: pairs, postures, a file to fill in."""
 
 from __future__ import annotations
 
@@ -19,33 +19,35 @@ if TYPE_CHECKING:
     from posture_opt.robot.robot import Robot
 
 FILE = "split_measurements.csv"
-_TITLE = "What to measure to tell them apart"
+_TITLE = "Measurements that discriminate between causes"
 _READ = (
-    "The angle is that between what the two do to these data, beside the geometry and the other effects: at 0 deg they "
-    "are one and the same. Data like these would tell them apart with the odds that stand beside it."
+    "The angle is that between the effects of the two causes on these data, beside the geometry and the other effects "
+    "(0 deg: indistinguishable); 'now' is the probability that data like these refute the wrong one."
 )
-_HOPE = "Postures, sides of arrival and payloads at hand do not tell apart what has no number here: see above."
+_IMPOSSIBLE = (
+    "Pairs without a number cannot be discriminated by the postures, sides of approach and payloads at hand: see above."
+)
 
 
 def split_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
-    """Pairs that further postures part, and these postures; nothing where nothing could be confused."""
+    """Pairs that further postures discriminate, and these postures; nothing where no effect has a rival."""
     plan = diagnosed.diagnosis.split
     if plan is None:
         return ()
     pairs = _pairs(diagnosed, plan)
     if not len(plan.rows):
-        text = "No posture, side of arrival or payload at hand tells these apart; only the measurements named above do."
+        text = "No posture, side of approach or payload at hand discriminates these; the measurements named above do."
         return (Block(_TITLE, (f"{text} {_READ}", pairs)),)
     often = "" if plan.rounds == 1 else f" in {plan.rounds} rounds"
     items: list[str | Facts | Table] = [
-        f"{count(len(plan.rows), 'posture')}{often} would tell, whichever of two is the true one; 'needed' says how "
-        f"many measurements, from the first, it takes for nine chances in ten. {_READ}",
+        f"{count(len(plan.rows), 'posture')}{often} refute the wrong cause of each pair, whichever it is; 'needed' is "
+        f"the number of measurements, from the first, that do so with a probability of 90 %. {_READ}",
         pairs,
-        *([_HOPE] if any(s.count is None for each in plan.pairs.values() for s in each) else []),
+        *([_IMPOSSIBLE] if any(s.count is None for each in plan.pairs.values() for s in each) else []),
         _postures(diagnosed, plan),
-        "They keep clear of the arm itself and go no lower than its foot, or than these data went; nothing else is "
-        f"checked, so drive slowly the first time. {FILE} has them, to be copied and filled in: put the rows below "
-        "those of the data, column by column, and diagnose again.",
+        "The postures keep clear of the arm itself and go no lower than its base or than these data; other obstacles "
+        f"are not checked, so drive slowly the first time. Fill in {FILE}, append its rows to the data, column by "
+        "column, and diagnose again.",
     ]
     return (Block(_TITLE, tuple(items)),)
 
@@ -55,23 +57,23 @@ def _pairs(diagnosed: Diagnosed, plan: DiscriminationPlan) -> Table:
     for place, finding in diagnosed.effects:
         for split in plan.pairs.get(place, ()):
             names = finding.cause.label, split.rival.label
-            rows.append((*names, angle(split.angle), _odds(detection_probability(split.now)), *_then(split)))
-    table = Table(("cause", "or", "angle", "told now", "then", "needed"), tuple(rows), text_columns=2)
+            rows.append((*names, angle(split.angle), _probability(detection_probability(split.now)), *_then(split)))
+    table = Table(("cause", "rival", "angle", "now", "planned", "needed"), tuple(rows), text_columns=2)
     return table if len(plan.rows) else Table(table.headers[:4], tuple(row[:4] for row in table.rows), text_columns=2)
 
 
 def _then(split: DiscriminatedPair) -> tuple[str, str]:
-    return ("", "") if split.count is None else (_odds(detection_probability(split.then)), str(split.count))
+    return ("", "") if split.count is None else (_probability(detection_probability(split.then)), str(split.count))
 
 
-def _odds(p: float) -> str:
+def _probability(p: float) -> str:
     return "above 99.9 %" if p > 0.999 else "below 0.1 %" if p < 0.001 else percent(p)
 
 
 def _postures(diagnosed: Diagnosed, plan: DiscriminationPlan) -> Table:
     robot, rows = diagnosed.residuals.robot, plan.rows
     heads = [f"{joint.name.replace('_', ' ')} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
-    sides = [f"{robot.joint_names[j]} arrives" for j in plan.sided]
+    sides = [f"{robot.joint_names[j]} approach" for j in plan.sided]
     load = [] if rows.payload is None else ["payload [kg]"]
     return Table(("no.", *heads, *sides, *load), tuple(_cells(robot, plan, i) for i in range(len(rows))), 0)
 

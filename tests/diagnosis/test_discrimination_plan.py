@@ -86,11 +86,11 @@ def test_the_plan_that_is_measured_leaves_one_cause(narrow: Any, tmp_path: Path)
         ("joint_scale", [])
     ]
     assert "split" not in again["effects"][0]
-    assert "What to measure to tell them apart" not in text
+    assert "Measurements that discriminate between causes" not in text
     assert not (tmp_path / "planned" / "out" / "split_measurements.csv").exists()
     # The far rows are all used, though a calibration that knows of no scale takes them for gross errors, as it
     # does the one that is.
-    assert "as outliers, lines 102\n" in text
+    assert "left out, lines 102\n" in text
     problem = po.load_problem(tmp_path / "planned" / "problem.yaml")
     alone = po.calibrate(problem, po.read_measurements(tmp_path / "planned" / "data.csv", problem))
     assert {100} < set(alone.outliers)
@@ -139,7 +139,7 @@ def test_angle_and_strength_are_those_of_the_arm_by_hand(narrow: Any) -> None:
 
 def test_the_report_tells_the_pairs_and_the_postures(narrow: Any) -> None:
     _, document, text, _ = narrow
-    block = text.split("What to measure to tell them apart")[1].split("What has no name")[0]
+    block = text.split("Measurements that discriminate between causes")[1].split("Unexplained structure")[0]
     assert "above 99.9 %" in block
     assert "split_measurements.csv" in block
     first = document["effects"][0]["split"]["postures"][0]["posture"]["joint1"]
