@@ -13,7 +13,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -41,12 +41,6 @@ class Issue:
         mend = f" – {self.mend}" if self.mend else ""
         return f"{place}{key}{self.message}{mend}"
 
-    @classmethod
-    def told(cls, text: str, key: KeyPath, value: Any = None) -> Issue:
-        """The issue of a validator, which writes ``what is wrong; how to mend it``."""
-        message, _, mend = text.partition("; ")
-        return cls(message, key, value, mend)
-
     def at(self, *prefix: str | int) -> Issue:
         """The same issue with ``prefix`` put before its key path."""
         return replace(self, key=(*prefix, *self.key))
@@ -62,6 +56,31 @@ def key_text(key: KeyPath) -> str:
     for part in key:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
     return text
+
+
+def as_given(value: Any) -> str:
+    """A value of a file as people know it from there: ``'text'``, ``true``, ``a list of 3``."""
+    if isinstance(value, list | tuple | Mapping):
+        return "a mapping" if isinstance(value, Mapping) else f"a list of {len(value)}"
+    if value is None or isinstance(value, bool):
+        return "nothing" if value is None else str(value).lower()
+    text = str(value)
+    return f"'{text[:40]}{'…' if len(text) > 40 else ''}'" if isinstance(value, str) else text
+
+
+class BadValueError(ValueError):
+    """A value that an entry cannot have: what is wrong and how to mend it, as two fields.
+
+    A ValueError, because validators have to raise one; it becomes an ``Issue`` where the key of the entry is known.
+    """
+
+    def __init__(self, message: str, mend: str = "") -> None:
+        super().__init__(f"{message}; {mend}" if mend else message)
+        self.message, self.mend = message, mend
+
+    def issue(self, key: KeyPath, value: Any = None) -> Issue:
+        """The issue about the entry at ``key``, which holds ``value``."""
+        return Issue(self.message, key, value, self.mend)
 
 
 class PostureOptError(Exception):

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, WithJsonSchema
 
+from posture_opt.errors import BadValueError, as_given
+
 if TYPE_CHECKING:
     from pint import UnitRegistry
 
@@ -102,7 +104,7 @@ def registry() -> UnitRegistry[float]:
 
 @cache
 def _factor(unit: str, dimension: str) -> float:
-    """The factor from ``unit`` to the SI unit of ``dimension``; ValueError with the mend where there is none."""
+    """The factor from ``unit`` to the SI unit of ``dimension``; BadValueError where there is none."""
     if (unit, dimension) in _COMMON:
         return _COMMON[unit, dimension]
     si, example = DIMENSIONS[dimension]
@@ -115,8 +117,8 @@ def _factor(unit: str, dimension: str) -> float:
     except Exception as error:  # pint raises a dozen kinds, among them plain tokenizer errors
         kind = type(error).__name__
         if kind == "DimensionalityError":
-            raise ValueError(f"'{unit}' is not a unit of {dimension}; write for example {example}") from None
-        raise ValueError(f"unknown unit '{unit}'; write for example {example}") from None
+            raise BadValueError(f"'{unit}' is not a unit of {dimension}", f"write for example {example}") from None
+        raise BadValueError(f"unknown unit '{unit}'", f"write for example {example}") from None
 
 
 def parse_quantity(value: Any, dimension: str) -> float:
@@ -127,25 +129,28 @@ def parse_quantity(value: Any, dimension: str) -> float:
         dimension: a key of ``DIMENSIONS``.
 
     Raises:
-        ValueError: no text, no number, no unit, a wrong unit, or not finite; the message holds the mend.
+        BadValueError: no text, no number, no unit, a wrong unit, or not finite.
     """
     si, example = DIMENSIONS[dimension]
     if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise ValueError(f"expected a {dimension} with its unit, such as {example}")
+        wanted = f"{'an' if dimension.startswith('a') else 'a'} {dimension} with its unit"
+        raise BadValueError(f"expected {wanted}, not {as_given(value)}", f"write for example {example}")
     if isinstance(value, int | float):
         if not math.isfinite(value):
-            raise ValueError(f"{value} is not a finite number; write for example {example}")
+            raise BadValueError(f"{value} is not a finite number", f"write for example {example}")
         unit = example.split(" ", 1)[1]
-        raise ValueError(f"the {dimension} has no unit; write {value:g} {unit} or {value:g} {si}")
+        raise BadValueError(
+            f"the {dimension} has no unit (here {value:g})", f"write {value:g} {unit} or {value:g} {si}"
+        )
     match = _NUMBER.match(value)
     if match is None:
-        raise ValueError(f"'{value}' is not a finite number with a unit; write for example {example}")
+        raise BadValueError(f"{as_given(value)} is not a finite number with a unit", f"write for example {example}")
     number, unit = match.groups()
     if not unit:
         return parse_quantity(float(number), dimension)
     result = float(number) * _factor(unit, dimension)
     if not math.isfinite(result):
-        raise ValueError(f"'{value}' is not a finite number; write for example {example}")
+        raise BadValueError(f"{as_given(value)} is not a finite number", f"write for example {example}")
     return result
 
 
@@ -153,7 +158,13 @@ def _quantity(dimension: str) -> Any:
     def read(value: Any) -> float:
         return parse_quantity(value, dimension)
 
-    schema = {"type": "string", "description": f"{dimension} with its unit", "examples": [DIMENSIONS[dimension][1]]}
+    example = DIMENSIONS[dimension][1]
+    schema = {
+        "type": "string",
+        "description": f"{dimension} with its unit",
+        "examples": [example],
+        "dimension": dimension,  # our own word: messages write bounds in a unit of it
+    }
     return Annotated[float, BeforeValidator(read), WithJsonSchema(schema)]
 
 
@@ -165,11 +176,11 @@ def parse_celsius(value: Any) -> float:
     """The temperature [degC] of a text such as ``"23.5 degC"``.
 
     Raises:
-        ValueError: no number, no unit or another one; the message holds the mend.
+        BadValueError: no number, no unit or another one.
     """
     match = _NUMBER.match(value) if isinstance(value, str) else None
     if match is None or match[2] not in ("degC", "°C"):
-        raise ValueError(f"'{value}' is no temperature; write for example 23.5 degC")
+        raise BadValueError(f"{as_given(value)} is no temperature", "write for example 23.5 degC")
     return float(match[1])
 
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import click
 
 from posture_opt.cli.sigma import entries, exact_note, joint_sigmas
-from posture_opt.errors import InputError, Issue, KeyPath, did_you_mean, nearest
+from posture_opt.errors import BadValueError, InputError, Issue, KeyPath, did_you_mean, nearest
 from posture_opt.files import nearest_file
 from posture_opt.problem.load import builtin_names, builtin_problem, load_builtin, load_problem, problem_from_dict
 from posture_opt.problem.problem import Problem
@@ -125,8 +125,8 @@ def height_of(text: str) -> float:
     """
     try:
         return parse_quantity(text, "length")
-    except ValueError as error:
-        raise InputError(Issue.told(str(error), ("--link-height",), text)) from None
+    except BadValueError as error:
+        raise InputError(error.issue(("--link-height",), text)) from None
 
 
 def _link_height(text: str) -> dict[str, str]:
@@ -198,8 +198,8 @@ def _joint_value(pair: tuple[str, ...], robot: Robot, issues: list[Issue]) -> fl
         return 0.0
     try:
         return parse_quantity(pair[1], "angle" if joint.type == "revolute" else "length")
-    except ValueError as error:
-        issues.append(Issue.told(str(error), key, pair[1]))
+    except BadValueError as error:
+        issues.append(error.issue(key, pair[1]))
         return 0.0
 
 
@@ -212,8 +212,8 @@ def corner(option: str, text: str | None, issues: list[Issue]) -> tuple[float, f
     for part in parts:
         try:
             values.append(parse_quantity(part, "length"))
-        except ValueError as error:
-            issues.append(Issue.told(str(error), (option,), part))
+        except BadValueError as error:
+            issues.append(error.issue((option,), part))
     if len(parts) != 3:
         issues.append(
             Issue(f"a corner has three coordinates, {len(parts)} are given", (option,), text, "0.3 m, 0.1 m, 0.2 m")

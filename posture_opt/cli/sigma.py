@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from posture_opt.errors import InputError, Issue
+from posture_opt.errors import BadValueError, InputError, Issue
 from posture_opt.robot.robot import Joint
 from posture_opt.units import parse_quantity
 
@@ -15,29 +15,28 @@ def joint_sigmas(text: str, joints: tuple[Joint, ...]) -> dict[str, str]:
     issues: list[Issue] = []
     for entry in entries(text):
         kind = "prismatic" if _is_length(entry) else "revolute"
-        if fault := _sigma_fault(entry, kind, given, joints):
-            issues.append(Issue.told(fault, ("--sigma",), entry))
+        try:
+            _check(entry, kind, given, joints)
+        except BadValueError as error:
+            issues.append(error.issue(("--sigma",), entry))
         given[kind] = entry
     if issues:
         raise InputError(issues)
     return {_own_parameter(joint): given[joint.type] for joint in joints if joint.type in given}
 
 
-def _sigma_fault(entry: str, kind: str, given: dict[str, str], joints: tuple[Joint, ...]) -> str:
-    """What is wrong with one entry of ``--sigma``, and how to mend it; else nothing."""
+def _check(entry: str, kind: str, given: dict[str, str], joints: tuple[Joint, ...]) -> None:
+    """Refuse an entry of ``--sigma`` that repeats a former one, is no σ, or is meant for joints that the arm lacks."""
     if kind in given:
         what = "length" if kind == "prismatic" else "angle"
-        return f"two {what}s, {given[kind]} and {entry}; give one for all joints, or each its own in a problem file"
-    try:
-        value = parse_quantity(entry, "length" if kind == "prismatic" else "angle")
-    except ValueError as error:
-        return str(error)
-    if value < 0:
-        return f"the standard deviation {entry} is negative; write {entry.lstrip('- ')}"
+        mend = "give one for all joints, or each its own in a problem file"
+        raise BadValueError(f"two {what}s, {given[kind]} and {entry}", mend)
+    if parse_quantity(entry, "length" if kind == "prismatic" else "angle") < 0:
+        raise BadValueError(f"the standard deviation {entry} is negative", f"write {entry.lstrip('- ')}")
     if not any(joint.type == kind for joint in joints):
         there = ("revolute", "an angle: 0.02 deg") if kind == "prismatic" else ("prismatic", "a length: 0.01 mm")
-        return f"{entry} is meant for {kind} joints, and this arm has none; all are {there[0]}, write {there[1]}"
-    return ""
+        message = f"{entry} is meant for {kind} joints, and this arm has none"
+        raise BadValueError(message, f"all are {there[0]}, write {there[1]}")
 
 
 def exact_note(joints: tuple[Joint, ...], sigma: dict[str, str]) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from posture_opt.errors import nearest
+from posture_opt.errors import BadValueError, nearest
 from posture_opt.measurements.table import Faults
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, parse_quantity
@@ -92,8 +92,8 @@ def _scale(name: str, unit: str | None, dimension: str, line: int, faults: Fault
     else:
         try:
             return parse_quantity(f"1 {text}", dimension), 0.0
-        except ValueError as error:
-            faults.add(str(error).partition(";")[0], name, text, mend, line)
+        except BadValueError as error:
+            faults.add(error.message, name, text, mend, line)
     return 1.0, 0.0
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from posture_opt.errors import BadValueError
 from posture_opt.numerics import Codes, Mask
 from posture_opt.spec import Spec
 from posture_opt.units import Length
@@ -125,10 +126,10 @@ class DataSpec(Spec):
         seen: set[frozenset[str]] = set()
         for a, b, length in distances:
             if a == b:
-                raise ValueError(f"the distance of '{a}' to itself is given; name two different points")
+                raise BadValueError(f"the distance of '{a}' to itself is given", "name two different points")
             if length <= 0:
-                raise ValueError(f"the distance of '{a}' and '{b}' is {length:g} m; a distance is greater than 0")
+                raise BadValueError(f"the distance of '{a}' and '{b}' is {length:g} m", "a distance is greater than 0")
             if frozenset((a, b)) in seen:
-                raise ValueError(f"the distance of '{a}' and '{b}' is given twice; keep one")
+                raise BadValueError(f"the distance of '{a}' and '{b}' is given twice", "keep one")
             seen.add(frozenset((a, b)))
         return distances

@@ -6,28 +6,27 @@ import copy
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from posture_opt.errors import Issue, KeyPath, did_you_mean, nearest, one_of
+from posture_opt.errors import BadValueError, Issue, KeyPath, as_given, did_you_mean, nearest, one_of
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.schema_tree import bound_at, example_at, known_keys, nodes_at, size_at
 
 _SAID: dict[str, str] = {
     # pydantic's type of error -> what is wrong, in its context
     "finite_number": "{value} is not a finite number",
-    "greater_than": "must be greater than {gt}",
-    "greater_than_equal": "must be {ge} or greater",
-    "less_than": "must be less than {lt}",
-    "less_than_equal": "must be {le} or less",
+    "greater_than": "must be greater than {gt}, not {value}",
+    "greater_than_equal": "must be {ge} or greater, not {value}",
+    "less_than": "must be less than {lt}, not {value}",
+    "less_than_equal": "must be {le} or less, not {value}",
     "int_from_float": "{value} is not a whole number",
     "string_too_short": "the text is empty",
     "too_long": "{actual_length} entries, {max_length} expected",
     "too_short": "{actual_length} entries, at least {min_length} expected",
-    "multiple_of": "must be a multiple of {multiple_of}",
+    "multiple_of": "must be a multiple of {multiple_of}, not {value}",
 }
 _EXPECTED: dict[str, str] = {
     # the start of pydantic's type of error -> what should stand there
@@ -58,8 +57,8 @@ def schema_issues(data: dict[str, Any]) -> list[Issue]:
             placed = [_Placed(details, data) for details in error.errors(include_url=False)]
         misspelt = [(one, meant) for one in placed if (meant := _meant_kind(one))]
         if not misspelt:
-            issues = [_issue(one, data) for one in _without_rivals(placed)]
-            return [*kinds, *_one_a_cause(issues, data)]
+            causes = _without_misspelt(_without_rivals(placed), data)
+            return _each_once([*kinds, *(_issue(one, data) for one in causes)])
         # pydantic reads nothing of a section of unknown kind; read as the kind that was meant it has more to say
         data = copy.deepcopy(data)
         for one, (word, kind) in misspelt:
@@ -73,7 +72,7 @@ def _meant_kind(error: _Placed) -> tuple[str, str] | None:
         return None
     context = error.details.get("ctx", {})
     near = nearest(str(context["tag"]), _quoted(context["expected_tags"]))
-    return (str(context["discriminator"]).strip("'"), near) if near else None
+    return (_tag_key(context), near) if near else None
 
 
 def _entry(data: Any, key: KeyPath) -> Any:
@@ -99,6 +98,13 @@ class _Placed:
             else:
                 self.choices.append((self.key, str(part)))
 
+    @property
+    def missing(self) -> KeyPath | None:
+        """The key that should be there; None where another thing is wrong."""
+        if self.type == "union_tag_not_found":
+            return (*self.key, _tag_key(self.details["ctx"]))
+        return self.key if self.type == "missing" else None
+
 
 def _has(data: Any, part: str | int) -> bool:
     if isinstance(part, int):
@@ -118,6 +124,16 @@ def _without_rivals(errors: list[_Placed]) -> list[_Placed]:
         for group in rivals.values():
             dropped |= {id(error) for error in group if group is not best}
     return [error for error in errors if id(error) not in dropped]
+
+
+def _without_misspelt(errors: list[_Placed], data: Any) -> list[_Placed]:
+    """Drops the missing keys that an unknown key beside them is a misspelling of."""
+    meant = {
+        (*error.key[:-1], nearest(str(error.key[-1]), known_keys(error.key[:-1], data)))
+        for error in errors
+        if error.type == "extra_forbidden"
+    }
+    return [error for error in errors if error.missing not in meant]
 
 
 def _depth(error: _Placed) -> tuple[int, bool]:
@@ -141,25 +157,30 @@ def _issue(error: _Placed, data: Any) -> Issue:
         words = _quoted(context["expected"])
         return _unknown_word(key, value, words)
     if kind == "value_error":
-        told = Issue.told(str(context["error"]), key, value)
-        return replace(told, message=_with_value(told.message, value))
+        fault = context["error"]
+        return (fault if isinstance(fault, BadValueError) else BadValueError(str(fault))).issue(key, value)
     if kind in _SAID:
         bounds = {name: bound_at(key, data, bound) for name, bound in context.items()}
-        message = _SAID[kind].format(value=_shown(value), **bounds)
-        return Issue(_with_value(message, value), key, value, _such_as(key, data))
+        message = _SAID[kind].format(value=as_given(value), **bounds)
+        return Issue(message, key, value, _such_as(key, data))
     return _type_issue(key, kind, value, data, error.details["msg"])
 
 
 def _tag_issue(key: KeyPath, kind: str, context: Mapping[str, Any], data: Any) -> Issue:
-    name = str(context["discriminator"]).strip("'")
+    name = _tag_key(context)
     if kind == "union_tag_not_found":
         words = sorted(str(word) for word in _tags(key))
         return Issue("is missing", (*key, name), None, f"write {name}: {' | '.join(words)}")
     return _unknown_word((*key, name), _entry(data, key).get(name), _quoted(context["expected_tags"]))
 
 
+def _tag_key(context: Mapping[str, Any]) -> str:
+    """The key that says of which kind a section is; pydantic quotes it."""
+    return str(context["discriminator"]).strip("'")
+
+
 def _unknown_word(key: KeyPath, value: Any, words: Sequence[str]) -> Issue:
-    message = "nothing stands here" if value is None else f"{_shown(value)} is not known here"
+    message = "nothing stands here" if value is None else f"{as_given(value)} is not known here"
     return Issue(message, key, value, one_of(str(value), words))
 
 
@@ -174,11 +195,12 @@ def _quoted(words: Any) -> list[str]:
 def _type_issue(key: KeyPath, kind: str, value: Any, data: Any, fallback: str) -> Issue:
     expected = next((word for start, word in _EXPECTED.items() if kind.startswith(start)), "")
     if not expected:
-        return Issue(_with_value(fallback.removeprefix("Input ").replace("valid ", ""), value), key, value)
+        message = fallback.removeprefix("Input ").replace("valid ", "")
+        return Issue(f"{message} (here {as_given(value)})", key, value)
     if value is None:
         return Issue(f"nothing stands here, {expected} is expected", key, value, _such_as(key, data))
     mend = f"put it in quotes: '{value}'" if kind == "string_type" and not _container(value) else _such_as(key, data)
-    return Issue(f"{_shown(value)} is not {expected}", key, value, mend)
+    return Issue(f"{as_given(value)} is not {expected}", key, value, mend)
 
 
 def _such_as(key: KeyPath, data: Any, name: str = "") -> str:
@@ -190,30 +212,6 @@ def _container(value: Any) -> bool:
     return isinstance(value, list | tuple | Mapping)
 
 
-def _shown(value: Any) -> str:
-    if _container(value):
-        return "a mapping" if isinstance(value, Mapping) else f"a list of {len(value)}"
-    if isinstance(value, bool):
-        return str(value).lower()
-    text = str(value)
-    return f"'{text[:40]}{'…' if len(text) > 40 else ''}'" if isinstance(value, str) else text
-
-
-def _with_value(message: str, value: Any) -> str:
-    if value is None or _container(value) or str(value)[:40] in message:
-        return message
-    return f"{message}, not {_shown(value)}" if message.startswith("must ") else f"{message} (here {_shown(value)})"
-
-
-def _one_a_cause(issues: list[Issue], data: Any) -> list[Issue]:
-    """Drops repetitions, and the missing key that an unknown key beside it is a misspelling of."""
-    meant: set[KeyPath] = set()
-    for issue in issues:
-        if issue.message == "unknown key":
-            near = nearest(str(issue.key[-1]), known_keys(issue.key[:-1], data))
-            meant.add((*issue.key[:-1], near))
-    kept: dict[tuple[KeyPath, str], Issue] = {}
-    for issue in issues:
-        if not (issue.message == "is missing" and issue.key in meant):
-            kept.setdefault((issue.key, issue.message), issue)
-    return list(kept.values())
+def _each_once(issues: list[Issue]) -> list[Issue]:
+    """The alternatives that pydantic tries can have the same fault."""
+    return list({(issue.key, issue.message): issue for issue in reversed(issues)}.values())[::-1]

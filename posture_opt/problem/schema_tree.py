@@ -54,12 +54,12 @@ def size_at(key: KeyPath, data: Any) -> int:
 
 def bound_at(key: KeyPath, data: Any, bound: Any) -> str:
     """A bound of the value at ``key`` as people write it: with its unit where the value has one."""
-    described = " ".join(str(node.get("description", "")) for node in nodes_at(key, data))
+    dimensions = {node.get("dimension") for node in nodes_at(key, data)}
     if not isinstance(bound, int | float):
         return str(bound)
-    if "angle with its unit" in described:
+    if "angle" in dimensions:
         return f"{math.degrees(bound):g} deg"
-    return f"{bound:g} m" if "length with its unit" in described else f"{bound:g}"
+    return f"{bound:g} m" if "length" in dimensions else f"{bound:g}"
 
 
 def _entry(data: Any, part: str | int) -> Any:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
-from posture_opt.errors import InputError, Issue, listed, nearest
+from posture_opt.errors import BadValueError, InputError, Issue, listed, nearest
 from posture_opt.robot.robot import Factor, Robot
 from posture_opt.units import parse_quantity
 
@@ -57,8 +57,8 @@ def _moved(robot: Robot, values: Mapping[str, float], kind: Literal["rotate", "t
 def _deviation(name: str, given: Any, factor: Factor, issues: list[Issue]) -> float:
     try:
         return parse_quantity(given, "angle" if factor.kind == "rotate" else "length")
-    except ValueError as error:
-        issues.append(Issue.told(str(error), ("corrections", name), given))
+    except BadValueError as error:
+        issues.append(error.issue(("corrections", name), given))
         return 0.0
 
 

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, GetJsonSchemaHandler, ValidationInfo, WithJsonSchema, field_validator, model_validator
 from pydantic_core import CoreSchema
 
+from posture_opt.errors import BadValueError, as_given
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.robot import Factor, Joint, Robot, frame_factors
 from posture_opt.spec import Spec
@@ -30,23 +31,20 @@ _LIMITS_SCHEMA = WithJsonSchema(
 )
 
 
-def joint_name_fault(name: str) -> str:
-    """What is wrong with a joint name, or an empty text; names build ``JOINT.theta`` and CSV heads ``JOINT [deg]``."""
+def check_joint_name(name: str) -> None:
+    """Refuse what cannot build ``JOINT.theta`` and the column head ``JOINT [deg]``.
+
+    Raises:
+        BadValueError: empty, blanks around it, a character that separates names, or the name of a frame.
+    """
     if not name or name != name.strip():
-        return f"a joint name must not be empty or begin or end with a blank: '{name}'"
+        raise BadValueError(f"a joint name must not be empty or begin or end with a blank: '{name}'")
     bad = sorted(set(name) & set(".[],:\n\t"))
     if bad:
-        return f"the joint name '{name}' holds {' '.join(map(repr, bad))}; use letters, digits, '_' and '-'"
+        message = f"the joint name '{name}' holds {' '.join(map(repr, bad))}"
+        raise BadValueError(message, "use letters, digits, '_' and '-'")
     if name in _RESERVED:
-        return f"the joint name '{name}' is taken by the {name} frame; choose another"
-    return ""
-
-
-def limits_fault(lower: float, upper: float) -> str:
-    """What is wrong with a pair of limits, or an empty text."""
-    if lower < upper:
-        return ""
-    return "the limits are crossed or leave no range; write [lower, upper] with lower < upper"
+        raise BadValueError(f"the joint name '{name}' is taken by the {name} frame", "choose another")
 
 
 class FrameSpec(Spec):
@@ -61,7 +59,7 @@ class FrameSpec(Spec):
     def _word(cls, value: Any) -> Any:
         if isinstance(value, str):
             if value.strip() != "free":
-                raise ValueError(f"'{value}' is no frame; write free or {{xyz: [0 m, 0 m, 0 m], rpy: [0 deg, …]}}")
+                raise BadValueError(f"'{value}' is no frame", "write free or {xyz: [0 m, 0 m, 0 m], rpy: [0 deg, …]}")
             return {"free": True}
         return value
 
@@ -95,8 +93,7 @@ class JointSpec(Spec):
     @field_validator("name")
     @classmethod
     def _usable_name(cls, name: str) -> str:
-        if fault := joint_name_fault(name):
-            raise ValueError(fault)
+        check_joint_name(name)
         return name
 
     @field_validator("limits", mode="before")
@@ -104,28 +101,28 @@ class JointSpec(Spec):
     def _read_limits(cls, value: Any, info: ValidationInfo) -> Any:
         kind = info.data.get("type")
         if value is FULL_TURN and kind == "prismatic":
-            raise ValueError("a prismatic joint needs its limits, for example limits: [0 mm, 210 mm]")
+            raise BadValueError("a prismatic joint needs its limits", "write for example limits: [0 mm, 210 mm]")
         if value is FULL_TURN or kind is None:  # an unknown type has its own error already
             return FULL_TURN
         if not isinstance(value, list | tuple) or len(value) != 2:
-            raise ValueError("expected two limits, for example [-180 deg, 180 deg]")
+            raise BadValueError(f"{as_given(value)} where two limits belong", "write for example [-180 deg, 180 deg]")
         lower, upper = (parse_quantity(v, "angle" if kind == "revolute" else "length") for v in value)
-        if fault := limits_fault(lower, upper):
-            raise ValueError(fault)
+        if not lower < upper:
+            raise BadValueError("the limits are crossed or leave no range", "write [lower, upper] with lower < upper")
         return lower, upper
 
     @field_validator("mass")
     @classmethod
     def _mass_not_negative(cls, mass: float) -> float:
         if mass < 0:
-            raise ValueError("a mass is not negative")
+            raise BadValueError(f"a mass is not negative (here {mass:g} kg)")
         return mass
 
     @field_validator("gear_ratio")
     @classmethod
     def _ratio_not_zero(cls, ratio: float) -> float:
         if ratio == 0:
-            raise ValueError("a gear ratio is not zero; leave it out where it is unknown")
+            raise BadValueError("a gear ratio is not zero", "leave it out where it is unknown")
         return ratio
 
     def joint(self) -> Joint:
@@ -153,7 +150,7 @@ class RobotFormat(Spec):
     @classmethod
     def _payload_not_negative(cls, payload: float) -> float:
         if payload < 0:
-            raise ValueError("a payload is not negative")
+            raise BadValueError(f"a payload is not negative (here {payload:g} kg)")
         return payload
 
     def build(self, folder: Path) -> Robot:
@@ -196,11 +193,11 @@ class TableRobot(RobotFormat):
     def _usable_table(cls, joints: tuple[JointSpec, ...]) -> tuple[JointSpec, ...]:
         names = [joint.name for joint in joints]
         if not names:
-            raise ValueError("a robot needs at least one joint")
+            raise BadValueError("a robot needs at least one joint")
         if len(names) > MAX_JOINTS:
-            raise ValueError(f"{len(names)} joints are more than the {MAX_JOINTS} that a serial arm may have here")
+            raise BadValueError(f"{len(names)} joints are more than the {MAX_JOINTS} that a serial arm may have here")
         if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(f"joint names must differ; given twice: {', '.join(twice)}")
+            raise BadValueError(f"joint names given twice: {', '.join(twice)}", "names must differ")
         return joints
 
     def nominal(self, folder: Path) -> Robot:

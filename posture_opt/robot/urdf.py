@@ -10,10 +10,10 @@ from typing import Literal
 
 import numpy as np
 
-from posture_opt.errors import InputError, Issue, listed
+from posture_opt.errors import BadValueError, InputError, Issue, listed
 from posture_opt.files import located
 from posture_opt.numerics import Array
-from posture_opt.robot.format import FULL_TURN, MAX_JOINTS, RobotFormat, joint_name_fault, limits_fault
+from posture_opt.robot.format import FULL_TURN, MAX_JOINTS, RobotFormat, check_joint_name
 from posture_opt.robot.robot import Axis, Factor, Joint, Robot, frame_factors
 from posture_opt.robot.urdf_reader import in_urdf, read_urdf
 from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
@@ -93,10 +93,12 @@ def _only(links: list[str], key: str, what: str) -> str:
 
 def _faults(path: list[UrdfJoint]) -> Iterator[Issue]:
     """Every joint of the chain that cannot be used, and a chain that nothing can be chosen of."""
-    for joint in path:
-        if joint.type != "fixed" and (fault := _fault(joint)):
-            yield replace(fault, line=joint.line)
     moving = [joint for joint in path if joint.type != "fixed"]
+    for joint in moving:
+        try:
+            _check(joint)
+        except BadValueError as error:
+            yield replace(error.issue(()), line=joint.line)
     if not moving:
         message = f"no joint moves between '{path[0].parent}' and '{path[-1].child}'"
         yield Issue(message, mend="choose another tip_link or base_link")
@@ -105,23 +107,23 @@ def _faults(path: list[UrdfJoint]) -> Iterator[Issue]:
         yield Issue(message, mend="choose a tip_link nearer to the base_link")
 
 
-def _fault(joint: UrdfJoint) -> Issue | None:
-    """What is wrong with a moving joint of the chain."""
+def _check(joint: UrdfJoint) -> None:
+    """Refuse a moving joint that cannot stand in the chain."""
     name, chain = f"joint '{joint.name}'", f"only {', '.join(MOVING)} and fixed joints can stand in the chain"
     if joint.mimics:
         message = f"{name} mimics '{joint.mimics}': coupled joints cannot stand in the chain"
-        return Issue(message, mend="choose another tip_link")
+        raise BadValueError(message, "choose another tip_link")
     if joint.type not in MOVING:
-        return Issue(f"{name} {f'is {joint.type}' if joint.type else 'has no type'}", mend=chain)
-    if fault := joint_name_fault(joint.name):
-        return Issue(fault)
+        raise BadValueError(f"{name} {f'is {joint.type}' if joint.type else 'has no type'}", chain)
+    check_joint_name(joint.name)
     if not np.linalg.norm(joint.axis) > 0:
-        return Issue(f"{name} has an axis of length zero", mend='write for example <axis xyz="0 0 1"/>')
+        raise BadValueError(f"{name} has an axis of length zero", 'write for example <axis xyz="0 0 1"/>')
     if joint.type == "prismatic" and (joint.lower is None or joint.upper is None):
-        return Issue(f"{name} is prismatic and has no limits", mend='write <limit lower="0" upper="0.2" …/>')
-    if fault := limits_fault(*_limits(joint)):
-        return Issue(f"{name}: {fault}")
-    return None
+        raise BadValueError(f"{name} is prismatic and has no limits", 'write <limit lower="0" upper="0.2" …/>')
+    lower, upper = _limits(joint)
+    if not lower < upper:
+        message = f"{name} has crossed limits or no range: {lower:g} to {upper:g}"
+        raise BadValueError(message, "write lower < upper")
 
 
 def _limits(joint: UrdfJoint) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.errors import InputError, Issue
+from posture_opt.errors import BadValueError, InputError, Issue
 from posture_opt.files import content
 from posture_opt.numerics import Array
 from posture_opt.robot.corrections import name_issues
@@ -111,8 +111,8 @@ def _unit_factor(name: str, unit: str | None, dimension: str, issues: list[Issue
         return 1.0
     try:
         return parse_quantity(f"1 {unit}", dimension) if unit is not None else 1.0
-    except ValueError as error:
-        issues.append(Issue(str(error), (name,)))
+    except BadValueError as error:
+        issues.append(error.issue((name,), unit))
         return 1.0
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from posture_opt.errors import InputError, Issue, one_of
+from posture_opt.errors import BadValueError, InputError, Issue, one_of
 from posture_opt.model.arm import Arm
 from posture_opt.robot.corrections import name_issues
 from posture_opt.robot.robot import Robot
@@ -200,8 +200,8 @@ def _sigma(
         return 0.0
     try:
         value = parse_quantity(text, known[name])
-    except ValueError as error:
-        issues.append(Issue.told(str(error), key, text))
+    except BadValueError as error:
+        issues.append(error.issue(key, text))
         return 0.0
     if value < 0:
         mend = f"write {str(text).strip().lstrip('-').strip()}"

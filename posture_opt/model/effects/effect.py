@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
+from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ZERO, ArmState
 from posture_opt.model.chain import Scalar, Vector
 from posture_opt.model.effects.abscissa import Abscissa
@@ -198,7 +199,7 @@ class Effect(CatalogueEntry):
         known = dict(self.dimensions)
         for name, value in self.estimate.items():
             if name not in known:
-                raise ValueError(f"{self.kind} has no parameter '{name}'; its parameters: {', '.join(known)}")
+                raise BadValueError(f"{self.kind} has no parameter '{name}'", f"its parameters: {', '.join(known)}")
             _read(value, known[name])
         return self
 
@@ -214,7 +215,7 @@ def _read(value: Any, dimension: str) -> float:
     if dimension == "ratio":
         if isinstance(value, bool) or not isinstance(value, int | float | np.floating):
             given = f"'{value}'" if isinstance(value, str) else "this"
-            raise ValueError(f"{given} is no ratio; write a number such as 2e-4")
+            raise BadValueError(f"{given} is no ratio", "write a number such as 2e-4")
         return float(value)
     return parse_quantity(value, dimension)
 

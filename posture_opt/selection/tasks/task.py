@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
+from posture_opt.errors import BadValueError
 from posture_opt.selection.terms import TermSpec
 from posture_opt.selection.terms.term import Within
 from posture_opt.spec import Spec
@@ -17,7 +18,7 @@ Criterion = Literal["worst", "trace", "area", "miss"]
 
 def _nonzero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     if math.hypot(*vector) < 1e-12:
-        raise ValueError("a direction of length zero points nowhere; write for example [0, 0, -1]")
+        raise BadValueError("a direction of length zero points nowhere", "write for example [0, 0, -1]")
     return vector
 
 
@@ -34,7 +35,7 @@ class Region(Spec):
     def _ordered(self) -> Region:
         for axis, low, high in zip("xyz", self.min, self.max, strict=True):
             if low > high:
-                raise ValueError(f"the box is empty: min {low:g} m is above max {high:g} m in {axis}; swap them")
+                raise BadValueError(f"the box is empty: min {low:g} m is above max {high:g} m in {axis}", "swap them")
         return self
 
 
@@ -71,15 +72,17 @@ class Task(Spec):
     @classmethod
     def _three(cls, value: Any, info: ValidationInfo) -> Any:
         if isinstance(value, list | tuple) and len(value) != 3:
-            raise ValueError(f"a position has three coordinates, {len(value)} are given; write [0.6 m, 0.2 m, 0.1 m]")
+            raise BadValueError(
+                f"a position has three coordinates, {len(value)} are given", "write [0.6 m, 0.2 m, 0.1 m]"
+            )
         return value
 
     @model_validator(mode="after")
     def _one_target(self) -> Task:
         if self.position is not None and self.region is not None:
-            raise ValueError("position and region are both given; keep one of them")
+            raise BadValueError("position and region are both given", "keep one of them")
         if self.criterion == "miss" and self.clearance is None:
-            raise ValueError("criterion miss needs the clearance of the hole; add for example clearance: 0.2 mm")
+            raise BadValueError("criterion miss needs the clearance of the hole", "add for example clearance: 0.2 mm")
         if self.criterion == "miss" and self.within == "all":
-            raise ValueError(f"criterion miss asks about a hole and task {self.kind} has none; use worst or trace")
+            raise BadValueError(f"criterion miss asks about a hole and task {self.kind} has none", "use worst or trace")
         return self

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 import casadi as ca
 from pydantic import Field, model_validator
 
+from posture_opt.errors import BadValueError
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
 
@@ -94,5 +95,5 @@ class BoundedTerm(Term):
     def _not_crossed(self) -> BoundedTerm:
         low, high = self.bounds()
         if low > high:
-            raise ValueError("at_least is above at_most; swap them")
+            raise BadValueError("at_least is above at_most", "swap them")
         return self

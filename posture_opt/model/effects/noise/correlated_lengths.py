@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from posture_opt.errors import one_of
+from posture_opt.errors import BadValueError, one_of
 from posture_opt.model.effects.catalogue_entry import Evidence, Limit
 from posture_opt.model.effects.cause import FittedSizes, Size
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect
@@ -32,7 +32,7 @@ class CorrelatedLengths(NoiseEffect):
     @model_validator(mode="after")
     def _are_two(self) -> CorrelatedLengths:
         if self.lengths[0] == self.lengths[1]:
-            raise ValueError(f"'{self.lengths[0]}' is correlated with itself; name two different lengths")
+            raise BadValueError(f"'{self.lengths[0]}' is correlated with itself", "name two different lengths")
         return self
 
     @property

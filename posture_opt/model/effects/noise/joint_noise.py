@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from posture_opt.errors import BadValueError
 from posture_opt.model.effects.cause import FittedSizes, Size
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, Rows
 from posture_opt.numerics import Array
@@ -42,7 +43,7 @@ class JointNoise(NoiseEffect):
     def _are_sizes(self) -> JointNoise:
         for value in (self.sigma, *(() if self.std is None else (self.std,))):
             if parse_quantity(value, _dimension(value)) <= 0:
-                raise ValueError(f"{value} is no standard deviation; write one greater than 0")
+                raise BadValueError(f"{value} is no standard deviation", "write one greater than 0")
         return self
 
     @property
