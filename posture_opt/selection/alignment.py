@@ -14,7 +14,7 @@ from posture_opt.selection.reach import Reach
 from posture_opt.selection.task_target import TaskTarget
 from posture_opt.selection.tasks import Task
 
-_TRIALS = 96
+_TRIALS = 96  # random postures: where one in twenty arrives aligned, all of them fail at 0.7 % of the targets
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from posture_opt.selection.search_statistics import SearchStatistics
 from posture_opt.selection.solution import HasTask, Reason, Solution
 from posture_opt.selection.task_target import TaskTarget
 
-_STARTS = 200  # postures of each relaxed problem: of a reachable target some arrive for certain
+_STARTS = 200  # postures of each relaxed problem: so many that of a reachable target some arrive
 _REFINED = 8  # of them, those that the solver improves
 
 

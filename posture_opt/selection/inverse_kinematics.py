@@ -7,6 +7,7 @@ eq. 27–30): the damping is proportional to the squared error, so that it is ro
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -16,18 +17,22 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import stack
 from posture_opt.model.compiled import BatchFunction
+from posture_opt.numerics import Array
 from posture_opt.selection.reach import drawn_between
 from posture_opt.selection.task_target import FREE, TaskTarget
-
-Floats = np.ndarray
 
 ROW_TOLERANCE = 1e-6
 """Largest violation of a row [m, rad or 1] of a posture that counts as feasible."""
 TOLERANCE = 1e-7
 """Largest error [m and rad, combined] of a posture that counts as feasible."""
-_ITERATIONS = 24  # of two steps
-_STANDSTILL = 1e-9  # rad or m
+_ITERATIONS = 24  # of two steps; what has not arrived by then mostly never does
+_STANDSTILL = 1e-9  # rad or m: two orders below `TOLERANCE`, a posture that moves less will not arrive
 _LONGEST_STEP = 0.7  # rad or m: longer steps of a linear model of a rotation mean nothing
+_DAMPING = 0.5  # of the squared error: E = ½ eᵀe, Sugihara (2011, eq. 27 to 30)
+_LEAST_DAMPING = 1e-9  # rad² or m²: his bias, so small that the last steps stay quadratic
+_INSIDE = 0.999  # of the tilt: an axis drawn a little inside the cone satisfies the row, an inequality
+_PARTS = (0, 3, 6, 9, 12, 15, 16)  # where position, axis, spin, weights, slack and cone of a request begin
+_WIDTH = _PARTS[-1]
 
 
 @dataclass(frozen=True)
@@ -43,15 +48,15 @@ class PoseRequest:
         cone: (N, 1) or (1,) distance of unit vectors within which an axis is as good as ``axis``.
     """
 
-    position: Floats
-    axis: Floats
-    spin: Floats
-    weights: Floats
-    slack: Floats = field(default_factory=lambda: np.zeros(3))
-    cone: Floats = field(default_factory=lambda: np.zeros(1))
+    position: Array
+    axis: Array
+    spin: Array
+    weights: Array
+    slack: Array = field(default_factory=lambda: np.zeros(3))
+    cone: Array = field(default_factory=lambda: np.zeros(1))
 
     @property
-    def rows(self) -> Floats:
+    def rows(self) -> Array:
         """(N, 16) or (1, 16) all parts side by side, as the step takes them."""
         parts = (self.position, self.axis, self.spin, self.weights, self.slack, self.cone)
         count = max(len(part) if part.ndim == 2 else 1 for part in parts)
@@ -62,7 +67,7 @@ class InverseKinematics:
     """The batch solver of one robot and tool axis, for positions in the span of ``directions`` (3, r)."""
 
     def __init__(
-        self, arm: Arm, tool_axis: tuple[float, float, float], directions: Floats, compiled: bool | None
+        self, arm: Arm, tool_axis: tuple[float, float, float], directions: Array, compiled: bool | None
     ) -> None:
         self._drawn = drawn_between(arm.robot)
         self._recipe = arm, tool_axis, directions
@@ -76,12 +81,12 @@ class InverseKinematics:
     def _aim_and_spin(self) -> BatchFunction:
         return BatchFunction(_step_function(*self._recipe, spun=True), compiled=self._compiled)
 
-    def random_postures(self, count: int, rng: np.random.Generator) -> Floats:
+    def random_postures(self, count: int, rng: np.random.Generator) -> Array:
         """(count, n) postures drawn uniformly between the limits (within one turn where these are wider)."""
         low, high = self._drawn
         return rng.uniform(low, high, (count, len(low)))
 
-    def solve(self, Q: Floats, request: PoseRequest, enough: int | None = None) -> tuple[Floats, Floats]:
+    def solve(self, Q: Array, request: PoseRequest, enough: int | None = None) -> tuple[Array, Array]:
         """Move the postures (N, n) onto the request; returns the postures reached and their errors (N,).
 
         Stops early when ``enough`` rows have arrived.
@@ -104,6 +109,19 @@ class InverseKinematics:
             rows, now = rows[alive], moved[alive]
             targets = targets[alive] if len(targets) == len(alive) else targets
         return best, error
+
+    def reached(self, groups: Sequence[Array], requests: Sequence[PoseRequest]) -> list[Array]:
+        """Of each group of postures (M, n) those (m, n) that reach its request; all are moved in one batch.
+
+        Requests of one batch differ in what is wanted, not in ``weights`` and ``slack``: those of the first one count.
+        """
+        rows = [np.broadcast_to(request.rows, (len(Q), _WIDTH)) for request, Q in zip(requests, groups, strict=True)]
+        position, axis, spin, _, _, cone = np.split(np.vstack(rows), _PARTS[1:-1], axis=1)
+        batch = PoseRequest(position, axis, spin, requests[0].weights, requests[0].slack, cone)
+        moved, errors = self.solve(np.vstack(groups), batch)
+        ends = np.cumsum([len(Q) for Q in groups])[:-1]
+        parts = zip(np.split(moved, ends), np.split(errors < TOLERANCE, ends), strict=True)
+        return [postures[arrived] for postures, arrived in parts]
 
 
 def request_for(
@@ -131,28 +149,27 @@ def request_for(
         # turn its tool everywhere.
         axis, any_axis = _within_tilt(target, count, rng), np.arange(count) % 2 == 1
         axis[any_axis] = target.direction
-        cone = np.where(any_axis, 2 * np.sin(0.999 * target.tilt / 2), 0.0)[:, None]
+        cone = np.where(any_axis, 2 * np.sin(_INSIDE * target.tilt / 2), 0.0)[:, None]
     weights = np.array([0.0 if anywhere else 1.0, 1.0 if aligned else 0.0, 0.0])
     assert np.all(np.abs(position) < FREE)
     return PoseRequest(position, axis, target.basis[:, 0], weights, slack, cone)
 
 
-def _within_tilt(target: TaskTarget, count: int, rng: np.random.Generator) -> Floats:
+def _within_tilt(target: TaskTarget, count: int, rng: np.random.Generator) -> Array:
     """(count, 3) axes spread over the cone of the allowed tilt, every fourth one straight."""
-    # A little inside the cone: the row of the optimisation problem is an inequality, and a start should satisfy it.
-    tilt = 0.999 * target.tilt * np.sqrt(rng.uniform(size=count)) * (np.arange(count) % 4 != 0)
+    tilt = _INSIDE * target.tilt * np.sqrt(rng.uniform(size=count)) * (np.arange(count) % 4 != 0)
     turn = rng.uniform(0, 2 * np.pi, count)
     sideways = np.cos(turn)[:, None] * target.basis[:, 0] + np.sin(turn)[:, None] * target.basis[:, 1]
     return np.asarray(np.cos(tilt)[:, None] * target.direction + np.sin(tilt)[:, None] * sideways)
 
 
-def _step_function(arm: Arm, tool_axis: tuple[float, float, float], directions: Floats, *, spun: bool) -> ca.Function:
+def _step_function(arm: Arm, tool_axis: tuple[float, float, float], directions: Array, *, spun: bool) -> ca.Function:
     """``(q, request) -> (next q, error at q)``: two damped least squares steps within the limits.
 
     Two at a time, because a call from Python costs as much as a step.
     """
     once = _single_step(arm, tool_axis, directions, spun)
-    q, request = ca.SX.sym("q", arm.robot.n), ca.SX.sym("request", 16)
+    q, request = ca.SX.sym("q", arm.robot.n), ca.SX.sym("request", _WIDTH)
     between, error = once(q, request)
     after, _ = once(between, request)
     return ca.Function("ik_steps", [q, request], ca.cse([after, error]))
@@ -177,9 +194,9 @@ def axis_can_reach(arm: Arm, tool_axis: tuple[float, float, float], target: Task
     return bool(np.min(errors) <= 2 * np.sin(target.tilt / 2) + slack)
 
 
-def _single_step(arm: Arm, tool_axis: tuple[float, float, float], directions: Floats, spun: bool) -> ca.Function:
-    q, request = ca.SX.sym("q", arm.robot.n), ca.SX.sym("request", 16)
-    position, axis, spin, weights, slack, cone = ca.vertsplit(request, [0, 3, 6, 9, 12, 15, 16])
+def _single_step(arm: Arm, tool_axis: tuple[float, float, float], directions: Array, spun: bool) -> ca.Function:
+    q, request = ca.SX.sym("q", arm.robot.n), ca.SX.sym("request", _WIDTH)
+    position, axis, spin, weights, slack, cone = ca.vertsplit(request, list(_PARTS))
     robot, reached = arm.robot, arm.walk(q)
     R = ca.SX(stack(list(zip(*reached.columns, strict=True))))
     a = np.array(tool_axis) / np.linalg.norm(tool_axis)
@@ -193,7 +210,7 @@ def _single_step(arm: Arm, tool_axis: tuple[float, float, float], directions: Fl
     )
     J = ca.jacobian(residual, q)
     squared = ca.sumsqr(residual)
-    A = J.T @ J + (0.5 * squared + 1e-9) * ca.SX.eye(robot.n)
+    A = J.T @ J + (_DAMPING * squared + _LEAST_DAMPING) * ca.SX.eye(robot.n)
     dq = -_solve_spd(A, J.T @ residual)
     longest = ca.mmax(ca.fabs(dq))
     dq = dq * _LONGEST_STEP / ca.fmax(longest, _LONGEST_STEP)

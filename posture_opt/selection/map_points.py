@@ -61,6 +61,7 @@ class MapPoint:
 
     @property
     def feasible(self) -> bool:
+        """Whether there is a posture."""
         return self.fate == "feasible"
 
     def to_json(self, joints: tuple[str, ...]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes, Progress
 from posture_opt.selection.engine import CandidatePosture, Engine, Recipe
-from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, PoseRequest
+from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.map_points import MapCandidate
 from posture_opt.selection.multistart import distinct, rank
 from posture_opt.selection.task_target import TaskTarget
@@ -108,24 +108,10 @@ def _explore(engine: Engine, targets: Sequence[TaskTarget], indices: Sequence[in
         rngs = [np.random.default_rng([seed, round_, indices[k]]) for k in open_]
         Q = [engine.ik.random_postures(starts, rng) for rng in rngs]
         requests = [engine.request(targets[k], starts, rng) for k, rng in zip(open_, rngs, strict=True)]
-        for k, reached in zip(open_, _reached(engine, Q, requests), strict=True):
+        for k, reached in zip(open_, engine.ik.reached(Q, requests), strict=True):
             if len(reached):
                 candidates[k] = _best_among(engine, targets[k], reached)
     return candidates
-
-
-def _reached(engine: Engine, Q: Sequence[Array], requests: Sequence[PoseRequest]) -> list[Array]:
-    """Of each group of postures (M, n) those (m, n) that reach its request; all are moved in one batch."""
-    rows = [np.broadcast_to(request.rows, (len(q), 16)) for request, q in zip(requests, Q, strict=True)]
-    moved, errors = engine.ik.solve(np.vstack(Q), _batch(np.vstack(rows), requests[0]))
-    ends = np.cumsum([len(q) for q in Q])[:-1]
-    groups = zip(np.split(moved, ends), np.split(errors < TOLERANCE, ends), strict=True)
-    return [postures[arrived] for postures, arrived in groups]
-
-
-def _batch(rows: Array, like: PoseRequest) -> PoseRequest:
-    """A batch of requests with the weights of another one."""
-    return PoseRequest(rows[:, :3], rows[:, 3:6], rows[:, 6:9], like.weights, like.slack, rows[:, 15:])
 
 
 def _out_of_plane(engine: Engine, target: TaskTarget) -> bool:
@@ -183,7 +169,7 @@ class _NeighbourExchange:
                 continue
             Q = [np.vstack(starts[k]) for k in mine]
             requests = [engine.request(self.targets[k], len(q), rng) for k, q in zip(mine, Q, strict=True)]
-            for k, reached in zip(mine, _reached(engine, Q, requests), strict=True):
+            for k, reached in zip(mine, engine.ik.reached(Q, requests), strict=True):
                 if len(reached):
                     self.candidates[k] = _best_among(engine, self.targets[k], reached)
                     found |= self.candidates[k].best is not None
@@ -218,15 +204,19 @@ class _NeighbourExchange:
         for engine, mine in _by_engine(self.engines, postures):
             rng = np.random.default_rng(0)
             requests = [engine.request(self.targets[k], 1, rng) for k in mine]
-            batch = _batch(np.vstack([request.rows for request in requests]), requests[0])
-            Q, errors = engine.ik.solve(np.array([postures[k] for k in mine]), batch)
-            scales = [1.0 if math.isnan(self.candidates[k].scale) else self.candidates[k].scale for k in mine]
-            parameters = [
-                replace(self.targets[k], scale=scale).parameters() for k, scale in zip(mine, scales, strict=True)
-            ]
-            for k, error, posture in zip(mine, errors, engine.screened(Q, np.array(parameters)), strict=True):
-                if error < TOLERANCE and (self.candidates[k].best is None or posture.feasible):
+            reached = dict(zip(mine, engine.ik.reached([postures[k][None] for k in mine], requests), strict=True))
+            arrived = [k for k in mine if len(reached[k])]
+            if not arrived:
+                continue
+            parameters = [replace(self.targets[k], scale=self._known_scale(k)).parameters() for k in arrived]
+            moved = engine.screened(np.vstack([reached[k] for k in arrived]), np.array(parameters))
+            for k, posture in zip(arrived, moved, strict=True):
+                if self.candidates[k].best is None or posture.feasible:
                     yield k, posture
+
+    def _known_scale(self, k: int) -> float:
+        scale = self.candidates[k].scale
+        return 1.0 if math.isnan(scale) else scale
 
     def _improve(self, k: int, posture: CandidatePosture) -> bool:
         engine, target = self.engines[k], self.targets[k]

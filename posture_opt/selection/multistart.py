@@ -34,6 +34,7 @@ class Sampled:
 
     @classmethod
     def none(cls, robot: Robot) -> Sampled:
+        """No posture at all."""
         return cls(robot, np.zeros((0, robot.n)), np.zeros(0))
 
     @cached_property

@@ -22,7 +22,7 @@ from posture_opt.selection.tasks import Task
 from posture_opt.selection.terms.term import Quantities, Within
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
-_MOST_CORRELATED = 8
+_MOST_CORRELATED = 8  # sources: the operations to second order grow as their cube
 
 Alignment = Literal["exact", "loose", "free"]
 
@@ -107,6 +107,7 @@ class OptimisationProblem:
 
     @cached_property
     def q(self) -> ca.SX:
+        """(n,) the joint values, as symbols [rad or m]."""
         return ca.vertcat(*(ca.SX.sym(name) for name in self.robot.joint_names))
 
     @cached_property

@@ -9,12 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.model.arm import Arm
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 
-Floats = np.ndarray
-_RANK = 1e-9
-_SAMPLES = 12
-_SWEEPS = 200
+_RANK = 1e-9  # of the largest singular value: rounding of a product of some ten rotations
+_DEPENDENT = 1e-7  # rad or m/rad: singular values below it are rounding, of quarter turns typed with seven digits too
+_SAMPLES = 12  # random postures: more than the columns that can be independent, so that none is missed
+_SWEEPS = 200  # over three coordinates: the exact steps converge geometrically
 _MOST_SKEW = 0.05  # rad; beyond it, corrections do not correct an arm but make another one
 
 PLANE_TOLERANCE = 1e-6
@@ -43,10 +44,10 @@ class Reach:
     do at will: such motion counts as none.
     """
 
-    directions: Floats
-    offset: Floats
+    directions: Array
+    offset: Array
     axis_rank: int
-    axis: Floats
+    axis: Array
     axis_freedom: int
     orients_at_point: bool
     radius: float
@@ -55,6 +56,7 @@ class Reach:
 
     @classmethod
     def of(cls, arm: Arm, tool_axis: tuple[float, float, float]) -> Reach:
+        """What ``arm`` can do with ``tool_axis`` (3,), tool frame, found at random postures."""
         rng = np.random.default_rng(0)
         robot = arm.robot
         a_tool = np.array(tool_axis) / np.linalg.norm(tool_axis)
@@ -73,21 +75,21 @@ class Reach:
         turned = _range(np.hstack(turns), 0.0, lean * math.sqrt(_SAMPLES * robot.n))
         rank = 0 if turned.shape[1] == 0 else 1 if _planar(axes, lean) else 2
         both = [np.vstack([U.T @ J, A]) for J, A in zip(jacobians, turns, strict=True)]
-        orients = max(np.linalg.matrix_rank(M, tol=1e-7) for M in both) >= U.shape[1] + rank
+        orients = max(np.linalg.matrix_rank(M, tol=_DEPENDENT) for M in both) >= U.shape[1] + rank
         radius = max(float(np.linalg.norm(p - points[0])) for p in points)
         axis = axes[0] if rank == 0 else _normal(axes) if rank == 1 else np.zeros(3)
-        freedom = max(int(np.linalg.matrix_rank(A, tol=max(1e-7, lean))) for A in turns)
+        freedom = max(int(np.linalg.matrix_rank(A, tol=max(_DEPENDENT, lean))) for A in turns)
         able, size = bool(orients and rank > 0), max(radius, 1e-3)
         plane_slack = PLANE_TOLERANCE + lean * size + min(robot.lift, size)
         return cls(U, points[0], rank, axis, freedom, able, size, plane_slack, AXIS_SLACK + lean)
 
     @cached_property
-    def normals(self) -> Floats:
+    def normals(self) -> Array:
         """(3, 3 − r) directions in which the tool point cannot move."""
         full, _, _ = np.linalg.svd(np.hstack([self.directions, np.zeros((3, 1))]))
         return np.asarray(full[:, self.directions.shape[1] :])
 
-    def outside(self, lower: Floats, upper: Floats) -> Floats:
+    def outside(self, lower: Array, upper: Array) -> Array:
         """(3,) shift [m] that brings the box to the plane (or line) that the tool point cannot leave."""
         N = self.normals
         point = np.clip(self.offset, lower, upper)
@@ -99,12 +101,12 @@ class Reach:
                     point[k] = np.clip(point[k] - slope / curvature, lower[k], upper[k])
         return np.asarray(N @ (N.T @ (self.offset - point)))
 
-    def misses(self, lower: Floats, upper: Floats) -> bool:
+    def misses(self, lower: Array, upper: Array) -> bool:
         """Whether no point of the box lies in the plane (or line) of the tool point."""
         return bool(np.linalg.norm(self.outside(lower, upper)) > self.plane_slack)
 
 
-def drawn_between(robot: Robot) -> tuple[Floats, Floats]:
+def drawn_between(robot: Robot) -> tuple[Array, Array]:
     """(n,) bounds that random postures are drawn between: the limits; of a turning joint one turn at most of them."""
     lower, upper = np.array(robot.lower), np.array(robot.upper)
     low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
@@ -113,23 +115,23 @@ def drawn_between(robot: Robot) -> tuple[Floats, Floats]:
     return np.where(whole, lower, low), np.where(whole, upper, high)
 
 
-def _range(columns: Floats, lean: float = 0.0, least: float = 0.0) -> Floats:
+def _range(columns: Array, lean: float = 0.0, least: float = 0.0) -> Array:
     U, s, _ = np.linalg.svd(columns, full_matrices=False)
     keep = s > max(max(_RANK, lean) * max(float(s[0]), 1e-6), least)
     basis = U[:, keep]
     return np.eye(3) if basis.shape[1] == 3 else _aligned(basis, lean)
 
 
-def _aligned(basis: Floats, lean: float) -> Floats:
+def _aligned(basis: Array, lean: float) -> Array:
     """The same subspace spanned by coordinate axes where these lie in it: they read better in a printed problem."""
     projector = basis @ basis.T
     columns = [e for e in np.eye(3) if np.linalg.norm(projector @ e - e) < max(1e-9, lean)]
     return np.array(columns).T if columns and len(columns) == basis.shape[1] else basis
 
 
-def _planar(axes: list[Floats], lean: float) -> bool:
-    return bool(np.linalg.svd(np.array(axes), compute_uv=False)[-1] < max(1e-7, lean * math.sqrt(len(axes))))
+def _planar(axes: list[Array], lean: float) -> bool:
+    return bool(np.linalg.svd(np.array(axes), compute_uv=False)[-1] < max(_DEPENDENT, lean * math.sqrt(len(axes))))
 
 
-def _normal(axes: list[Floats]) -> Floats:
+def _normal(axes: list[Array]) -> Array:
     return np.asarray(np.linalg.svd(np.array(axes))[2][-1])

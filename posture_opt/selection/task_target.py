@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.numerics import Array
 from posture_opt.selection.reach import Reach
 from posture_opt.selection.tasks import Task
 
-Floats = np.ndarray
 SIZES = {"lower": 3, "upper": 3, "direction": 3, "b1": 3, "b2": 3, "clearance": 1, "sin_tilt": 1, "scale": 1}
 FREE = 1e6
 """A bound on the tool point that no arm reaches: the target is free."""
@@ -31,10 +31,10 @@ class TaskTarget:
         scale: variance [m²] that the objective is divided by.
     """
 
-    lower: Floats
-    upper: Floats
-    direction: Floats
-    basis: Floats
+    lower: Array
+    upper: Array
+    direction: Array
+    basis: Array
     clearance: float = math.nan
     tilt: float = 0.0
     scale: float = 1.0
@@ -51,12 +51,12 @@ class TaskTarget:
         clearance = math.nan if task.clearance is None else task.clearance
         return cls(lower, upper, d, complement(d, reach), clearance, task.tilt)
 
-    def with_position(self, position: Floats) -> TaskTarget:
+    def with_position(self, position: Array) -> TaskTarget:
         """The same target at another point."""
         point = _vector(position, "position")
         return replace(self, lower=point, upper=point)
 
-    def with_direction(self, direction: Floats, reach: Reach) -> TaskTarget:
+    def with_direction(self, direction: Array, reach: Reach) -> TaskTarget:
         """The same target along another direction."""
         d = _vector(direction, "direction")
         if np.linalg.norm(d) < 1e-12:
@@ -71,7 +71,7 @@ class TaskTarget:
             return "point"
         return "anywhere" if bool(np.all(self.upper >= FREE)) else "region"
 
-    def parameters(self) -> Floats:
+    def parameters(self) -> Array:
         """(18,) the parameters of the optimisation problem, in the order of ``SIZES``."""
         clearance = 1.0 if math.isnan(self.clearance) else self.clearance
         tail = [clearance, math.sin(self.tilt), self.scale]
@@ -85,7 +85,7 @@ def target_symbols() -> tuple[ca.SX, dict[str, ca.SX]]:
     return p, dict(zip(SIZES, parts, strict=True))
 
 
-def complement(d: Floats, reach: Reach) -> Floats:
+def complement(d: Array, reach: Reach) -> Array:
     """(3, 2) orthonormal basis of the plane across ``d``; its first vector in the arm's plane where there is one."""
     normals = reach.normals
     in_plane = normals.shape[1] == 1 and abs(normals[:, 0] @ d) < 1e-9
@@ -97,7 +97,7 @@ def complement(d: Floats, reach: Reach) -> Floats:
     return np.column_stack([b1, np.cross(d, b1)]) + 0.0
 
 
-def _vector(value: Floats, what: str) -> Floats:
+def _vector(value: Array, what: str) -> Array:
     array = np.asarray(value, dtype=float)
     if array.shape != (3,) or not np.all(np.isfinite(array)):
         raise InputError(Issue(f"{what} needs three finite numbers", (what,), value, "for example (0.6, 0.2, 0.1)"))

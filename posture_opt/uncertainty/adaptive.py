@@ -19,8 +19,8 @@ from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
 
 Draw = Callable[[int, np.random.Generator], Array]
 
-MIN_BLOCKS = 10
-SMALLEST_BLOCK = 10_000
+MIN_BLOCKS = 10  # JCGM 102:2011, 7.8.3
+SMALLEST_BLOCK = 10_000  # JCGM 102:2011, 7.8.3
 
 
 @dataclass(frozen=True, eq=False)
