@@ -282,9 +282,9 @@ class TestUnits:
         assert found == pytest.approx(rpy, abs=1e-7)
 
     def test_sources_in_words(self) -> None:
-        robot = po.problem_from_dict(PROBLEMS["scara"]).robot
+        arm = po.problem_from_dict(PROBLEMS["scara"]).arm
         words_of = {"joint1.theta": "joint1 angle", "joint3.d": "joint3 travel", "base.x": "base x"}
-        assert {name: source_words(name, robot) for name in words_of} == words_of
+        assert {name: source_words(name, arm) for name in words_of} == words_of
 
 
 def drawn_of(solution: Any, cloud: Any) -> dict[str, Any]:

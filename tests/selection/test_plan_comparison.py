@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.model.arm import Arm
 from posture_opt.problem.problem import Problem
 from posture_opt.robot.corrections import deviated
 from posture_opt.selection.plan_comparison import compare_plans
@@ -31,7 +32,7 @@ def problem(**keys: object) -> Problem:
 @pytest.fixture(scope="module")
 def models() -> dict[str, Problem]:
     nominal = problem()
-    return {"nominal": nominal, "calibrated": replace(nominal, robot=deviated(nominal.robot, {"joint2.a": LONGER}))}
+    return {"nominal": nominal, "calibrated": replace(nominal, arm=Arm(deviated(nominal.robot, {"joint2.a": LONGER})))}
 
 
 def test_the_last_model_judges_every_posture(models: dict[str, Problem]) -> None:
