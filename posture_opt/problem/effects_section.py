@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from posture_opt.errors import InputError, Issue, KeyPath, one_of
+from posture_opt.errors import BadValueError, InputError, Issue, KeyPath, one_of
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.inputs import REFERENCE_TEMPERATURE, Inputs
@@ -29,10 +29,11 @@ def arm_with(robot: Robot, effects: tuple[CatalogueEntry, ...], task: Task | Non
     """
     issues = _task_issues(robot, task)
     for index, effect in enumerate(effects):
-        fault = effect.robot_fault(robot) or _unweighed(robot, effect)
-        if fault:
-            message, _, mend = fault.partition("; ")
-            issues.append(Issue(message, ("effects", index), effect.kind, mend))
+        try:
+            effect.check_robot(robot)
+            _check_masses(robot, effect)
+        except BadValueError as error:
+            issues.append(error.issue(("effects", index), effect.kind))
     names = [effect.name for effect in effects]
     for index, name in enumerate(names):
         if name in names[:index]:
@@ -124,13 +125,14 @@ def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
     ]
 
 
-def _unweighed(robot: Robot, effect: CatalogueEntry) -> str:
+def _check_masses(robot: Robot, effect: CatalogueEntry) -> None:
+    """Refuse an effect of gravity on links whose masses nobody states."""
     if (
         any("masses" in moving.asks for moving in moving_effects([effect]))
         and not ArmState(robot, [0.0] * robot.n).weighed
     ):
-        return "masses or centres of mass of some links are not stated; add mass and com to the joints"
-    return ""
+        message = "masses or centres of mass of some links are not stated"
+        raise BadValueError(message, "add mass and com to the joints")
 
 
 def _inputs(robot: Robot, task: Task | None) -> Inputs:

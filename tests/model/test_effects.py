@@ -15,7 +15,7 @@ import pinocchio
 import pytest
 import yaml
 
-from posture_opt.errors import InputError
+from posture_opt.errors import BadValueError, InputError
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.effects import EFFECTS, Effect, Excitation
@@ -184,7 +184,7 @@ def test_the_tool_point_is_where_an_independent_simulator_has_it(cls: type[Effec
         except (ValueError, IndexError):  # this arm has no such target, as no link long enough to bend
             continue
         effect = read(stated_sizes(truth))
-        assert effect.robot_fault(robot) == ""
+        effect.check_robot(robot)
         there = hidden.measured(site, (truth,))
         without = hidden.measured(site, ())
         here = with_effects(robot, (effect,), inputs).position(site.session.q)
@@ -308,10 +308,10 @@ def test_a_robot_without_the_target_is_refused(cls: type[Effect], sites: Any) ->
         effect = instances(cls, site, robot)[-1]
     other = sites["ur10"][1]
     if effect.target in ("base", "payload", "instrument", "linear", "exponential"):
-        assert effect.robot_fault(other) == ""
+        effect.check_robot(other)
     else:
-        fault = effect.robot_fault(other)
-        assert "joint1" in fault or "one of its joints" in fault
+        with pytest.raises(BadValueError, match=r"joint1|one of its joints"):
+            effect.check_robot(other)
 
 
 def test_a_fault_stands_at_its_place_in_the_file(sites: Any) -> None:

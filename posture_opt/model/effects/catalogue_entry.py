@@ -108,9 +108,12 @@ class CatalogueEntry(Cause, Spec):
         """The ``kind`` of every instance."""
         return str(cls.model_fields["kind"].default)
 
-    def robot_fault(self, robot: Robot) -> str:
-        """What this robot lacks for the effect, or an empty text."""
-        return ""
+    def check_robot(self, robot: Robot) -> None:
+        """Refuse a robot that lacks what the effect is about.
+
+        Raises:
+            BadValueError: no such joint or length, or one of another type.
+        """
 
     @classmethod
     def unknowable(cls, evidence: Evidence) -> Limit | None:

@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.abscissa import Abscissa, over_joint
@@ -45,7 +46,9 @@ class JointCoupling(JointEffect):
         names = case.moving("revolute")
         return [cls(joint=b, follows=a) for a in names for b in names if a != b]
 
-    def robot_fault(self, robot: Robot) -> str:
+    def check_robot(self, robot: Robot) -> None:
         if self.follows not in robot.joint_names:
-            return f"the robot has no joint '{self.follows}'; its joints: {', '.join(robot.joint_names)}"
-        return super().robot_fault(robot)
+            raise BadValueError(
+                f"the robot has no joint '{self.follows}'", f"its joints: {', '.join(robot.joint_names)}"
+            )
+        super().check_robot(robot)

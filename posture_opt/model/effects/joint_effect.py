@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 from pydantic import Field
 
+from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
@@ -38,13 +39,13 @@ class EffectOfJoint(Effect):
         """The effect of one joint, nothing estimated yet."""
         return cls(joint=joint, **shape)
 
-    def robot_fault(self, robot: Robot) -> str:
+    def check_robot(self, robot: Robot) -> None:
         types = {j.name: j.type for j in robot.joints}
         if self.joint not in types:
-            return f"the robot has no joint '{self.joint}'; its joints: {', '.join(types)}"
+            raise BadValueError(f"the robot has no joint '{self.joint}'", f"its joints: {', '.join(types)}")
         if types[self.joint] not in self.types:
-            return f"{self.kind} is of {' and '.join(self.types)} joints, and {self.joint} is {types[self.joint]}"
-        return ""
+            message = f"{self.kind} is of {' and '.join(self.types)} joints, and {self.joint} is {types[self.joint]}"
+            raise BadValueError(message)
 
 
 class JointEffect(EffectOfJoint):

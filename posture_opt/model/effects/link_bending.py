@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar, Literal
 
+from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Vector, add, cross, dot, scale, subtract
 from posture_opt.model.effects.cause import Size, compliance_size
@@ -54,10 +55,10 @@ class LinkBending(EffectOfJoint):
         names = case.robot.joint_names[:-1]
         return [cls(joint=name) for i, name in enumerate(names) if _length(site, i) > _SHORT]
 
-    def robot_fault(self, robot: Robot) -> str:
+    def check_robot(self, robot: Robot) -> None:
         if robot.joint_names and self.joint == robot.joint_names[-1]:
-            return f"no joint follows {self.joint}, so the file does not tell where its link ends"
-        return super().robot_fault(robot)
+            raise BadValueError(f"no joint follows {self.joint}, so the file does not tell where its link ends")
+        super().check_robot(robot)
 
 
 def _ends(site: ArmState, joint: int) -> tuple[Vector, Vector]:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ZERO, ArmState
 from posture_opt.model.chain import cross, subtract
 from posture_opt.model.effects.abscissa import Abscissa, over_time
@@ -116,6 +117,7 @@ class Slip(Effect):
         bases = [cls(of="base", moment="0 s", way=way) for way in _WAYS]
         return [one.model_copy(update={"moment": t}) for one in (*joints, *bases) for t in moments.tolist()]
 
-    def robot_fault(self, robot: Robot) -> str:
+    def check_robot(self, robot: Robot) -> None:
         known = ("base", *robot.joint_names)
-        return "" if self.of in known else f"the robot has no joint '{self.of}'; write base or one of its joints"
+        if self.of not in known:
+            raise BadValueError(f"the robot has no joint '{self.of}'", "write base or one of its joints")

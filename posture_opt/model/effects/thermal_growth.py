@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
 from posture_opt.robot.robot import Factor, Robot
@@ -53,9 +54,10 @@ class ThermalGrowth(Effect):
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
         return [cls(length=name) for name in ("all", *_lengths(case.robot))] if cls.needs <= case.inputs else []
 
-    def robot_fault(self, robot: Robot) -> str:
+    def check_robot(self, robot: Robot) -> None:
         known = ("all", *_lengths(robot))
-        return "" if self.length in known else f"there is no length '{self.length}'; lengths: {', '.join(known)}"
+        if self.length not in known:
+            raise BadValueError(f"there is no length '{self.length}'", f"lengths: {', '.join(known)}")
 
 
 def _lengths(robot: Robot) -> dict[str, Factor]:

@@ -50,12 +50,11 @@ class CorrelatedLengths(NoiseEffect):
     def correlation(self) -> tuple[tuple[str, str, float], ...]:
         return ((*self.lengths, self.rho),)
 
-    def robot_fault(self, robot: Robot) -> str:
+    def check_robot(self, robot: Robot) -> None:
         known = [name for name, factor in robot.parameters.items() if factor.kind == "translate"]
         for name in self.lengths:
             if name not in known:
-                return f"'{name}' is no length of the robot; {one_of(name, known, 'lengths')}"
-        return ""
+                raise BadValueError(f"'{name}' is no length of the robot", one_of(name, known, "lengths"))
 
     @classmethod
     def unknowable(cls, evidence: Evidence) -> Limit | None:

@@ -67,15 +67,11 @@ class JointNoise(NoiseEffect):
         """σ [rad or m]."""
         return parse_quantity(self.sigma, _dimension(self.sigma))
 
-    def robot_fault(self, robot: Robot) -> str:
+    def check_robot(self, robot: Robot) -> None:
         types = {j.name: j.type for j in robot.joints}
         if self.joint not in types:
-            return f"the robot has no joint '{self.joint}'; its joints: {', '.join(types)}"
-        try:
-            parse_quantity(self.sigma, "angle" if types[self.joint] == "revolute" else "length")
-        except ValueError as error:
-            return str(error)
-        return ""
+            raise BadValueError(f"the robot has no joint '{self.joint}'", f"its joints: {', '.join(types)}")
+        parse_quantity(self.sigma, "angle" if types[self.joint] == "revolute" else "length")
 
     def scatter(self, robot: Robot) -> dict[str, float]:
         return {robot.factors[robot.driven[robot.joint_names.index(self.joint)]].parameter: self.value}
