@@ -1,4 +1,4 @@
-"""What the report says of another file: how well what the first one taught predicts it."""
+"""What the report says of another file: how well the models fitted to the first one predict it."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def elsewhere_lead(diagnosed: Diagnosed) -> tuple[str, ...]:
         one = len(diagnosed.effects) == 1
         whose = "it belongs" if one else "they belong"
         return (
-            f"The {'effect is' if one else 'effects are'} not judged on the test file: {whose} to the first session.",
+            f"The {'effect is' if one else 'effects are'} not tested on the other file: {whose} to the first session.",
         )
     if test.gain.low > 0:
         return (f"The gain holds on the test file: {percent(test.gain.value)} off the RMS.",)
     if test.gain.value > 0:
         off = f"the RMS drops by {percent(test.gain.value)}"
-        return (f"On the test file {off}, which {count(len(test.data), 'row')} cannot tell from chance: no sure gain.",)
-    return ("On the test file it is no gain: there the arm with its effects errs as much as without, or more.",)
+        return (f"On the test file {off}, which is not significant with {count(len(test.data), 'row')}.",)
+    return ("On the test file there is no gain: the error with effects is as large as without, or larger.",)
 
 
 def test_block(diagnosed: Diagnosed) -> Block:
@@ -50,7 +50,7 @@ def test_block(diagnosed: Diagnosed) -> Block:
     own = diagnosed.diagnosis.errors["calibrated"].rms
     if not test.refitted and test.models["calibrated"].rms > _ELSEWHERE * own:
         items.append(
-            "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."
+            "Errors this large suggest that base or instrument were moved: --refit-frames fits base and tool again."
         )
     rows = [(f.cause.label, percent(f.gain), *_elsewhere(test.gains[place])) for place, f in diagnosed.effects]
     if rows:
@@ -61,6 +61,6 @@ def test_block(diagnosed: Diagnosed) -> Block:
 def _elsewhere(gain: Gain | None) -> tuple[str, str]:
     """What an effect brings on the other file, and whether that can be sure."""
     if gain is None:
-        return "not tried", "left out of it"
-    sure = "too small to be sure" if gain.value > 0 else "no gain"
+        return "not tested", "left out"
+    sure = "not significant" if gain.value > 0 else "no gain"
     return percent(gain.value), "holds" if gain.low > 0 else sure

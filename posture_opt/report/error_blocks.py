@@ -1,4 +1,4 @@
-"""What the report says of position errors: those of three models beside what noise alone makes."""
+"""What the report says of position errors: those of three models beside what measurement noise accounts for."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from posture_opt.report.units_text import decimals_of, fixed, number, percent
 if TYPE_CHECKING:
     from posture_opt.calibration.error_statistics import Statistics
 
-_CHOSEN = "Their sizes were fitted anew in each round; the effects themselves were chosen on all rows."
+_CHOSEN = "Their sizes were refitted in each round; the effects themselves were selected on all rows."
 _LEFT_OUT = {
     "pose": "its pose",
     "block": "its block of the workspace",
-    "place": "the place that it touches",
+    "place": "the point that it touches",
 }
 
 
@@ -38,8 +38,8 @@ def errors_block(diagnosed: Diagnosed) -> Block:
     if diagnosed.effects:
         texts.append(_gain_text(diagnosed))
     if noises:
-        texts.append(f"Noise alone is {diagnosed.floor[1]}{_beside(diagnosed, noises, rounds)}")
-    return Block("What naming the cause brings", (*texts, Table(headers, tuple(rows))), "diagnosis_errors")
+        texts.append(f"Measurement noise is {diagnosed.floor[1]}{_beside(diagnosed, noises, rounds)}")
+    return Block("Gain from the causes found", (*texts, Table(headers, tuple(rows))), "diagnosis_errors")
 
 
 def models_of(diagnosed: Diagnosed) -> dict[str, str]:
@@ -56,9 +56,9 @@ def noise_of(diagnosed: Diagnosed) -> dict[str, float]:
     joint = next((f.noise.moved_joint for f in found.findings if f.noise is not None and f.noise.moved_joint), "")
     shape = found.held["extended"].shape
     if not joint or shape is None or "instrument" not in source:  # repeats scatter by what the joint does already
-        return {"noise alone": floor}
+        return {"measurement noise": floor}
     variance = diagnosed.residuals.sigma**2 * float(np.mean(np.trace(shape, axis1=1, axis2=2)))
-    return {"noise alone": floor, f"noise with {joint}'s scatter": float(np.sqrt(variance))}
+    return {"measurement noise": floor, f"noise with {joint}'s scatter": float(np.sqrt(variance))}
 
 
 def _beside(diagnosed: Diagnosed, noises: dict[str, float], rounds: int) -> str:
@@ -70,26 +70,29 @@ def _beside(diagnosed: Diagnosed, noises: dict[str, float], rounds: int) -> str:
     numbers = len(residuals.data) * len(residuals.axes)
     # Rows left out are predicted with the errors of a fit to the others: variance k/m more, of k parameters to m.
     cost = floor * float(np.sqrt(1 + fitted / (numbers * (1 - 1 / max(rounds, 2)))))
-    said = "" if len(noises) == 1 else f"; {name.removeprefix('noise ')} it makes {mm(floor)} mm"
+    said = "" if len(noises) == 1 else f"; {name.removeprefix('noise ')} it accounts for {mm(floor)} mm"
     if floor > left.interval[1]:
-        return f"{said}: more than is left, so it is better than that."
+        return f"{said}: more than the residual error, so the noise must be smaller than that."
     if floor < left.interval[0]:
-        said += f"; to fit {fitted} parameters to {numbers} numbers makes {mm(cost)} mm of it"
+        said += f"; fitting {fitted} parameters to {numbers} numbers raises that to {mm(cost)} mm"
     if cost < left.interval[0]:
-        own = "the scatter of the arm itself comes on top" if "instrument" in diagnosed.floor[1] else ""
+        own = "the scatter of the arm itself adds to that" if "instrument" in diagnosed.floor[1] else ""
         return f"{said}; {own or 'no model does better'}."
     if found.verdict == "unexplained":
-        return f"{said}: about what is left, so what has no name makes little of it on average."
-    return f"{said}: about what is left, so there is nothing more to gain."
+        return f"{said}: about as large as the residual error, so the unexplained part is small on average."
+    return f"{said}: about as large as the residual error, so nothing more can be gained."
 
 
 def _gain_text(diagnosed: Diagnosed) -> str:
     gain = diagnosed.diagnosis.gain
     span = f"{percent(gain.low)} to {percent(gain.high)} with 95 % confidence"
     if gain.low > 0:
-        text = f"The effects take {percent(gain.value)} off the RMS of the calibrated arm ({span})."
+        text = f"The effects reduce the RMS of the calibrated arm by {percent(gain.value)} ({span})."
     else:
-        text = f"The effects bring no sure gain over the calibrated arm: {percent(gain.value)} off its RMS ({span})."
+        text = (
+            f"The effects bring no significant gain: the RMS of the calibrated arm drops by {percent(gain.value)} "
+            f"({span})."
+        )
     return f"{text} {_CHOSEN}"
 
 

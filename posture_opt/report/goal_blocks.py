@@ -24,8 +24,8 @@ def goals_lead(goals: MeasuredGoals | None) -> tuple[str, ...]:
         return ()
     old, new = (goals.sent[name].missed for name in ("nominal", "extended"))
     return (
-        f"Over {_goals(goals)}, the tool sent by the model before calibration missed by {_median(old)} in the posture "
-        f"that this model chooses; sent by the extended one, by {_median(new)} (medians, as measured).",
+        f"Over {_goals(goals)}, the tool missed by {_median(old)} when posture and commands came from the model before "
+        f"calibration, and by {_median(new)} when they came from the model with effects (measured medians).",
     )
 
 
@@ -35,20 +35,20 @@ def goals_block(goals: MeasuredGoals | None) -> tuple[Block, ...]:
         return ()
     part = PARTS[goals.within]
     sent = (
-        f"{_goals(goals)[:1].upper()}{_goals(goals)[1:]}: there the data themselves say what a choice is worth. Each "
-        f"model takes the posture where it predicts the least scatter {part}, and sends the tool there; what is then "
-        f"missed {part} was measured, on rows held out from the fit. Medians over the goals:"
+        f"{_goals(goals)[:1].upper()}{_goals(goals)[1:]} show directly what a choice is worth. Each model "
+        f"chooses the posture for which it predicts the least scatter {part} and commands the tool there; the error "
+        f"{part} was measured, on rows held out from the fit. Medians over the targets:"
     )
     left = (
-        "Where the tool is still sent by the model before calibration, a better model can predict in which posture "
-        "that misses by less:"
+        "If the commands still come from the model before calibration, a better model can predict which posture has "
+        "the smaller error:"
     )
     return (
         Block(
             _TITLE,
             (
                 sent,
-                _table("sent by the model", goals.sent, goals.clearance),
+                _table("commanded by the model", goals.sent, goals.clearance),
                 _worth(goals),
                 left,
                 _left(goals),
@@ -60,12 +60,12 @@ def goals_block(goals: MeasuredGoals | None) -> tuple[Block, ...]:
 
 def _goals(goals: MeasuredGoals) -> str:
     each = "two postures" if goals.postures == 2 * goals.goals else "two postures or more"
-    return f"the {count(goals.goals, 'goal')} that were measured in {each}"
+    return f"the {count(goals.goals, 'target')} measured in {each}"
 
 
 def _table(head: str, choices: Mapping[str, Choice], clearance: float | None) -> Table:
     meets = [] if clearance is None else ["fits"]
-    headers = (head, "missed there [mm]", "95 % below", *meets, "in the others [mm]", "better chosen")
+    headers = (head, "error there [mm]", "95 % below", *meets, "in the others [mm]", "chose the better")
     return Table(headers, tuple((MODELS[name], *_cells(choice, clearance)) for name, choice in choices.items()))
 
 
@@ -88,13 +88,13 @@ def _worth(goals: MeasuredGoals) -> str:
     chosen = goals.sent["extended"]
     if abs(chosen.better - goals.chance) <= goals.margin:
         return (
-            "With the arm known that well, the predicted scatter no longer tells the better posture: "
-            f"{_median(chosen.missed)} are missed in the chosen ones, {_median(chosen.elsewhere)} in the others."
+            "With the arm known this well, the predicted scatter no longer separates the postures: the error is "
+            f"{_median(chosen.missed)} in the chosen ones, {_median(chosen.elsewhere)} in the others."
         )
     if chosen.better > goals.chance:
-        return f"The scatter that the extended model predicts tells the better posture in {percent(chosen.better)}."
+        return f"The scatter that the model with effects predicts finds the better posture in {percent(chosen.better)}."
     return (
-        "The remaining errors are no scatter of the kind that the extended model predicts: its choice is the "
+        "The residual errors are not scatter of the kind that the model with effects predicts: its choice is the "
         f"better one in only {percent(chosen.better)}."
     )
 
@@ -104,8 +104,8 @@ def _told(goals: MeasuredGoals) -> str:
     if best.better <= goals.chance + goals.margin:
         return "Here it cannot: its choice is no better than a random one."
     return (
-        f"With its effects the model finds the better posture in {percent(best.better)} of the goals, and misses by "
-        f"{_median(best.missed)} where the other posture misses by {_median(best.elsewhere)}."
+        f"The model with effects finds the better posture for {percent(best.better)} of the targets, with an error of "
+        f"{_median(best.missed)} where the other posture has {_median(best.elsewhere)}."
     )
 
 

@@ -87,7 +87,7 @@ def planned_block(problem: Problem, plan: MeasurementPlan) -> Block:
     facts = [
         ("Plan for", _purpose(plan)),
         ("Measured", _measured(plan)),
-        *([("GivenInformation", _given(plan))] if plan.given is not None else []),
+        *([("Given", _given(plan))] if plan.given is not None else []),
         ("Kept clear", _room(plan)),
     ]
     notes = note_facts((*problem.notes, *(note for note in plan.notes if note != NO_TABLE)))

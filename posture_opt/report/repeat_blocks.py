@@ -1,4 +1,4 @@
-"""What the report says of repeated visits: ISO 9283, and one goal in several postures."""
+"""What the report says of repeats: ISO 9283, and one tool pose reached in several postures."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def goals_block(found: Assessment) -> Block:
     goals = found.goals
     assert goals is not None
     text = (
-        f"{count(goals.goals, 'goal was', 'goals were')} reached in two postures or more. By the model before "
-        f"calibration they should land {length(goals.said['nominal'].median)} apart, measured are "
-        f"{length(goals.measured.median)} (medians). Once calibrated, the model misses "
-        f"{length(goals.missed['calibrated'].median)} of the way between them, before calibration "
+        f"{count(goals.goals, 'target was', 'targets were')} reached in two postures or more. The model before "
+        f"calibration predicts that they land {length(goals.said['nominal'].median)} apart; "
+        f"{length(goals.measured.median)} were measured (medians). The calibrated model predicts the vector between "
+        f"them to {length(goals.missed['calibrated'].median)}, before calibration to "
         f"{length(goals.missed['nominal'].median)}."
     )
     rows = [("measured apart", *_distance_cells(goals.measured))]
-    rows += [(f"missed, {words}", *_distance_cells(goals.missed[name])) for name, words in MODELS.items()]
-    return Block("One goal, several postures", (text, Table(("[mm]", "median", "95 % below", "max"), tuple(rows))))
+    rows += [(f"prediction error, {words}", *_distance_cells(goals.missed[name])) for name, words in MODELS.items()]
+    return Block("One target, several postures", (text, Table(("[mm]", "median", "95 % below", "max"), tuple(rows))))
 
 
 def _distance_cells(d: Distances) -> tuple[str, ...]:
@@ -42,19 +42,22 @@ def repeats_block(found: Assessment) -> Block:
     """Accuracy and repeatability after ISO 9283, and the pooled scatter of visits."""
     title, repeats = "Accuracy and repeatability (ISO 9283)", found.repeats
     if repeats is None and found.calibrated.mean is None:
-        return Block(title, ("Touched points tell nothing of repeatability: no position was measured.",))
+        return Block(title, ("Touched points do not show repeatability: no position was measured.",))
     if repeats is None:
-        return Block(title, ("No posture was visited twice, so that repeatability cannot be said.",))
+        return Block(title, ("No posture was repeated: repeatability is unknown.",))
     low, high = repeats.interval
-    slipped = f" Without {count(len(repeats.outlying), 'odd row')}, named below." if repeats.outlying else ""
+    slipped = (
+        f" {count(len(repeats.outlying), 'posture')} with outlying repeats left out, named below."
+        if repeats.outlying
+        else ""
+    )
     pooled = (
-        f"{count(repeats.groups, 'posture was', 'postures were')} visited more than once, {repeats.rows} visits in "
-        f"all. About the mean of its posture a visit scatters by {length(repeats.sigma)} in a coordinate (standard "
-        f"deviation; with 95 % confidence {lengths([low, high], ' to ')}), which makes RP "
-        f"{length(repeats.repeatability)}.{slipped}"
+        f"{count(repeats.groups, 'posture was', 'postures were')} measured more than once, {repeats.rows} rows in "
+        f"all. About the mean of its posture a coordinate scatters by {length(repeats.sigma)} (standard deviation; "
+        f"with 95 % confidence {lengths([low, high], ' to ')}), so RP is {length(repeats.repeatability)}.{slipped}"
     )
     if not repeats.poses:
-        few = "No posture was visited three times or more: AP and RP of single ones are left out."
+        few = "No posture was measured three times or more: AP and RP of single postures are left out."
         return Block(title, (pooled, few), "residual_repeats")
     return Block(title, (pooled, _performance_table(repeats), *_performance_texts(repeats)), "residual_repeats")
 
@@ -87,13 +90,13 @@ def _spread_cells(values: list[tuple[float, tuple[float, float], int]]) -> tuple
 
 
 def _performance_texts(repeats: Repeats) -> list[str]:
-    visits = [pose.nominal.n for pose in repeats.poses]
-    size = f"{min(visits)}" if min(visits) == max(visits) else f"{min(visits)} to {max(visits)}"
-    texts = [f"{count(len(visits), 'pose')} with {size} visits; the line is that of the first visit."]
-    if min(visits) < CYCLES:
-        texts.append(f"ISO 9283 asks for {CYCLES} visits: the intervals tell what fewer cost.")
+    repeated = [pose.nominal.n for pose in repeats.poses]
+    size = f"{min(repeated)}" if min(repeated) == max(repeated) else f"{min(repeated)} to {max(repeated)}"
+    texts = [f"{count(len(repeated), 'pose')} with {size} repeats; the line is that of the first one."]
+    if min(repeated) < CYCLES:
+        texts.append(f"ISO 9283 asks for {CYCLES} repeats; the intervals show the effect of fewer.")
     if repeats.left_out:
-        texts.append(f"{count(repeats.left_out, 'pose')} more with as many visits or fewer are not listed.")
+        texts.append(f"{count(repeats.left_out, 'pose')} more with as many repeats or fewer are not listed.")
     if repeats.poses[0].orientation:
         worst = max(np.degrees(angle.repeatability) for pose in repeats.poses for angle in pose.orientation)
         texts.append(f"The orientation repeats within {number(float(worst))} deg about any axis (RP, worst pose).")

@@ -41,7 +41,7 @@ def residual_blocks(found: Assessment) -> tuple[Block, ...]:
         *([goals_block(found)] if found.goals is not None else []),
         mean_block(found),
         inputs_block(found),
-        remaining_block(found),
+        scatter_block(found),
         shape_block(found),
         instrument_block(found),
         repeats_block(found),
@@ -59,7 +59,7 @@ def directions_block(found: Assessment) -> Block:
         for k, (model, d) in enumerate(zip(MODELS.values(), pair, strict=True))
     ]
     headers = ("measured minus model [mm]", "model", "bias", "RMS", "mean", "95 % below", "max")
-    how = "Mean, 95 % and max are of the size of the error."
+    how = "Bias keeps its sign; RMS, mean, 95 % and max are of the length of the error vector."
     notes = map(sentence, found.notes)
     return Block("Errors by direction", (how, Table(headers, tuple(rows), text_columns=2), *notes), "residual_vectors")
 
@@ -77,27 +77,27 @@ def _cells(d: Deviation, decimals: int) -> tuple[str, ...]:
 
 def mean_block(found: Assessment) -> Block:
     """The first rule: after calibration the mean of the residuals is zero, everywhere."""
-    rule = "After a good calibration the errors scatter about zero, over all rows and in every part of the workspace."
+    rule = "After a good calibration the mean error is zero, over all rows and in every part of the workspace."
     texts = [_mean_text(found, name) for name in MODELS]
     if found.calibrated.zero and found.calibrated.blocks:
-        verdict = "Rule kept: nothing speaks against taking what remains as scatter."
+        verdict = "Passed: nothing speaks against treating the residuals as scatter."
     elif found.calibrated.zero:
-        verdict = "The poses are too few to test parts of the workspace by themselves."
+        verdict = "There are too few poses to test parts of the workspace separately."
     else:
-        verdict = "Rule broken: something is left that these parameters do not explain."
-    return Block("Is what remains mere scatter?", (rule, *texts, verdict), "residual_joints")
+        verdict = "Failed: these parameters do not explain all of the error."
+    return Block("Are the residuals pure scatter?", (rule, *texts, verdict), "residual_joints")
 
 
 def _mean_text(found: Assessment, name: str) -> str:
     model: ModelErrors = getattr(found, name)
     blocks = _blocks_text(found, model.blocks) if model.blocks else ""
     if model.mean is None:
-        overall = "the mean of every touched point is zero, as its place is known from the touches only"
+        overall = "the mean of every touched point is zero, since its position is known from the touches only"
     elif np.all(np.abs(model.mean.mean) <= _NOTHING * model.mean.error):
-        overall = "the mean over all rows is zero, as the fit makes it"
+        overall = "the mean over all rows is zero, as the fit enforces"
     else:
         mean, error = model.mean.mean.tolist(), model.mean.error.tolist()
-        verdict = "chance explains that" if model.mean.zero else "that is no chance"
+        verdict = "not significant" if model.mean.zero else "significantly different from zero"
         size = f"{shift(mean)} with standard errors {shift(error, among=mean)}"
         overall = f"the mean over all rows is {size}: {verdict} (p {p_value(model.mean.p_value)})"
     return f"{MODELS[name].capitalize()}, {overall}.{blocks}"
@@ -107,11 +107,11 @@ def _blocks_text(found: Assessment, blocks: tuple[BlockMean, ...]) -> str:
     off = [block for block in blocks if not block.zero]
     space = "workspace" if found.calibrated.mean is not None else "joint values"
     if not off:
-        return f" It is zero within chance in each of {len(blocks)} blocks of the {space}, too."
+        return f" In each of {len(blocks)} blocks of the {space} it does not differ significantly from zero either."
     worst = max(off, key=lambda block: float(np.linalg.norm(block.test.mean)))
     size, where = length(float(np.linalg.norm(worst.test.mean))), _box(found, blocks, worst)
     return (
-        f" In {len(off)} of {len(blocks)} blocks of the {space} it is not zero; the worst is {size} off, where {where}."
+        f" In {len(off)} of {len(blocks)} blocks of the {space} it is not zero; the largest, {size}, is where {where}."
     )
 
 
@@ -139,17 +139,17 @@ def inputs_block(found: Assessment) -> Block:
     """Drift, heat, load and play: what moves the errors that are left."""
     texts = [_trend_text(trend) for trend in found.trends if trend.found]
     if texts:
-        texts.append("Where the places changed with an input, they may be what the errors follow.")
+        texts.append("If the measured positions changed along with an input, they may be the actual cause.")
     calm = [_INPUTS[trend.name][0] for trend in found.trends if not trend.found]
     if calm:
-        texts.append(f"No trend beyond chance over {_listed(calm)}.")
+        texts.append(f"No significant trend over {_listed(calm)}.")
     off = sorted((sides for sides in found.sides if sides.found), key=lambda sides: -abs(sides.difference))
     if off:
         sizes = ", ".join(f"{sides.joint} by {length(abs(sides.difference))}" for sides in off)
-        texts.append(f"The side from which a joint arrives makes a difference along its motion: {sizes}.")
+        texts.append(f"The side from which a joint arrives changes the mean error along its motion: {sizes}.")
     elif found.sides:
-        texts.append("The side from which a joint arrives makes no difference beyond chance.")
-    first = "Once calibrated, the errors should follow neither time nor other inputs."
+        texts.append("The side from which a joint arrives has no significant influence.")
+    first = "After calibration the errors should depend neither on time nor on other inputs."
     return Block("Errors over time and other inputs", (first, *texts), "residual_inputs")
 
 
@@ -164,16 +164,16 @@ def _trend_text(trend: Trend) -> str:
     low, high = (f"{factor * value:.4g}" for value in trend.range)
     span = "from the first row to the last" if trend.name == "row" else f"from {low} to {high} {unit}"
     change = shift(trend.change.tolist())
-    return f"Over {words}, {span}, the mean error moves by {change}: that is no chance (p {p_value(trend.p_value)})."
+    return f"Over {words}, {span}, the mean error changes by {change} (significant, p {p_value(trend.p_value)})."
 
 
-def remaining_block(found: Assessment) -> Block:
-    """The second rule: the second moment of what remains is its vector uncertainty."""
+def scatter_block(found: Assessment) -> Block:
+    """The second rule: the second moment of the residuals is their vector uncertainty."""
     left = found.residual_scatter
     if left is None:
         return Block(
-            "What remains",
-            ("Nothing is left." if not found.calibrated.coordinate else "Too few poses for a region of what remains.",),
+            "Residual scatter",
+            ("The residuals are zero." if not found.calibrated.coordinate else "Too few poses for a 95 % region.",),
         )
     ellipse = left.ellipse
     along = ", ".join(line_words(np.pad(a, (0, 3 - len(a)))) for a in ellipse.axes.T[::-1][: ellipse.rank])
@@ -183,13 +183,13 @@ def remaining_block(found: Assessment) -> Block:
     poses = "" if left.dof == left.samples else f" in {count(left.dof, 'pose')}"
     texts = [
         f"C = (1/l) Σ Δx Δxᵀ over l = {left.samples} rows{poses} is the vector uncertainty of the calibrated model.",
-        f"Its {REGIONS[ellipse.rank]} has the semi-axes {half} along {along}: {left.factor:.3f} standard deviations, "
-        f"for so many samples; a covariance known beforehand has {ellipse.factor(0.95):.3f}. "
+        f"Its {REGIONS[ellipse.rank]} has the semi-axes {half} along {along}: {left.factor:.3f} standard deviations "
+        f"for this number of samples ({ellipse.factor(0.95):.3f} if the covariance were known exactly). "
         f"{percent(left.inside)} of the rows lie inside.",
     ]
     if not found.calibrated.zero:
-        texts.append("As its mean is not zero everywhere, C holds errors that repeat, beside scatter.")
-    return Block("What remains", tuple(texts), "residual_region")
+        texts.append("As the mean is not zero everywhere, C contains systematic errors besides scatter.")
+    return Block("Residual scatter", tuple(texts), "residual_region")
 
 
 def _in_plane(found: Assessment, axis: np.ndarray) -> str:
@@ -199,39 +199,39 @@ def _in_plane(found: Assessment, axis: np.ndarray) -> str:
 
 
 def shape_block(found: Assessment) -> Block:
-    """Whether what remains is normally distributed."""
+    """Whether the residuals are normally distributed."""
     from scipy.special import gammainc
 
     share, coordinates = found.calibrated.beyond3, found.rows * len(found.axes)
     beyond = round(share * coordinates)
     chance = float(gammainc(beyond, coordinates * _NORMAL)) if beyond else 1.0  # of so many among normal ones
     if chance < _RARE:
-        verdict = "large errors are likelier than the normal distribution says"
+        verdict = "large errors are more frequent than normal"
     elif share > _NORMAL:
-        verdict = "chance explains the difference"
+        verdict = "the difference is not significant"
     else:
-        verdict = "large errors are no likelier than the normal distribution says"
+        verdict = "large errors are no more frequent than normal"
     text = (
-        f"{percent(share)} of the coordinates lie beyond three of their standard deviations, of normal ones "
-        f"{percent(_NORMAL)}: {verdict}."
+        f"{percent(share)} of the coordinates lie beyond three standard deviations; of a normal distribution "
+        f"{percent(_NORMAL)} would: {verdict}."
     )
-    return Block("Shape of what remains", (text,), "residual_shape")
+    return Block("Distribution of the residuals", (text,), "residual_shape")
 
 
 def instrument_block(found: Assessment) -> Block:
     """The third rule: an instrument ten times better than what it judges."""
-    rule = "An instrument should be ten times better than what it judges."
+    rule = "An instrument should be ten times more accurate than the errors it measures."
     if not found.instrument:
-        mend = "its accuracy is not stated: add uncertainty: {measurement: {position: 0.05 mm}} to the problem file."
-        return Block("The instrument", (f"{rule} Whether this one is cannot be said, {mend}",))
-    texts = [f"{rule} This one's σ is {stated_length(found.instrument)} in a coordinate."]
-    for name, words in (("nominal", "The model as it stands"), ("calibrated", "The calibrated model")):
+        mend = "add uncertainty: {measurement: {position: 0.05 mm}} to the problem file."
+        return Block("The instrument", (f"{rule} The accuracy of this one is not stated: {mend}",))
+    texts = [f"{rule} The σ of this one is {stated_length(found.instrument)} per coordinate."]
+    for name, words in (("nominal", "The error before calibration"), ("calibrated", "The error after calibration")):
         ratio, size = found.ratios[name], length(getattr(found, name).coordinate)
         if ratio >= TEN_TIMES:
-            texts.append(f"{words} is off by {size} in a coordinate, {ratio:.0f} times that: good enough.")
+            texts.append(f"{words} is {size} per coordinate, {ratio:.0f} times that: good enough.")
         else:
             texts.append(
-                f"Warning: {words[0].lower()}{words[1:]} is off by {size} in a coordinate, only {number(ratio, 2)} "
-                "times that: part of what is seen is the instrument's own error."
+                f"Warning: {words[0].lower()}{words[1:]} is {size} per coordinate, only {number(ratio, 2)} times that: "
+                "part of it is the error of the instrument."
             )
     return Block("The instrument", tuple(texts))

@@ -23,13 +23,18 @@ _SURE = "with 95 % confidence"
 _WIDE = 0.1  # of the rows: so far does one draw of what stays move the share, that it needs words
 _NOTHING = 1e-3  # of the upper end of an interval: less than that is zero
 _BENT = 0.05  # of the rows: less bends a curve that nobody sees
-_MUCH = 2.0  # times the scatter between visits: more of what is left than that is no scatter
+_MUCH = 2.0  # times the scatter between repeats: larger residuals than that are no scatter
+_SCATTER = {
+    "right": "the predicted scatter agrees with the data",
+    "understated": "the predicted scatter is too small",
+    "overstated": "the predicted scatter is too large",
+}
 
 
 def truth_blocks(found: SpreadCheck) -> tuple[Block, ...]:
     """Coverage of the predicted regions, repeats against the prediction, scatter of each joint."""
     noise = (joints_block(found),) if found.noise is not None else ()
-    return coverage_block(found), visits_block(found), *noise
+    return coverage_block(found), repeats_block(found), *noise
 
 
 def truth_lead(found: SpreadCheck) -> str:
@@ -40,16 +45,16 @@ def truth_lead(found: SpreadCheck) -> str:
 def coverage_block(found: SpreadCheck) -> Block:
     """How much of what was measured the predicted regions hold."""
     how = (
-        "Each row is held against the region predicted for its posture by an arm that has not seen it: from the file's "
-        "uncertainty and the instrument for the arm as it stands; from what is still unsure of the parameters, the "
-        "scatter that the calibration leaves, and the instrument for the calibrated one."
+        "Each row is compared with the region predicted for its posture by a fit without it: before calibration from "
+        "the uncertainty in the file and the instrument; after it from the covariance of the parameters, the residual "
+        "scatter and the instrument."
     )
     sentences = [coverage_sentence(name, found) for name in found.coverage]
     rows = tuple((MODELS[name], *_coverage_cells(c)) for name, c in found.coverage.items())
-    headers = ("95 % region", "holds", _SURE, "were it true", "to be scaled by", _SURE)
+    headers = ("95 % region", "contains", _SURE, "if correct", "scale by", _SURE)
     tails = [text for name, c in found.coverage.items() if (text := _tails(MODELS[name], c))]
     after = (*tails, *_one_draw(found), *map(sentence, found.notes))
-    return Block("Is the predicted spread true?", (*sentences, how, Table(headers, rows), *after), "truth_coverage")
+    return Block("Is the predicted spread correct?", (*sentences, how, Table(headers, rows), *after), "truth_coverage")
 
 
 def _one_draw(found: SpreadCheck) -> list[str]:
@@ -57,20 +62,22 @@ def _one_draw(found: SpreadCheck) -> list[str]:
     low, high = found.coverage["nominal"].expected
     if not found.stated or high - low <= _WIDE:
         return []
-    one = "What stays the same from visit to visit is drawn once for a robot: were the file's spread true, the share"
-    return [f"{one} would still lie anywhere between {percent(low)} and {percent(high)}."]
+    one = (
+        "Errors that are the same in every repeat are drawn once per robot: even if the spread in the file is correct,"
+    )
+    return [f"{one} the share may lie anywhere between {percent(low)} and {percent(high)}."]
 
 
 def coverage_sentence(name: str, found: SpreadCheck) -> str:
-    """``The predicted 95 % ellipse holds 71 % of what was measured: the spread is understated by 1.9x.``"""
+    """``Before calibration, the predicted 95 % ellipse contains 71 % of the measured points: …``"""
     c = found.coverage[name]
     if name == "nominal" and not found.stated:
         return (
-            f"The problem states no uncertainty of the arm: as it stands, its predicted {REGIONS[c.dimension]} is that "
-            f"of the instrument alone and holds {percent(c.share)} of what was measured."
+            f"The problem states no uncertainty of the arm: its predicted {REGIONS[c.dimension]} before calibration is "
+            f"that of the instrument and contains {percent(c.share)} of the measured points."
         )
-    arm = "For the arm as it stands" if name == "nominal" else "Once calibrated"
-    holds = f"{arm}, the predicted {REGIONS[c.dimension]} holds {percent(c.share)} of what was measured"
+    arm = "Before calibration" if name == "nominal" else "After calibration"
+    holds = f"{arm}, the predicted {REGIONS[c.dimension]} contains {percent(c.share)} of the measured points"
     return f"{holds}: {_verdict(c)}."
 
 
@@ -78,10 +85,10 @@ def _verdict(c: Coverage) -> str:
     low, high = (number(end, 2) for end in c.factor_interval)
     if c.verdict == "right":
         near = "" if float(low) <= 1 <= float(high) else " to within a tenth"
-        return f"the spread is right{near}, as far as these data tell (factor {low} to {high})"
+        return f"the spread agrees with the data{near} (factor {low} to {high})"
     if c.verdict == "understated":
-        return f"the spread is understated by {number(c.factor, 2)}x ({low} to {high})"
-    return f"the spread is overstated, {number(c.factor, 2)} ({low} to {high}) of it would do"
+        return f"the spread is understated by a factor of {number(c.factor, 2)} ({low} to {high})"
+    return f"the spread is overstated: {number(c.factor, 2)} ({low} to {high}) of it would suffice"
 
 
 def _tails(model: str, c: Coverage) -> str:
@@ -89,8 +96,8 @@ def _tails(model: str, c: Coverage) -> str:
     share, chance = c.held(0.5), 3 * math.sqrt(0.25 / c.poses)
     if c.verdict != "right" or abs(share - 0.5) < max(_BENT, chance):
         return ""
-    tails = "longer" if share > 0.5 else "shorter"
-    return f"The 50 % region, {model}, holds {percent(share)}: the errors have {tails} tails than normal ones."
+    more = "more" if share > 0.5 else "less"
+    return f"The 50 % region, {model}, contains {percent(share)}: errors are {more} concentrated than predicted."
 
 
 def _coverage_cells(c: Coverage) -> tuple[str, ...]:
@@ -103,14 +110,12 @@ def _coverage_cells(c: Coverage) -> tuple[str, ...]:
     )
 
 
-def visits_block(found: SpreadCheck) -> Block:
-    """Scatter between repeats, against what the calibration leaves and against what the file says of visits."""
+def repeats_block(found: SpreadCheck) -> Block:
+    """Scatter between repeats, beside the residuals and what the file states of scatter."""
     title = "Do repeats scatter as predicted?"
     if not found.repeat_sigma:
-        told = (
-            "No posture was visited twice: what is scatter and what comes back at every visit, these data do not tell."
-        )
-        return Block(title, (told, "Visit some ten postures five times each to know."))
+        told = "No posture was repeated: these data cannot separate scatter from systematic errors."
+        return Block(title, (told, "Repeat about ten postures five times each to find out."))
     test = found.repeats
     texts = [_between_text(found)]
     if found.outlying:
@@ -118,38 +123,38 @@ def visits_block(found: SpreadCheck) -> Block:
         where = "posture first measured in line" if len(found.outlying) == 1 else "postures first measured in lines"
         texts.append(f"Left out: the {where} {lines}, whose repeats differ far more than any others: outliers.")
     if test is None:
-        return Block(title, (*texts, "The file says nothing of scatter from visit to visit to be compared with."))
+        return Block(title, (*texts, "The file states no scatter to compare with."))
     return Block(title, (*texts, *_test_texts(test, found.repeats_by), _poses_table(test), *_more(test)))
 
 
 def _between_text(found: SpreadCheck) -> str:
-    size = f"Between visits of one posture a coordinate scatters by {length(found.repeat_sigma)} (standard deviation)"
+    size = f"Between repeats of one posture a coordinate scatters by {length(found.repeat_sigma)} (standard deviation)"
     ratio = found.residual_rms / found.repeat_sigma
-    left = f"{size}; the calibrated model is off by {length(found.residual_rms)} (root mean square)."
+    left = f"{size}; the calibrated model has an RMS error of {length(found.residual_rms)} per coordinate."
     if ratio < _MUCH:
-        return f"{left} What it leaves is scatter, for the most part."
+        return f"{left} Most of that is scatter."
     same = percent(1 - 1 / ratio**2)
-    return f"{left} So {same} of what is left, as a variance, comes back the same at every visit: it is no scatter."
+    return f"{left} So {same} of the residual variance is the same in every repeat: systematic errors, not scatter."
 
 
 def _test_texts(test: ScatterTest, by: str) -> list[str]:
     what = {
-        "visit": "the file's scatter from visit to visit and the instrument",
-        "joints": "the file's σ's of joint values, taken as scatter from visit to visit, and the instrument",
+        "visit": "the scatter in the file and the instrument",
+        "joints": "the σ's of joint values in the file, taken as scatter, and the instrument",
     }[by]
-    how = f"Predicted from {what}. Errors that stay, such as wrong lengths, do not show between visits."
+    how = f"Predicted from {what}. Systematic errors, such as wrong lengths, do not show between repeats."
     low, high = (number(end) for end in test.interval)
-    size = f"Measured is {number(test.factor)} times the predicted standard deviation ({low} to {high})"
+    size = f"The measured standard deviation is {number(test.factor)} times the predicted one ({low} to {high})"
     shape = "" if math.isnan(test.p_shape) else f", of size and shape together {p_value(test.p_shape)}"
-    pooled = f"{size}: the scatter of visits is {test.verdict} (p of the size {p_value(test.p_size)}{shape})."
+    pooled = f"{size}: {_SCATTER[test.verdict]} (p of the size {p_value(test.p_size)}{shape})."
     off = sum(not pose.true for pose in test.poses)
     many = count(test.groups, "posture")
-    single = f"Tested one by one, {off} of {many} scatter{'s' * (off == 1)} otherwise than predicted."
-    return [how, pooled, single if off else f"Tested one by one, none of {many} scatters otherwise than predicted."]
+    single = f"Tested one by one, {off} of {many} scatter{'s' * (off == 1)} differently than predicted."
+    return [how, pooled, single if off else f"Tested one by one, none of {many} scatters differently than predicted."]
 
 
 def _poses_table(test: ScatterTest) -> Table:
-    headers = ("line", "visits", "measured [mm]", "predicted [mm]", "ratio", "p, size", "p, shape", "as predicted")
+    headers = ("line", "repeats", "measured [mm]", "predicted [mm]", "ratio", "p, size", "p, shape", "as predicted")
     rows = tuple(
         (
             str(pose.line), str(pose.n), number(1e3 * pose.measured), number(1e3 * pose.predicted),
@@ -167,7 +172,7 @@ def _short(p: float) -> str:
 
 def _more(test: ScatterTest) -> list[str]:
     more = test.groups - _LISTED
-    return [f"and {more} more; all tests together err 5 % of the time."] if more > 0 else []
+    return [f"and {more} more; the family-wise level of all tests is 5 %."] if more > 0 else []
 
 
 def joints_block(found: SpreadCheck) -> Block:
@@ -175,9 +180,9 @@ def joints_block(found: SpreadCheck) -> Block:
     noise = found.noise
     assert noise is not None
     source = (
-        "Estimated from the differences between visits (restricted likelihood)."
+        "Estimated from the differences between repeats (restricted likelihood)."
         if found.from_repeats
-        else "Estimated from what the calibration leaves, which holds errors of the model too, as nothing was repeated."
+        else "Estimated from the residuals of the calibration, which contain model errors too: nothing was repeated."
     )
     rows = [
         _joint_row(name, float(given), (float(s), float(e), float(low), float(high)), moved)
@@ -187,7 +192,7 @@ def joints_block(found: SpreadCheck) -> Block:
     ]
     rows.append(_instrument_row(found))
     headers = ("scatter (standard deviation)", "stated", "estimated", "std. error", "95 % interval")
-    texts = [text for text in (_elsewhere_text(found.scatter_predictions, found.from_repeats),) if text]
+    texts = [text for text in (_prediction_text(found.scatter_predictions, found.from_repeats),) if text]
     return Block("Scatter of each joint", (source, Table(headers, tuple(rows)), *texts), "truth_joints")
 
 
@@ -196,7 +201,7 @@ def _joint_row(name: str, stated: float, values: tuple[float, float, float, floa
     slide = name.endswith(".d")
     given = "" if not stated else stated_length(stated) if slide else stated_angle(stated)
     if not shown:
-        return name, given, "not told", "", "it hardly moves the tool point"
+        return name, given, "undetermined", "", "hardly moves the tool point"
     write = _small_length if slide else _small_angle
     interval = f"below {write(high)}" if low <= _NOTHING * high else f"{write(low)} to {write(high)}"
     return name, given, write(sigma) if sigma > _NOTHING * high else "0", write(std), interval
@@ -207,7 +212,7 @@ def _instrument_row(found: SpreadCheck) -> tuple[str, ...]:
     assert noise is not None
     low, high = noise.instrument_interval
     if not math.isfinite(noise.instrument_std):
-        return "instrument", stated, "not told", "", "not to be told from the joints"
+        return "instrument", stated, "undetermined", "", "not separable from the joints"
     size, error, least, most = (length(v, 2, [high]) for v in (noise.instrument, noise.instrument_std, low, high))
     interval = f"below {most}" if low <= _NOTHING * high else f"{least} to {most}"
     return "instrument", stated, size if noise.instrument > _NOTHING * high else "0", error, interval
@@ -221,27 +226,27 @@ def _small_angle(radians: float) -> str:
     return angle(radians) if abs(radians) >= 1e-2 else f"{number(math.degrees(radians), 2)} deg"
 
 
-def _elsewhere_text(models: tuple[ScatterPrediction, ...], repeats: bool) -> str:
+def _prediction_text(models: tuple[ScatterPrediction, ...], repeats: bool) -> str:
     """Whether σ's learned at some postures predict the ellipses at others."""
     by = {model.model: model for model in models}
     best = max((by[name] for name in ("joints", "one_sigma") if name in by), key=lambda m: m.gain, default=None)
     if best is None:
         return ""
     words = "one σ for each joint" if best.model == "joints" else "one σ for all joints"
-    row = "visit" if repeats else "row"
-    tried = f"Learned at four fifths of the postures and tried at the others, {words}"
+    row = "repeat" if repeats else "row"
+    tried = f"Fitted to four fifths of the postures and tested on the others, {words}"
     size = f"{fixed(best.gain, 2)} ± {fixed(best.gain_std, 2)} in the log-likelihood of a {row}"
     if best.better is None:
-        told = f"{tried} predicts the scatter no better than one round region for all postures ({size})."
+        told = f"{tried} predicts the scatter no better than one isotropic region for all postures ({size})."
     elif best.better:
         likelier = number(math.exp(min(best.gain, 50.0)), 2)
         told = (
-            f"{tried} predicts the scatter better than one round region for all postures: by {size}, which makes what "
-            f"was measured {likelier} times as likely, {row} by {row}."
+            f"{tried} predicts the scatter better than one isotropic region for all postures: by {size}, so that each "
+            f"{row} is {likelier} times as likely."
         )
     else:
-        told = f"{tried} predicts the scatter worse than one round region for all postures ({size})."
+        told = f"{tried} predicts the scatter worse than one isotropic region for all postures ({size})."
     if "stated" not in by:
         return told
     gain = best.log_likelihood - by["stated"].log_likelihood
-    return f"{told} Against the file's own statement it gains {fixed(gain, 2)}."
+    return f"{told} Over the σ's stated in the file it gains {fixed(gain, 2)}."

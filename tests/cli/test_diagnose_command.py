@@ -171,8 +171,8 @@ def test_what_changes_with_time_is_left_out_of_another_session(folder: Path) -> 
     assert found.test.models["calibrated"].rms > 2 * found.test.models["extended"].rms
     assert any("effects of time are left out" in note for note in found.notes)
     text = " ".join(render(diagnosis_report(problem, Diagnosed(data, found, test=later))).split())
-    assert "The effect is not judged on the test file: it belongs to the first session." in text
-    assert "not tried" in text
+    assert "The effect is not tested on the other file: it belongs to the first session." in text
+    assert "not tested" in text
     assert "no gain" not in text
     assert [done for done, _ in told] == sorted(done for done, _ in told)
     assert told[-1] == (100, 100)

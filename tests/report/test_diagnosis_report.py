@@ -58,8 +58,8 @@ def test_the_scatter_of_a_named_joint_stands_beside_what_is_left(noisy: tuple[po
     assert "which the file does not state" in text
     tables = [item for item in errors_block(noisy[1]).items if isinstance(item, Table)]
     assert name in [row[0] for table in tables for row in table.rows]
-    assert f"with joint2's scatter it makes {1e3 * noises[name]:.3f} mm" in text
-    assert "so there is nothing more to gain" in text
+    assert f"with joint2's scatter it accounts for {1e3 * noises[name]:.3f} mm" in text
+    assert "so nothing more can be gained" in text
 
 
 @pytest.mark.parametrize(
@@ -67,10 +67,10 @@ def test_the_scatter_of_a_named_joint_stands_beside_what_is_left(noisy: tuple[po
     [
         (
             0.0520,
-            "; to fit 23 parameters to 240 numbers makes 0.0550 mm of it: about what is left, so there is nothing",
+            "; fitting 23 parameters to 240 numbers raises that to 0.0550 mm: about as large as the residual error",
         ),
-        (0.0560, "; to fit 23 parameters to 240 numbers makes 0.0550 mm of it; the scatter of the arm itself comes on"),
-        (0.0510, ": about what is left, so there is nothing more to gain."),
+        (0.0560, "; fitting 23 parameters to 240 numbers raises that to 0.0550 mm; the scatter of the arm itself adds"),
+        (0.0510, ": about as large as the residual error, so nothing more can be gained."),
     ],
 )
 def test_what_fitting_costs_is_no_scatter_of_the_arm(low: float, words: str) -> None:
@@ -80,7 +80,7 @@ def test_what_fitting_costs_is_no_scatter_of_the_arm(low: float, words: str) -> 
     found = SimpleNamespace(errors={"extended": left}, model=model, verdict="effects_found")
     residuals = SimpleNamespace(data=range(80), axes=range(3))
     diagnosed: Any = SimpleNamespace(diagnosis=found, residuals=residuals, floor=(0, "the instrument as stated"))
-    assert _beside(diagnosed, {"noise alone": 3e-5 * np.sqrt(3)}, 5).startswith(words)
+    assert _beside(diagnosed, {"measurement noise": 3e-5 * np.sqrt(3)}, 5).startswith(words)
 
 
 @pytest.mark.parametrize(("kept", "notes"), [([True, True], 0), ([True, False], 1)])

@@ -102,21 +102,21 @@ def test_sentences_are_plain_and_fit_a_mail(visited: Any, once: Any) -> None:
 
 
 def test_the_rules_are_kept_or_broken_in_words(visited: Any, once: Any) -> None:
-    assert "Rule kept: nothing speaks against taking what remains as scatter." in words(visited[1])
+    assert "Passed: nothing speaks against treating the residuals as scatter." in words(visited[1])
     broken = words(once[1])
-    assert "Rule broken: something is left that these parameters do not explain." in broken
+    assert "Failed: these parameters do not explain all of the error." in broken
     assert re.search(r"Calibrated, the mean over all rows .* In \d+ of 16 blocks .* where [xy] is -?\d", broken)
     assert "C = (1/l) Σ Δx Δxᵀ over l = 320 rows in 40 poses" in words(visited[1])
-    assert "C holds errors that repeat, beside scatter" in broken
+    assert "C contains systematic errors besides scatter" in broken
 
 
 def test_the_instrument_is_warned_of_with_both_figures(visited: Any) -> None:
     found = visited[1].assessment
     report = words(visited[1])
-    assert "This one's σ is 0.02 mm in a coordinate." in report
-    assert re.search(r"The model as it stands is off by 2\.\d+ mm in a coordinate, 10\d times that", report)
+    assert "The σ of this one is 0.02 mm per coordinate." in report
+    assert re.search(r"The error before calibration is 2\.\d+ mm per coordinate, 10\d times that", report)
     one = 1e3 * found.calibrated.coordinate
-    assert f"Warning: the calibrated model is off by {one:.3f} mm in a coordinate, only 9." in report
+    assert f"Warning: the error after calibration is {one:.3f} mm per coordinate, only 9." in report
 
 
 def test_nobody_knows_an_instrument_of_which_nothing_is_stated(once: Any) -> None:
@@ -139,8 +139,8 @@ def test_directions_and_repeats_stand_in_tables(visited: Any, once: Any) -> None
     assert float(row[2]) == pytest.approx(1e3 * across.rms, abs=6e-4)
     worst = max(pose.nominal.repeatability for pose in found.repeats.poses)
     assert re.search(rf"^RP .* {1e3 * worst:.3f} ", report, re.MULTILINE)
-    assert "ISO 9283 asks for 30 visits" in report
-    assert "No posture was visited twice" in said(once[1])
+    assert "ISO 9283 asks for 30 repeats" in report
+    assert "No posture was repeated" in said(once[1])
 
 
 def test_every_axis_names_its_unit(figures: dict[str, Any], once: Any) -> None:

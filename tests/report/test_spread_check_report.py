@@ -41,21 +41,21 @@ def understated() -> SpreadCheck:
 def test_the_line_that_a_person_understands(understated: SpreadCheck) -> None:
     line = truth_lead(understated)
     share = round(100 * understated.coverage95["nominal"])
-    assert f"the predicted 95 % ellipse holds {share} % of what was measured" in line
-    assert "the spread is understated by " in line
-    factor = float(line.split("understated by ")[1].split("x")[0])
+    assert f"the predicted 95 % ellipse contains {share} % of the measured points" in line
+    assert "the spread is understated by a factor of " in line
+    factor = float(line.split("by a factor of ")[1].split()[0])
     assert factor == pytest.approx(2.0, abs=0.4)
 
 
 def test_the_report_says_what_is_compared_with_what(understated: SpreadCheck) -> None:
     text = " ".join(text_of(understated).split())
-    assert "Predicted from the file's scatter from visit to visit and the instrument." in text
-    assert "Errors that stay, such as wrong lengths, do not show between visits." in text
-    assert "times the predicted standard deviation" in text
-    assert "the scatter of visits is understated" in text
-    assert "What it leaves is scatter, for the most part." in text
-    assert "one σ for each joint predicts the scatter better than one round region" in text
-    assert "Against the file's own statement it gains" in text
+    assert "Predicted from the scatter in the file and the instrument." in text
+    assert "Systematic errors, such as wrong lengths, do not show between repeats." in text
+    assert "times the predicted one" in text
+    assert "the predicted scatter is too small" in text
+    assert "Most of that is scatter." in text
+    assert "one σ for each joint predicts the scatter better than one isotropic region" in text
+    assert "Over the σ's stated in the file it gains" in text
 
 
 def test_no_line_is_too_wide(understated: SpreadCheck) -> None:
@@ -65,15 +65,15 @@ def test_no_line_is_too_wide(understated: SpreadCheck) -> None:
 def test_without_stated_uncertainty_and_repeats_that_is_said() -> None:
     text = " ".join(text_of(checked(arm({}), *measured(np.random.default_rng(2), 40))).split())
     assert "The problem states no uncertainty of the arm" in text
-    assert "No posture was visited twice" in text
-    assert "Estimated from what the calibration leaves" in text
+    assert "No posture was repeated" in text
+    assert "Estimated from the residuals of the calibration" in text
 
 
 def test_repeats_that_scatter_less_than_what_is_left_are_no_scatter() -> None:
     rng = np.random.default_rng(3)
     q, points = measured(rng, 30, 3, times=0.02)
     found = checked(arm({}), q, points + rng.normal(0, 1e-3, (30, 2)).repeat(3, axis=0))
-    assert "comes back the same at every visit: it is no scatter" in " ".join(text_of(found).split())
+    assert "is the same in every repeat: systematic errors, not scatter" in " ".join(text_of(found).split())
 
 
 def test_long_tails_are_told_from_a_wrong_size() -> None:
@@ -83,7 +83,7 @@ def test_long_tails_are_told_from_a_wrong_size() -> None:
     points = position(q + wide * SCATTER * rng.normal(size=q.shape), (1.0, 0.8)) + NOISE * rng.normal(size=q.shape)
     found = checked(arm({"scatter": {"j1.theta": "1 mrad", "j2.theta": "2 mrad"}}), q, points)
     assert found.coverage["nominal"].held(0.5) > 0.7
-    assert "longer tails than normal ones" in " ".join(text_of(found).split())
+    assert "errors are more concentrated than predicted" in " ".join(text_of(found).split())
 
 
 def test_the_figures_are_drawn(understated: SpreadCheck) -> None:
@@ -102,7 +102,7 @@ def test_calibrate_writes_it_all(tmp_path: Path) -> None:
     words = ["calibrate", str(tmp_path / "data.csv"), "--problem", str(tmp_path / "problem.yaml")]
     result = invoke(*words, "--out", str(tmp_path / "out"))
     assert result.exit_code == 0, result.stderr
-    assert "Is the predicted spread true?" in result.stdout
+    assert "Is the predicted spread correct?" in result.stdout
     document = json.loads((tmp_path / "out" / "calibration.json").read_text(encoding="utf-8"))
     assert document["coverage95"] == {
         name: found["share"] for name, found in document["spread_check"]["coverage"].items()
