@@ -1,110 +1,28 @@
-"""Every listed effect: its forward model against an independent simulator, its derivatives, its file and its needs."""
+"""Effects against an independent simulator, and what is said of wrong entries of a file."""
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
-from functools import cache
-from types import SimpleNamespace
-from typing import Any, get_args
+from typing import Any
 
-import casadi as ca
 import numpy as np
 import pinocchio
 import pytest
 import yaml
 
-from posture_opt.errors import BadValueError, InputError
+from posture_opt.errors import InputError
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.effects import EFFECTS, Effect, Excitation
+from posture_opt.model.effects import EFFECTS, Effect
 from posture_opt.model.inputs import Inputs
 from posture_opt.problem.load import problem_from_dict
-from posture_opt.problem.schema import ProblemSpec
+from tests.helpers.effect_cases import SHAPES, read, with_effects
 from tests.hidden import effects as hidden
-from tests.hidden.arms import ARMS
-from tests.hidden.designs import REFERENCE, Plan, draw_session
-from tests.hidden.draw import place
-from tests.hidden.files import document
 from tests.hidden.sizes import draw_effect
 
-ALL_INPUTS = frozenset({"approach", "payload", "temperature", "time", "masses", "gear_ratio"})
-SHAPES = ("ur10", "scara", "seven")
-SCANNED = {"cyclic_error": {"cycles": 7.3}, "gear_ripple": {"ratio": 101.0, "harmonic": 2}}
-"""Kinds without candidates, scanned by the diagnosis or in want of a gear ratio: the shape of one instance."""
-
-every_effect = pytest.mark.parametrize("cls", EFFECTS, ids=lambda cls: kind_of(cls))
+every_effect = pytest.mark.parametrize("cls", EFFECTS, ids=lambda cls: cls.kind_name())
 every_arm = pytest.mark.parametrize("arm", SHAPES)
-
-
-def kind_of(cls: type[Effect]) -> str:
-    return str(get_args(cls.model_fields["kind"].annotation)[0])
-
-
-@cache
-def robots(tmp: Any) -> dict[str, Any]:
-    """Simulated site, and the robot of its file with the inputs of its rows, of each arm."""
-    found = {}
-    for name in (*SHAPES, "planar"):
-        rng = np.random.default_rng(11)
-        arm = place(rng, ARMS[name]())
-        session = draw_session(rng, arm, Plan(rows=40, repeated=0, logged=True, sides=name != "seven"))
-        case = SimpleNamespace(nominal=arm, free=False, word=False, truth={"sigma": 5e-5}, priors={})
-        if arm.urdf:
-            (tmp / "arm.urdf").write_text(arm.urdf)
-        robot = problem_from_dict(document(case), folder=tmp).robot
-        inputs = Inputs(
-            payload=session.payload,
-            approach=list(session.side.T),
-            approach_length=list(session.travel.T),
-            temperature=session.temperature - REFERENCE,
-            time=session.time,
-            stated=robot.joint_names,
-        )
-        found[name] = (hidden.Site(arm, session, {}), robot, inputs)
-    return found
-
-
-@pytest.fixture(scope="module")
-def sites(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    return robots(tmp_path_factory.mktemp("arms"))
-
-
-def instances(cls: type[Effect], site: hidden.Site, robot: Any) -> list[Effect]:
-    """What the data could show of a kind, a handful."""
-    span = tuple(np.ptp(site.session.q, axis=0).tolist())
-    case = Excitation(robot, ALL_INPUTS, span, float(site.session.time[-1]))
-    found = list(cls.candidates(case))
-    if kind_of(cls) == "instrument_scale":
-        return [cls()]
-    if not found and kind_of(cls) in SCANNED:
-        return [cls(joint=name, **SCANNED[kind_of(cls)]) for name in case.moving("revolute")]
-    return found[:: max(1, len(found) // 6)]
-
-
-def sized(effect: Effect, rng: np.random.Generator) -> Effect:
-    """With an estimate at random, of the size that effects have."""
-    size = {"ratio": 3e-4, "angle": 3e-4, "length": 3e-4, "angle per torque": 3e-6, "angle mass per torque": 3e-5,
-            "per temperature": 1e-5, "angle per temperature": 1e-5, "per length": 3e-4,
-            "length per length": 1e-5}  # fmt: skip
-    values = [size[dimension] * rng.uniform(0.3, 1.0) * rng.choice([-1, 1]) for _, dimension in effect.dimensions]
-    return effect.with_estimate(values)
-
-
-def with_effects(robot: Any, effects: tuple[Effect, ...], inputs: Inputs) -> Arm:
-    return Arm(robot, effects, inputs)
-
-
-def one_row(inputs: Inputs, row: int) -> Inputs:
-    return Inputs(
-        payload=float(inputs.payload[row]),
-        approach=[float(side[row]) for side in inputs.approach],
-        approach_length=[float(length[row]) for length in inputs.approach_length],
-        temperature=float(inputs.temperature[row]),
-        time=float(inputs.time[row]),
-        stated=inputs.stated,
-    )
 
 
 def stated_sizes(effect: hidden.Effect) -> dict[str, Any]:
@@ -163,17 +81,11 @@ def stated_sizes(effect: hidden.Effect) -> dict[str, Any]:
     return {"kind": kind, **of[kind]}
 
 
-def read(entry: dict[str, Any]) -> Effect:
-    """An entry of ``effects:`` as a problem file has it."""
-    spec = ProblemSpec.model_validate({"robot": {"kind": "preset", "name": "ur10"}, "effects": [entry]})
-    return spec.effects[0]
-
-
 @every_arm
 @every_effect
 def test_the_tool_point_is_where_an_independent_simulator_has_it(cls: type[Effect], arm: str, sites: Any) -> None:
     site, robot, inputs = sites[arm]
-    kind = kind_of(cls)
+    kind = cls.kind_name()
     if kind == "payload_error" and not site.session.payload_logged:
         pytest.skip("no payload")
     rng = np.random.default_rng(5)
@@ -201,95 +113,8 @@ def test_the_tool_point_is_where_an_independent_simulator_has_it(cls: type[Effec
     assert found or (arm == "scara" and kind in ("joint_compliance", "load_backlash", "payload_error"))
 
 
-@every_arm
-@every_effect
-def test_numbers_arrays_and_symbols_agree(cls: type[Effect], arm: str, sites: Any) -> None:
-    site, robot, inputs = sites[arm]
-    rng = np.random.default_rng(1)
-    for effect in instances(cls, site, robot)[:2]:
-        effect = sized(effect, rng)
-        many = with_effects(robot, (effect,), inputs).pose(site.session.q)
-        for row in (0, 17):
-            one = with_effects(robot, (effect,), one_row(inputs, row))
-            q = site.session.q[row]
-            np.testing.assert_allclose(one.pose(q), many[row], atol=1e-14)
-            if row:
-                continue
-            symbolic = ca.Function("f", [one.q], [one.pose(one.q)])
-            np.testing.assert_allclose(np.array(symbolic(q)), many[row], atol=1e-13)
-            p = ca.SX.sym("p", len(one.parameters))
-            both = ca.Function("f", [one.q, p], [one.pose(one.q, p)])
-            np.testing.assert_allclose(np.array(both(q, 0)), many[row], atol=1e-13)
-
-
-@every_arm
-@every_effect
-def test_columns_are_the_derivatives_by_the_parameters(cls: type[Effect], arm: str, sites: Any) -> None:
-    """Shift and small rotation per unit of each parameter, by central differences about the plain chain."""
-    site, robot, inputs = sites[arm]
-    effects = instances(cls, site, robot)
-    assert effects or (arm == "scara" and kind_of(cls) == "link_bending")
-    for effect in effects:
-        model = with_effects(robot, (effect,), one_row(inputs, 3))
-        q, k = site.session.q[3], len(model.parameters)
-        own = range(k - len(effect.parameter_names), k)
-        assert model.parameters[own[0] :] == effect.parameter_names
-        columns = model.parameter_jacobian(q)
-        for i in own:
-            # About 1e-4 m of motion; the third derivative leaves its square.
-            step = 1e-4 / max(np.abs(columns[:, i]).max(), 1e-3)
-            up, down = (model.pose(q, sign * step * np.eye(k)[i]) for sign in (1, -1))
-            shift = (up - down)[:3, 3] / (2 * step)
-            turn = (up - down)[:3, :3] / (2 * step) @ model.pose(q)[:3, :3].T
-            moved = np.array([*shift, turn[2, 1], turn[0, 2], turn[1, 0]])
-            np.testing.assert_allclose(columns[:, i], moved, atol=1e-7 * max(1.0, np.abs(moved).max()))
-
-
-@every_effect
-def test_an_effect_without_estimate_is_the_plain_chain(cls: type[Effect], sites: Any) -> None:
-    for arm in SHAPES:
-        site, robot, inputs = sites[arm]
-        for effect in instances(cls, site, robot):
-            assert set(effect.values) == {0.0}
-            pose = with_effects(robot, (effect,), inputs).pose(site.session.q)
-            np.testing.assert_array_equal(pose, Arm(robot).pose(site.session.q))
-
-
-@every_effect
-def test_an_effect_survives_its_file(cls: type[Effect], sites: Any) -> None:
-    rng = np.random.default_rng(2)
-    for arm in SHAPES:
-        site, robot, _ = sites[arm]
-        for effect in instances(cls, site, robot):
-            effect = sized(effect, rng)
-            entry = yaml.safe_load(yaml.safe_dump(effect.to_dict()))
-            again = read(entry)
-            assert type(again) is cls
-            assert again.name == effect.name
-            assert again.parameter_names == effect.parameter_names
-            np.testing.assert_allclose(again.values, effect.values, rtol=1e-11)  # twelve digits in the file
-            for name in effect.shape:
-                assert getattr(again, name) == pytest.approx(getattr(effect, name), rel=1e-11)
-            assert again.to_dict() == entry
-
-
-@every_effect
-def test_the_schema_knows_the_effect(cls: type[Effect]) -> None:
-    schema = ProblemSpec.model_json_schema()
-    found = schema["properties"]["effects"]["items"]["discriminator"]["mapping"]
-    assert kind_of(cls) in found
-    entry = schema["$defs"][found[kind_of(cls)].rpartition("/")[2]]
-    assert set(entry["properties"]) == set(cls.model_fields)
-    assert entry["description"]
-    estimate = entry["properties"]["estimate"]
-    for name, _ in getattr(cls, "parameters", ()):
-        assert estimate["properties"][name]["description"]
-    json.dumps(entry)
-    assert cls.summary
-
-
 def test_kinds_are_listed_once() -> None:
-    kinds = [kind_of(cls) for cls in EFFECTS]
+    kinds = [cls.kind_name() for cls in EFFECTS]
     assert len(set(kinds)) == len(kinds)
     assert set(hidden.FORMS) - set(outside()) <= set(kinds)
 
@@ -298,20 +123,6 @@ def outside() -> tuple[str, ...]:
     from tests.hidden.outside import OUTSIDE
 
     return tuple(OUTSIDE)
-
-
-@every_effect
-def test_a_robot_without_the_target_is_refused(cls: type[Effect], sites: Any) -> None:
-    site, robot, _ = sites["seven"]
-    effect = instances(cls, site, robot)[0]
-    if effect.target in ("all", "base", "payload", "instrument", "linear", "exponential"):
-        effect = instances(cls, site, robot)[-1]
-    other = sites["ur10"][1]
-    if effect.target in ("base", "payload", "instrument", "linear", "exponential"):
-        effect.check_robot(other)
-    else:
-        with pytest.raises(BadValueError, match=r"joint1|one of its joints"):
-            effect.check_robot(other)
 
 
 def test_a_fault_stands_at_its_place_in_the_file(sites: Any) -> None:
