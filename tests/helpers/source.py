@@ -135,10 +135,14 @@ def imports_of(module: Module, known: dict[str, Module]) -> list[Import]:
 
 
 def circles(modules: dict[str, Module], kinds: tuple[Where, ...] = ("top", "typing", "function")) -> list[list[str]]:
-    """Groups of modules that import each other in a circle (strongly connected components, Tarjan 1972)."""
+    """Groups of modules that import each other in a circle (strongly connected components, Tarjan 1972).
+
+    The package's own ``__init__`` is left out: for types it imports whoever has a public name, and runs none of it.
+    """
+    inner = {name: module for name, module in modules.items() if "." in name}
     graph = {
-        name: {i.module for i in imports_of(module, modules) if i.where in kinds and i.module in modules} - {name}
-        for name, module in modules.items()
+        name: {i.module for i in imports_of(module, inner) if i.where in kinds and i.module in inner} - {name}
+        for name, module in inner.items()
     }
     index: dict[str, int] = {}
     low: dict[str, int] = {}
