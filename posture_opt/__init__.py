@@ -39,8 +39,7 @@ if TYPE_CHECKING:
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.measurements.reading import read_measurements
     from posture_opt.model.arm import Arm
-    from posture_opt.problem.calibrated_problem import calibrated_problem
-    from posture_opt.problem.extended_problem import extended_problem
+    from posture_opt.problem.fitted_problem import calibrated_problem, extended_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
     from posture_opt.selection.selector import PostureSelector, select_posture
     from posture_opt.selection.solution import Solution
@@ -113,11 +112,11 @@ _HOMES = {
     "assess": "validation.assessment",
     "calibrate": "calibration.calibrate",
     "calibrate_batch": "batch.batch_calibration",
-    "calibrated_problem": "problem.calibrated_problem",
+    "calibrated_problem": "problem.fitted_problem",
     "check_spread": "validation.spread_check",
     "diagnose": "diagnosis.diagnosis",
     "diagnose_batch": "batch.batch_diagnosis",
-    "extended_problem": "problem.extended_problem",
+    "extended_problem": "problem.fitted_problem",
     "load_problem": "problem.load",
     "map_accuracy": "validation.accuracy_map",
     "map_targets": "selection.target_map",

@@ -11,7 +11,6 @@ import posture_opt as po
 from posture_opt.cli.measured import Session, answer, measured_options
 from posture_opt.cli.options import Common, common_options
 from posture_opt.cli.output import Answer, progress_bar, save_result
-from posture_opt.problem.calibrated_problem import compare_calibrated
 from posture_opt.report.calibration_report import (
     Learned,
     calibration_document,
@@ -19,6 +18,7 @@ from posture_opt.report.calibration_report import (
     save_calibration,
 )
 from posture_opt.report.text import render
+from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
 
 
 @click.command("calibrate")
@@ -55,12 +55,13 @@ def _calibrated(
             problem, measured, priors=priors, folds=folds, by=session.by, test=other, refit_frames=again,
             progress=progress,
         )  # fmt: skip
+    models = calibrated_models(problem, found)
     learned = Learned(
         measured, found, folds, priors, other, again,
-        calibrated=(calibrated := po.calibrated_problem(problem, found)),
+        calibrated=models["calibrated"],
         assessment=po.assess(problem, measured, found),
         spread_check=po.check_spread(problem, measured, found, folds=folds),
-        comparison=compare_calibrated(problem, found, calibrated, seed=common.seed) if session.plan else None,
+        comparison=compare_models(problem.robot, models, seed=common.seed) if session.plan else None,
     )  # fmt: skip
     if common.out is not None:
         save_calibration(common.out, problem, learned, common.plots)

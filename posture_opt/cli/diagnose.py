@@ -13,10 +13,10 @@ from posture_opt.cli.options import Common, common_options
 from posture_opt.cli.output import Answer, progress_bar, save_result, show
 from posture_opt.diagnosis.measured_goals import measured_goals
 from posture_opt.errors import InsufficientDataError
-from posture_opt.problem.extended_problem import compare_extended, extended_problem, models_of
 from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.diagnosis_report import diagnosis_document, diagnosis_report, save_diagnosis
 from posture_opt.report.text import render
+from posture_opt.validation.calibrated_arm import compare_models
 
 
 @click.command("diagnose")
@@ -58,14 +58,12 @@ def _diagnosed(
     except InsufficientDataError as error:
         _tell_insufficient(common, error)
         raise
-    extended = extended_problem(problem, found)
     comparison, goals = None, None
     if problem.task is not None and session.plan:
-        models = models_of(problem, found, extended)
-        comparison = compare_extended(problem, models, seed=common.seed)
-        goals = measured_goals(found, models)
+        comparison = compare_models(problem.robot, found.models, seed=common.seed)
+        goals = measured_goals(found, found.models)
     frames = session.refit_frames
-    diagnosed = Diagnosed(measured, found, session.folds, other, frames, extended, comparison, goals, problem)
+    diagnosed = Diagnosed(measured, found, session.folds, other, frames, found.extended, comparison, goals, problem)
     if common.out is not None:
         save_diagnosis(common.out, problem, diagnosed, common.plots)
     return partial(diagnosis_document, diagnosed), lambda: render(diagnosis_report(problem, diagnosed))

@@ -12,12 +12,13 @@ import numpy as np
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
-from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.calibration.fitted_arm import FittableProblem, FittedArm
 from posture_opt.calibration.progress import Stages
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.causes import Finding, effect_findings, geometry_finding, noise_finding
 from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_discrimination
+from posture_opt.diagnosis.extended_arm import extended_arm
 from posture_opt.diagnosis.extended_fit import Extended, fit_calibrated, fit_extended
 from posture_opt.diagnosis.geometry_causes import geometry_causes
 from posture_opt.diagnosis.held_out import HeldOut, held_out
@@ -33,6 +34,7 @@ from posture_opt.diagnosis.unnamed_components import UnnamedComponent
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Codes, Progress
+from posture_opt.validation.calibrated_arm import calibrated_models
 
 Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_data"]
 
@@ -58,7 +60,7 @@ class Diagnosis:
 
     outcome: Outcome
     findings: tuple[Finding, ...]
-    problem: CalibrationProblem
+    problem: FittableProblem
     calibration: Calibration
     errors: Mapping[str, Statistics]
     held: Mapping[str, HeldOut]
@@ -81,9 +83,20 @@ class Diagnosis:
     @cached_property
     def extended(self) -> Any:
         """The ``Problem`` with the arm that was fitted, to be planned with: calibrated, and with its effects."""
-        from posture_opt.problem.extended_problem import extended_problem
+        return self.problem.with_fit(self.fitted_arm)
 
-        return extended_problem(self.problem, self)  # type: ignore[arg-type] # whoever asks has a whole problem
+    @cached_property
+    def fitted_arm(self) -> FittedArm:
+        """The arm with its fitted geometry and persistent effects, as a problem takes it over."""
+        return extended_arm(
+            self.problem, self.calibration, self.model, self.persistent, self.findings, self.held["extended"].errors,
+            self.errors,
+        )  # fmt: skip
+
+    @cached_property
+    def models(self) -> dict[str, Any]:
+        """The problem before calibration, calibrated and extended, each where the measurements saw base and tool."""
+        return {**calibrated_models(self.problem, self.calibration), "extended": self.extended}
 
     @property
     def effects(self) -> tuple[Finding, ...]:
@@ -164,7 +177,7 @@ class Diagnosis:
 
 
 def diagnose(
-    problem: CalibrationProblem,
+    problem: FittableProblem,
     data: Measurements,
     *,
     folds: int = 5,

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from posture_opt.batch.batch_calibration import Batch
+from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array
-from posture_opt.problem.effects_section import moving_effects
-from posture_opt.problem.noise_section import of_a_type
-from posture_opt.problem.problem import Problem, build_problem
-from posture_opt.problem.yaml_source import Document, dump_yaml
+from posture_opt.problem.effects_section import of_a_type
+from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import dump_yaml
 from posture_opt.robot.robot import Factor
-
-if TYPE_CHECKING:
-    from posture_opt.model.effects import NoiseEffect
 
 _LEAST = 1e-3  # eigenvalue of the correlations that are written: rounded to three digits they stay positive definite
 _KEPT = ("scatter", "repeatability", "weights", "measurement")
@@ -30,7 +27,7 @@ def batch_uncertainty(problem: Problem, batch: Batch) -> dict[str, Any]:
     stays. Correlations that are left out, or rounded, could make the others contradict each other: they are then drawn
     towards zero by the same share until the matrix is positive definite. What effects say is theirs to say.
     """
-    problem = _without_noise(problem)
+    problem = problem.without_noise()
     parameters, former = problem.robot.parameters, problem.to_dict().get("uncertainty") or {}
     sigma = {
         name: float(s)
@@ -62,16 +59,6 @@ def batch_effects(problem: Problem, correlation: Sequence[Sequence[Any]], named:
         total = section[noise.name][0].joined(noise) if noise.name in section else noise
         section[noise.name] = total, total.to_dict()
     return [entry for _, entry in section.values()]
-
-
-def _without_noise(problem: Problem) -> Problem:
-    """The problem without what effects add to its covariance."""
-    moving = {effect.name for effect in moving_effects(problem.effects)}
-    if len(moving) == len(problem.effects):
-        return problem
-    entries = zip(problem.effects, problem.to_dict()["effects"], strict=True)
-    document = {**problem.to_dict(), "effects": [entry for effect, entry in entries if effect.name in moving]}
-    return build_problem(Document(document), problem.folder, problem.name, attached=problem.attached)
 
 
 def batch_yaml(problem: Problem, batch: Batch, named: Sequence[NoiseEffect] = ()) -> str:

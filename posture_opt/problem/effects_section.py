@@ -1,24 +1,22 @@
-"""The ``effects`` section of a problem file: the robot with them, under the inputs that the task states."""
+"""The ``effects`` section of a problem file: the robot with them, and what they do to its sources of error."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from posture_opt.errors import BadValueError, InputError, Issue, KeyPath, one_of
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import ArmState
+from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
 from posture_opt.model.inputs import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.covariance_file import read_covariance
 from posture_opt.uncertainty.sources import Sources, covariance_issues
-
-if TYPE_CHECKING:
-    from posture_opt.model.effects import CatalogueEntry, Effect
+from posture_opt.uncertainty.uncertainty_section import MeasurementSpec
 
 
 def arm_with(robot: Robot, effects: tuple[CatalogueEntry, ...], task: Task | None) -> Arm:
@@ -45,10 +43,6 @@ def arm_with(robot: Robot, effects: tuple[CatalogueEntry, ...], task: Task | Non
 
 def moving_effects(effects: Sequence[CatalogueEntry]) -> tuple[Effect, ...]:
     """Those of a file's effects that move the tool point; the others spread it, or its measurements."""
-    if not effects:
-        return ()
-    from posture_opt.model.effects import Effect
-
     return tuple(effect for effect in effects if isinstance(effect, Effect))
 
 
@@ -81,36 +75,49 @@ def _read(arm: Arm, path: Path, text: str | None, key: KeyPath) -> tuple[tuple[s
         raise InputError([i if i.file else replace(i, key=key, value=path.name) for i in error.issues]) from None
 
 
-def effects_section(
-    entries: Sequence[Mapping[str, Any]], effects: Sequence[CatalogueEntry], names: Sequence[str], file: str
-) -> list[dict[str, Any]]:
-    """The entries of a file with the covariance ``file`` of the sources ``names`` in place of their own."""
-    section = []
-    for entry, effect in zip(entries, effects, strict=True):
-        plain = {key: value for key, value in entry.items() if key != "covariance"}
-        own = {name for moving in moving_effects([effect]) for name in moving.parameter_names}
-        section.append({**plain, "covariance": file} if own & set(names) else plain)
-    return section
+def noisy_sources(sources: Sources, robot: Robot, effects: Sequence[CatalogueEntry]) -> Sources:
+    """The sources with the scatter that effects add from visit to visit, and the correlations that they state.
+
+    Raises:
+        InputError: a correlation of errors without a σ, stated twice, or impossible beside the others; keys from the
+            top of the file.
+    """
+    issues: list[Issue] = []
+    for index, effect in enumerate(effects):
+        if not isinstance(effect, NoiseEffect):
+            continue
+        scatter = effect.scatter(robot)
+        sources = sources.plus(Sources.scattering(scatter)) if scatter else sources
+        for a, b, rho in effect.correlation:
+            fault = _pair_fault(sources, a, b)
+            if fault is not None:
+                issues.append(replace(fault, key=("effects", index), value=effect.name))
+                continue
+            sources = _correlated(sources, a, b, rho)
+            contradictions = covariance_issues(sources.names, sources.constant)
+            issues += [replace(issue, key=("effects", index), value=effect.name) for issue in contradictions]
+    if issues:
+        raise InputError(issues)
+    return sources
 
 
-def input_notes(arm: Arm) -> tuple[str, ...]:
-    """What was assumed of the inputs of the effects."""
-    unknown = sorted({effect.target for effect in arm.effects if "approach" in effect.needs})
-    unknown = [joint for joint in unknown if joint not in arm.inputs.stated]
-    notes = []
-    if unknown:
-        told = f"task: {{approach: {{{unknown[0]}: 1}}}} tells it"
-        notes.append(f"from which side {', '.join(unknown)} will arrive is not known: it counts as scatter ({told})")
-    left = [effect for effect in arm.effects if not effect.for_planning]
-    timed = {effect.kind for effect in left if "time" in effect.needs}
-    if timed:
-        time = float(arm.inputs.time)
-        when = f"{time:g} s after the first measurement" if time else "at its beginning (task: {time: 2 h} tells when)"
-        notes.append(f"{', '.join(sorted(timed))}: planned as {when}")
-    read = {effect.kind for effect in left} - timed
-    if read:
-        notes.append(f"{', '.join(sorted(read))}: the place of the task is taken as the instrument reads it")
-    return tuple(notes)
+def measurement_issues(stated: MeasurementSpec | None, effects: Sequence[CatalogueEntry]) -> list[Issue]:
+    """Effects that change an instrument's σ where none is stated."""
+    if stated is not None and stated.position:
+        return []
+    return [
+        Issue(
+            f"{effect.name} changes the σ of the instrument, and none is stated", ("effects", index), effect.kind,
+            "add uncertainty: {measurement: {position: 0.05 mm}}",
+        )
+        for index, effect in enumerate(effects)
+        if isinstance(effect, NoiseEffect) and effect.of_stated
+    ]  # fmt: skip
+
+
+def of_a_type(effect: CatalogueEntry) -> bool:
+    """Whether an effect says how robots of a type differ: once one was measured, the errors of that one are known."""
+    return isinstance(effect, NoiseEffect) and bool(effect.correlation)
 
 
 def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
@@ -146,3 +153,21 @@ def _inputs(robot: Robot, task: Task | None) -> Inputs:
         time=task.time or 0.0,
         stated=tuple(task.approach),
     )
+
+
+def _pair_fault(sources: Sources, a: str, b: str) -> Issue | None:
+    at = {name: k for k, name in enumerate(sources.names)}
+    for name in (a, b):
+        if name not in at or sources.constant[at[name], at[name]] <= 0:
+            return Issue(f"'{name}' has no σ to be correlated", mend=f"add uncertainty: {{sigma: {{{name}: 0.1 mm}}}}")
+    if sources.constant[at[a], at[b]] != 0:
+        return Issue(f"the correlation of {a} and {b} is stated twice", mend="keep one, here or under uncertainty")
+    return None
+
+
+def _correlated(sources: Sources, a: str, b: str, rho: float) -> Sources:
+    i, j = sources.names.index(a), sources.names.index(b)
+    covariance = sources.covariance.copy()
+    variance = sources.constant
+    covariance[i, j] = covariance[j, i] = sources.covariance[i, j] + rho * (variance[i, i] * variance[j, j]) ** 0.5
+    return replace(sources, covariance=covariance)

@@ -3,48 +3,56 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from posture_opt.errors import InputError, Issue, KeyPath
+from posture_opt.calibration.fitted_arm import FittedArm
+from posture_opt.errors import Issue, KeyPath
 from posture_opt.measurements.measurements import DataSpec
 from posture_opt.model.arm import Arm
-from posture_opt.problem.effects_section import arm_with, effect_sources, input_notes, moving_effects
-from posture_opt.problem.issues import schema_issues
-from posture_opt.problem.noise_section import measurement_issues, noise_notes, noisy_sources
-from posture_opt.problem.plausible import plausibility_notes
+from posture_opt.model.effects import Effect
+from posture_opt.problem.effects_section import (
+    arm_with,
+    moving_effects,
+    noisy_sources,
+)
+from posture_opt.problem.fitting import corrections_of, fitted_document, fitted_effects, fitted_robots
+from posture_opt.problem.notes import input_notes, problem_notes
+from posture_opt.problem.parts import parse_spec, read_parts
 from posture_opt.problem.schema import ProblemSpec
-from posture_opt.problem.yaml_source import Document, dump_yaml
+from posture_opt.problem.writing import commented, rounded, sources_text
+from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.uncertainty_section import MeasurementSpec, UncertaintySpec
 
-T = TypeVar("T")
-
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """What a problem file says, in SI units and radians.
 
-    ``task`` is ``None`` where the file names none; ``notes`` are sentences for the report on what was assumed
-    or overridden; ``document`` is the file's plain data, units and all; relative file names start at ``folder``;
+    ``nominal`` is the robot without its corrections and effects; ``stated`` are the sources of error that the file
+    states, ``sources`` those with what effects add from visit to visit. ``task`` is ``None`` where the file names
+    none; ``notes`` are sentences for the report on what was assumed or overridden; ``document`` is the file's plain
+    data, units and all; relative file names start at ``folder``;
     ``origin`` is the file as it was read, ``overridden`` the keys that no longer say what it says; ``attached`` are
     the contents of files that the document names and that stand nowhere else, ``header`` its first lines as comments.
     """
 
     name: str
     arm: Arm
+    nominal: Robot
+    stated: Sources
     sources: Sources
     task: Task | None
     solver: Solver
     effects: tuple[Any, ...]
     measurement: MeasurementSpec | None
     data: DataSpec
-    spec: ProblemSpec
     folder: Path
     notes: tuple[str, ...] = ()
     document: Mapping[str, Any] = field(default_factory=dict)
@@ -57,6 +65,11 @@ class Problem:
     def robot(self) -> Robot:
         """The arm without its effects."""
         return self.arm.robot
+
+    @property
+    def corrections(self) -> dict[str, float]:
+        """What is added to the nominal values of parameters, where it is not zero [rad or m]."""
+        return {name: value for name, value in corrections_of(self.nominal, self.robot).items() if value}
 
     def placed(self, issue: Issue) -> Issue:
         """An issue that computing raised, with the file and line it speaks of; as it is where no file says it."""
@@ -89,7 +102,6 @@ class Problem:
             self,
             arm=arm,
             task=spec.task,
-            spec=spec,
             document=document,
             notes=notes,
             overridden=frozenset(overridden),
@@ -104,13 +116,55 @@ class Problem:
         document = Document({**self.document, "robot": dict(robot)})
         return build_problem(document, self.folder, self.name, attached=self.attached)
 
+    def with_fit(self, fit: FittedArm) -> Problem:
+        """The same problem with the arm that measurements found: its parameters, effects, covariance and scatter.
+
+        Frames that were found are numbers and no longer free. `files` writes it as a complete problem file with its
+        covariance beside it; standard deviations from visit to visit have the four digits that they have there.
+
+        Raises:
+            InputError: the fit is one of another robot.
+        """
+        nominal, plain = fitted_robots(self.nominal, self.robot, fit)
+        effects = fitted_effects(self.effects, fit)
+        name = f"{self.name.removesuffix(f', {fit.label}')}, {fit.label}" if fit.label else self.name
+        document = fitted_document(self.document, name, nominal, plain, effects, fit)
+        found = replace(
+            self, name=name, arm=arm_with(plain, effects, self.task), nominal=nominal, effects=effects,
+            document=document, header=fit.header, origin=Document(document), overridden=frozenset(),
+        )  # fmt: skip
+        return found if fit.known is None else found._with_known(fit.known, fit)
+
+    def _with_known(self, known: Sources, fit: FittedArm) -> Problem:
+        """The problem under the covariance and the scatter of a fit."""
+        parameters, file = self.robot.parameters, fit.covariance_file if known.names else None
+        named = replace(known, notes=(f"covariance from {file}",)) if file else known
+        scatter = {name: rounded(sigma, parameters[name]) for name, sigma in fit.scatter.items()}
+        section = UncertaintySpec(covariance=file, scatter={name: text for name, (_, text) in scatter.items()})
+        stated = section.completed(named, self.robot, {name: sigma for name, (sigma, _) in scatter.items()})
+        sources = noisy_sources(stated, self.robot, self.effects)
+        text = sources_text(self.robot, moving_effects(self.effects), known)
+        return replace(
+            self, stated=stated, sources=sources, attached={file: text} if file else {},
+            notes=problem_notes(self.arm, section, sources, self.effects),
+        )  # fmt: skip
+
+    def without_noise(self) -> Problem:
+        """The same problem without the effects that move nothing: all that scatters is what the file states."""
+        kept = [isinstance(effect, Effect) for effect in self.effects]
+        if all(kept):
+            return self
+        entries = zip(self.to_dict()["effects"], kept, strict=True)
+        document = {**self.document, "effects": [entry for entry, keep in entries if keep]}
+        return replace(self, effects=moving_effects(self.effects), sources=self.stated, document=document)
+
     def to_dict(self) -> dict[str, Any]:
         """The plain data of the problem file; ``problem_from_dict`` takes it back."""
         return copy.deepcopy(dict(self.document))
 
     def to_yaml(self) -> str:
         """The problem file as text, quantities with their units as they were given."""
-        return _commented(self.header, dump_yaml(self.to_dict()))
+        return commented(self.header, self.to_dict())
 
     def files(self, stem: str) -> dict[str, bytes]:
         """File name -> content: the problem file ``stem.yaml`` and what it needs beside it, to be put in any folder."""
@@ -131,17 +185,13 @@ class Problem:
                 name = names.setdefault(given, f"{stem}_effects{len(names) or ''}_covariance.csv")
                 beside[name] = self._content(given)
                 effect["covariance"] = name
-        return {f"{stem}.yaml": _commented(self.header, dump_yaml(document)).encode(), **beside}
+        return {f"{stem}.yaml": commented(self.header, document).encode(), **beside}
 
     def _content(self, name: str) -> bytes:
         """The content of a file that the document names."""
         if name in self.attached:
             return self.attached[name].encode()
         return (self.folder / Path(name).expanduser()).read_bytes()
-
-
-def _commented(header: tuple[str, ...], text: str) -> str:
-    return "".join(f"# {line}\n" for line in header) + text
 
 
 def build_problem(
@@ -154,101 +204,22 @@ def build_problem(
         InputError: everything wrong with the document, each with file, line and key.
     """
     texts = attached or {}
-    spec, arm, sources = _parts(document, folder, texts)
+    spec, (nominal, arm), (stated, sources) = read_parts(document, folder, texts)
     return Problem(
         name=spec.name or name,
         arm=arm,
+        nominal=nominal,
+        stated=stated,
         sources=sources,
         task=spec.task,
         solver=spec.solver,
         effects=spec.effects,
         measurement=spec.uncertainty.measurement,
         data=spec.data,
-        spec=spec,
         folder=folder,
-        notes=(
-            *sources.notes,
-            *plausibility_notes(arm.robot, spec.uncertainty, sources),
-            *input_notes(arm),
-            *(noise_notes(spec.effects) if spec.effects else ()),
-        ),
+        notes=problem_notes(arm, spec.uncertainty, sources, spec.effects),
         document=document.data,
         origin=document,
         attached=texts,
         header=header,
     )
-
-
-def _parts(document: Document, folder: Path, texts: Mapping[str, str]) -> tuple[ProblemSpec, Arm, Sources]:
-    """What the document says, the arm with its effects, and what is uncertain of it; all issues at once."""
-    issues = list(document.issues)
-    data, broken = _sections(document, issues)
-    spec = ProblemSpec.model_validate(data) if "robot" in data else None
-    robot, arm, sources = None, None, None
-    if spec is not None:
-        robot = _collect(issues, "robot", lambda: spec.robot.build(folder))
-    if spec is not None and robot is not None:
-        plain = robot
-        arm = _collect(issues, "", lambda: arm_with(plain, spec.effects, spec.task))
-    if spec is not None and arm is not None and "uncertainty" not in broken:
-        extended = arm
-        sources = _collect(issues, "uncertainty", lambda: spec.uncertainty.build(extended, folder, texts))
-        if sources is not None and spec.effects:
-            stated = sources
-            sources = _collect(issues, "", lambda: _with_effects(spec, extended, stated, folder, texts))
-    elif "uncertainty" in data:
-        uncertainty = UncertaintySpec.model_validate(data["uncertainty"])
-        _collect(issues, "uncertainty", uncertainty.check)
-    _refuse(issues, document)
-    assert spec is not None
-    assert arm is not None
-    assert sources is not None
-    return spec, arm, sources
-
-
-def _with_effects(
-    spec: ProblemSpec, arm: Arm, stated: Sources, folder: Path, texts: Mapping[str, str]
-) -> Sources:  # fmt: skip
-    """The stated sources, those of the effects' estimates, and what effects that move nothing do to them."""
-    issues = measurement_issues(spec.uncertainty.measurement, spec.effects)
-    if issues:
-        raise InputError(issues)
-    moving = moving_effects(spec.effects)
-    more = effect_sources(arm, moving, folder, texts, spec.uncertainty.covariance)
-    return noisy_sources(stated.plus(more), arm.robot, spec.effects)
-
-
-def parse_spec(document: Document) -> ProblemSpec:
-    """The validated sections of a document.
-
-    Raises:
-        InputError: everything that does not fit the schema.
-    """
-    issues = list(document.issues)
-    data, _ = _sections(document, issues)
-    _refuse(issues, document)
-    return ProblemSpec.model_validate(data)
-
-
-def _sections(document: Document, issues: list[Issue]) -> tuple[dict[str, Any], set[str]]:
-    """The sections that fit the schema and the names of those that do not, whose faults join ``issues``."""
-    # An optional section with nothing under it counts as left out; a task or robot with nothing in it does not.
-    data = {key: value for key, value in document.data.items() if value is not None or key == "robot"}
-    found = schema_issues(data)
-    issues += found
-    broken = {str(issue.key[0]) for issue in found if issue.key}
-    return {key: value for key, value in data.items() if key not in broken}, broken
-
-
-def _refuse(issues: list[Issue], document: Document) -> None:
-    if issues:
-        raise InputError(sorted((document.placed(issue) for issue in issues), key=lambda issue: issue.line))
-
-
-def _collect(issues: list[Issue], section: str, build: Callable[[], T]) -> T | None:
-    """What ``build`` makes, or ``None`` with its issues added under ``section``."""
-    try:
-        return build()
-    except InputError as error:
-        issues += [issue.at(section) if section and not issue.file else issue for issue in error.issues]
-        return None

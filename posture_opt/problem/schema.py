@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import ConfigDict, Field
 
 from posture_opt.measurements.measurements import DataSpec
-from posture_opt.problem.effect_list import EffectList
+from posture_opt.model.effects import EffectSpec
 from posture_opt.robot import RobotSpec
 from posture_opt.selection.solvers import SolverSpec
 from posture_opt.selection.solvers.ipopt import Ipopt
@@ -23,6 +23,6 @@ class ProblemSpec(Spec):
     robot: RobotSpec = Field(description="the nominal arm", examples=[{"kind": "preset", "name": "ur10e"}])
     uncertainty: UncertaintySpec = Field(UncertaintySpec(), description="where the scatter comes from")
     task: TaskSpec | None = Field(None, description="what the tool point has to do")
-    effects: EffectList = Field((), description="what moves the tool point beyond the geometry")
+    effects: tuple[EffectSpec, ...] = Field((), description="what moves the tool point beyond the geometry")
     solver: SolverSpec = Field(Ipopt(), description="how the best posture is searched for")
     data: DataSpec = Field(DataSpec(), description="what is known about measurements besides their file")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import string
 
+from posture_opt.model.arm import Arm
 from posture_opt.robot import load_preset
 from posture_opt.robot.robot import Robot
 
@@ -112,8 +113,6 @@ def _height(robot: Robot) -> float:
         return 0.0
     if _all_turn(robot):
         return 0.1 * _stretched(robot)
-    from posture_opt.model.arm import Arm
-
     middle = [(joint.lower + joint.upper) / 2 for joint in robot.joints]
     return float(Arm(robot).position(middle)[2])
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from posture_opt.model.effects.cause import FittedSizes
 from posture_opt.problem.batch_section import batch_yaml
-from posture_opt.problem.noise_section import of_a_type
+from posture_opt.problem.effects_section import of_a_type
 from posture_opt.report.batch_report import batch_facts, batch_report, problem_of
 from posture_opt.report.blocks import Block, Report, Summary, Table
 from posture_opt.report.finding_words import finding_words

@@ -34,14 +34,26 @@ def corrected(robot: Robot, corrections: Mapping[str, Any]) -> Robot:
     return deviated(robot, values)
 
 
-def deviated(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """The arm whose named parameters lie off their nominal values by ``values`` [rad or m]."""
+def offsets_of(robot: Robot, corrections: Mapping[str, Any]) -> dict[str, float]:
+    """What corrections that fit the robot add to its parameters [rad or m]."""
+    dimensions = {name: "angle" if f.kind == "rotate" else "length" for name, f in robot.parameters.items()}
+    return {name: parse_quantity(given, dimensions[name]) for name, given in corrections.items()}
+
+
+def deviated(robot: Robot, values: Mapping[str, float], former: Mapping[str, float] | None = None) -> Robot:
+    """The arm whose named parameters lie off their values in ``robot`` by ``values`` [rad or m].
+
+    ``former`` are the corrections that ``robot`` has already: only the sum of both leans and shifts its axes.
+    """
 
     def moved(factors: tuple[Factor, ...]) -> tuple[Factor, ...]:
         return tuple(replace(f, nominal=f.nominal + values.get(f.parameter, 0.0)) for f in factors)
 
     links = tuple(moved(link) for link in robot.links)
-    skew, lift = robot.skew + _moved(robot, values, "rotate"), robot.lift + _moved(robot, values, "translate")
+    former = former or {}
+    total = {name: former.get(name, 0.0) + values.get(name, 0.0) for name in {**former, **values}}
+    skew = robot.skew + _moved(robot, total, "rotate") - _moved(robot, former, "rotate")
+    lift = robot.lift + _moved(robot, total, "translate") - _moved(robot, former, "translate")
     return replace(robot, base=moved(robot.base), links=links, tool=moved(robot.tool), skew=skew, lift=lift)
 
 

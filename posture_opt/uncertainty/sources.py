@@ -71,6 +71,12 @@ class Sources:
         """Whether nothing is uncertain."""
         return not self.names
 
+    def without(self, names: Sequence[str]) -> Sources:
+        """The other sources."""
+        kept = [k for k, name in enumerate(self.names) if name not in names]
+        at = np.ix_(kept, kept)
+        return Sources(tuple(self.names[k] for k in kept), self.covariance[at], self.notes, self.visit[at])
+
     def joined(self, other: Sources) -> Sources:
         """Both sets of sources, the two independent of each other; no name may stand in both."""
         twice = sorted(set(self.names) & set(other.names))

@@ -72,11 +72,16 @@ class UncertaintySpec(Spec):
         scatter = {name: _sigma(name, text, dimensions, issues, "scatter") for name, text in self.scatter.items()}
         if issues:
             raise InputError(issues)
-        note = (
-            ("scatter from visit to visit is added to what is not known of the arm",)
-            if scatter and self.covariance
-            else ()
-        )
+        return self.completed(named, robot, scatter)
+
+    def completed(self, named: Sources, robot: Robot, scatter: Mapping[str, float]) -> Sources:
+        """The sources ``named`` with a repeatability, stated or of the data sheet, and with the ``scatter`` [rad or m].
+
+        Raises:
+            InputError: sigma and repeatability speak of one joint.
+        """
+        both = scatter and self.covariance
+        note = ("scatter from visit to visit is added to what is not known of the arm",) if both else ()
         return self._with_repeatability(named, robot).plus(Sources.scattering(scatter, note))
 
     def check(self) -> None:

@@ -136,8 +136,7 @@ def map_accuracy(
     Raises:
         InputError, NoSolutionError: as `map_targets`; measurements of several robots.
     """
-    nominal = problem.spec.robot.nominal(problem.folder)
-    uncorrected = replace(problem, arm=Arm(nominal))
+    uncorrected = replace(problem, arm=Arm(problem.nominal))
     if data is not None and low is None and high is None and plane is None:
         low, high = _box_of(problem, data)
     targets = map_targets(
@@ -156,7 +155,7 @@ def map_accuracy(
         (at,), C = _predicted(tool_point, (targets.own,))
         own = at, float(central_radii(0.95, basis @ C @ basis.T)[0])
     measured = None if data is None else measured_errors(problem, uncorrected, data, targets, projected, tool_point)
-    known_of_arm = len(problem.spec.robot.corrections), len(moving_effects(problem.effects))
+    known_of_arm = len(problem.corrections), len(moving_effects(problem.effects))
     settled = _settled(targets.grid.points, bias)
     return AccuracyMap(
         problem, targets, *known_of_arm, bias, covariance, basis, radius, semi_axes, settled, own, measured

@@ -8,8 +8,8 @@ import pytest
 import posture_opt as po
 from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.search import search
-from posture_opt.problem.calibrated_problem import compare_calibrated
 from posture_opt.problem.load import load_builtin, problems_folder
+from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
 from tests.helpers import measured_planar_2r as shop
 from tests.helpers import measured_ur10 as loaded
 
@@ -29,7 +29,7 @@ def test_the_file_holds_what_the_simulator_measures() -> None:
 def test_the_plan_with_the_calibrated_arm_hits() -> None:
     problem = load_builtin("insert_planar_2r_measured")
     found = po.calibrate(problem, po.read_measurements(problems_folder() / "planar_2r_measured.csv", problem))
-    again = compare_calibrated(problem, found, po.calibrated_problem(problem, found))
+    again = compare_models(problem.robot, calibrated_models(problem, found))
     assert again is not None
     (_, landed), (_, landing) = again.answered.values()
     before, after = (shop.reached(solution.q) - (0.9, 0.4) for solution, _ in again.answered.values())

@@ -11,7 +11,6 @@ import pytest
 
 import posture_opt as po
 from posture_opt.diagnosis.measured_goals import MeasuredGoals, goals_in_postures, measured_goals
-from posture_opt.problem.extended_problem import extended_problem, models_of
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position, postures_at
 from tests.helpers.planar_files import PLANAR
@@ -148,7 +147,7 @@ def test_the_measured_ur10_is_better_sent_and_better_chosen() -> None:
     problem = po.load_problem(UR10 / "problem.yaml")
     whole = po.read_measurements(UR10 / "series_b.csv", problem)
     found = po.diagnose(problem, whole.take(whole.goal % 7 == 0), flips=99)
-    goals = measured_goals(found, models_of(problem, found, extended_problem(problem, found)))
+    goals = measured_goals(found, found.models)
     assert isinstance(goals, MeasuredGoals)
     assert goals.goals > 100
     old, middle, new = (np.median(goals.sent[name].missed) for name in ("nominal", "calibrated", "extended"))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from typing import Any
 
 import numpy as np
@@ -245,13 +243,3 @@ def test_several_effects_act_together(sites: Any) -> None:
     assert np.abs(there - site.walk.p).max() > 2e-4
     # The turn of the base is one of the first order here, and acts on the arm without the others.
     np.testing.assert_allclose(arm.position(site.session.q), there, atol=2e-6)
-
-
-def test_a_problem_without_effects_loads_none_of_them() -> None:
-    """They take some 40 ms to be imported, which no one should wait for who has none."""
-    code = (
-        "import sys; from posture_opt.problem.load import load_builtin; load_builtin('insert_planar_2r');"
-        "import posture_opt.selection.selector; print([m for m in sys.modules if 'model.effects' in m])"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
-    assert found.stdout.strip() == "[]"

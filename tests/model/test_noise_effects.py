@@ -19,7 +19,7 @@ from posture_opt.diagnosis.noise_candidates import score_uneven_noise
 from posture_opt.errors import InputError
 from posture_opt.model import effects
 from posture_opt.model.effects import CATALOGUE, NOISES, Evidence, NoiseEffect, Rows
-from posture_opt.problem.calibrated_problem import calibrated_problem
+from posture_opt.problem.fitted_problem import calibrated_problem
 from posture_opt.problem.schema import ProblemSpec
 from tests.helpers.planar_files import SHORT
 

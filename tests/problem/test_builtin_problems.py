@@ -12,6 +12,7 @@ import pytest
 
 from posture_opt.model.arm import Arm
 from posture_opt.problem.load import builtin_problem, load_problem, problems_folder
+from posture_opt.problem.parts import parse_spec
 from posture_opt.selection.selector import PostureSelector
 from posture_opt.selection.tasks import TASKS
 from tests.helpers import factors
@@ -225,5 +226,5 @@ def test_stated_repeatability_is_the_data_sheets(stem):
     assert paths
     for path in paths:
         problem = load_problem(path)
-        stated = problem.spec.uncertainty.repeatability
+        stated = parse_spec(problem.origin).uncertainty.repeatability
         assert stated is None or stated == problem.robot.repeatability.value

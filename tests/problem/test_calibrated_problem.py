@@ -16,13 +16,16 @@ from click.testing import Result
 
 import posture_opt as po
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.problem.calibrated_problem import arm_of_frames, compare_calibrated, quantity
 from posture_opt.problem.problem import Problem
+from posture_opt.problem.writing import quantity
 from posture_opt.report.figures.landing import plot_landing
 from posture_opt.robot.robot import Factor
+from posture_opt.selection.plan_comparison import Comparison
 from posture_opt.selection.selector import PostureSelector
+from posture_opt.validation.calibrated_arm import calibrated_models, compare_models, nominal_arm
 from tests.helpers.command_line import invoke
 from tests.helpers.pin import PinArm
+from tests.helpers.same_problem import assert_same_numbers, written
 from tests.helpers.simulated_arm import SimulatedArm, shift, turn
 
 HALF = math.pi / 2
@@ -137,6 +140,10 @@ def learnt(case: Case, seed: int = 0, n: int = 80, **keys: Any) -> Known:
     return Known(case, arm, problem, found, po.calibrated_problem(problem, found))
 
 
+def compared(problem: Problem, calibration: Calibration) -> Comparison | None:
+    return compare_models(problem.robot, calibrated_models(problem, calibration))
+
+
 def quick(problem: Problem) -> Any:
     return PostureSelector(problem, compiled=False).solve(starts=12)
 
@@ -165,15 +172,10 @@ def test_the_scatter_from_visit_to_visit_is_found(known: Known) -> None:
 
 
 def test_the_files_are_the_problem_in_any_folder(known: Known, tmp_path: Path) -> None:
-    for name, content in known.calibrated.files("calibrated").items():
-        (tmp_path / name).write_bytes(content)
+    again = written(known.calibrated, tmp_path, "calibrated")
     assert {path.name for path in tmp_path.iterdir()} == {"calibrated.yaml", "calibrated_covariance.csv"}
-    again = po.load_problem(tmp_path / "calibrated.yaml")
-    assert again.robot == known.calibrated.robot
-    assert again.sources.names == known.calibrated.sources.names
-    np.testing.assert_array_equal(again.sources.covariance, known.calibrated.sources.covariance)
-    np.testing.assert_array_equal(again.sources.visit, known.calibrated.sources.visit)
-    assert again.task == known.problem.task
+    assert_same_numbers(again, known.calibrated)
+    assert again.notes == known.calibrated.notes
 
 
 def test_the_arm_is_the_one_that_fits_the_measurements(known: Known) -> None:
@@ -268,11 +270,9 @@ def test_a_urdf_arm_hits_too_and_takes_its_file_along(tmp_path: Path) -> None:
     columns |= {f"{axis} [m]": points[:, k] for k, axis in enumerate("xyz")}
     calibrated = po.calibrated_problem(problem, po.calibrate(problem, po.read_measurements(columns, problem)))
     out.mkdir()
-    for name, content in calibrated.files("calibrated").items():
-        (out / name).write_bytes(content)
+    again = written(calibrated, out, "calibrated")
     shutil.rmtree(source)
-    again = po.load_problem(out / "calibrated.yaml")
-    assert again.robot.factors == calibrated.robot.factors
+    assert_same_numbers(again, calibrated)
     assert again.to_dict()["robot"]["file"] == "calibrated.urdf"
     solution = quick(again)
     off = simulated_urdf(true, solution.q[None], names, base, tip)[0] - (0.5, 0.1, 0.3)
@@ -330,7 +330,7 @@ def test_every_command_takes_the_calibrated_problem(commanded: tuple[Path, Known
 
 def test_the_file_says_what_it_is(commanded: tuple[Path, Known, Result]) -> None:
     text = (commanded[0] / "out" / "calibrated.yaml").read_text(encoding="utf-8")
-    assert text.startswith("# Calibrated with data.csv: 80 rows.\n# Position errors where it had not seen the data: ")
+    assert text.startswith("# Calibrated with data.csv: 80 rows.\n# RMS position error on held-out rows: ")
     assert re.search(r"name: Planar arm, calibrated\n", text)
     assert re.search(r"\n  corrections:\n    j1.theta: -?\d\.\d{6,10} deg\n", text)
     assert "covariance: calibrated_covariance.csv" in text
@@ -356,7 +356,7 @@ def test_the_report_tells_both_postures_and_their_errors(commanded: tuple[Path, 
 
 def test_the_figure_shows_both_postures_about_the_target(commanded: tuple[Path, Known, Result]) -> None:
     found = commanded[1]
-    again = compare_calibrated(found.problem, found.calibration, found.calibrated)
+    again = compared(found.problem, found.calibration)
     assert again is not None
     landed = again.answered["nominal"][1]
     (axes,) = plot_landing(again).axes
@@ -379,7 +379,7 @@ def test_the_figure_shows_both_postures_about_the_target(commanded: tuple[Path, 
 def test_the_miss_is_that_of_the_arm_as_drawn(commanded: tuple[Path, Known, Result], task: dict[str, Any]) -> None:
     found = commanded[1]
     problem = po.problem_from_dict(found.problem.to_dict() | {"task": task})
-    again = compare_calibrated(problem, found.calibration, po.calibrated_problem(problem, found.calibration))
+    again = compared(problem, found.calibration)
     assert again is not None
     before, landed = again.answered["nominal"]
     _, landing = again.answered["calibrated"]
@@ -395,8 +395,8 @@ def test_a_calibrated_problem_is_changed_without_its_files(known: Known) -> None
     assert other.task is not None
     assert other.task.kind == "probe"
     robot = {key: value for key, value in known.calibrated.to_dict()["robot"].items() if key != "corrections"}
-    np.testing.assert_array_equal(
-        known.calibrated.with_robot(robot).sources.covariance, known.calibrated.sources.covariance
+    np.testing.assert_allclose(
+        known.calibrated.with_robot(robot).sources.covariance, known.calibrated.sources.covariance, rtol=1e-12
     )
     assert known.calibrated.with_robot(robot).robot.factors == known.problem.robot.factors
 
@@ -428,10 +428,10 @@ def test_found_frames_are_numbers_and_no_longer_free() -> None:
     spreads = [po.propagate(calibrated, row) for row in q]
     off = np.array([s.position for s in spreads]) - true.points(q)
     assert max(float(o @ np.linalg.solve(s.covariance, o)) for o, s in zip(off, spreads, strict=True)) < 4**2
-    nominal = arm_of_frames(problem, found)
+    nominal = problem.with_fit(nominal_arm(found))
     assert not nominal.robot.base_free
     assert "corrections" not in nominal.to_dict()["robot"]
-    again = compare_calibrated(problem, found, calibrated)
+    again = compared(problem, found)
     assert again is not None
     assert not again.answered
     assert "out of reach" in " ".join(again.reasons)
@@ -503,7 +503,7 @@ def test_without_a_task_nothing_is_planned() -> None:
     case = CASES["planar 2R"]
     found = learnt(case)
     problem = po.problem_from_dict({key: value for key, value in found.problem.to_dict().items() if key != "task"})
-    assert compare_calibrated(problem, found.calibration, po.calibrated_problem(problem, found.calibration)) is None
+    assert compared(problem, found.calibration) is None
 
 
 def test_what_was_stated_of_other_parameters_stays() -> None:

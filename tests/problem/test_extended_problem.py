@@ -22,8 +22,7 @@ import posture_opt as po
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.errors import InputError
 from posture_opt.model.toolchain import find_compiler
-from posture_opt.problem.calibrated_problem import calibrated_problem
-from posture_opt.problem.extended_problem import extended_problem
+from posture_opt.problem.fitted_problem import calibrated_problem, extended_problem
 from posture_opt.problem.problem import Problem
 from posture_opt.selection.selector import PostureSelector
 from posture_opt.selection.solution import Solution

@@ -1,0 +1,85 @@
+"""The arm that a calibration found, as its problem takes it over, and what that changes for the task."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.fitted_arm import FittableProblem, FittedArm, persistent_sources, places_in_robot
+from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.plan_comparison import Comparison, compare_plans
+from posture_opt.selection.solution import HasTask
+from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
+from posture_opt.validation.stated_scatter import JointScatter
+
+FREE_BASE = (
+    "the base is free, so the world is the frame of the instrument, and the place of the task is read in it: write "
+    "position and direction in that frame"
+)
+
+
+def calibrated_arm(problem: CalibrationProblem, calibration: Calibration) -> FittedArm:
+    """The arm with its calibrated parameters, what is still uncertain of them, and its scatter.
+
+    Every deviation counts, those too that are determined together only. Of several targets the first is the tool
+    point. The covariance is the estimate's, under the scatter from visit to visit that the calibration leaves.
+    """
+    scatter = residual_scatter(problem, calibration)
+    places = places_in_robot(calibration.parameters)
+    own = list(places.values())
+    covariance = covariance_under(calibration, scatter)[np.ix_(own, own)]
+    return FittedArm(
+        label="calibrated",
+        deviations={name: float(calibration.x[i]) for name, i in places.items()},
+        known=persistent_sources(problem.robot, problem.sources, list(places), covariance),
+        scatter=scatter.beside,
+        header=_header(calibration, scatter),
+    )
+
+
+def nominal_arm(calibration: Calibration) -> FittedArm:
+    """The nominal arm where the measurements saw it: free frames are found, and nothing else."""
+    parameters = calibration.parameters
+    frames = {name: i for name, i in places_in_robot(parameters).items() if parameters[i].group in ("base", "tool")}
+    return FittedArm("", {name: float(calibration.x_nominal[i]) for name, i in frames.items()})
+
+
+def calibrated_models(problem: FittableProblem, calibration: Calibration) -> dict[str, Any]:
+    """The problem before calibration, its free frames found, and calibrated."""
+    return {
+        "nominal": problem.with_fit(nominal_arm(calibration)),
+        "calibrated": problem.with_fit(calibrated_arm(problem, calibration)),
+    }
+
+
+def compare_models(
+    robot: Robot, models: Mapping[str, HasTask], *, seed: int | None = None, workers: int = 1
+) -> Comparison | None:
+    """The task planned with models that were fitted to the data of one ``robot``; None without a task."""
+    return compare_plans(models, seed=seed, workers=workers, hint=FREE_BASE if robot.base_free else "")
+
+
+def _header(calibration: Calibration, scatter: JointScatter) -> tuple[str, ...]:
+    """What the file says of itself in its first lines."""
+    data = calibration.residuals.data
+    file = Path(data.file).name or "a table"
+    gone = f", {len(calibration.outliers)} of them left out as outliers" if calibration.outliers else ""
+    before, after = (f"{s.rms * 1e3:.3g} mm" for s in (calibration.nominal, calibration.calibrated))
+    targets = [p.name for p in calibration.parameters if p.group == "tool" and p.code > 0]
+    several = (
+        f"The tool point is the first of {len(data.target_names)} targets, {data.target_names[0]}." if targets else ""
+    )
+    lines = (
+        f"Calibrated with {file}: {len(data)} rows{gone}.",
+        f"RMS position error on held-out rows: {before} before calibration, {after} after.",
+        "What is still uncertain of its parameters stands in calibrated_covariance.csv, in mm and mrad; combinations",
+        "of them that move nothing that was measured have no variance there.",
+        f"{scatter.note[:1].upper()}{scatter.note[1:]}.",
+        several,
+    )
+    return tuple(line for line in lines if line)
