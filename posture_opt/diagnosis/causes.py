@@ -1,4 +1,4 @@
-"""Findings: each cause that a diagnosis names, with its size and what it brings."""
+"""Findings: each cause that a diagnosis names, with its size and gain; and causes that the data cannot show."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from posture_opt.calibration.effect_sensitivities import case_of
+from posture_opt.calibration.residuals import Residuals
 from posture_opt.diagnosis.extended_fit import Extended
 from posture_opt.diagnosis.geometry_causes import GeometryCause
 from posture_opt.diagnosis.held_out import Folds, HeldOut, held_out
@@ -13,7 +17,7 @@ from posture_opt.diagnosis.linear_model import LinearModel
 from posture_opt.diagnosis.noise_causes import NoiseCause
 from posture_opt.diagnosis.other_session import Gain
 from posture_opt.diagnosis.search import SearchResult
-from posture_opt.model.effects import Cause, Effect, NoiseEffect
+from posture_opt.model.effects import CATALOGUE, EFFECTS, INPUTS, Cause, Effect, Evidence, Limit, NoiseEffect
 from posture_opt.numerics import Codes, Progress
 from posture_opt.units import DIMENSIONS
 
@@ -120,3 +124,26 @@ def geometry_finding(cause: GeometryCause, held: Mapping[str, HeldOut]) -> Findi
     """A geometric cause as a finding; the gain is that of all calibrated geometry."""
     gain = 1 - held["calibrated"].rms / held["nominal"].rms
     return Finding(cause.deviation, cause.estimate, cause.p_value, gain, cause.confounded_with)
+
+
+def unknowable(residuals: Residuals) -> tuple[Limit, ...]:
+    """Causes that are not identifiable from data of this kind, whatever their size."""
+    lengths = [p.name for p in residuals.parameters if p.group == "geometry" and p.unit == "m" and abs(p.nominal) > 0]
+    evidence = Evidence(residuals.data.position is not None, tuple(lengths))
+    return tuple(limit for kind in CATALOGUE if (limit := kind.unknowable(evidence)) is not None)
+
+
+def missing_inputs(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str, ...]]]:
+    """Input that the files lack -> what it is, how to supply it, and the kinds of effects that need it.
+
+    Joint compliance is searched for without the masses of the links too: they are unknowns then.
+    """
+    excitation = case_of(residuals.data, residuals.robot)
+    have = set(excitation.inputs)
+    if any(np.isfinite(j.gear_ratio) for j in residuals.robot.joints):
+        have.add("gear_ratio")
+    missing: dict[str, list[str]] = {}
+    for kind in EFFECTS:
+        for lacking in sorted(kind.needs - have):
+            missing.setdefault(lacking, []).append(kind.kind_name())
+    return {key: (needed.words, needed.mend, tuple(missing[key])) for key, needed in INPUTS.items() if key in missing}

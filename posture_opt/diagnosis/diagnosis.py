@@ -16,7 +16,7 @@ from posture_opt.calibration.fitted_arm import FittableProblem, FittedArm
 from posture_opt.calibration.progress import Stages
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.causes import Finding, effect_findings, geometry_finding, noise_finding
+from posture_opt.diagnosis.causes import Finding, effect_findings, geometry_finding, noise_finding, unknowable
 from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_discrimination
 from posture_opt.diagnosis.extended_arm import extended_arm
 from posture_opt.diagnosis.extended_fit import Extended, fit_calibrated, fit_extended
@@ -29,7 +29,6 @@ from posture_opt.diagnosis.other_session import Gain, SecondSession, second_sess
 from posture_opt.diagnosis.outlier_reinclusion import reinclude_outliers
 from posture_opt.diagnosis.persistent_effects import persistent
 from posture_opt.diagnosis.search import SearchResult, prefer_named, remaining_unnamed, search
-from posture_opt.diagnosis.undetectable import unknowable
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect

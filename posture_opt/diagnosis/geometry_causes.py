@@ -17,6 +17,8 @@ from posture_opt.model.effects import Cause, FittedSizes, Size
 from posture_opt.numerics import Array
 from posture_opt.units import plus_minus
 
+_DEPENDENT = 1e-4  # of a column: what other columns leave of it by rounding and linearisation
+_UNIT = 1e-3  # a mm, a mrad: near one unit of the other directions
 _KINDS = {
     "theta": "joint_offset",
     "yaw": "joint_offset",
@@ -92,19 +94,21 @@ class GeometryCause:
 
 
 def geometry_causes(
-    residuals: Residuals, x_frames: Array, known: Array, full: Extended, candidates: Sequence[Candidate]
+    residuals: Residuals, x_frames: Array, free: Array, full: Extended, candidates: Sequence[Candidate]
 ) -> list[GeometryCause]:
-    """The geometric causes beside the suspects.
+    """The geometric causes beside the effects: up to three parameters by name, or all of them together.
 
     Args:
-        x_frames: (k,) deviations with only what is free fitted; known: (k, f) directions of what is free.
-        full: everything fitted.
+        x_frames: (k,) parameters with only the free frames fitted [SI].
+        free: (k, f) directions of the free frames and touched points.
+        full: the model with all geometry fitted.
+        candidates: the effects of the model.
     """
-    nominal = fit_extended(residuals, x_frames, known, candidates)
+    nominal = fit_extended(residuals, x_frames, free, candidates)
     p = _f_test(nominal, full)
     if p > levels.GEOMETRY:
         return []
-    few = _few(residuals, x_frames, known, full, candidates)
+    few = _few_parameters(residuals, x_frames, free, full, candidates)
     if few is not None:
         return few
     return [GeometryCause(GeometricDeviation.of_all(), {}, p)]
@@ -116,7 +120,7 @@ def _rss(model: Extended) -> float:
 
 
 def _f_test(small: Extended, large: Extended) -> float:
-    """p-value of the F test of what the large model has more."""
+    """p-value of the F test of the parameters that only the large model has."""
     from scipy.special import fdtrc
 
     more = large.directions.shape[1] - small.directions.shape[1]
@@ -128,31 +132,31 @@ def _f_test(small: Extended, large: Extended) -> float:
     return float(fdtrc(more, left, gain / more / (_rss(large) / left)))
 
 
-def _few(
-    residuals: Residuals, x_frames: Array, known: Array, full: Extended, candidates: Sequence[Candidate]
+def _few_parameters(
+    residuals: Residuals, x_frames: Array, free: Array, full: Extended, candidates: Sequence[Candidate]
 ) -> list[GeometryCause] | None:
-    """Up to three parameters beside which the others add nothing, or nothing where there are no such three."""
+    """The fewest parameters beside which the others add nothing significant; None where that takes more than three."""
     chosen: list[int] = []
-    model = fit_extended(residuals, x_frames, known, candidates)
-    frames = {i for i in range(len(x_frames)) if np.any(known[i])}
+    model = fit_extended(residuals, x_frames, free, candidates)
+    frames = {i for i in range(len(x_frames)) if np.any(free[i])}
     while len(chosen) < levels.FEW_PARAMETERS:
-        gains = _single_gains(model, [i for i in range(len(x_frames)) if i not in chosen and i not in frames])
+        gains = _gains_alone(model, [i for i in range(len(x_frames)) if i not in chosen and i not in frames])
         if not gains:
             return None
         chosen.append(max(gains, key=lambda i: gains[i]))
-        model = fit_extended(residuals, x_frames, _with(known, chosen, len(x_frames)), candidates)
+        model = fit_extended(residuals, x_frames, _with_parameters(free, chosen, len(x_frames)), candidates)
         if _f_test(model, full) > levels.GEOMETRY:
-            return _causes(residuals, x_frames, known, model, chosen, candidates)
+            return _causes(residuals, x_frames, free, model, chosen, candidates)
     return None
 
 
-def _with(known: Array, chosen: Sequence[int], k: int) -> Array:
+def _with_parameters(free: Array, chosen: Sequence[int], k: int) -> Array:
     single = np.zeros((k, len(chosen)))
-    single[list(chosen), range(len(chosen))] = 1e-3  # a mm, a mrad: near one unit of the other directions
-    return np.concatenate([known, single], axis=1)
+    single[list(chosen), range(len(chosen))] = _UNIT
+    return np.concatenate([free, single], axis=1)
 
 
-def _single_gains(model: Extended, candidates: Sequence[int]) -> dict[int, float]:
+def _gains_alone(model: Extended, candidates: Sequence[int]) -> dict[int, float]:
     """Drop of the sum of squares by each parameter alone, to first order about a model."""
     residuals = model.residuals
     rows = len(residuals.data) * residuals.block
@@ -168,25 +172,25 @@ def _single_gains(model: Extended, candidates: Sequence[int]) -> dict[int, float
     for i in candidates:
         column = J[:, i]
         rest = column - Q @ (Q.T @ column)
-        # What tilts a planar arm out of its plane acts in it to second order only: no cause of first order.
+        # A tilt of a planar arm out of its plane acts in the plane to second order only: no cause to first order.
         if np.linalg.norm(rest) > max(
-            1e-4 * lengths[i], levels.SLIGHT_PARAMETER * most[residuals.parameters[i].unit], 1e-300
+            _DEPENDENT * lengths[i], levels.SLIGHT_PARAMETER * most[residuals.parameters[i].unit], 1e-300
         ):
             gains[i] = float((rest @ r) ** 2 / (rest @ rest))
     return gains
 
 
 def _causes(
-    residuals: Residuals, x_frames: Array, known: Array, model: Extended, chosen: list[int],
+    residuals: Residuals, x_frames: Array, free: Array, model: Extended, chosen: list[int],
     candidates: Sequence[Candidate],
 ) -> list[GeometryCause]:  # fmt: skip
     causes = []
     rss, m = _rss(model), len(residuals.data) * residuals.block
-    f = known.shape[1]
+    f = free.shape[1]
     for place, i in enumerate(chosen):
         rest = [j for j in chosen if j != i]
-        without = fit_extended(residuals, x_frames, _with(known, rest, len(x_frames)), candidates)
-        others = _single_gains(without, [j for j in range(len(x_frames)) if j not in chosen and not np.any(known[j])])
+        without = fit_extended(residuals, x_frames, _with_parameters(free, rest, len(x_frames)), candidates)
+        others = _gains_alone(without, [j for j in range(len(x_frames)) if j not in chosen and not np.any(free[j])])
         limit = rss * np.exp(levels.RIVAL_CRITERION / m)
         rivals = [
             GeometricDeviation.of(residuals.parameters[j])
@@ -196,7 +200,7 @@ def _causes(
         parameter = residuals.parameters[i]
         own = GeometricDeviation.of(parameter)
         deviation = float(model.x[i] - x_frames[i]) + float(x_frames[i])
-        std = float(np.sqrt(max(model.covariance[f + place, f + place], 0.0))) * 1e-3
+        std = float(np.sqrt(max(model.covariance[f + place, f + place], 0.0))) * _UNIT
         estimate = {parameter.name.rpartition(".")[2]: (deviation, std, parameter.unit)}
         others_alike = tuple(dict.fromkeys(r for r in rivals if r != own))
         causes.append(GeometryCause(own, estimate, _f_test(without, model), others_alike))

@@ -1,4 +1,4 @@
-"""Noise as a suspect: one joint noisier than stated, noise that grows with the range, a wrong stated σ, outliers."""
+"""Tests of the noise: one joint noisier than stated, noise that grows with the range, a wrong stated σ, outliers."""
 
 from __future__ import annotations
 
@@ -23,13 +23,15 @@ GROSS = "gross errors"  # a law of residuals: Gaussian with a few gross errors
 
 @dataclass(frozen=True)
 class NoiseCandidate:
-    """A kind of noise with its evidence: twice the log likelihood ratio, its family-wise p-value, and its size.
+    """A kind of noise with its likelihood ratio test.
 
     Args:
+        ratio: twice the log likelihood ratio; ``p_value`` family-wise.
         quantity: name and SI unit of ``size``: of a joint its σ, of range noise the growth of σ over the span of
             ranges, of a stated σ the factor by which it is off.
         named: the same as an effect of a problem file, if its size is not zero.
-        spread: (N, d) shift of the rows that goes with it, in units of what else they scatter by; ``None`` of a range.
+        spread: (N, d) shift of the rows per standard deviation of it, in units of their other scatter; ``None`` of a
+            range.
     """
 
     kind: str
@@ -50,7 +52,10 @@ class NoiseCandidate:
 
 
 def standardised(e: Array, leverage: Array) -> Array:
-    """(N, d) residuals blown up by what the fit has taken from them: ``(I − H_ii)^(−1/2) e_i``."""
+    """(N, d) standardised residuals ``(I − H_ii)^(−1/2) e_i`` of residuals (N, d) and leverages (N, d, d).
+
+    Source: Cook, Weisberg (1982), section 2.2.
+    """
     d = e.shape[1]
     values, vectors = np.linalg.eigh(np.eye(d) * (1 + 1e-9) - leverage)
     root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, _LEAST_FREE)), vectors)
@@ -58,10 +63,10 @@ def standardised(e: Array, leverage: Array) -> Array:
 
 
 def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
-    """Every joint, and the range, as the cause of noise that is not the same everywhere.
+    """Heteroscedastic noise: every joint, and the range, as the cause of noise that is not the same everywhere.
 
-    The null lets the residuals of a visit point anywhere and visits change places, so that heavy tails alone raise
-    no alarm: each draw turns every visit at random and shuffles them.
+    The null distribution turns the residuals of every repeat at random and permutes the repeats, so that heavy tails
+    alone raise no alarm.
 
     Args:
         e: (N, d) standardised residuals.

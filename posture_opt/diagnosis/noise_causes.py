@@ -1,4 +1,4 @@
-"""What the noise of measurements says: which of its kinds is named, once every other cause is taken away."""
+"""The kinds of noise that a diagnosis names, once every other cause is taken away."""
 
 from __future__ import annotations
 
@@ -48,9 +48,10 @@ def noise_causes(
     closed: float,
     seed: int,
 ) -> list[NoiseCause]:
-    """Noisy joints or noise that grows with the range; gross outliers; a stated σ that is off.
+    """Noisy joints or noise that grows with the range; gross outliers; a stated σ that is wrong.
 
-    ``closed`` is the p-value that nothing is left beside the model, 0 where a curve without a name is.
+    Args:
+        closed: p-value that nothing is left beside the model, 0 where an unnamed component is.
     """
     residuals = model.residuals
     block = residuals.block
@@ -92,7 +93,7 @@ def _ranges(residuals: Residuals) -> Array | None:
 def find_uneven_noise(e: Array, rows: Rows, seed: int, level: float = levels.NOISE) -> list[NoiseCause]:
     """The joints, or the range, along which noise is larger than elsewhere, if any are.
 
-    Each joint that is named is taken off, as if it were stated, before the next is asked for at a stricter level.
+    The scatter of each joint that is named is whitened, as if it were stated, before the next test at a stricter level.
 
     Args:
         e: (N, d) residuals in units of their stated covariance.
@@ -129,7 +130,7 @@ def in_stated_units(
 ) -> tuple[Array, Array, bool]:  # fmt: skip
     """Residuals (N, d) and joint columns (n, N, d) in units of what instrument and joints should scatter by.
 
-    The last of the three says whether the file states a scatter of the joints from visit to visit, or an instrument
+    The last of the three says whether the file states a scatter of the joints from repeat to repeat, or an instrument
     that is not the same everywhere; without either everything stays as it is, in units of the instrument's σ.
     """
     sources, own = problem.sources, relative(problem, residuals.data)

@@ -1,4 +1,4 @@
-"""Umbrellas: curves without a name that compete with the named effects, so that none wins for lack of rivals."""
+"""Unnamed components: flexible terms that compete with the named effects, so that none wins for lack of rivals."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from posture_opt.model.effects import Cause, Excitation
 from posture_opt.numerics import Array
 
 _DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)], dtype=float)
-
-
+"""Directions (13, 3) of waves over the workspace, one of each pair of opposites."""
 _WORDS = {
     "curve": "a smooth curve over {target}",
     "dent": "a local deviation in the range of {target}",
@@ -31,7 +30,12 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class UnnamedComponent(Cause):
-    """A curve without a name: what it hangs on, where, and which of its grid it is, or between which two."""
+    """A flexible term of no physical cause.
+
+    Args:
+        kind, target: what the error depends on, and where.
+        shape: index of its grid; between two of them once it is refined.
+    """
 
     kind: str
     target: str
@@ -45,7 +49,7 @@ class UnnamedComponent(Cause):
 def unnamed_components(
     sensitivities: EffectSensitivities, excitation: Excitation
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """Every umbrella with its columns (m, k)."""
+    """Every unnamed component with its columns (m, k), in nine families."""
     yield from _joint_curves(sensitivities, excitation)
     yield from _dents(sensitivities, excitation)
     yield from _square_waves(sensitivities, excitation)
@@ -56,6 +60,7 @@ def unnamed_components(
 
 
 def _moving(excitation: Excitation) -> list[int]:
+    """Joints that move in the data, to rounding [rad or m]."""
     return [i for i, span in enumerate(excitation.span) if span > 1e-6]
 
 
@@ -70,7 +75,7 @@ def _joint_curves(
 
 
 def _dents(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """One bump somewhere in the range of a joint."""
+    """One Gaussian bump somewhere in the range of a joint."""
     names = excitation.robot.joint_names
     for joint in _moving(excitation):
         q = sensitivities.residuals.data.q[:, joint]
@@ -87,7 +92,7 @@ def _dents(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterat
 def finer_phases(
     sensitivities: EffectSensitivities, component: UnnamedComponent
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """Square waves with phases between those of the grid, about one of it: an edge that is off costs much."""
+    """Square waves with phases between those of the grid, about one of it: a misplaced edge costs much evidence."""
     if component.kind != "square wave":
         return
     joint = sensitivities.residuals.data.joint_names.index(component.target)
@@ -102,12 +107,12 @@ def finer_phases(
 
 
 def _square(q: Array, waves: int, phase: float) -> Array:
-    """(N,) a square wave of so many periods a turn; phases count in steps of the grid."""
+    """(N,) a square wave of so many periods per revolution; phases count in steps of the grid."""
     return np.asarray(np.sign(np.sin(waves * q + np.pi * phase / levels.SQUARE_WAVE_PHASES)))
 
 
 def bumps(q: Array, count: int = levels.CURVE_BUMPS) -> Array:
-    """(N, count) Gaussian bumps side by side over the range of q; between quantiles, so that each has data."""
+    """(N, count) Gaussian radial bases side by side over the range of q (N,)."""
     centres = np.linspace(q.min(), q.max(), count)
     width = max(float(centres[1] - centres[0]), 1e-9)
     return np.exp(-0.5 * ((q[:, None] - centres) / (levels.BUMP_WIDTH * width)) ** 2)
@@ -116,6 +121,7 @@ def bumps(q: Array, count: int = levels.CURVE_BUMPS) -> Array:
 def _square_waves(
     sensitivities: EffectSensitivities, excitation: Excitation
 ) -> Iterator[tuple[UnnamedComponent, Array]]:
+    """Square waves of a revolute joint, as of an encoder's tracks."""
     names = excitation.robot.joint_names
     for joint in _moving(excitation):
         if excitation.robot.joints[joint].type != "revolute":
@@ -130,7 +136,7 @@ def _square_waves(
 
 
 def _products(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """The error of one joint as a product of it and another."""
+    """The error of one joint as a product of first harmonics of it and another."""
     names, q = excitation.robot.joint_names, sensitivities.residuals.data.q
     pairs = list(combinations(_moving(excitation), 2))
     for a, b in [*pairs, *((b, a) for a, b in pairs)]:
@@ -140,7 +146,7 @@ def _products(sensitivities: EffectSensitivities, excitation: Excitation) -> Ite
 
 
 def _sides(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """The side of approach times something that no named effect has."""
+    """The side of approach in interactions that no named effect has."""
     names, data, site = excitation.robot.joint_names, sensitivities.residuals.data, sensitivities.site
     for joint in _moving(excitation):
         side, q = data.approach[:, joint], data.q[:, joint]
@@ -163,7 +169,7 @@ def _sides(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterat
 
 
 def _fields(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
-    """A wave over the workspace, and a smooth course over time."""
+    """Waves over the workspace, and a smooth course over time."""
     n = len(sensitivities.residuals.data)
     p = np.stack([np.broadcast_to(np.asarray(v, dtype=float), (n,)) for v in sensitivities.walk.position], axis=1)
     size = float(np.linalg.norm(np.ptp(p, axis=0)))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from posture_opt.diagnosis.causes import missing_inputs, unknowable
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.parts import sentence
 from posture_opt.report.units_text import percent
 from posture_opt.report.words import UNLIKELY, p_value, p_words
 
-_FAINT = 0.1  # share of its trace that geometry leaves of a cause: it had to be ten times larger to be seen as well
-_SURE = 0.99  # p-value
+_FAINT = 0.1  # share of an effect that geometry leaves: ten times larger it would be as significant; a choice of taste
+_SURE = 0.99  # p-value that is written as 1
 _SHOWN = 8  # candidates of the table
 
 
@@ -74,9 +75,7 @@ def scores_block(diagnosed: Diagnosed) -> Block:
 
 
 def absorbed_block(diagnosed: Diagnosed) -> Block:
-    """Causes that geometry hides in these data, and causes that were not looked for at all."""
-    from posture_opt.diagnosis.undetectable import not_looked_for
-
+    """Causes that geometry absorbs in these data, and causes that were not searched for at all."""
     search = diagnosed.diagnosis.search
     hidden = [candidate.what.label for candidate, _ in search.absorbed]
     faint = [j.candidate.what.label for j in search.scored if j.candidate.named and j.rho < _FAINT]
@@ -88,7 +87,7 @@ def absorbed_block(diagnosed: Diagnosed) -> Block:
         )
     if faint:
         items.append(f"Hardly identifiable, as geometry absorbs more than nine tenths of them: {_list(faint)}.")
-    lacking = not_looked_for(diagnosed.residuals)
+    lacking = missing_inputs(diagnosed.residuals)
     rows = tuple((what.capitalize(), f"{_kinds(kinds)}; {mend}") for what, mend, kinds in lacking.values())
     if rows:
         items += ["Not searched for, as the files lack the inputs that they depend on:", Facts(rows)]
@@ -108,8 +107,6 @@ def _list(names: list[str]) -> str:
 
 def unknowable_block(diagnosed: Diagnosed) -> Block:
     """What no data of this kind can tell, why, and what would."""
-    from posture_opt.diagnosis.undetectable import unknowable
-
     limits = unknowable(diagnosed.residuals)
     rows = tuple((x.kind.replace("_", " ").capitalize(), f"{sentence(x.reason)} To know: {x.mend}.") for x in limits)
     if not rows:

@@ -14,10 +14,10 @@ from click.testing import Result
 import posture_opt as po
 from posture_opt.calibration.progress import Stages
 from posture_opt.diagnosis.candidates import Candidate
+from posture_opt.diagnosis.causes import missing_inputs
 from posture_opt.diagnosis.extended_fit import fit_extended
 from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.other_session import Gain
-from posture_opt.diagnosis.undetectable import not_looked_for
 from posture_opt.model.effects import Effect, FittedSizes
 from posture_opt.model.effects.backlash import Backlash
 from posture_opt.model.effects.cause import amplitude
@@ -176,7 +176,7 @@ def test_what_changes_with_time_is_left_out_of_another_session(folder: Path) -> 
     assert "no gain" not in text
     assert [done for done, _ in told] == sorted(done for done, _ in told)
     assert told[-1] == (100, 100)
-    assert set(not_looked_for(found.model.residuals)) >= {"temperature", "payload", "masses"}
+    assert set(missing_inputs(found.model.residuals)) >= {"temperature", "payload", "masses"}
 
 
 def test_a_session_with_other_frames_is_fitted_to_them(folder: Path, tmp_path: Path) -> None:
