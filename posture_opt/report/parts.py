@@ -41,7 +41,7 @@ def robot_facts(problem: Problem) -> list[tuple[str, str]]:
     robot: Robot = problem.robot
     size = f"{robot.n} joints"
     name = f"{robot.name}, {size}" if robot.name and robot.name != f"{robot.n}-joint arm" else robot.name or size
-    source = [("Robot data", line) for line in robot.source.splitlines() if line.startswith("geometry")]
+    source = [("Robot data", f"{group}: {source}") for group, source in robot.sources if group == "geometry"]
     return [("Robot", name), *source, *effect_facts(problem)]
 
 

@@ -36,12 +36,12 @@ class PresetFile(Spec):
     notes: tuple[str, ...] = ()
 
     def build(self) -> Robot:
-        """The preset in numbers, ``source`` holding one line for each group of numbers."""
+        """The preset in numbers, with the source of each group of numbers."""
         given = self.repeatability
         return replace(
             self.robot.build(Path()),
             name=self.title,
-            source="\n".join(f"{group}: {source}" for group, source in self.source.items()),
+            sources=tuple(self.source.items()),
             notes=self.notes,
             repeatability=Repeatability(given.value, given.source) if given else None,
         )

@@ -65,6 +65,9 @@ class Robot:
     link i is the one reached behind ``links[i]``. Every named parameter occurs in exactly one factor, and every
     joint variable in exactly one.
 
+    ``sources`` says for each group of numbers (``geometry``, ``masses``, …) where it is from; of a URDF, which file and
+    which links.
+
     ``skew`` [rad] and ``lift`` [m] bound how far corrections lean and shift the axes from where the drawing of the arm
     has them: what is parallel or in one plane there counts as such within them.
     """
@@ -81,7 +84,7 @@ class Robot:
     tool_free: bool = False
     skew: float = 0.0
     lift: float = 0.0
-    source: str = ""
+    sources: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
 
     @property

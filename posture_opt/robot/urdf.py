@@ -60,7 +60,7 @@ class UrdfRobot(RobotFormat):
         free = [s.moving.name for s in segments if s.moving.type == "revolute" and s.moving.lower is None]
         return replace(
             self.assemble(tree.name, joints, links),
-            source=f"{self.file}, from {path[0].parent} to {path[-1].child}",
+            sources=(("file", self.file), ("base_link", path[0].parent), ("tip_link", path[-1].child)),
             notes=tuple(f"joint {name} has no <limit>: a turn either way is taken" for name in free),
         )
 

@@ -258,7 +258,8 @@ def test_a_urdf_arm_hits_too_and_takes_its_file_along(tmp_path: Path) -> None:
     task = {"kind": "insert", "direction": [0, 0, -1], "position": ["0.5 m", "0.1 m", "0.3 m"]}
     data = {"robot": robot, "task": task, "uncertainty": {"measurement": {"position": "0.02 mm"}}}
     problem = po.problem_from_dict(data, source)
-    names, (base, tip) = list(problem.robot.joint_names), problem.robot.source.split(", from ")[1].split(" to ")
+    names, links = list(problem.robot.joint_names), dict(problem.robot.sources)
+    base, tip = links["base_link"], links["tip_link"]
     true = PinArm(hidden_urdf(text, rng))
     q = rng.uniform(np.maximum(problem.robot.lower, -2.5), np.minimum(problem.robot.upper, 2.5), (90, len(names)))
     turning = np.array([joint.type == TURNING for joint in problem.robot.joints])

@@ -31,7 +31,7 @@ def test_names():
 @pytest.mark.parametrize("name", ALL)
 def test_every_preset_says_where_it_is_from(name):
     robot = load_preset(name)
-    groups = {line.split(":")[0] for line in robot.source.splitlines()}
+    groups = {group for group, _ in robot.sources}
     assert {"geometry", "limits", "masses"} <= groups
     assert all(joint.lower < joint.upper for joint in robot.joints)
     assert len(robot.parameters) == len([f for f in robot.factors if f.parameter])

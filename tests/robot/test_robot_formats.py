@@ -164,7 +164,7 @@ def test_urdf_arms_agree_with_pinocchio(file, base, tip, joints):
     path = robots_folder() / file
     robot = UrdfRobot(file=path.name, base_link=base, tip_link=tip).build(path.parent)
     assert robot.n == joints
-    base, tip = robot.source.split(", from ")[1].split(" to ")
+    base, tip = (dict(robot.sources)[link] for link in ("base_link", "tip_link"))
     arm = PinArm(path)
     for q in np.random.default_rng(1).uniform(robot.lower, robot.upper, (5, robot.n)):
         expected = arm.pose(dict(zip(robot.joint_names, q, strict=True)), base, tip)
@@ -179,7 +179,7 @@ def test_urdf_arms_agree_with_pinocchio(file, base, tip, joints):
 def test_urdf_masses_agree_with_pinocchio(file, tip):
     path = robots_folder() / file
     robot = UrdfRobot(file=str(path), tip_link=tip).build(Path())
-    base = robot.source.split(", from ")[1].split(" to ")[0]
+    base = dict(robot.sources)["base_link"]
     arm, q = PinArm(path), np.random.default_rng(2).uniform(robot.lower, robot.upper)
     for index, joint in enumerate(robot.joints):
         mass, centre = arm.centre(dict(zip(robot.joint_names, q, strict=True)), joint.name, base)
