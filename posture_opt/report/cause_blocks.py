@@ -48,7 +48,7 @@ def _lighter(diagnosed: Diagnosed, findings: list[Finding]) -> Table:
         most = length(float(diagnosed.at_tool(place).max()))
         size = diagnosed.headline(finding)
         rows.append((finding.cause.label, size, most, percent(finding.gain), p_value(finding.p_value)))
-    return Table(("cause", "size", "at the tool up to", "off the RMS", "p-value"), tuple(rows))
+    return Table(("cause", "size", "at the tool up to", "RMS reduced by", "p-value"), tuple(rows))
 
 
 def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
@@ -62,8 +62,8 @@ def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
     if place is not None:
         rows.append(_at_tool(diagnosed, place))
     rows.append(("Evidence", f"{p_words(finding.p_value)}, corrected for the whole search"))
-    brings = _brings(diagnosed, finding)
-    rows += [("Brings", brings)] if brings else []
+    gain = _gain(diagnosed, finding)
+    rows += [("Gain", gain)] if gain else []
     planning = _planning(diagnosed, finding)
     rows += [("Planning", planning)] if planning else []
     if finding.confounded_with:
@@ -85,29 +85,29 @@ def _at_tool(diagnosed: Diagnosed, place: int) -> tuple[str, str]:
     return "At the tool", f"up to {length(most)} in these data, {length(rms, among=[most])} RMS"
 
 
-def _brings(diagnosed: Diagnosed, finding: Finding) -> str:
+def _gain(diagnosed: Diagnosed, finding: Finding) -> str:
     found = diagnosed.diagnosis
     if finding.noise is not None:
         return _covers(diagnosed) if finding.noise.uneven else ""
     if finding.effect is None:
         geometry = [f for f in found.findings if f.effect is None and f.noise is None]
         if finding is not geometry[0]:
-            return ""  # it brings what it brings with the others, which is said of the first
+            return ""  # its gain is that of all of them, which is said of the first
         return (
-            f"{'all geometry together' if len(geometry) > 1 else 'the geometry'} takes {percent(finding.gain)} off the "
-            f"RMS of the arm as it stands: {_mm(found.errors['nominal'].rms)} to "
-            f"{_mm(found.errors['calibrated'].rms)} mm"
+            f"{'all geometry together' if len(geometry) > 1 else 'calibration'} reduces the RMS by "
+            f"{percent(finding.gain)}: {_mm(found.errors['nominal'].rms)} mm before, "
+            f"{_mm(found.errors['calibrated'].rms)} mm after"
         )
     rms = found.errors["extended"].rms
     without = rms / max(1 - finding.gain, 1e-9)
-    text = f"{percent(finding.gain)} off the RMS: without it {_mm(without)} mm instead of {_mm(rms)} mm"
+    text = f"reduces the RMS by {percent(finding.gain)}: {_mm(without)} mm without it, {_mm(rms)} mm with it"
     if finding.interval is not None and finding.interval[0] <= 0:
-        text += "; that little is no sure gain"
+        text += "; not significant"
     return text
 
 
 def _covers(diagnosed: Diagnosed) -> str:
-    """What uneven noise brings where it is told: regions that hold what they should; nothing of other noise."""
+    """The gain of stating uneven noise: regions that hold what they should; nothing of other noise."""
     held = diagnosed.diagnosis.held
     shape = held["extended"].shape
     if shape is None or diagnosed.effects:

@@ -44,8 +44,8 @@ def text_of(problem: po.Problem, diagnosed: Any) -> str:
 def test_what_geometry_brings_is_said_once(noisy: tuple[po.Problem, Any]) -> None:
     text = text_of(*noisy)
     assert {f.kind for f in noisy[1].diagnosis.findings} == {"link_length", "joint_noise"}
-    assert text.count("Brings all geometry together takes") == 1
-    assert text.count("off the RMS of the arm as it stands") == 1
+    assert text.count("Gain all geometry together reduces the RMS by") == 1
+    assert text.count("mm before, ") == 1
 
 
 def test_the_scatter_of_a_named_joint_stands_beside_what_is_left(noisy: tuple[po.Problem, Any]) -> None:

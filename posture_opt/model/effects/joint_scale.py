@@ -1,4 +1,4 @@
-"""Scale of a joint: its encoder counts a turn as a little more or less."""
+"""Scale error of a joint: its encoder counts a revolution as a little more or less."""
 
 from __future__ import annotations
 

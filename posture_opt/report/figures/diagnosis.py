@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 COLOURS = {"nominal": ORANGE, "calibrated": BLUE, "extended": GREEN}
 _MOST = 25  # candidates
-_SAME = 0.3  # cycles a turn
+_SAME = 0.3  # cycles per revolution
 _DOTS = 1500
 _MANY = 400  # rows: then dots are small
 _BELOW = 0.8  # of the line of the noise: there the scale ends at the latest
@@ -106,7 +106,7 @@ def _course(lengths: Floats) -> tuple[Floats, Floats]:
 
 
 def evidence(diagnosed: Diagnosed) -> list[tuple[ScoredCandidate, float]]:
-    """Every candidate with the logarithm of its p-value over that which the best one has by chance, the most first."""
+    """Every candidate with its log p-value over the critical one of its family, the most significant first."""
     scored = diagnosed.diagnosis.search.scored
     found = diagnosed.diagnosis.search
     null = found.initial_null or found.null
@@ -116,7 +116,7 @@ def evidence(diagnosed: Diagnosed) -> list[tuple[ScoredCandidate, float]]:
 
 
 def critical_log_p(null: NullDistribution, family: str) -> float:
-    """The log p-value that a candidate of a family needs to be more than chance, the whole search counted in."""
+    """The log p-value that a candidate of a family needs to be significant, corrected for the whole search."""
     low, high = -60.0, -1e-6
     for _ in range(50):
         middle = (low + high) / 2
@@ -126,10 +126,10 @@ def critical_log_p(null: NullDistribution, family: str) -> float:
 
 @styled
 def plot_scores(diagnosed: Diagnosed) -> Figure:
-    """Evidence of each candidate on the calibrated arm alone, with the line that chance reaches one time in twenty."""
+    """Evidence of each candidate on the calibrated arm alone, with the line of the significance level."""
     pairs = evidence(diagnosed)
     scored = [j for j, _ in pairs[:_MOST]]
-    # Evidence spans from a little to hundreds of times what chance does: its root shows both ends.
+    # Evidence spans from a little to hundreds of times what noise does: its root shows both ends.
     size = [math.sqrt(value) for _, value in pairs[:_MOST]]
     ends = [_chosen(j, diagnosed) for j in scored]
     figure = new_figure(8.4, 1.4 + 0.24 * max(len(scored), 4))
@@ -175,10 +175,10 @@ def _handles(named: bool, nameless: bool, level: float) -> tuple[list[Any], list
 
     line = Line2D([], [], color="black", ls="--", lw=1.2)
     entries = [
-        *([(Patch(color=GREEN), "named in the end")] if named else []),
+        *([(Patch(color=GREEN), "named in the final model")] if named else []),
         (Patch(color=BLUE), "a cause of the catalogue"),
-        (Patch(color=PURPLE), "a curve without a name"),
-        *([(Patch(fc=PURPLE, hatch="///", ec="white"), "needed in the end, without a name")] if nameless else []),
-        (line, f"chance reaches this line in {100 * level:.1f} of 100 data sets"),
+        (Patch(color=PURPLE), "an unnamed component"),
+        *([(Patch(fc=PURPLE, hatch="///", ec="white"), "an unnamed component of the final model")] if nameless else []),
+        (line, f"noise alone reaches this line in {100 * level:.1f} % of data sets"),
     ]
     return [e[0] for e in entries], [e[1] for e in entries]

@@ -42,7 +42,7 @@ def plot_periodogram(diagnosed: Diagnosed) -> Figure:
         axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label="before its periodic errors are named", zorder=3)
         cycles, share = _spectrum(diagnosed, after, joint)
         axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all named effects", zorder=4)
-        null = f"chance reaches this line in {100 * FIRST_EFFECT:.1f} of 100 data sets"
+        null = f"noise alone reaches this line in {100 * FIRST_EFFECT:.1f} % of data sets"
         axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=null, zorder=5)
         for k, frequency in enumerate(sorted(s.what.spectral_line or 0.0 for s in mine)):
             _mark(axes, frequency, k)
