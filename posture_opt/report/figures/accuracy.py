@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from posture_opt.numerics import Array
 from posture_opt.report.figures.map import (
     Canvas,
     draw_cells,
@@ -25,7 +25,6 @@ from posture_opt.report.style import COLOUR_MAP, styled
 if TYPE_CHECKING:
     from posture_opt.validation.accuracy_map import AccuracyMap
 
-Floats = NDArray[np.float64]
 _ARROW = 0.9  # of a cell's shorter side: the longest arrow
 _ALONG = 0.05  # of the longest arrow: below it an arrow is a dot
 
@@ -44,7 +43,7 @@ def plot_spread_map(found: AccuracyMap) -> Figure:
     return _plot(found, found.radius95, "95 of 100 times within", measured, arrows=False)
 
 
-def _plot(found: AccuracyMap, values: Floats, label: str, measured: Floats | None, *, arrows: bool) -> Figure:
+def _plot(found: AccuracyMap, values: Array, label: str, measured: Array | None, *, arrows: bool) -> Figure:
     grid, targets = found.grid, found.targets
     if grid.shape[:2] == (1, 1):
         return plot_line(grid, label, values)
@@ -90,7 +89,7 @@ def _arrows(axes: Any, canvas: Canvas, found: AccuracyMap, layer: int) -> None:
     axes.plot([], [], ls="none", marker=">", color="white", mec="black", ms=7, label=label)
 
 
-def _rows(axes: Any, canvas: Canvas, found: AccuracyMap, lengths: Floats, layer: int) -> None:
+def _rows(axes: Any, canvas: Canvas, found: AccuracyMap, lengths: Array, layer: int) -> None:
     """Measured rows near this layer, in the colours of the cells."""
     assert found.measured is not None
     measured, grid = found.measured, canvas.grid

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from posture_opt.numerics import Array
 from posture_opt.report.style import (
     BLUE,
     GREY,
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from posture_opt.uncertainty.spread import Spread
     from posture_opt.uncertainty.tool_point import ToolPoint
 
-Floats = NDArray[np.float64]
 _ROUND: dict[str, Any] = {"solid_capstyle": "round", "solid_joinstyle": "round"}
 _APART = 0.1  # mm: from there on the target is marked beside the tool point
 _ARROW = 0.3  # of the arm's extent
@@ -46,8 +45,8 @@ class Skeleton:
         joints: (n, 3) where the joints act; ``prismatic`` which of them slide.
     """
 
-    points: Floats
-    joints: Floats
+    points: Array
+    joints: Array
     prismatic: tuple[bool, ...]
 
     @classmethod
@@ -103,10 +102,10 @@ def region_label(spread: Spread, factor: float) -> str:
     return f"{name}, enlarged {factor:g}\N{MULTIPLICATION SIGN}" if factor > 1 else f"{name}, true to scale"
 
 
-def enlarged_ellipse(spread: Spread, factor: float) -> Floats:
+def enlarged_ellipse(spread: Spread, factor: float) -> Array:
     """(121, 2) boundary of the 95 % ellipse of a planar arm, enlarged about the mean, in the arm's plane [mm]."""
     ellipse = spread.ellipse
-    boundary: Floats = 1e3 * (ellipse.center + factor * (ellipse.points(0.95) - ellipse.center))
+    boundary: Array = 1e3 * (ellipse.center + factor * (ellipse.points(0.95) - ellipse.center))
     return boundary
 
 
@@ -132,7 +131,7 @@ def _plane(spread: Spread, target: TaskTarget | None, skeleton: Skeleton, factor
     return figure
 
 
-def _plane_target(axes: Any, target: TaskTarget, B: Floats, tool: Floats, extent: float) -> list[Floats]:
+def _plane_target(axes: Any, target: TaskTarget, B: Array, tool: Array, extent: float) -> list[Array]:
     """Draws direction and region; the points that must be seen."""
     seen = []
     if target.kind == "region":
@@ -154,7 +153,7 @@ def _plane_target(axes: Any, target: TaskTarget, B: Floats, tool: Floats, extent
     return seen
 
 
-def _limits(axes: Any, points: Floats) -> None:
+def _limits(axes: Any, points: Array) -> None:
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.08 * max(float((high - low).max()), 1.0)
     # As high as it must be for its width: no white bands above and below an arm that lies flat.
@@ -164,7 +163,7 @@ def _limits(axes: Any, points: Floats) -> None:
     axes.set_ylim(low[1] - margin, high[1] + margin)
 
 
-def enlarged_ellipsoid(spread: Spread, factor: float, n: int = 24) -> Floats:
+def enlarged_ellipsoid(spread: Spread, factor: float, n: int = 24) -> Array:
     """(3, n, 2n) surface of the 95 % region in space, enlarged about the mean, world [mm]."""
     ellipse = spread.ellipse
     k = factor * ellipse.factor(0.95)
@@ -172,7 +171,7 @@ def enlarged_ellipsoid(spread: Spread, factor: float, n: int = 24) -> Floats:
     sphere = np.array([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)])
     center = 1e3 * (spread.basis.T @ ellipse.center)
     shape = spread.basis.T @ (ellipse.axes * ellipse.semi_axes)
-    surface: Floats = center[:, None, None] + 1e3 * k * np.einsum("ij,jkl->ikl", shape, sphere)
+    surface: Array = center[:, None, None] + 1e3 * k * np.einsum("ij,jkl->ikl", shape, sphere)
     return surface
 
 
@@ -210,7 +209,7 @@ def _look(axes: Any, skeleton: Skeleton) -> None:
     axes.locator_params(nbins=6)
 
 
-def _space_target(axes: Any, target: TaskTarget, tool: Floats, extent: float) -> list[Floats]:
+def _space_target(axes: Any, target: TaskTarget, tool: Array, extent: float) -> list[Array]:
     seen = []
     if target.kind == "region":
         corners = 1e3 * np.array(list(itertools.product(*zip(target.lower, target.upper, strict=True))))
@@ -230,7 +229,7 @@ def _space_target(axes: Any, target: TaskTarget, tool: Floats, extent: float) ->
     return seen
 
 
-def _box(points: Floats) -> tuple[Floats, Floats]:
+def _box(points: Array) -> tuple[Array, Array]:
     """Corners of a box about the points, no side shorter than half of the longest; drawn with equal scales."""
     low, high = points.min(axis=0), points.max(axis=0)
     longest = float((high - low).max())

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from posture_opt.numerics import Array
 from posture_opt.report.style import BLUE, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.units_text import length_unit
 from posture_opt.report.words import line_words
@@ -17,7 +17,6 @@ from posture_opt.uncertainty.regions import Ellipsoid
 if TYPE_CHECKING:
     from posture_opt.uncertainty.cloud import Cloud
 
-Floats = NDArray[np.float64]
 _DRAWN = 5000
 
 
@@ -44,7 +43,7 @@ def plot_cloud(cloud: Cloud) -> Figure:
     return figure
 
 
-def _view(axes: Any, cloud: Cloud, B: Floats, points: Floats, scale: float) -> None:
+def _view(axes: Any, cloud: Cloud, B: Array, points: Array, scale: float) -> None:
     spread = cloud.spread
     shown = f"{len(points)} of " if len(points) < cloud.n else ""
     drawn = f"{shown}{cloud.n} simulated tool points"

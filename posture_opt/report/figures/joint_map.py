@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from posture_opt.numerics import Array
 from posture_opt.report.style import COLOUR_MAP, GREY, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.units_text import joint_unit, length_unit
 from posture_opt.report.words import PARTS
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from posture_opt.robot.robot import Joint
     from posture_opt.selection.solution import Solution
 
-Floats = NDArray[np.float64]
 _GRID = 181
 
 
@@ -55,14 +54,14 @@ def plot_joint_map(solution: Solution) -> Figure:
     return figure
 
 
-def _values(joint: Joint) -> Floats:
+def _values(joint: Joint) -> Array:
     """(181,) values over the range of a joint [rad or m]; more than a turn repeats itself, so one about zero does."""
     if joint.type == "revolute" and joint.lower <= -math.pi and joint.upper >= math.pi:
         return np.linspace(-math.pi, math.pi, _GRID)
     return np.linspace(joint.lower, joint.upper, _GRID)
 
 
-def _evaluate(solution: Solution, q1: Floats, q2: Floats) -> tuple[Floats, Floats]:
+def _evaluate(solution: Solution, q1: Array, q2: Array) -> tuple[Array, Array]:
     """σ_max (N, N) [m] and tool points (N, N, 3) [m] over the grid."""
     moments = solution.optimisation_problem.tool_point.moments([q1.ravel(), q2.ravel()])
     B = solution.basis
@@ -71,7 +70,7 @@ def _evaluate(solution: Solution, q1: Floats, q2: Floats) -> tuple[Floats, Float
     return sigma, np.broadcast_to(moments.position, (q1.size, 3)).reshape(*q1.shape, 3)
 
 
-def _mark(axes: Any, solution: Solution, shown: list[Floats], position: Floats, factors: list[float]) -> None:
+def _mark(axes: Any, solution: Solution, shown: list[Array], position: Array, factors: list[float]) -> None:
     target = solution.target
     if target.kind == "region":
         B = solution.optimisation_problem.reach.directions
@@ -92,7 +91,7 @@ def _mark(axes: Any, solution: Solution, shown: list[Floats], position: Floats, 
     axes.spines[:].set_color(GREY)
 
 
-def _ticks(axes: Any, joints: Sequence[Joint], shown: list[Floats]) -> None:
+def _ticks(axes: Any, joints: Sequence[Joint], shown: list[Array]) -> None:
     from matplotlib.ticker import MultipleLocator
 
     for axis, joint, values in zip((axes.xaxis, axes.yaxis), joints, shown, strict=True):

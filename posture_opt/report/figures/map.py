@@ -12,6 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from posture_opt.numerics import Array
 from posture_opt.report.style import BLUE, COLOUR_MAP, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.units_text import fixed, length_unit
 from posture_opt.report.words import PARTS, line_words
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.target_grid import Grid
     from posture_opt.selection.target_map import TargetMap
 
-Floats = NDArray[np.float64]
 _WIDTH = 7.2
 _PANELS = 5.1  # of the width: the rest is the scale of colours
 _MOST_LAYERS = 9
@@ -39,7 +39,7 @@ class Canvas:
     scale: float
 
     @classmethod
-    def of(cls, grid: Grid, values: Floats, others: Floats | None = None) -> Canvas:
+    def of(cls, grid: Grid, values: Array, others: Array | None = None) -> Canvas:
         """A scale over ``values`` (N,) [m] and, where given, other lengths that are drawn with the same colours."""
         seen = values[np.isfinite(values)]
         if others is not None and len(others):
@@ -113,12 +113,12 @@ def _name_axes(axes: Any, grid: Grid, layer: int, small: bool) -> None:
         axes.tick_params(labelsize=8)
 
 
-def _corners(grid: Grid) -> tuple[Floats, Floats]:
+def _corners(grid: Grid) -> tuple[Array, Array]:
     (u0, u1), (v0, v1) = edges_of(grid)
     return np.linspace(u0, u1, len(grid.values[0]) + 1), np.linspace(v0, v1, len(grid.values[1]) + 1)
 
 
-def draw_cells(axes: Any, canvas: Canvas, values: Floats) -> Any:
+def draw_cells(axes: Any, canvas: Canvas, values: Array) -> Any:
     """The cells of one layer, values (V, U) [m], NaN left empty."""
     shown = np.ma.masked_invalid(canvas.scale * values)
     mesh = axes.pcolormesh(*_corners(canvas.grid), shown, cmap=COLOUR_MAP, norm=canvas.norm, zorder=1)
@@ -155,7 +155,7 @@ def mark_own(axes: Any, canvas: Canvas, found: TargetMap, layer: int) -> None:
         _mark(axes, canvas, found.own.position, layer, text, marker="X", color=VERMILLION, mec="white", ms=12)
 
 
-def _mark(axes: Any, canvas: Canvas, point: Floats, layer: int, label: str, **look: Any) -> None:
+def _mark(axes: Any, canvas: Canvas, point: Array, layer: int, label: str, **look: Any) -> None:
     (u, v, w), levels = canvas.grid.coordinates(point[None])[0], canvas.grid.values[2]
     here = int(np.argmin(np.abs(levels - w))) == layer and abs(levels[layer] - w) <= canvas.grid.sides[2] / 2 + 1e-9
     if here and _seen(canvas.grid, 1e3 * u, 1e3 * v):
@@ -177,7 +177,7 @@ def mark_base(axes: Any, canvas: Canvas, robot: Any) -> None:
         axes.plot(u, v, "s", color="black", mec="white", ms=9, zorder=5, ls="none", label="base of the arm")
 
 
-def mark_direction(axes: Any, grid: Grid, direction: Floats) -> None:
+def mark_direction(axes: Any, grid: Grid, direction: Array) -> None:
     """The direction of the task as an arrow in a corner, where it lies in the picture."""
     along = grid.axes[:2] @ direction
     if np.linalg.norm(along) < 0.999:
@@ -207,7 +207,7 @@ def finish(figure: Figure, panels: Sequence[tuple[Any, int]], mesh: Any, label: 
     figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=3)
 
 
-def plot_line(grid: Grid, label: str, values: Floats) -> Figure:
+def plot_line(grid: Grid, label: str, values: Array) -> Figure:
     """Lengths (U,) [m] along a line of targets."""
     unit, scale = length_unit([float(np.nanmax(values))])
     figure = new_figure(6.4, 4.2)

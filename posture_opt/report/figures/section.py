@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from posture_opt.numerics import Array
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.units_text import length, length_unit, stated_length
 from posture_opt.report.words import line_words
@@ -18,7 +18,6 @@ from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
 if TYPE_CHECKING:
     from posture_opt.selection.solution import Solution
 
-Floats = NDArray[np.float64]
 _SAMPLES = 2000
 
 
@@ -49,10 +48,10 @@ def plot_cross_section(solution: Solution, n: int = _SAMPLES, seed: int = 0) -> 
     return figure
 
 
-def view_basis(solution: Solution) -> Floats:
+def view_basis(solution: Solution) -> Array:
     """(2, 3) what is looked at: across the direction where that is a plane, else the plane that shows most."""
     spread, critical = solution.spread, solution.critical
-    basis: Floats
+    basis: Array
     if len(spread.basis) == 2:
         basis = spread.basis
     elif len(critical.basis) == 2:
@@ -64,7 +63,7 @@ def view_basis(solution: Solution) -> Floats:
     return basis
 
 
-def _band(axes: Any, solution: Solution, B: Floats, scale: float, half: float) -> None:
+def _band(axes: Any, solution: Solution, B: Array, scale: float, half: float) -> None:
     """The 95 % interval of the one direction that counts, as a band through the plane."""
     along = B @ solution.critical.basis[0]
     centre = float(solution.critical.bias[0]) * scale
@@ -79,14 +78,14 @@ def _band(axes: Any, solution: Solution, B: Floats, scale: float, half: float) -
     axes.plot([], [], color=PURPLE, lw=2.2, label="the direction that counts")
 
 
-def _strip(along: Floats, low: float, high: float, reach: float) -> Floats:
+def _strip(along: Array, low: float, high: float, reach: float) -> Array:
     """(4, 2) corners of the band ``low <= along . y <= high``."""
     side = np.array([-along[1], along[0]])
     return np.array([low * along - reach * side, high * along - reach * side, high * along + reach * side,
                      low * along + reach * side])  # fmt: skip
 
 
-def clearance_lines(axes: Any, solution: Solution, B: Floats, scale: float, half: float) -> None:
+def clearance_lines(axes: Any, solution: Solution, B: Array, scale: float, half: float) -> None:
     """The play of the hole about the target: a circle, or two lines where one direction counts."""
     clearance = solution.target.clearance
     if math.isnan(clearance) or solution.critical.within == "all":
