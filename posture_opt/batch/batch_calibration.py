@@ -219,7 +219,7 @@ def _without_geometry(problem: CalibrationProblem) -> CalibrationProblem:
     sources = problem.sources
     frame = np.array([name.startswith(("base.", "tool.")) for name in sources.names], dtype=bool)
     constant = np.where(np.outer(frame, frame), sources.constant, 0.0)
-    bare = Sources(sources.names, constant + sources.visit, sources.notes, sources.visit)
+    bare = Sources(sources.names, constant + sources.scatter, sources.notes, sources.scatter)
     changed: CalibrationProblem = replace(cast(Any, problem), sources=bare)
     return changed
 

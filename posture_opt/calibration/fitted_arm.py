@@ -27,7 +27,7 @@ class FittedArm:
         deviations: of named parameters of the robot from the values of the problem [rad or m]; a frame with
             deviations is known from now on, and no longer free.
         known: covariance of the errors that stay, of effects too; ``None`` leaves all that the problem states.
-        scatter: JOINT.theta or JOINT.d -> standard deviation from visit to visit beside that of effects [rad or m].
+        scatter: JOINT.theta or JOINT.d -> standard deviation from repeat to repeat beside that of effects [rad or m].
         effects: with their estimates, which add to those of the problem; ``noises`` likewise.
         gravity: in the world of the data [m/s²]; ``None`` leaves that of the problem.
         header: what a file of this arm says of itself in its first lines.

@@ -125,8 +125,8 @@ def _fitted(robot: Robot, joint: str, last: str) -> bool:
 def prior_covariance(problem: CalibrationProblem, parameters: Sequence[Parameter]) -> tuple[list[int], Array]:
     """Indices of the parameters with a stated σ and their prior covariance [rad², m², rad m].
 
-    What a data sheet's repeatability, or ``scatter``, adds to the sources changes from visit to visit and is no prior;
-    a frame that is free has none either.
+    What a data sheet's repeatability, or ``scatter``, adds to the sources changes from repeat to repeat and is no
+    prior; a frame that is free has none either.
     """
     known = problem.sources.constant
     free = {"base": problem.robot.base_free, "tool": problem.robot.tool_free}

@@ -135,7 +135,7 @@ def in_stated_units(
     """
     sources, own = problem.sources, relative(problem, residuals.data)
     at = {name: i for i, name in enumerate(sources.names)}
-    variance = np.diag(sources.visit)
+    variance = np.diag(sources.scatter)
     sigma = np.array([np.sqrt(variance[at[name]]) if name in at else 0.0 for name in joint_errors(problem.robot)])
     if not sigma.any() and np.all(own == 1.0):
         return e, columns, False

@@ -32,7 +32,7 @@ class GivenInformation:
         R: (m, k) square root of their information, ``RᵀR``, in units of the instrument's σ; no rows for none.
         x: (k,) deviations from nominal [rad, m] at which everything is linearised.
         variance: of a measured coordinate in units of the instrument's: what a fit to the data leaves, or where
-            they do not tell, the arm's own scatter from visit to visit added to the instrument's.
+            they do not tell, the arm's own scatter from repeat to repeat added to the instrument's.
         rows, coordinates: how many measurements, and numbers measured in them.
         notes: sentences for the report.
     """
@@ -147,11 +147,11 @@ def measurement_model(
 def repeat_variance(problem: CalibrationProblem, sigma: float, q: Array) -> float:
     """Mean variance of a measured coordinate at the postures (N, n) in units of the instrument's, ``sigma`` [m].
 
-    To the instrument's comes what the arm scatters by from visit to visit: ``1 + tr(J V Jᵀ) / (r σ²)`` on average over
-    the postures, J (3, k) the Jacobian of the tool point by the sources, V their visit part, r the axes that it moves.
+    To the instrument's comes what the arm scatters by from repeat to repeat: ``1 + tr(J V Jᵀ) / (r σ²)`` on average
+    over the postures, J (3, k) the Jacobian of the tool point by the sources, V their scatter, r its axes of motion.
     """
     sources = problem.sources
-    point = ToolPoint.of(problem.arm, Sources(sources.names, sources.visit))
+    point = ToolPoint.of(problem.arm, Sources(sources.names, sources.scatter))
     if not point.names:
         return 1.0
     reached, _ = point.walk([np.ascontiguousarray(column) for column in q.T])

@@ -23,7 +23,7 @@ _KEPT = ("scatter", "repeatability", "weights", "measurement")
 def batch_uncertainty(problem: Problem, batch: Batch) -> dict[str, Any]:
     """The section ``uncertainty``: σ's across the batch and the correlations that are none of chance.
 
-    What the file says of parameters that were not found to vary, of scatter from visit to visit and of the instrument
+    What the file says of parameters that were not found to vary, of scatter from repeat to repeat and of the instrument
     stays. Correlations that are left out, or rounded, could make the others contradict each other: they are then drawn
     towards zero by the same share until the matrix is positive definite. What effects say is theirs to say.
     """
@@ -95,14 +95,14 @@ def mean_lines(problem: Problem, batch: Batch) -> list[str]:
 
 
 def _doubts(problem: Problem, batch: Batch) -> list[str]:
-    """What the file said of joint values may have meant their scatter from visit to visit."""
+    """What the file said of joint values may have meant their scatter from repeat to repeat."""
     stated, own = _stated(problem), _values_of_joints(problem)
     written = [n for n, (low, _) in zip(batch.names, batch.spread.interval, strict=True) if low > 0 and n in stated]
     replaced = [f"{n}: {_text(stated[n], problem.robot.parameters[n])}" for n in written if n in own]
     if not replaced:
         return []
     return [
-        f"The file stated {', '.join(replaced)}. If that is scatter from visit to visit,",
+        f"The file stated {', '.join(replaced)}. If that is scatter from repeat to repeat,",
         "it belongs under scatter, beside what is written here under sigma.",
     ]
 
@@ -112,8 +112,8 @@ def _values_of_joints(problem: Problem) -> tuple[str, ...]:
 
 
 def _visits(problem: Problem) -> dict[str, str]:
-    """All that the file says of scatter from visit to visit, parameter by parameter."""
-    variances, parameters = np.diag(problem.sources.visit), problem.robot.parameters
+    """All that the file says of scatter from repeat to repeat, parameter by parameter."""
+    variances, parameters = np.diag(problem.sources.scatter), problem.robot.parameters
     return {
         name: _text(math.sqrt(v), parameters[name])
         for name, v in zip(problem.sources.names, variances, strict=True)

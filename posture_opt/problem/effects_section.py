@@ -76,7 +76,7 @@ def _read(arm: Arm, path: Path, text: str | None, key: KeyPath) -> tuple[tuple[s
 
 
 def noisy_sources(sources: Sources, robot: Robot, effects: Sequence[CatalogueEntry]) -> Sources:
-    """The sources with the scatter that effects add from visit to visit, and the correlations that they state.
+    """The sources with the scatter that effects add from repeat to repeat, and the correlations that they state.
 
     Raises:
         InputError: a correlation of errors without a σ, stated twice, or impossible beside the others; keys from the

@@ -13,7 +13,7 @@ def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
 
     The arm is the one that fits the measurements: every deviation of ``calibration.x`` counts, those too that are
     determined together only. Frames that were found are numbers and no longer free; of several targets the first is
-    the tool point. The covariance is the estimate's, under the scatter from visit to visit that the calibration leaves;
+    the tool point. The covariance is the estimate's, under the scatter of repeats that the calibration leaves;
     that scatter comes to it. :meth:`Problem.files` writes it as a complete problem file with its covariance beside it.
 
     Raises:

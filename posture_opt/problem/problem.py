@@ -36,7 +36,7 @@ class Problem:
     """What a problem file says, in SI units and radians.
 
     ``nominal`` is the robot without its corrections and effects; ``stated`` are the sources of error that the file
-    states, ``sources`` those with what effects add from visit to visit. ``task`` is ``None`` where the file names
+    states, ``sources`` those with what effects add from repeat to repeat. ``task`` is ``None`` where the file names
     none; ``notes`` are sentences for the report on what was assumed or overridden; ``document`` is the file's plain
     data, units and all; relative file names start at ``folder``;
     ``origin`` is the file as it was read, ``overridden`` the keys that no longer say what it says; ``attached`` are
@@ -120,7 +120,7 @@ class Problem:
         """The same problem with the arm that measurements found: its parameters, effects, covariance and scatter.
 
         Frames that were found are numbers and no longer free. `files` writes it as a complete problem file with its
-        covariance beside it; standard deviations from visit to visit have the four digits that they have there.
+        covariance beside it; standard deviations from repeat to repeat have the four digits that they have there.
 
         Raises:
             InputError: the fit is one of another robot.

@@ -20,7 +20,7 @@ def finding_words(finding: Finding, problem: Problem | None = None) -> str:
 
 
 def _states(problem: Problem, finding: Finding) -> bool:
-    """Whether the file says how the joint of a finding scatters from visit to visit."""
+    """Whether the file says how the joint of a finding scatters from repeat to repeat."""
     sources = problem.sources
     names = [] if finding.noise is None else finding.noise.scatter(problem.robot)
-    return any(sources.visit[i, i] > 0 for i, name in enumerate(sources.names) if name in names)
+    return any(sources.scatter[i, i] > 0 for i, name in enumerate(sources.names) if name in names)

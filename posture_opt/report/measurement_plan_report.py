@@ -108,7 +108,7 @@ def _measured(plan: MeasurementPlan) -> str:
     scatter = ""
     if plan.given is None and plan.spread > _NOTED:
         own = plan.sigma * math.sqrt(plan.spread**2 - 1)
-        scatter = f"; the arm's own scatter from visit to visit, {length(own, 2)} a coordinate, is counted with"
+        scatter = f"; the arm's own scatter from repeat to repeat, {length(own, 2)} a coordinate, is counted with"
     postures = count(len(plan.q), "posture")
     return f"{position}{turned} (one standard deviation){targets}, {often} at each of {postures}{scatter}"
 

@@ -32,7 +32,7 @@ class Landing:
         miss: (3,) mean tool point minus the target [m], world.
         across: (m,) its components that the task cares about [m].
         sigma_max: largest standard deviation of these components [m].
-        critical_error: distance from the target that 95 of 100 visits stay within, in these components [m].
+        critical_error: distance from the target that 95 of 100 repeats stay within, in these components [m].
         success_probability: of staying within the clearance; None without one.
         covariance: (3, 3) of the tool point [m²], world.
     """

@@ -20,7 +20,7 @@ class Sources:
     Args:
         names: (k,) names of model parameters, ``JOINT.PARAMETER``.
         covariance: (k, k), SI units: rad², m², rad m.
-        visit: (k, k) the part of it that is drawn anew at every visit; the rest is what is not known of errors that
+        scatter: (k, k) the part of it that is drawn anew at every repeat; the rest is what is not known of errors that
             stay. Where nothing is said, no part.
         notes: sentences for the report on where the numbers come from.
     """
@@ -28,13 +28,13 @@ class Sources:
     names: tuple[str, ...] = ()
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     notes: tuple[str, ...] = ()
-    visit: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    scatter: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         size = (len(self.names),) * 2
-        for name in ("covariance", "visit"):
+        for name in ("covariance", "scatter"):
             matrix = np.array(getattr(self, name), dtype=float)
-            if name == "visit" and not matrix.size:
+            if name == "scatter" and not matrix.size:
                 matrix = np.zeros(size)
             assert matrix.shape == size, "the covariance has a row for each name"
             matrix.setflags(write=False)
@@ -47,14 +47,14 @@ class Sources:
 
     @classmethod
     def scattering(cls, sigma: Mapping[str, float], notes: Sequence[str] = ()) -> Sources:
-        """Sources without correlation that are drawn anew at every visit, from standard deviations [rad or m]."""
+        """Sources without correlation that are drawn anew at every repeat, from standard deviations [rad or m]."""
         found = cls.independent(sigma, notes)
         return cls(found.names, found.covariance, found.notes, found.covariance)
 
     @property
     def constant(self) -> Array:
-        """(k, k) covariance of what is not known of the errors that stay from visit to visit."""
-        return self.covariance - self.visit
+        """(k, k) covariance of what is not known of the errors that stay from repeat to repeat."""
+        return self.covariance - self.scatter
 
     @property
     def sigma(self) -> Array:
@@ -75,7 +75,7 @@ class Sources:
         """The other sources."""
         kept = [k for k, name in enumerate(self.names) if name not in names]
         at = np.ix_(kept, kept)
-        return Sources(tuple(self.names[k] for k in kept), self.covariance[at], self.notes, self.visit[at])
+        return Sources(tuple(self.names[k] for k in kept), self.covariance[at], self.notes, self.scatter[at])
 
     def joined(self, other: Sources) -> Sources:
         """Both sets of sources, the two independent of each other; no name may stand in both."""
@@ -87,12 +87,12 @@ class Sources:
     def plus(self, other: Sources) -> Sources:
         """The sum of both errors, independent of each other: covariances add up where both name a parameter."""
         names = tuple(dict.fromkeys((*self.names, *other.names)))
-        covariance, visit = np.zeros((2, len(names), len(names)))
+        covariance, scatter = np.zeros((2, len(names), len(names)))
         for part in (self, other):
             at = np.ix_(*[[names.index(name) for name in part.names]] * 2)
             covariance[at] += part.covariance
-            visit[at] += part.visit
-        return Sources(names, covariance, (*self.notes, *other.notes), visit)
+            scatter[at] += part.scatter
+        return Sources(names, covariance, (*self.notes, *other.notes), scatter)
 
 
 def covariance_issues(names: Sequence[str], covariance: Array) -> list[Issue]:

@@ -38,7 +38,7 @@ class UncertaintySpec(Spec):
     """Where the scatter of the tool point comes from: standard deviations, a covariance file, or a data sheet.
 
     ``sigma``, or ``covariance``, says how well the parameters of this arm are known: errors that stay. ``scatter`` and
-    ``repeatability`` say how they change from visit to visit, independently of what is known of them: where both
+    ``repeatability`` say how they change from repeat to repeat, independently of what is known of them: where both
     speak of a parameter their variances add up. Only ``sigma`` with ``repeatability`` is refused for a joint's value:
     there, one of the two is nearly always the other one written once more.
     """
@@ -47,7 +47,7 @@ class UncertaintySpec(Spec):
     correlation: tuple[Correlation, ...] = Field((), description="[parameter, parameter, coefficient]")
     covariance: str | None = Field(None, min_length=1, description="CSV file with named rows and columns")
     scatter: dict[str, Quantity] = Field(
-        {}, description="JOINT.PARAMETER: standard deviation from visit to visit, added to what else is said of it"
+        {}, description="JOINT.PARAMETER: standard deviation from repeat to repeat, added to what else is said of it"
     )
     repeatability: Length | None = Field(None, gt=0, description="data sheet's RP of ISO 9283")
     weights: dict[str, Annotated[float, Field(ge=0)]] = Field({}, description="JOINT: share in the repeatability")
@@ -81,7 +81,7 @@ class UncertaintySpec(Spec):
             InputError: sigma and repeatability speak of one joint.
         """
         both = scatter and self.covariance
-        note = ("scatter from visit to visit is added to what is not known of the arm",) if both else ()
+        note = ("scatter from repeat to repeat is added to what is not known of the arm",) if both else ()
         return self._with_repeatability(named, robot).plus(Sources.scattering(scatter, note))
 
     def check(self) -> None:

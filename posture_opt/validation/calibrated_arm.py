@@ -27,7 +27,7 @@ def calibrated_arm(problem: CalibrationProblem, calibration: Calibration) -> Fit
     """The arm with its calibrated parameters, what is still uncertain of them, and its scatter.
 
     Every deviation counts, those too that are determined together only. Of several targets the first is the tool
-    point. The covariance is the estimate's, under the scatter from visit to visit that the calibration leaves.
+    point. The covariance is the estimate's, under the scatter from repeat to repeat that the calibration leaves.
     """
     scatter = residual_scatter(problem, calibration)
     places = places_in_robot(calibration.parameters)

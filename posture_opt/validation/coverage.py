@@ -28,7 +28,7 @@ class Coverage:
     Args:
         share: of the rows inside the predicted 95 % region; ``interval`` holds it with 95 % confidence, poses being
             what is drawn at random.
-        expected: 95 % of data sets that are as predicted have a share between these. What stays from visit to visit
+        expected: 95 % of data sets that are as predicted have a share between these. What stays from repeat to repeat
             is one draw for all rows of one robot, so that they may be wide.
         factor: by how much the predicted spread must grow for its region to hold 95 %; ``factor_interval`` holds it
             with 95 % confidence, whether poses or data as predicted are drawn.

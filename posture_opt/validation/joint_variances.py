@@ -1,6 +1,6 @@
 """The scatter of the joints from the scatter of the tool point: variance components by (restricted) likelihood.
 
-Joint errors that change from visit to visit spread the tool point by ``J diag(σ²) Jᵀ``, differently at every
+Joint errors that change from repeat to repeat spread the tool point by ``J diag(σ²) Jᵀ``, differently at every
 posture, and the instrument adds ``s² I`` everywhere: postures with different ``J`` tell the joints from each other
 and from the instrument (Brethé, Vasselin, Lefebvre, Dakyo 2005: stochastic ellipsoids).
 """

@@ -21,7 +21,7 @@ class ErrorSources:
 
     Args:
         names: (k,) of the parameters of the arm.
-        constant: (k, k) covariance of what stays from visit to visit [rad², m²].
+        constant: (k, k) covariance of what stays from repeat to repeat [rad², m²].
         scatter: (k, k) covariance of what does not.
     """
 
@@ -35,7 +35,7 @@ class ErrorSources:
         known = residuals.robot.parameters
         kept = [i for i, name in enumerate(sources.names) if sources.covariance[i, i] > 0 and name in known]
         chosen = np.ix_(kept, kept)
-        return cls(tuple(sources.names[i] for i in kept), sources.constant[chosen], sources.visit[chosen])
+        return cls(tuple(sources.names[i] for i in kept), sources.constant[chosen], sources.scatter[chosen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ def calibrated_prediction(
 
     Args:
         covariance: (k, k) of the parameters, from all rows; from the share ``taught`` of them it is larger.
-        scatter: (n,) standard deviations of the joints from visit to visit [rad, m].
+        scatter: (n,) standard deviations of the joints from repeat to repeat [rad, m].
     """
     N, d = len(residuals.data), len(residuals.axes)
     J = residuals.both(x)[1][: N * residuals.block].reshape(N, residuals.block, -1)[:, :d] * residuals.sigma

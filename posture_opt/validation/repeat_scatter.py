@@ -27,7 +27,7 @@ class RepeatScatter:
         scatter: of the postures visited more than once.
         covariances: (G, d, d) predicted there [m²], and their ``test``; ``None`` where the problem says nothing of it.
         by: ``visit`` or ``joints``, see `repeat_errors`.
-        stated_sigma: (n,) of each joint from visit to visit, as stated [rad, m].
+        stated_sigma: (n,) of each joint from repeat to repeat, as stated [rad, m].
         outlying: lines of postures that were left out.
     """
 

@@ -1,4 +1,4 @@
-"""What a calibration leaves of the errors, as scatter of the joints from visit to visit."""
+"""What a calibration leaves of the errors, as scatter of the joints from repeat to repeat."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def residual_scatter(
 ) -> JointScatter:
     """The joints' scatter that explains best what a calibration and the instrument leave unexplained.
 
-    It is sought in the errors of rows by arms that have not seen them: scatter from visit to visit and whatever the
+    It is sought in the errors of rows by arms that have not seen them: scatter from repeat to repeat and whatever the
     model lacks, both to be met again at the next visit, beside the uncertainty of the fit, which is known. One standard
     deviation for all turning joints is taken unless the likelihood speaks clearly for one each (Schwarz 1978).
 

@@ -39,7 +39,7 @@ class SpreadCheck:
         stated: whether the problem states any uncertainty of the arm; else its region is the instrument's alone.
         repeats: scatter between repeats against what the problem says of visits; ``None`` without repeats or
             where it says nothing.
-        repeats_by: ``visit`` where the problem states scatter from visit to visit, ``joints`` where its σ's of joint
+        repeats_by: ``visit`` where the problem states scatter from repeat to repeat, ``joints`` where its σ's of joint
             values are taken for it.
         repeat_sigma: standard deviation of a coordinate between repeats [m]; 0 without repeats.
         residual_rms: root mean square of a coordinate that the calibration leaves [m].

@@ -1,4 +1,4 @@
-"""What is said of the scatter of the joints from visit to visit before any data are asked: by sections and effects."""
+"""What sections and effects say of the scatter of the joints from repeat to repeat, before any data are asked."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ROUNDING = 1e-6  # of a variance
 
 @dataclass(frozen=True)
 class JointScatter:
-    """Standard deviations of the joints' errors from visit to visit.
+    """Standard deviations of the joints' errors from repeat to repeat.
 
     Args:
         sigma: JOINT.theta or JOINT.d -> standard deviation [rad or m], above 0.
@@ -44,7 +44,7 @@ class JointScatter:
 def stated_scatter(problem: CalibrationProblem) -> JointScatter:
     """What the problem states of the joints' scatter, without that of its effects."""
     sources, own = problem.sources, scatter_of_effects(problem.robot, problem.effects)
-    total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.visit))), strict=True))
+    total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.scatter))), strict=True))
     visit = {name: s for name, s in total.items() if s > 0}
     if visit:
         return JointScatter(
@@ -66,7 +66,7 @@ def stated_scatter(problem: CalibrationProblem) -> JointScatter:
 
 
 def scatter_of_effects(robot: Robot, effects: Sequence[object]) -> dict[str, float]:
-    """JOINT.theta or JOINT.d -> σ from visit to visit that effects state [rad or m]."""
+    """JOINT.theta or JOINT.d -> σ from repeat to repeat that effects state [rad or m]."""
     total: dict[str, float] = {}
     for effect in effects:
         total = plus(total, effect.scatter(robot)) if isinstance(effect, NoiseEffect) else total
@@ -80,7 +80,7 @@ def plus(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, floa
 
 def scatter_beside(problem: CalibrationProblem, name: str, own: float, said: float) -> float:
     """The σ of a joint of which effects say ``said``, ``own`` of it part of what the problem states."""
-    visit = dict(zip(problem.sources.names, np.diag(problem.sources.visit), strict=True)).get(name, 0.0)
+    visit = dict(zip(problem.sources.names, np.diag(problem.sources.scatter), strict=True)).get(name, 0.0)
     return math.sqrt(max(float(visit) - own**2, 0.0) + said**2)
 
 

@@ -111,7 +111,7 @@ def test_the_section_can_be_pasted_and_loaded(batch: tuple[Batch, np.ndarray], p
     assert C[i, j] / math.sqrt(C[i, i] * C[j, j]) == pytest.approx(found.pairs[0].correlation, abs=1e-3)
     assert math.sqrt(C[i, i]) == pytest.approx(found.spread.sigma[found.names.index("joint1.a")], rel=1e-3)
     assert "tool.x" in names  # what the batch says nothing of stays as stated
-    assert again.sources.visit[names.index("joint1.theta"), names.index("joint1.theta")] == pytest.approx(25e-10)
+    assert again.sources.scatter[names.index("joint1.theta"), names.index("joint1.theta")] == pytest.approx(25e-10)
     assert po.select_posture(again).status == "optimal"
 
 
@@ -126,8 +126,8 @@ def test_effects_and_the_section_say_nothing_twice(batch: tuple[Batch, np.ndarra
     pasted = yaml.safe_load(batch_yaml(with_effects, found, noises))
     assert [entry["kind"] for entry in pasted["effects"]] == ["joint_noise", "joint_noise"]
     again = po.problem_from_dict({**with_effects.to_dict(), **pasted})
-    names, visit = again.sources.names, np.diag(again.sources.visit)
-    stated = np.diag(problem.sources.visit)[problem.sources.names.index("joint1.theta")]
+    names, visit = again.sources.names, np.diag(again.sources.scatter)
+    stated = np.diag(problem.sources.scatter)[problem.sources.names.index("joint1.theta")]
     # What the file states, what its effect states, and what was named: 0.03² + 0.04² = 0.05².
     assert visit[names.index("joint1.theta")] == pytest.approx(stated + 25e-10, rel=1e-6)
     i, j = names.index("joint1.a"), names.index("joint2.a")
@@ -155,7 +155,7 @@ def test_a_repeatability_becomes_scatter_beside_zeros_that_vary(problem: Any) ->
     assert "joint2.theta" in section["sigma"]
     assert "repeatability" not in section
     again = po.problem_from_dict({**document, "uncertainty": section}).sources
-    assert np.trace(again.visit) == pytest.approx(np.trace(sheet.sources.visit), rel=1e-3)
+    assert np.trace(again.scatter) == pytest.approx(np.trace(sheet.sources.scatter), rel=1e-3)
 
 
 @pytest.mark.campaign

@@ -20,7 +20,7 @@ from tests.hidden.mechanics import walk
 
 LENGTHS = (0.5, 0.4)
 INSTRUMENT = 2e-5  # m
-SIGMA = 2e-4  # rad, of joint 2 from visit to visit
+SIGMA = 2e-4  # rad, of joint 2 from repeat to repeat
 RR = SHORT + "uncertainty: {measurement: {position: 0.02 mm}}\n"
 
 
@@ -57,13 +57,13 @@ def diagnosis() -> Any:
 
 
 def scatter_of(extended: po.Problem, name: str) -> float:
-    """σ of an error from visit to visit [rad]."""
+    """σ of an error from repeat to repeat [rad]."""
     sources = extended.sources
-    return float(np.sqrt(sources.visit[sources.names.index(name), sources.names.index(name)]))
+    return float(np.sqrt(sources.scatter[sources.names.index(name), sources.names.index(name)]))
 
 
 def visit_covariance(extended: po.Problem, q: np.ndarray) -> np.ndarray:
-    only = replace(extended, sources=Sources(extended.sources.names, extended.sources.visit))
+    only = replace(extended, sources=Sources(extended.sources.names, extended.sources.scatter))
     return np.asarray(po.propagate(only, q).covariance)
 
 

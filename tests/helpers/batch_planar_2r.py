@@ -11,7 +11,7 @@ from tests.helpers.planar_2r import position
 
 SIGMA = 0.5e-3  # m: of the length of each link across the batch
 CORRELATION = 0.9  # both links of an arm are cut in one set-up
-SCATTER = np.radians(0.005)  # of each joint from visit to visit
+SCATTER = np.radians(0.005)  # of each joint from repeat to repeat
 NOISE = 0.02e-3  # m: of a measured coordinate
 HEAD = "robot, joint1 [deg], joint2 [deg], x [mm], y [mm]"
 

@@ -11,7 +11,7 @@ from tests.helpers.planar_2r import position
 
 OFFSETS = np.radians([0.06, -0.09])  # of the joints' zeros
 LENGTHS = 1.00062, 0.99952  # m: drawn with 1 m each
-SCATTER = np.radians(0.005)  # of each joint from visit to visit
+SCATTER = np.radians(0.005)  # of each joint from repeat to repeat
 NOISE = 0.02e-3  # m: of a measured coordinate
 HEAD = "joint1 [deg], joint2 [deg], x [mm], y [mm]"
 

@@ -1,4 +1,4 @@
-"""A planar 2R arm (1 m and 0.8 m) whose joints scatter from visit to visit, as much as stated or so many times that."""
+"""A planar 2R arm (1 m and 0.8 m) whose joints scatter between repeats, as much as stated or so many times that."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from posture_opt.calibration.calibrate import calibrate
 from posture_opt.validation.spread_check import SpreadCheck, check_spread
 from tests.helpers.planar_2r import position
 
-SCATTER = np.array([1e-3, 2e-3])  # rad, from visit to visit
+SCATTER = np.array([1e-3, 2e-3])  # rad, from repeat to repeat
 LENGTH = 1e-3  # m, of each link, the same at every visit
 NOISE = 2e-5  # m, of each coordinate
 KNOWN = {"base": {"xyz": ["0 m"] * 3}, "tool": {"xyz": ["0 m"] * 3}}

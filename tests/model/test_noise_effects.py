@@ -134,7 +134,7 @@ def test_joint_noise_adds_its_own_variance_at_every_visit() -> None:
     np.testing.assert_allclose(added, 0.2e-3**2 * np.outer(J, J), atol=1e-3 * 0.2e-3**2)
     sources = problem(ENTRIES["joint_noise"]).sources
     k = sources.names.index("joint2.theta")
-    assert sources.visit[k, k] == pytest.approx(0.2e-3**2)
+    assert sources.scatter[k, k] == pytest.approx(0.2e-3**2)
     assert sources.constant[k, k] == pytest.approx(0.1e-3**2)
 
 
@@ -305,7 +305,7 @@ def test_what_the_instrument_scatters_by_is_not_laid_on_the_joints() -> None:
         of = problem(*entries)
         data = measured(of, 2, lambda r: 6e-5 + 0 * r)
         calibrated = calibrated_problem(of, po.calibrate(of, data))
-        joint[name] = float(np.trace(calibrated.sources.visit))
+        joint[name] = float(np.trace(calibrated.sources.scatter))
     assert joint["instrument"] < 0.1 * joint["arm"]
 
 

@@ -30,7 +30,7 @@ from tests.helpers.simulated_arm import SimulatedArm, shift, turn
 
 HALF = math.pi / 2
 SIZE = 5e-4  # rad and m: of every hidden error
-SCATTER = 1e-4  # rad: of each turning joint from visit to visit, 0.0057 deg
+SCATTER = 1e-4  # rad: of each turning joint from repeat to repeat, 0.0057 deg
 SLIDE = 2e-5  # m: of a slide
 NOISE = 2e-5  # m: of a measured coordinate
 TURNING = "revolute"
@@ -470,7 +470,7 @@ def test_exact_data_leave_the_stated_scatter(known: Known) -> None:
     found = po.calibrate(known.problem, po.read_measurements(columns, known.problem))
     calibrated = po.calibrated_problem(known.problem, found)
     stated = dict(zip(known.problem.sources.names, known.problem.sources.sigma, strict=True))
-    visit = np.sqrt(np.diag(calibrated.sources.visit))
+    visit = np.sqrt(np.diag(calibrated.sources.scatter))
     assert {n: s for n, s in zip(calibrated.sources.names, visit, strict=True) if s} == pytest.approx(stated, rel=1e-3)
     assert any("as stated: the data do not tell it" in line for line in calibrated.header)
 
@@ -492,7 +492,7 @@ def test_data_without_scatter_leave_what_was_stated_unless_they_speak_against_it
     problem = case.problem(arm, uncertainty={"measurement": {"position": f"{NOISE} m"}} | uncertainty)
     columns = {"j1 [rad]": q[:, 0], "j2 [rad]": q[:, 1], "x [m]": points[:, 0], "y [m]": points[:, 1]}
     calibrated = po.calibrated_problem(problem, po.calibrate(problem, po.read_measurements(columns, problem)))
-    visit = np.sqrt(np.diag(calibrated.sources.visit))
+    visit = np.sqrt(np.diag(calibrated.sources.scatter))
     found = {n: s for n, s in zip(calibrated.sources.names, visit, strict=True) if s}
     if sigma is None:
         assert all(s < 2e-5 for s in found.values())

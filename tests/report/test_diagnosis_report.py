@@ -19,7 +19,7 @@ from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write
 
 NOISE = 2e-5  # m, of each measured coordinate
-SCATTER = 2e-4  # rad, of joint2 from visit to visit
+SCATTER = 2e-4  # rad, of joint2 from repeat to repeat
 PROBLEM = PLANAR + "uncertainty: {measurement: {position: 0.02 mm}}\n"
 
 
@@ -54,7 +54,7 @@ def test_the_scatter_of_a_named_joint_stands_beside_what_is_left(noisy: tuple[po
     # The second joint stands 1 m from the tool point in every posture; its σ is told to 7 % by 120 rows.
     assert noises[name] == pytest.approx(np.hypot(np.sqrt(2) * NOISE, SCATTER), rel=0.2)
     text = text_of(*noisy)
-    assert "joint2 scatters from visit to visit by 0." in text.partition("On rows held out")[0]
+    assert "joint2 scatters from repeat to repeat by 0." in text.partition("On rows held out")[0]
     assert "which the file does not state" in text
     tables = [item for item in errors_block(noisy[1]).items if isinstance(item, Table)]
     assert name in [row[0] for table in tables for row in table.rows]

@@ -30,7 +30,7 @@ from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import first_order, position
 
 NOISE, LONGER = 2e-5, 3e-3  # m: the instrument, and what the second link has more than the problem file says
-SHAKE = np.array([1e-4, 2e-4])  # rad, of the joints from visit to visit
+SHAKE = np.array([1e-4, 2e-4])  # rad, of the joints from repeat to repeat
 JOINTS = [{"name": f"joint{k}", "type": "revolute", "a": "1 m"} for k in (1, 2)]
 DOCUMENT = {
     "name": "Planar arm",

@@ -1,4 +1,4 @@
-"""Corrections of named parameters, and scatter from visit to visit beside what is known of a parameter."""
+"""Corrections of named parameters, and scatter from repeat to repeat beside what is known of a parameter."""
 
 from __future__ import annotations
 

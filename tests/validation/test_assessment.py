@@ -16,7 +16,7 @@ from tests.helpers.planar_2r import position, postures_at
 from tests.helpers.real_arms import DATA, needs_real_arms
 
 NOISE = 2e-5  # m, of each measured coordinate
-SHAKE = np.array([1e-4, 2e-4])  # rad, of the joints from visit to visit
+SHAKE = np.array([1e-4, 2e-4])  # rad, of the joints from repeat to repeat
 LONGER = 3e-3  # m: what the second link has more than the problem file says
 JOINTS = [{"name": f"joint{k}", "type": "revolute", "a": "1 m"} for k in (1, 2)]
 

@@ -102,7 +102,7 @@ def _pooled(shown: Shown, groups: list[Codes], B: Floats) -> Floats:
 
 
 def _predicted(problem: Problem, shown: Shown, rows: Codes, B: Floats) -> Ellipsoid | None:
-    """The scatter [mm²] of visits by the problem: what it says changes from visit to visit, and its instrument."""
+    """The scatter [mm²] of visits by the problem: what it says changes from repeat to repeat, and its instrument."""
     residuals = shown.residuals.take(rows)
     errors = ErrorSources.of(residuals, problem.sources)
     J = residuals.sigma * residuals.sensitivities(errors.names, shown.x)[:, : len(shown.axes)]

@@ -1,4 +1,4 @@
-"""One joint that scatters more from visit to visit than stated."""
+"""One joint that scatters more from repeat to repeat than stated."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
 class JointNoise(NoiseEffect):
     """``Σ = Σ0 + σ² J_j J_jᵀ``: a joint whose value is off by another amount at every visit."""
 
-    summary: ClassVar[str] = "the joint scatters from visit to visit, on top of what else is stated of it"
+    summary: ClassVar[str] = "the joint scatters from repeat to repeat, on top of what else is stated of it"
     phrase: ClassVar[str] = "{target} scatters more than stated"
-    unstated: ClassVar[str] = "{target} scatters from visit to visit by {size}, which the file does not state"
+    unstated: ClassVar[str] = "{target} scatters from repeat to repeat by {size}, which the file does not state"
     measurement: ClassVar[str] = "repeat each posture a few times, moving away in between"
     rivals: ClassVar = {
         "range_noise": "repeat postures near the instrument and far from it, moving away in between",
@@ -36,7 +36,7 @@ class JointNoise(NoiseEffect):
 
     kind: Literal["joint_noise"] = "joint_noise"
     joint: str = Field(description="the joint that scatters")
-    sigma: Quantity = Field(description="standard deviation from visit to visit")
+    sigma: Quantity = Field(description="standard deviation from repeat to repeat")
     std: Quantity | None = Field(None, description="standard error of sigma, where it was measured")
 
     @model_validator(mode="after")

@@ -73,7 +73,7 @@ class Pattern(ABC):
 class NoiseEffect(CatalogueEntry):
     """One kind of effect that changes a covariance and no mean.
 
-    What is of the arm spreads the tool point: it adds to the scatter from visit to visit, or correlates what is not
+    What is of the arm spreads the tool point: it adds to the scatter from repeat to repeat, or correlates what is not
     known of the geometry. What is of the instrument or of the data changes how far measurements are believed.
     """
 
@@ -97,11 +97,11 @@ class NoiseEffect(CatalogueEntry):
 
     def planning_note(self, kept: bool) -> str:
         if self.of_arm:
-            return "it spreads the tool point from visit to visit, and stands under effects in extended.yaml"
+            return "it spreads the tool point from repeat to repeat, and stands under effects in extended.yaml"
         return "left out: it belongs to the measurement and not to the arm"
 
     def scatter(self, robot: Robot) -> dict[str, float]:
-        """Model parameter -> σ that is added to its scatter from visit to visit [rad or m]."""
+        """Model parameter -> σ that is added to its scatter from repeat to repeat [rad or m]."""
         return {}
 
     @property
