@@ -8,6 +8,8 @@
     ├── InsufficientDataError  the data do not suffice               exit code 4
     └── SolverError            the solver failed, which is no proof  exit code 1
                                that the problem has no solution
+
+``BadValueError`` never leaves the program: what one entry cannot be, before its key and file are known.
 """
 
 from __future__ import annotations
