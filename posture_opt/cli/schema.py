@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from posture_opt.cli.output import write_text
-from posture_opt.problem.schema_tree import json_schema
+from posture_opt.problem.schema import json_schema
 
 
 @click.command("schema")

@@ -12,8 +12,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from posture_opt.errors import BadValueError, Issue, KeyPath, as_given, did_you_mean, nearest, one_of
-from posture_opt.problem.schema import ProblemSpec
-from posture_opt.problem.schema_tree import bound_at, example_at, known_keys, nodes_at, size_at
+from posture_opt.problem.schema import ProblemSpec, bound_at, example_at, known_keys, nodes_at, size_at
 
 _SAID: dict[str, str] = {
     # pydantic's type of error -> what is wrong, in its context

@@ -71,6 +71,11 @@ class Problem:
         """What is added to the nominal values of parameters, where it is not zero [rad or m]."""
         return {name: value for name, value in corrections_of(self.nominal, self.robot).items() if value}
 
+    @property
+    def uncorrected(self) -> Problem:
+        """The same problem with the arm as it is drawn, without corrections and effects."""
+        return replace(self, arm=Arm(self.nominal))
+
     def placed(self, issue: Issue) -> Issue:
         """An issue that computing raised, with the file and line it speaks of; as it is where no file says it."""
         said = issue.key and issue.key[0] in ProblemSpec.model_fields and issue.key[:2] not in self.overridden

@@ -1,9 +1,15 @@
-"""The problem file as a schema: one field a section."""
+"""The problem file as a schema: one field a section; which keys, words and examples belong at a place in a file."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
 from pydantic import ConfigDict, Field
 
+from posture_opt.errors import KeyPath
 from posture_opt.measurements.measurements import DataSpec
 from posture_opt.model.effects import EffectSpec
 from posture_opt.robot import RobotSpec
@@ -26,3 +32,100 @@ class ProblemSpec(Spec):
     effects: tuple[EffectSpec, ...] = Field((), description="what moves the tool point beyond the geometry")
     solver: SolverSpec = Field(Ipopt(), description="how the best posture is searched for")
     data: DataSpec = Field(DataSpec(), description="what is known about measurements besides their file")
+
+
+Node = dict[str, Any]
+
+
+@cache
+def json_schema() -> Node:
+    """The JSON Schema of the problem file."""
+    return ProblemSpec.model_json_schema()
+
+
+def nodes_at(key: KeyPath, data: Any) -> list[Node]:
+    """The alternatives that the schema allows at ``key`` of ``data``; kinds that the data name are followed."""
+    nodes = list(_alternatives(json_schema(), data))
+    for part in key:
+        data = _entry(data, part)
+        nodes = [found for node in nodes for child in _children(node, part) for found in _alternatives(child, data)]
+    return nodes
+
+
+def known_keys(key: KeyPath, data: Any) -> list[str]:
+    """The keys that may stand in the mapping at ``key``."""
+    return list(dict.fromkeys(name for node in nodes_at(key, data) for name in node.get("properties", {})))
+
+
+def example_at(key: KeyPath, data: Any) -> str:
+    """An example of what belongs at ``key``; empty where the schema has none."""
+    for node in nodes_at(key, data):
+        if node.get("examples"):
+            return _text(node["examples"][0])
+        if "const" in node:
+            return _text(node["const"])
+        parts = node.get("prefixItems") or [node.get("items", {})] * node.get("minItems", 0)
+        inner = [next(_alternatives(part, None)).get("examples", [""])[0] for part in parts]
+        if inner and all(inner):
+            return _text(inner)
+    return ""
+
+
+def size_at(key: KeyPath, data: Any) -> int:
+    """The number of entries of the list at ``key``; 0 where it is open."""
+    return max((node.get("minItems", 0) for node in nodes_at(key, data)), default=0)
+
+
+def bound_at(key: KeyPath, data: Any, bound: Any) -> str:
+    """A bound of the value at ``key`` as people write it: with its unit where the value has one."""
+    dimensions = {node.get("dimension") for node in nodes_at(key, data)}
+    if not isinstance(bound, int | float):
+        return str(bound)
+    if "angle" in dimensions:
+        return f"{math.degrees(bound):g} deg"
+    return f"{bound:g} m" if "length" in dimensions else f"{bound:g}"
+
+
+def _entry(data: Any, part: str | int) -> Any:
+    try:
+        return data[part]
+    except (KeyError, IndexError, TypeError):
+        return None
+
+
+def _alternatives(node: Node, data: Any) -> Iterator[Node]:
+    """The node itself without references and choices, or all that it leaves to choose from."""
+    while "$ref" in node:
+        node = json_schema()["$defs"][node["$ref"].rsplit("/", 1)[1]]
+    choices = node.get("anyOf") or node.get("oneOf")
+    if not choices:
+        yield node
+        return
+    discriminator = node.get("discriminator")
+    if discriminator and isinstance(data, dict):
+        chosen = discriminator["mapping"].get(str(data.get(discriminator["propertyName"])))
+        choices = [{"$ref": chosen}] if chosen else choices
+    said = {word: node[word] for word in ("examples", "description") if word in node}
+    for choice in choices:
+        yield from ({**said, **found} for found in _alternatives(choice, data))
+
+
+def _children(node: Node, part: str | int) -> Iterator[Node]:
+    if isinstance(part, int):
+        fixed = node.get("prefixItems", [])
+        if part < len(fixed):
+            yield fixed[part]
+        elif isinstance(node.get("items"), dict):
+            yield node["items"]
+    elif part in node.get("properties", {}):
+        yield node["properties"][part]
+    elif isinstance(node.get("additionalProperties"), dict):
+        yield node["additionalProperties"]
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_text, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{name}: {_text(entry)}' for name, entry in value.items())}}}"
+    return str(value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ _FEW = 20  # rows: fewer say little about a share of 95 %
 
 def accuracy_map_report(found: AccuracyMap) -> Report:
     """Problem, bias, spread, measured rows."""
-    problem = found.problem
+    problem = problem_of(found)
     title = problem.name or "Map of accuracy"
     measured = [measured_block(found.measured)] if found.measured is not None else []
     blocks = (problem_block(problem, found), bias_block(found), spread_block(found), *measured)
@@ -184,6 +184,11 @@ def columns(found: AccuracyMap) -> dict[str, list[float]]:
     return {**place_columns(found.targets), **lengths, **posture_columns(found.targets)}
 
 
+def problem_of(found: AccuracyMap) -> Problem:
+    """The problem, as reports need it: whole."""
+    return cast("Problem", found.problem)
+
+
 class AccuracyMapPresenter(Presenter["AccuracyMap"]):
     """Mean error and scatter over a grid of targets."""
 
@@ -191,7 +196,7 @@ class AccuracyMapPresenter(Presenter["AccuracyMap"]):
 
     @property
     def problem(self) -> Problem:
-        return self.result.problem
+        return problem_of(self.result)
 
     def summary(self) -> Summary:
         found = self.result

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol, Self
 
 import numpy as np
 
+from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.starting_values import kabsch
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.nominal_points import nominal_poses
-from posture_opt.model.arm import Arm
 from posture_opt.numerics import Progress, finite_or_none
-from posture_opt.problem.effects_section import moving_effects
-from posture_opt.problem.problem import Problem
 from posture_opt.result import Result
 from posture_opt.selection.grid_layout import Plane
 from posture_opt.selection.map_points import MapPoint
+from posture_opt.selection.solution import HasTask
 from posture_opt.selection.target_grid import Grid
 from posture_opt.selection.target_map import TargetMap, map_targets
 from posture_opt.uncertainty.coverage_radius import central_radii
@@ -31,6 +30,15 @@ Floats = np.ndarray
 _ALIGNED = 1e-9
 _OUTER = 0.02  # of the rows, on either side, that the map need not cover
 _STEP = 0.01  # m, that its box is rounded to
+
+
+class CorrectedProblem(CalibrationProblem, HasTask, Protocol):
+    """A problem whose arm may have corrections and effects."""
+
+    @property
+    def corrections(self) -> dict[str, float]: ...
+    @property
+    def uncorrected(self) -> Self: ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,7 +59,7 @@ class AccuracyMap(Result):
         measured: measured rows, where there are data.
     """
 
-    problem: Problem
+    problem: CorrectedProblem
     targets: TargetMap
     corrections: int
     effects: int
@@ -111,7 +119,7 @@ class AccuracyMap(Result):
 
 
 def map_accuracy(
-    problem: Problem,
+    problem: CorrectedProblem,
     data: Measurements | None = None,
     *,
     counts: tuple[int, ...] | None = None,
@@ -136,7 +144,7 @@ def map_accuracy(
     Raises:
         InputError, NoSolutionError: as `map_targets`; measurements of several robots.
     """
-    uncorrected = replace(problem, arm=Arm(problem.nominal))
+    uncorrected = problem.uncorrected
     if data is not None and low is None and high is None and plane is None:
         low, high = _box_of(problem, data)
     targets = map_targets(
@@ -155,7 +163,7 @@ def map_accuracy(
         (at,), C = _predicted(tool_point, (targets.own,))
         own = at, float(central_radii(0.95, basis @ C @ basis.T)[0])
     measured = None if data is None else measured_errors(problem, uncorrected, data, targets, projected, tool_point)
-    known_of_arm = len(problem.corrections), len(moving_effects(problem.effects))
+    known_of_arm = len(problem.corrections), len(problem.arm.effects)
     settled = _settled(targets.grid.points, bias)
     return AccuracyMap(
         problem, targets, *known_of_arm, bias, covariance, basis, radius, semi_axes, settled, own, measured
@@ -184,7 +192,7 @@ def _predicted(tool_point: ToolPoint, map_points: Sequence[MapPoint]) -> tuple[F
 
 
 def _box_of(
-    problem: Problem, data: Measurements
+    problem: CorrectedProblem, data: Measurements
 ) -> tuple[tuple[float, float, float] | None, tuple[float, float, float] | None]:
     """Corners of a flat box, across the direction, that holds most of the rows; None where the file says more."""
     task = problem.task

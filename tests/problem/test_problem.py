@@ -13,7 +13,7 @@ import yaml
 from posture_opt.errors import InputError
 from posture_opt.problem.load import builtin_names, builtin_problem, load_problem, problem_from_dict, problems_folder
 from posture_opt.problem.parts import parse_spec
-from posture_opt.problem.schema_tree import json_schema
+from posture_opt.problem.schema import json_schema
 from posture_opt.problem.yaml_source import Document, dump_yaml, parse_yaml
 from posture_opt.uncertainty.sources import Sources, covariance_issues
 
