@@ -37,11 +37,13 @@ def accuracy_map_report(found: AccuracyMap) -> Report:
 
 def lead(found: AccuracyMap) -> tuple[str, ...]:
     """What is off without corrections, and what scatters with them."""
-    spread = f"95 of 100 times the tool point stays within {_range(found.radius95)} of its mean, by the place."
+    spread = (
+        f"95 of 100 times the tool point stays within {_range(found.radius95)} of its mean, depending on the target."
+    )
     if not found.corrected:
-        return ("The file holds no corrections of the arm: on average it lands where it is sent.", spread)
+        return ("The file states no corrections of the arm: on average it reaches its targets.", spread)
     off = _range(found.distance)
-    return (f"Driven without the corrections the arm would land {off} off its target, by the place.", spread)
+    return (f"Without the corrections the arm would land {off} off its target, depending on the target.", spread)
 
 
 def _range(values: Floats) -> str:
@@ -80,14 +82,14 @@ def bias_block(found: AccuracyMap) -> Block:
         text = f"Without corrections only the curvature of the motion shifts the mean: by {shift} at the most."
         return Block("Mean error", (text,))
     rows = [("without the corrections", found.distance)]
-    rows += [("with its base set anew", found.settled)] if np.isfinite(found.settled).any() else []
+    rows += [("with its base refitted", found.settled)] if np.isfinite(found.settled).any() else []
     table = _table(found, rows)
     own = []
     if found.own is not None:
         own = [f"At the position in the problem it is {length(float(np.linalg.norm(found.own[0])))} off."]
     text = (
-        "The posture is computed with the arm as it was believed to be and played on the arm as it was measured. "
-        "The second line has a base that is shifted and turned to suit the map: what only corrections take off."
+        "The posture is computed with the nominal arm and executed by the arm as it was measured. The second line has "
+        "a base that is shifted and turned to fit the map: only corrections of the arm remove that part."
     )
     return Block("Mean error without the corrections", (text, table, *own), figure="map_bias")
 
@@ -98,7 +100,7 @@ def spread_block(found: AccuracyMap) -> Block:
     own = []
     if found.own is not None:
         own = [f"At the position in the problem it is {length(found.own[1])} (95 of 100 times)."]
-    text = "Distance of the tool point from its mean: what is still uncertain of the arm, and its scatter."
+    text = "Distance of the tool point from its mean: the uncertainty of the arm and its scatter."
     return Block("Spread", (text, _table(found, rows), *own), figure="map_spread")
 
 

@@ -74,14 +74,14 @@ def _data_block(problem: Problem, found: Batch) -> Block:
 
 def _errors_block(found: Batch) -> Block:
     """Errors of the whole batch, and robot by robot."""
-    how = "Every row is predicted by its own robot's calibration, which has not seen its group of rows."
-    whole = statistics_table({"as they stand": found.nominal, "calibrated": found.calibrated})
+    how = "Every row is predicted by a calibration of its own robot that was fitted without its group of rows."
+    whole = statistics_table({"before calibration": found.nominal, "calibrated": found.calibrated})
     texts = [_coverage_text(name, found) for name in found.coverage]
     rows = [
         (name, str(len(mine)), number(1e3 * c.nominal.rms), number(1e3 * c.calibrated.rms), str(len(c.outliers)))
         for name, mine, c in zip(found.robots, found.rows, found.calibrations, strict=True)
     ]
-    headers = ("robot", "rows", "as it stands, RMS [mm]", "calibrated, RMS [mm]", "outliers")
+    headers = ("robot", "rows", "before calibration, RMS [mm]", "calibrated, RMS [mm]", "outliers")
     more = [f"and {len(rows) - _LISTED} more"] if len(rows) > _LISTED else []
     table = Table(headers, tuple(rows[:_LISTED]))
     return Block("Position errors", (how, whole, *texts, table, *more))
@@ -89,9 +89,9 @@ def _errors_block(found: Batch) -> Block:
 
 def _coverage_text(name: str, found: Batch) -> str:
     share, (low, high) = found.coverage[name]
-    who = {"nominal": "as they stand", "calibrated": "calibrated"}[name]
-    held = f"Of all rows, {percent(share)} lie in the 95 % region predicted for the robots {who}"
-    return f"{held} ({percent(low)} to {percent(high)}, robots being what is drawn at random)."
+    who = {"nominal": "before calibration", "calibrated": "after calibration"}[name]
+    held = f"{who[:1].upper()}{who[1:]}, {percent(share)} of all rows lie in their predicted 95 % region"
+    return f"{held} (95 % confidence over robots: {percent(low)} to {percent(high)})."
 
 
 def _spread_block(problem: Problem, found: Batch) -> Block:
@@ -113,40 +113,41 @@ def _spread_block(problem: Problem, found: Batch) -> Block:
         )
     headers = ("parameter", "unit", "mean deviation", "off nominal", "σ across", "95 % interval", "stated σ")
     text = (
-        "Every robot is calibrated by itself, without priors; what its own errors add to the differences between the "
-        "robots is taken off (restricted likelihood). Off nominal: the mean of the type is not the one of the file."
+        "Every robot is calibrated separately, without priors; the standard errors of its estimates are subtracted "
+        "from the variation between robots (restricted likelihood). Off nominal: the mean differs from the file."
     )
-    left = [f"Not told by the data of every robot: {', '.join(found.undetermined)}."] if found.undetermined else []
+    left = (
+        [f"Not determined by the data of every robot: {', '.join(found.undetermined)}."] if found.undetermined else []
+    )
     return Block("Across the batch", (text, Table(headers, tuple(rows), text_columns=2), *left))
 
 
 def _pairs_block(found: Batch) -> Block:
     """Which parameters vary together."""
-    title = "What varies together"
+    title = "Correlations between parameters"
     if not found.pairs:
-        return Block(title, ("One parameter alone is told: there is nothing to vary with it.",))
+        return Block(title, ("Only one parameter is determined: there are no correlations.",))
     telling = [p for p in found.pairs if p.significant or p.stated or np.ptp(p.interval) < 1]
     shown = telling[:_PAIRS] or list(found.pairs[:1])
     rows = tuple(
         (
             f"{p.a}, {p.b}", fixed(p.correlation), f"{fixed(p.interval[0])} to {fixed(p.interval[1])}",
-            fixed(p.stated) if p.stated else "", "yes" if p.significant else "not seen",
+            fixed(p.stated) if p.stated else "", "yes" if p.significant else "no",
         )
         for p in shown
     )  # fmt: skip
     real = sum(p.significant for p in found.pairs)
     pairs = count(len(found.pairs), "pair")
-    text = f"Of {pairs} {real} {'varies' if real == 1 else 'vary'} together beyond chance, all tested together (5 %)."
-    few = [f"{_MANY} robots or more would tell correlations better."] if len(found.robots) < _MANY else []
-    table = Table(("parameters", "correlation", "95 % interval", "stated", "real"), rows)
+    text = f"Of {pairs} {real} {'is' if real == 1 else 'are'} significantly correlated (family-wise level 5 %)."
+    few = [f"{_MANY} robots or more would determine correlations better."] if len(found.robots) < _MANY else []
+    table = Table(("parameters", "correlation", "95 % interval", "stated", "significant"), rows)
     return Block(title, (text, table, *few), "batch")
 
 
 def _section_block() -> Block:
     text = (
-        "uncertainty.yaml holds this as a section of the problem file: the σ's that were found – where none was seen, "
-        "what the file states – and the correlations that are real. With it the program plans for any robot of this "
-        "type."
+        "uncertainty.yaml holds this as a section of the problem file: the estimated σ's (where none was found, "
+        "those stated) and the significant correlations. With it the program plans for any robot of this type."
     )
     return Block("For the problem file", (text,))
 

@@ -33,7 +33,7 @@ _MOST_ROWS = 60
 _WIDE = 100
 _NOTED = 1.1  # times the instrument's σ: from there on it is told
 _TINY = 1e-6  # an index below it says that something is open
-_OPEN = "open"
+_OPEN = "unknown"
 _EXACT = 1e-7  # m, rad: rounding of a covariance in which a parameter hangs on others
 _SAID = {
     "O1": "geometric mean of the singular values, a pose",
@@ -60,14 +60,14 @@ def measurement_plan_report(plan: MeasurementPlan) -> Report:
 def answer(plan: MeasurementPlan) -> tuple[str, ...]:
     """What the plan brings, in one or two sentences."""
     n = len(plan.q)
-    chosen = f"{n} chosen postures do" if n > 1 else "1 chosen posture does"
+    chosen = f"{n} planned postures are" if n > 1 else "1 planned posture is"
     what = "for the parameters" if plan.purpose == "parameters" else "for the task"
     if plan.equivalent is None:
-        first = f"{chosen} more {what} than {plan.tried} random ones would."
+        first = f"{chosen} worth more than {plan.tried} random ones {what}."
     elif plan.equivalent <= n:
-        first = f"{chosen} what as many random ones would {what}: this arm is easy to measure."
+        first = f"{chosen} worth about as many random ones {what}: this arm is easy to measure."
     else:
-        first = f"{chosen} what {plan.equivalent} random ones would {what}."
+        first = f"{chosen} worth about {plan.equivalent} random ones {what}."
     table = "Nothing says where the table is: state a link_height before the robot drives there."
     warned = (table,) if NO_TABLE in plan.notes else ()
     if plan.target is None or math.isnan(plan.after.task):
@@ -76,8 +76,8 @@ def answer(plan: MeasurementPlan) -> tuple[str, ...]:
     counted = {"across": "across the direction ", "along": "along the direction "}.get(plan.target.within, "")
     return (
         first,
-        f"What is not known of the arm will then put its tool point {length(plan.after.task)} off {counted}at the "
-        f"task's posture (root mean square{before}).",
+        f"The remaining uncertainty of the parameters then moves the tool point by {length(plan.after.task)} {counted}"
+        f"at the posture of the task (root mean square{before}).",
         *warned,
     )
 
@@ -108,7 +108,7 @@ def _measured(plan: MeasurementPlan) -> str:
     scatter = ""
     if plan.given is None and plan.spread > _NOTED:
         own = plan.sigma * math.sqrt(plan.spread**2 - 1)
-        scatter = f"; the arm's own scatter from repeat to repeat, {length(own, 2)} a coordinate, is counted with"
+        scatter = f"; the scatter of the arm itself, {length(own, 2)} per coordinate, is included"
     postures = count(len(plan.q), "posture")
     return f"{position}{turned} (one standard deviation){targets}, {often} at each of {postures}{scatter}"
 
@@ -118,7 +118,7 @@ def _given(plan: MeasurementPlan) -> str:
     noisy = ""
     if plan.spread > _NOTED:
         noisy = (
-            f"; the best fit to them leaves {number(plan.spread, 2)} times the instrument's σ, which is counted with"
+            f"; the best fit to them leaves {number(plan.spread, 2)} times the σ of the instrument, which is included"
         )
     return f"{count(len(plan.given), 'row')} measured already{noisy}"
 
@@ -139,11 +139,11 @@ def gain_block(plan: MeasurementPlan) -> Block:
     known = [int(np.sum(np.isfinite(stage.std))) for stage in (plan.before, plan.after, plan.random)]
     rows = [("parameters determined", *(str(n) for n in known))]
     if plan.target is not None:
-        rows.append(("tool point at the task off by [mm]", *(_value(s.task * 1e3) for s in _stages(plan))))
+        rows.append(("error at the task [mm]", *(_value(s.task * 1e3) for s in _stages(plan))))
     n = len(plan.q)
     told = "the given rows and " if plan.given is not None else ""
     text = (
-        f"Before: what {told}the stated σ's tell. "
+        f"Before: from {told}the stated σ's. "
         f"Random: the median of {count(plan.draws, 'plan')} of {count(n, 'random posture')} that keep clear as well. "
     )
     what = "standard errors (geometric mean)" if plan.purpose == "parameters" else "error at the task"
@@ -176,11 +176,11 @@ def parameters_block(plan: MeasurementPlan) -> Block:
             unit, factor = ("deg", math.degrees(1.0)) if p.unit == "rad" else ("mm", 1e3)
             rows.append((p.name, unit, *(_value(stage.std[i] * factor) for stage in _stages(plan))))
     table = Table(("parameter", "unit", "before", "planned", "random"), tuple(rows), text_columns=2)
-    text = f"Expected standard errors; '{_OPEN}' is what cannot be told."
+    text = f"Expected standard errors; '{_OPEN}': not determined."
     if plan.purpose == "task":
         text += " They are a by-product of a plan for the task: a plan for parameters makes them small."
     words = [sentence(word.replace("was measured", "is measured")) for word in plan.undetermined]
-    never = ["No posture can tell these apart with this instrument:", *words] if words else []
+    never = ["No posture can separate these with this instrument:", *words] if words else []
     return Block("Parameters", (text, table, *never), "plan_errors")
 
 
@@ -212,7 +212,7 @@ def postures_block(plan: MeasurementPlan) -> Block:
     )
     more = [f"and {len(plan.q) - _MOST_ROWS} more in plan.csv"] if len(plan.q) > _MOST_ROWS else []
     table = Table(("no.", *heads, "x [mm]", "y [mm]", "z [mm]"), rows, text_columns=0)
-    return Block("Postures, in the order of the visit", (*_travel(plan), table, *more))
+    return Block("Postures, in the order of measurement", (*_travel(plan), table, *more))
 
 
 def _travel(plan: MeasurementPlan) -> list[str]:

@@ -78,9 +78,15 @@ def test_the_report_says_so_in_words(written: tuple[Path, Result]) -> None:
     assert (out / "report.txt").read_text(encoding="utf-8").rstrip("\n") == text.rstrip("\n")
     assert max(map(len, text.splitlines())) <= 100
     document = json.loads((out / "plan.json").read_text(encoding="utf-8"))
-    assert f"8 chosen postures do what {document['random_equivalent']} random ones would for the task." in text
+    assert f"8 planned postures are worth about {document['random_equivalent']} random ones for the task." in text
     assert "30 rows measured already" in text
-    titles = ["What is planned", "What it brings", "Parameters", "Observability", "Postures, in the order of the visit"]
+    titles = [
+        "What is planned",
+        "What it brings",
+        "Parameters",
+        "Observability",
+        "Postures, in the order of measurement",
+    ]
     assert [line for line in text.splitlines() if line in titles] == titles
     page = (out / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 2
