@@ -14,6 +14,7 @@ from posture_opt.calibration.cross_validation import Predicted, position_errors,
 from posture_opt.calibration.data_checks import check_amount, check_frames, check_geometry, check_sense, still_notes
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.estimation import Beforehand, Estimate, estimate
+from posture_opt.calibration.fit_request import FitRequest
 from posture_opt.calibration.frame_chart import Chart
 from posture_opt.calibration.frames import compare, fit_frames, held_length
 from posture_opt.calibration.parameters import CalibrationProblem
@@ -35,6 +36,8 @@ def calibrate(
     by: By | None = None,
     test: Measurements | None = None,
     refit_frames: bool = False,
+    plan: bool = True,
+    seed: int | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Estimate the parameters that the data determine, and what that brings where nothing was seen.
@@ -48,6 +51,7 @@ def calibrate(
     Args:
         priors: whether stated σ's of parameters count as knowledge.
         test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
+        plan: whether report and document plan the task again with the arm that was found; ``seed`` of that search.
         progress: is told after each fit how many of how many are done.
 
     Raises:
@@ -68,7 +72,8 @@ def calibrate(
     told = _restless(calibrated.restless, len(parts))
     notes = (*notes, *fitted.notes, *again, *still_notes(problem.robot, data), *fitted.found_notes, *told)
     seen = tested(chart.fitted, test, fitted.x_nominal, fitted.found.x, refit_frames)
-    return _assembled(given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
+    request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
+    return _assembled(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +123,7 @@ def _settled(
 
 
 def _assembled(
+    request: FitRequest,
     given: Residuals,
     chart: Chart,
     fitted: _Fitted,
@@ -135,6 +141,7 @@ def _assembled(
     nominal, calibrated = predicted
     gone = np.flatnonzero(~kept)
     return Calibration(
+        request=request,
         parameters=given.parameters,
         x_nominal=chart.told(fitted.x_nominal),
         x=chart.told(found.x),

@@ -10,19 +10,22 @@ import numpy as np
 
 from posture_opt.calibration.error_statistics import By, Statistics
 from posture_opt.calibration.estimation import Beforehand
+from posture_opt.calibration.fit_request import FitRequest
 from posture_opt.calibration.identifiability import Identifiability
 from posture_opt.calibration.parameters import Parameter
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.result import Result
 
 CORRELATED = 0.9  # from here on, one of two estimates leans on the other
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Result):
     """What measurements say about the parameters of an arm.
 
     Args:
+        request: the arm as stated, the measurements, and what else was asked.
         parameters: the (k,) candidates; ``x_nominal`` and ``x`` are deviations from their nominal values [rad, m],
             with only free frames fitted, and with everything fitted.
         covariance: (k, k) of ``x``; directions that are not determined have no variance in it.
@@ -44,6 +47,7 @@ class Calibration:
         notes: sentences for the report.
     """
 
+    request: FitRequest
     parameters: tuple[Parameter, ...]
     x_nominal: Array
     x: Array
@@ -98,7 +102,11 @@ class Calibration:
         return np.asarray(self.covariance * np.outer(scale, scale))
 
     def to_json(self) -> dict[str, Any]:
-        """The document ``calibration.json``: SI units and radians."""
+        """The document ``calibration.json``: SI units and radians; what the calibration was held against included."""
+        return self.estimates_json() | dict(self._presenter.further_json())
+
+    def estimates_json(self) -> dict[str, Any]:
+        """The part of the document that the calibration itself knows."""
         document: dict[str, Any] = {
             "residual_rms": {"nominal": self.nominal.rms, "calibrated": self.calibrated.rms},
             "residuals": {"nominal": self.nominal.to_json(), "calibrated": self.calibrated.to_json()},

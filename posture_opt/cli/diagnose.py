@@ -10,13 +10,9 @@ import click
 import posture_opt as po
 from posture_opt.cli.measured import Session, answer, measured_options
 from posture_opt.cli.options import Common, common_options
-from posture_opt.cli.output import Answer, progress_bar, save_result, show
-from posture_opt.diagnosis.measured_goals import measured_goals
+from posture_opt.cli.output import progress_bar, show
 from posture_opt.errors import InsufficientDataError
-from posture_opt.report.diagnosed import Diagnosed
-from posture_opt.report.diagnosis_report import diagnosis_document, diagnosis_report, save_diagnosis
-from posture_opt.report.text import render
-from posture_opt.validation.calibrated_arm import compare_models
+from posture_opt.result import Result
 
 
 @click.command("diagnose")
@@ -30,14 +26,11 @@ def command(common: Common, session: Session, with_time: bool, **given: Any) -> 
     answer(common, session, given, of_one, partial(_diagnosed_batch, common, session))
 
 
-def _diagnosed_batch(common: Common, session: Session, problem: Any, data: po.Measurements) -> Answer:
-    """Diagnoses the batch, and saves what it says."""
+def _diagnosed_batch(common: Common, session: Session, problem: Any, data: po.Measurements) -> Result:
     with progress_bar(common, "diagnosing robots") as progress:
-        found = po.diagnose_batch(
+        return po.diagnose_batch(
             problem, data, folds=session.folds, by=session.by, seed=common.seed or 0, progress=progress
         )
-    save_result(common, found)
-    return found.to_json, found.report
 
 
 def _diagnosed(
@@ -47,26 +40,16 @@ def _diagnosed(
     problem: Any,
     measured: po.Measurements,
     other: po.Measurements | None,
-) -> Answer:
-    """Diagnoses one robot, plans again, writes the files, and returns what can be shown."""
+) -> Result:
     try:
         with progress_bar(common, "diagnosing") as progress:
-            found = po.diagnose(
-                problem, measured, folds=session.folds, by=session.by, seed=common.seed or 0, test=other,
-                refit_frames=session.refit_frames, with_time=with_time, progress=progress,
+            return po.diagnose(
+                problem, measured, folds=session.folds, by=session.by, seed=common.seed, test=other,
+                refit_frames=session.refit_frames, with_time=with_time, plan=session.plan, progress=progress,
             )  # fmt: skip
     except InsufficientDataError as error:
         _tell_insufficient(common, error)
         raise
-    comparison, goals = None, None
-    if problem.task is not None and session.plan:
-        comparison = compare_models(problem.robot, found.models, seed=common.seed)
-        goals = measured_goals(found, found.models)
-    frames = session.refit_frames
-    diagnosed = Diagnosed(measured, found, session.folds, other, frames, found.extended, comparison, goals, problem)
-    if common.out is not None:
-        save_diagnosis(common.out, problem, diagnosed, common.plots)
-    return partial(diagnosis_document, diagnosed), lambda: render(diagnosis_report(problem, diagnosed))
 
 
 def _tell_insufficient(common: Common, error: InsufficientDataError) -> None:

@@ -12,12 +12,13 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Command, Common, add_options, problem_options
-from posture_opt.cli.output import Answer, output, show
+from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.request import placed, requested_problem
+from posture_opt.result import Result
 
-OfOne = Callable[[Any, po.Measurements, po.Measurements | None], Answer]
-"""Problem, measurements and test file of one robot -> what can be shown, its files written."""
-OfBatch = Callable[[Any, po.Measurements], Answer]
+OfOne = Callable[[Any, po.Measurements, po.Measurements | None], Result]
+"""Problem, measurements and test file of one robot -> the result."""
+OfBatch = Callable[[Any, po.Measurements], Result]
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,9 @@ def answer(common: Common, session: Session, given: dict[str, Any], of_one: OfOn
         if len(measured.robot_names) > 1:
             if session.test is not None:
                 raise click.UsageError("--test goes with measurements of one robot, and the data are of several.")
-            document, text = of_batch(problem, measured)
+            found = of_batch(problem, measured)
         else:
             other = None if session.test is None else po.read_measurements(session.test, problem)
-            document, text = of_one(problem, measured, other)
-    show(common, document, text)
+            found = of_one(problem, measured, other)
+        save_result(common, found)
+        show_result(common, found)  # what the report is held against is computed here

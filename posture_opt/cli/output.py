@@ -20,9 +20,6 @@ from posture_opt.result import Result
 
 OUT = ("--out",)
 
-Answer = tuple[Callable[[], dict[str, Any]], Callable[[], str]]
-"""What a command can show: its JSON document and its report."""
-
 
 def show(common: Common, document: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:
     """Print the JSON document or the report, whichever is asked for."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
+from posture_opt.calibration.fit_request import FitRequest
 from posture_opt.calibration.fitted_arm import FittableProblem, FittedArm
 from posture_opt.calibration.progress import Stages
 from posture_opt.diagnosis import levels
@@ -33,18 +34,19 @@ from posture_opt.diagnosis.unnamed_components import UnnamedComponent
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Codes, Progress
+from posture_opt.result import Result
 from posture_opt.validation.calibrated_arm import calibrated_models
 
 Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_data"]
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Result):
     """What measurements say about the cause of an arm's errors.
 
     Args:
         findings: non-geometric causes first, the weightiest first.
-        problem: what was diagnosed.
+        request: the arm as stated, the measurements, and what else was asked.
         errors: cross-validated position errors [m] of the arm as it stands (``nominal``), ``calibrated``, and with
             the effects (``extended``).
         held: those errors row by row, by model.
@@ -59,7 +61,7 @@ class Diagnosis:
 
     outcome: Outcome
     findings: tuple[Finding, ...]
-    problem: FittableProblem
+    request: FitRequest
     calibration: Calibration
     errors: Mapping[str, Statistics]
     held: Mapping[str, HeldOut]
@@ -78,6 +80,11 @@ class Diagnosis:
     def verdict(self) -> Outcome:
         """``effects_found``, ``none_found``, ``unexplained`` or ``insufficient_data``."""
         return self.outcome
+
+    @property
+    def problem(self) -> FittableProblem:
+        """What was diagnosed."""
+        return cast(FittableProblem, self.request.problem)
 
     @cached_property
     def extended(self) -> Any:
@@ -103,7 +110,11 @@ class Diagnosis:
         return self.findings
 
     def to_json(self) -> dict[str, Any]:
-        """The document ``diagnosis.json``: SI units and radians."""
+        """The document ``diagnosis.json``: SI units and radians; the task planned again included."""
+        return self.findings_json() | dict(self._presenter.further_json())
+
+    def findings_json(self) -> dict[str, Any]:
+        """The part of the document that the diagnosis itself knows."""
         names = ("nominal", "calibrated", "extended")
         chosen = zip(self.search.chosen, self.search.p_values, strict=True)
         p = min(self.adequacy.p_value, *(p for candidate, p in chosen if not candidate.named), 1.0)
@@ -139,15 +150,6 @@ class Diagnosis:
             "notes": list(self.notes),
         }
 
-    def plot(self) -> Any:
-        """Each named effect with the errors behind it, or the score of every candidate, as a matplotlib figure."""
-        from posture_opt.report.diagnosed import Diagnosed
-        from posture_opt.report.figures.diagnosis import plot_scores
-        from posture_opt.report.figures.diagnosis_curves import plot_curves
-
-        seen = Diagnosed(self.calibration.residuals.data, self)
-        return plot_curves(seen) if seen.effects else plot_scores(seen)
-
     @cached_property
     def split(self) -> DiscriminationPlan | None:
         """The measurements that would tell the named effects from their rivals; None where they have none."""
@@ -182,10 +184,11 @@ def diagnose(
     folds: int = 5,
     by: By | None = None,
     flips: int | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     test: Measurements | None = None,
     refit_frames: bool = False,
     with_time: bool = False,
+    plan: bool = True,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Name what the model lacks to explain measurements, at 5 % false alarms for the whole verdict.
@@ -198,12 +201,16 @@ def diagnose(
         flips: draws of the null; 299, and of thousands of rows, which need fewer, 99.
         test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
         with_time: keep effects of time in the arm to plan with; the task's ``time`` says when it is done.
+        plan: whether report and document plan the task again with the arm that was found.
+        seed: of the null, 0 by default, and of that plan.
         progress: is told how many of how many parts are done.
 
     Raises:
         InputError: as `calibrate`.
         InsufficientDataError: fewer measurements than unknowns.
     """
+    request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
+    seed = seed or 0
     stages = Stages(progress, 20, 55, 5, 20)
     calibration = calibrate(problem, data, folds=folds, by=by, progress=stages.next())
     draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
@@ -248,7 +255,7 @@ def diagnose(
         other = second_session(problem, test, calibration.x_nominal, base, model, known, refit_frames=refit_frames)
     stages.end()
     return Diagnosis(
-        outcome, findings, problem, calibration, statistics, held, model, persistent(model, known, with_time),
+        outcome, findings, request, calibration, statistics, held, model, persistent(model, known, with_time),
         found, unnamed, left, groups_by, groups, names.confusable, other,
         (*calibration.notes, *(() if other is None else other.notes)),
     )  # fmt: skip

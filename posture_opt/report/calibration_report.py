@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from posture_opt.calibration.instrument import position_sigma
-from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.comparison_blocks import comparison_blocks, comparison_lead
 from posture_opt.report.parameter_blocks import parameters_block, undetermined_block
 from posture_opt.report.parts import note_facts, robot_facts
+from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.residual_blocks import residual_blocks
-from posture_opt.report.save import report_files, save_files
+from posture_opt.report.save import Files
 from posture_opt.report.truth_blocks import truth_blocks, truth_lead
 from posture_opt.report.units_text import count, decimals_of, fixed, number, stated_length
 from posture_opt.report.words import MODEL_NAMES
+from posture_opt.validation.assessment import assess
+from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
+from posture_opt.validation.spread_check import check_spread
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.calibration.error_statistics import Statistics
     from posture_opt.measurements.measurements import Measurements
@@ -39,41 +41,22 @@ _LEFT_OUT = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Learned:
-    """A calibration with what it was made from."""
-
-    data: Measurements
-    calibration: Calibration
-    folds: int = 5
-    priors: bool = True
-    test: Measurements | None = None
-    refit_frames: bool = False
-    calibrated: Problem | None = None
-    comparison: Comparison | None = None
-    assessment: Assessment | None = None
-    spread_check: SpreadCheck | None = None
-
-
-def calibration_report(problem: Problem, learned: Learned) -> Report:
+def calibration_report(shown: CalibrationPresenter) -> Report:
     """Data, errors before and after, parameters, what is not determined, outliers, test file."""
+    found, request = shown.result, shown.result.request
     blocks = (
-        data_block(problem, learned),
-        errors_block(problem, learned),
-        *(residual_blocks(learned.assessment) if learned.assessment is not None else ()),
-        *(truth_blocks(learned.spread_check) if learned.spread_check is not None else ()),
-        parameters_block(learned.calibration),
-        undetermined_block(learned.calibration),
-        outliers_block(learned),
-        *([test_block(learned)] if learned.test is not None else []),
-        *comparison_blocks(learned.comparison),
+        data_block(shown.problem, found),
+        errors_block(shown.problem, found),
+        *residual_blocks(shown.assessment),
+        *truth_blocks(shown.spread_check),
+        parameters_block(found),
+        undetermined_block(found),
+        outliers_block(found),
+        *([test_block(found, request.test)] if request.test is not None else []),
+        *comparison_blocks(shown.comparison),
     )
-    truth = (truth_lead(learned.spread_check),) if learned.spread_check is not None else ()
-    return Report(
-        problem.name or "Calibration",
-        (_answer(learned.calibration), *comparison_lead(learned.comparison), *truth),
-        blocks,
-    )
+    lead = (_answer(found), *comparison_lead(shown.comparison), truth_lead(shown.spread_check))
+    return Report(shown.problem.name or "Calibration", lead, blocks)
 
 
 def _answer(found: Calibration) -> str:
@@ -83,16 +66,16 @@ def _answer(found: Calibration) -> str:
     return f"Calibration takes the position errors from {before} mm to {after} mm RMS where it has not seen the data."
 
 
-def data_block(problem: Problem, learned: Learned) -> Block:
+def data_block(problem: Problem, found: Calibration) -> Block:
     """The file, its rows, the instrument, and what looks odd."""
-    data = learned.data
+    data = found.request.data
     facts = [
         ("File", Path(data.file).name or "table"),
         ("Rows", f"{len(data)} in {count(len(np.unique(data.pose)), 'pose')}"),
         *([("Targets", ", ".join(data.target_names))] if len(data.target_names) > 1 else []),
         ("Instrument", _instrument(problem, data)),
     ]
-    notes = note_facts((*data.warnings, *problem.notes, *learned.calibration.notes))
+    notes = note_facts((*data.warnings, *problem.notes, *found.notes))
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
 
 
@@ -103,11 +86,10 @@ def _instrument(problem: Problem, data: Measurements) -> str:
     return f"{stated_length(sigma)} (one standard deviation of a coordinate)" if sigma else "no accuracy is stated"
 
 
-def errors_block(problem: Problem, learned: Learned) -> Block:
+def errors_block(problem: Problem, found: Calibration) -> Block:
     """Position errors before and after, cross-validated."""
-    found = learned.calibration
     how = f"Every row is predicted by an arm that was fitted without {_LEFT_OUT[found.by]}"
-    rounds = min(learned.folds, len(np.unique(learned.data.pose)))
+    rounds = min(found.request.folds, len(np.unique(found.request.data.pose)))
     how += "." if found.by == "place" else f", in {rounds} rounds."
     free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
     frames = f" Before calibration, the arm has only its free {' and '.join(free)} fitted." if free else ""
@@ -134,68 +116,102 @@ def _mm(metres: float) -> str:
     return number(metres * 1e3)
 
 
-def outliers_block(learned: Learned) -> Block:
+def outliers_block(found: Calibration) -> Block:
     """Rows that were left out of the fit, with their lines."""
-    found = learned.calibration
     if not found.outliers:
         return Block("Outliers", ("No row stands out.",))
     sizes = np.linalg.norm(found.errors[list(found.outliers)], axis=1)
     rows = tuple((str(line), _mm(float(size))) for line, size in zip(found.lines, sizes, strict=True))
     more = [f"and {len(rows) - _LISTED} more"] if len(rows) > _LISTED else []
     gone = "1 row was left out of the fit" if len(rows) == 1 else f"{len(rows)} rows were left out of the fit"
-    text = f"{gone} of {Path(learned.data.file).name or 'the table'}: far more off than the others explain."
+    text = f"{gone} of {Path(found.request.data.file).name or 'the table'}: far more off than the others explain."
     return Block("Outliers", (text, Table(("line", "off by [mm]"), rows[:_LISTED], text_columns=0), *more))
 
 
-def test_block(learned: Learned) -> Block:
+def test_block(found: Calibration, other: Measurements) -> Block:
     """Another file, predicted by what this one taught."""
-    assert learned.test is not None
-    how = "base and tool fitted again to it" if learned.refit_frames else "nothing fitted to it"
-    text = f"{Path(learned.test.file).name or 'table'}, {count(len(learned.test), 'row')}: {how}."
-    table = statistics_table({MODEL_NAMES[name]: statistics for name, statistics in learned.calibration.test.items()})
-    test, own = learned.calibration.test["calibrated"].rms, learned.calibration.calibrated.rms
-    moved = not learned.refit_frames and test > _ELSEWHERE * own
+    again = found.request.refit_frames
+    how = "base and tool fitted again to it" if again else "nothing fitted to it"
+    text = f"{Path(other.file).name or 'table'}, {count(len(other), 'row')}: {how}."
+    table = statistics_table({MODEL_NAMES[name]: statistics for name, statistics in found.test.items()})
+    test, own = found.test["calibrated"].rms, found.calibrated.rms
+    moved = not again and test > _ELSEWHERE * own
     hint = "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."
     return Block("Test file", (text, table, *([hint] if moved else [])))
 
 
-def calibration_document(learned: Learned) -> dict[str, Any]:
-    """The document ``calibration.json``."""
-    document = learned.calibration.to_json()
-    if learned.assessment is not None:
-        document["assessment"] = learned.assessment.to_json()
-    if learned.spread_check is not None:
-        document["coverage95"] = learned.spread_check.coverage95
-        document["spread_check"] = learned.spread_check.to_json()
-    if learned.comparison is not None:
-        document["posture"] = learned.comparison.to_json()
-    return document
+class CalibrationPresenter(Presenter["Calibration"]):
+    """A calibration with what it is held against: its residuals, the spread it predicts, the task planned again."""
 
+    document = "calibration"
 
-def save_calibration(folder: Path, problem: Problem, learned: Learned, plots: bool = True) -> None:
-    """Writes the files of a calibration into ``folder``: the report and the calibrated arm."""
-    document, figures = calibration_document(learned), _calibration_figures(problem, learned) if plots else {}
-    files = report_files("calibration", document, calibration_report(problem, learned), figures, problem.to_yaml())
-    if learned.calibrated is not None:
-        files |= learned.calibrated.files("calibrated")
-    save_files(folder, files)
+    @property
+    def problem(self) -> Problem:
+        return cast("Problem", self.result.request.problem)
 
+    @cached_property
+    def assessment(self) -> Assessment:
+        """What the model gets wrong, before and after."""
+        return assess(self.problem, self.result.request.data, self.result)
 
-def _calibration_figures(problem: Problem, learned: Learned) -> dict[str, Figure]:
-    from posture_opt.report.figures.residuals import residual_figures
+    @cached_property
+    def spread_check(self) -> SpreadCheck:
+        """Whether the predicted spread is true."""
+        request = self.result.request
+        return check_spread(self.problem, request.data, self.result, folds=request.folds)
 
-    figures = residual_figures(problem, learned)
-    if learned.spread_check is not None:
-        from posture_opt.report.figures.truth import truth_figures
+    @cached_property
+    def models(self) -> dict[str, Problem]:
+        """The problem before and after calibration, each where the measurements saw base and tool."""
+        return calibrated_models(self.problem, self.result)
 
-        figures |= truth_figures(learned.spread_check)
-    return figures | landing(learned.comparison)
+    @cached_property
+    def comparison(self) -> Comparison | None:
+        """The task planned before and after; None where there is no task, or nobody asked."""
+        request = self.result.request
+        if not request.plan:
+            return None
+        return compare_models(self.problem.robot, self.models, seed=request.seed)
 
+    def further_json(self) -> dict[str, Any]:
+        """The part of the document that the calibration itself does not know."""
+        plan = {} if self.comparison is None else {"posture": self.comparison.to_json()}
+        return {
+            "assessment": self.assessment.to_json(),
+            "coverage95": self.spread_check.coverage95,
+            "spread_check": self.spread_check.to_json(),
+            **plan,
+        }
 
-def landing(comparison: Comparison | None) -> dict[str, Figure]:
-    """The figure of a comparison in which the model before calibration and the reference have a posture."""
-    if comparison is None or not {"nominal", comparison.reference} <= set(comparison.answered):
-        return {}
-    from posture_opt.report.figures.landing import plot_landing
+    def summary(self) -> Summary:
+        found = self.result
+        known = int(found.fixed.sum())
+        facts = (
+            ("Rows", f"{len(found.request.data)}, {count(len(found.outliers), 'outlier')}"),
+            (
+                "Position error",
+                f"{_mm(found.nominal.rms)} mm RMS before calibration, {_mm(found.calibrated.rms)} mm after",
+            ),
+            ("", "(cross-validated)"),
+            ("Parameters", f"{known} of {len(found.parameters)} determined, rank {found.identifiability.rank}"),
+        )
+        return Summary(f"Calibration: {self.problem.name}", facts)
 
-    return {"landing": plot_landing(comparison)}
+    def report(self) -> Report:
+        return calibration_report(self)
+
+    def columns(self) -> Columns:
+        """The parameters with their standard errors, SI units."""
+        found = self.result
+        return {
+            "parameter": [p.name for p in found.parameters],
+            "estimate": [float(p.nominal + x) for p, x in zip(found.parameters, found.x, strict=True)],
+            "std": found.std,
+            "nominal": [p.nominal for p in found.parameters],
+            "unit": [p.unit for p in found.parameters],
+            "determined": found.fixed,
+        }
+
+    def files(self) -> Files:
+        """The calibrated arm as a problem file."""
+        return self.models["calibrated"].files("calibrated")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
 from posture_opt.model.effects.cause import FittedSizes
 from posture_opt.report.words import MODEL_NAMES
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from posture_opt.calibration.residuals import Residuals
     from posture_opt.diagnosis.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
-    from posture_opt.diagnosis.linearised_data import LinearisedData
     from posture_opt.diagnosis.measured_goals import MeasuredGoals
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
@@ -33,8 +33,7 @@ class Diagnosed:
 
     Args:
         data: the measurements; ``test`` another file, predicted with base and tool refitted if ``refit_frames``.
-        extended: the problem with the calibrated arm and its effects; ``comparison`` its task planned with
-            every model; ``goals`` those that were measured in several postures.
+        comparison: the task planned with every model; ``goals`` those that were measured in several postures.
         problem: what the file states of the arm; ``None`` where nobody needs to know.
     """
 
@@ -43,7 +42,6 @@ class Diagnosed:
     folds: int = 5
     test: Measurements | None = None
     refit_frames: bool = False
-    extended: Problem | None = None
     comparison: Comparison | None = None
     goals: MeasuredGoals | None = None
     problem: Problem | None = None
@@ -56,8 +54,6 @@ class Diagnosed:
     @cached_property
     def linearised(self) -> LinearisedData:
         """What the search saw, without its null."""
-        from posture_opt.diagnosis.linearised_data import linearise
-
         return linearise(self.diagnosis.calibration, flips=0)
 
     @cached_property

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from posture_opt.calibration.instrument import position_sigma
-from posture_opt.report.blocks import Block, Facts, Report
-from posture_opt.report.calibration_report import landing
+from posture_opt.diagnosis.diagnosis import Diagnosis
+from posture_opt.diagnosis.measured_goals import measured_goals
+from posture_opt.report.blocks import Block, Facts, Report, Summary
 from posture_opt.report.cause_blocks import causes_block, confusion_block, cyclic_block
 from posture_opt.report.comparison_blocks import comparison_blocks, comparison_lead
 from posture_opt.report.diagnosed import MODELS, Diagnosed
@@ -20,13 +21,13 @@ from posture_opt.report.finding_words import finding_words
 from posture_opt.report.goal_blocks import goals_block, goals_lead
 from posture_opt.report.open_blocks import absorbed_block, left_block, scores_block, unknowable_block
 from posture_opt.report.parts import note_facts, robot_facts
-from posture_opt.report.save import report_files, save_files
+from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.save import Files
 from posture_opt.report.split_blocks import FILE, split_block, split_csv
 from posture_opt.report.units_text import count, stated_length
+from posture_opt.validation.calibrated_arm import compare_models
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from posture_opt.diagnosis.causes import Finding
     from posture_opt.problem.problem import Problem
 
@@ -125,27 +126,61 @@ def data_block(problem: Problem, diagnosed: Diagnosed) -> Block:
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
 
 
-def diagnosis_document(diagnosed: Diagnosed) -> dict[str, Any]:
-    """The document ``diagnosis.json``."""
-    document = diagnosed.diagnosis.to_json()
-    if diagnosed.comparison is not None:
-        goals = {} if diagnosed.goals is None else {"goals": diagnosed.goals.to_json()}
-        document["posture"] = goals | diagnosed.comparison.to_json()
-    return document
+class DiagnosisPresenter(Presenter[Diagnosis]):
+    """A diagnosis with the task planned again by the arm that was found."""
 
+    document = "diagnosis"
 
-def save_diagnosis(folder: Path, problem: Problem, diagnosed: Diagnosed, plots: bool = True) -> None:
-    """Writes the files of a diagnosis into ``folder``: the report and the extended arm."""
-    figures: Mapping[str, Figure] = {}
-    if plots:
-        from posture_opt.report.figures.diagnosis import diagnosis_figures
+    @property
+    def problem(self) -> Problem:
+        return cast("Problem", self.result.problem)
 
-        figures = diagnosis_figures(diagnosed)
-        figures = {**figures, **landing(diagnosed.comparison)}
-    report = diagnosis_report(problem, diagnosed)
-    files = report_files("diagnosis", diagnosis_document(diagnosed), report, figures, problem.to_yaml())
-    if diagnosed.extended is not None:
-        files |= diagnosed.extended.files("extended")
-    if further := split_csv(diagnosed):
-        files[FILE] = further.encode()
-    save_files(folder, files)
+    @cached_property
+    def diagnosed(self) -> Diagnosed:
+        """What report and figures share."""
+        found, request = self.result, self.result.request
+        comparison, goals = None, None
+        if self.problem.task is not None and request.plan:
+            comparison = compare_models(self.problem.robot, found.models, seed=request.seed)
+            goals = measured_goals(found, found.models)
+        return Diagnosed(
+            request.data, found, request.folds, request.test, request.refit_frames, comparison, goals, self.problem
+        )
+
+    def further_json(self) -> dict[str, Any]:
+        """The part of the document that the diagnosis itself does not know."""
+        if self.diagnosed.comparison is None:
+            return {}
+        goals = {} if self.diagnosed.goals is None else {"goals": self.diagnosed.goals.to_json()}
+        return {"posture": goals | self.diagnosed.comparison.to_json()}
+
+    def summary(self) -> Summary:
+        found = self.result
+        errors = ", ".join(f"{mm(found.errors[name].rms)} mm {words}" for name, words in MODELS.items())
+        named = [finding_words(f, self.problem) for f in found.findings]
+        more = f"; and {len(named) - _MOST_NAMES} more" if len(named) > _MOST_NAMES else ""
+        facts = (
+            ("Verdict", found.verdict),
+            ("Causes", "; ".join(named[:_MOST_NAMES]) + more or "none"),
+            ("RMS error", f"{errors} (held out)"),
+        )
+        return Summary(f"Diagnosis: {self.problem.name}", facts)
+
+    def report(self) -> Report:
+        return diagnosis_report(self.problem, self.diagnosed)
+
+    def columns(self) -> Columns:
+        """The causes that were found."""
+        found = self.result.findings
+        return {
+            "kind": [f.kind for f in found],
+            "target": [f.target for f in found],
+            "p_value": [f.p_value for f in found],
+            "gain": [f.gain for f in found],
+        }
+
+    def files(self) -> Files:
+        """The extended arm as a problem file, and what to measure to tell causes apart."""
+        further = split_csv(self.diagnosed)
+        extended: Files = self.result.extended.files("extended")
+        return extended | ({FILE: further.encode()} if further else {})

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Mask
 from posture_opt.report.blocks import Report, Summary
 from posture_opt.report.html import summary_html
 from posture_opt.report.save import Files, report_files, save_files
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 R = TypeVar("R", bound=Result)
 
-Drawings = dict[str, Callable[[], "Figure"]]
-"""Name of a figure -> what draws it, the most important one first."""
-Columns = Mapping[str, Sequence[Any] | Array]
+Drawings = dict[str, Callable[[], "Figure | None"]]
+"""Name of a figure -> what draws it, or says that there is nothing to draw; the most important one first."""
+Columns = Mapping[str, Sequence[Any] | Array | Mask]
 """Head of a column with its unit -> its cells."""
 
 
@@ -80,7 +80,8 @@ class Presenter(ABC, Generic[R]):
 
     def figures(self) -> dict[str, Figure]:
         """All figures by name, drawn."""
-        return {name: draw() for name, draw in self._drawings().items()}
+        drawn = {name: draw() for name, draw in self._drawings().items()}
+        return {name: figure for name, figure in drawn.items() if figure is not None}
 
     def plot(self) -> Figure:
         """The first figure.
@@ -89,7 +90,8 @@ class Presenter(ABC, Generic[R]):
             InputError: this result has none.
         """
         for draw in self._drawings().values():
-            return draw()
+            if (figure := draw()) is not None:
+                return figure
         raise InputError(f"there is nothing to draw of this {type(self.result).__name__}")
 
     def dataframe(self) -> Any:

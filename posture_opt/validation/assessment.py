@@ -14,6 +14,7 @@ from posture_opt.calibration.residuals import Residuals, matrices, rotation_vect
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeat_groups import repeat_groups
 from posture_opt.numerics import Array, Codes
+from posture_opt.result import Result
 from posture_opt.uncertainty.regions import Ellipsoid, hotelling_factor
 from posture_opt.validation.model_errors import ModelErrors, model_errors, told
 from posture_opt.validation.repeat_scatter import slides
@@ -59,11 +60,12 @@ class ResidualScatter:
         }  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class Assessment:
+@dataclass(frozen=True, eq=False, repr=False)
+class Assessment(Result):
     """What a model gets wrong, as it stands and calibrated; deviations are measured minus model.
 
     Args:
+        calibration: what is assessed.
         rows, poses: counted; outliers of the calibration are not.
         axes: indices of the measured coordinates.
         direction: (3,) unit vector of the task in the frame of the measurements, or ``None`` without a task.
@@ -75,6 +77,7 @@ class Assessment:
         notes: sentences for the report.
     """
 
+    calibration: Calibration
     rows: int
     poses: int
     axes: tuple[int, ...]
@@ -138,6 +141,7 @@ def assess(problem: AssessedProblem, data: Measurements, calibration: Calibratio
     deviations = {name: e[:, axes] for name, e in errors.items()}
     oriented = calibration.residuals.oriented
     return Assessment(
+        calibration=calibration,
         rows=len(kept),
         poses=len(np.unique(used.pose)),
         axes=tuple(int(axis) for axis in axes),

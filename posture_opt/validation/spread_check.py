@@ -13,6 +13,7 @@ from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.result import Result
 from posture_opt.validation.coverage import Coverage
 from posture_opt.validation.joint_variances import JointVariances
 from posture_opt.validation.prediction import (
@@ -28,11 +29,12 @@ from posture_opt.validation.scatter_prediction import ScatterPrediction, observe
 from posture_opt.validation.stated_scatter import JointScatter
 
 
-@dataclass(frozen=True, eq=False)
-class SpreadCheck:
+@dataclass(frozen=True, eq=False, repr=False)
+class SpreadCheck(Result):
     """Predicted spread against measured errors.
 
     Args:
+        calibration: whose measurements these are.
         coverage: of the 95 % regions over all rows, each predicted by an arm that has not seen it: ``nominal`` by
             what the problem states, around the nominal arm with its free frames fitted; ``calibrated`` by what is
             still uncertain of the parameters and the scatter that the calibration leaves.
@@ -54,6 +56,7 @@ class SpreadCheck:
         notes: sentences on what these data cannot tell.
     """
 
+    calibration: Calibration
     coverage: dict[str, Coverage]
     stated: bool
     repeats: ScatterTest | None
@@ -113,6 +116,7 @@ def check_spread(
     between = RepeatScatter.of(used, calibration, errors)
     noise, predicted = observed_variances(between, used, calibration, groups[rows])
     return SpreadCheck(
+        calibration=calibration,
         coverage=coverage,
         stated=bool(errors.names),
         repeats=between.test,

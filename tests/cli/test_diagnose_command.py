@@ -27,9 +27,6 @@ from posture_opt.model.effects.hysteresis import Hysteresis
 from posture_opt.model.effects.joint_compliance import JointCompliance
 from posture_opt.model.effects.quantisation import Quantisation
 from posture_opt.model.effects.slip import Slip
-from posture_opt.report.diagnosed import Diagnosed
-from posture_opt.report.diagnosis_report import diagnosis_report
-from posture_opt.report.text import render
 from posture_opt.report.words import p_words
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
@@ -170,7 +167,7 @@ def test_what_changes_with_time_is_left_out_of_another_session(folder: Path) -> 
     assert found.test.models["extended"].rms < 1.3 * np.sqrt(2) * NOISE  # 100 numbers, and the fit of 90 rows
     assert found.test.models["calibrated"].rms > 2 * found.test.models["extended"].rms
     assert any("effects of time are left out" in note for note in found.notes)
-    text = " ".join(render(diagnosis_report(problem, Diagnosed(data, found, test=later))).split())
+    text = " ".join(found.report().split())
     assert "The effect is not tested on the other file: it belongs to the first session." in text
     assert "not tested" in text
     assert "no gain" not in text
@@ -236,7 +233,7 @@ def test_what_could_be_confused_comes_with_a_measurement(folder: Path) -> None:
     data = po.read_measurements(folder / "data.csv", problem)
     found = po.diagnose(problem, data)
     twin = replace(found.findings[0], confounded_with=(Quantisation(joint="joint1", lsb="0.001 rad"),))
-    text = render(diagnosis_report(problem, Diagnosed(data, replace(found, findings=(twin, *found.findings[1:])))))
+    text = replace(found, findings=(twin, *found.findings[1:])).report()
     assert "Causes that could be confused" in text
     assert "log the joint values that the controller reached" in " ".join(text.split())
     assert found.plot().axes

@@ -14,14 +14,12 @@ from matplotlib.quiver import Quiver
 import posture_opt as po
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.report.blocks import Report
-from posture_opt.report.calibration_report import Learned
 from posture_opt.report.figures.residual_joints import Binned, plot_residuals_over_joints
 from posture_opt.report.figures.residuals import (
     Shown,
     chosen_rows,
     exaggeration,
     plot_residual_vectors,
-    residual_figures,
 )
 from posture_opt.report.residual_blocks import residual_blocks
 from posture_opt.report.save import OWN_FILES
@@ -48,15 +46,15 @@ def table(q: np.ndarray, points: np.ndarray, **more: Any) -> dict[str, Any]:
     return {**columns, "x [m]": points[:, 0], "y [m]": points[:, 1], **more}
 
 
-def learned(document: dict[str, Any], columns: dict[str, Any]) -> tuple[Any, Learned]:
+def learned(document: dict[str, Any], columns: dict[str, Any]) -> tuple[Any, po.Assessment]:
     problem = po.problem_from_dict(document)
     data = po.read_measurements(columns, problem)
     calibration = po.calibrate(problem, data, folds=2)
-    return problem, Learned(data, calibration, assessment=po.assess(problem, data, calibration))
+    return problem, po.assess(problem, data, calibration)
 
 
 @pytest.fixture(scope="module")
-def visited() -> tuple[Any, Learned]:
+def visited() -> tuple[Any, po.Assessment]:
     """Forty poses, eight visits each, with every input that an effect may have."""
     rng = np.random.default_rng(1)
     q = np.repeat(rng.uniform(-2.5, 2.5, (40, 2)), 8, axis=0)
@@ -72,7 +70,7 @@ def visited() -> tuple[Any, Learned]:
 
 
 @pytest.fixture(scope="module")
-def once() -> tuple[Any, Learned]:
+def once() -> tuple[Any, po.Assessment]:
     """Six hundred poses, visited once each, with gears that err three times a turn."""
     rng = np.random.default_rng(2)
     q = rng.uniform(-2.5, 2.5, (600, 2))
@@ -81,16 +79,15 @@ def once() -> tuple[Any, Learned]:
 
 
 @pytest.fixture(scope="module")
-def figures(visited: tuple[Any, Learned]) -> dict[str, Any]:
-    return residual_figures(*visited)
+def figures(visited: tuple[Any, po.Assessment]) -> dict[str, Any]:
+    return visited[1].figures()
 
 
-def said(found: Learned) -> str:
-    assert found.assessment is not None
-    return render(Report("", (), residual_blocks(found.assessment)))
+def said(found: po.Assessment) -> str:
+    return render(Report("", (), residual_blocks(found)))
 
 
-def words(found: Learned) -> str:
+def words(found: po.Assessment) -> str:
     return " ".join(said(found).split())
 
 
@@ -111,7 +108,7 @@ def test_the_rules_are_kept_or_broken_in_words(visited: Any, once: Any) -> None:
 
 
 def test_the_instrument_is_warned_of_with_both_figures(visited: Any) -> None:
-    found = visited[1].assessment
+    found = visited[1]
     report = words(visited[1])
     assert "The σ of this one is 0.02 mm per coordinate." in report
     assert re.search(r"The error before calibration is 2\.\d+ mm per coordinate, 10\d times that", report)
@@ -123,7 +120,7 @@ def test_nobody_knows_an_instrument_of_which_nothing_is_stated(once: Any) -> Non
     _, found = once
     document = {**DOCUMENT, "uncertainty": {"sigma": {"joint1.theta": "0.1 mrad"}}}
     problem = po.problem_from_dict(document)
-    data = found.data.take(np.arange(40))
+    data = found.calibration.request.data.take(np.arange(40))
     again = po.assess(problem, data, po.calibrate(problem, data, folds=2))
     report = render(Report("", (), residual_blocks(again)))
     assert "measurement: {position: 0.05 mm}" in report
@@ -131,7 +128,7 @@ def test_nobody_knows_an_instrument_of_which_nothing_is_stated(once: Any) -> Non
 
 
 def test_directions_and_repeats_stand_in_tables(visited: Any, once: Any) -> None:
-    found, report = visited[1].assessment, said(visited[1])
+    found, report = visited[1], said(visited[1])
     assert re.search(r"^along the task \(-y\) +before calibration", report, re.MULTILINE)
     across = next(d for d in found.nominal.deviations if d.name == "across")
     row = re.search(r"^across the task +before calibration +(\S+) +(\S+)", report, re.MULTILINE)
@@ -146,7 +143,7 @@ def test_directions_and_repeats_stand_in_tables(visited: Any, once: Any) -> None
 def test_every_axis_names_its_unit(figures: dict[str, Any], once: Any) -> None:
     names = ["vectors", "joints", "inputs", "region", "shape", "repeats"]
     assert list(figures) == [f"residual_{name}" for name in names]
-    assert once[1].assessment.repeats is None
+    assert once[1].repeats is None
     for figure in figures.values():
         FigureCanvasAgg(figure).draw()
         for axes in figure.axes:
@@ -157,7 +154,7 @@ def test_every_axis_names_its_unit(figures: dict[str, Any], once: Any) -> None:
 def test_arrows_are_the_errors_enlarged_as_stated_and_both_models_on_one_scale(
     visited: Any, figures: dict[str, Any]
 ) -> None:
-    shown, figure = Shown.of(visited[1]), figures["residual_vectors"]
+    shown, figure = Shown.of(visited[1].calibration), figures["residual_vectors"]
     factor = float(re.search(r"enlarged (\d+)", figure.get_suptitle())[1])
     before, after = figure.axes
     assert before.get_xlim() == after.get_xlim()
@@ -167,13 +164,13 @@ def test_arrows_are_the_errors_enlarged_as_stated_and_both_models_on_one_scale(
         np.testing.assert_allclose(arrows.U, factor * shown.errors[name][:, 0])
         np.testing.assert_allclose(arrows.V, factor * shown.errors[name][:, 1])
     assert after.get_title(loc="left") == "calibrated"
-    data = visited[1].data
+    data = visited[1].calibration.request.data
     off = 1e3 * (data.position[:, :2] - position(data.q))
     np.testing.assert_allclose(shown.errors["nominal"][:, :2], off, atol=1e-9)
 
 
 def test_many_rows_are_drawn_by_lot_and_it_is_said(once: Any) -> None:
-    figure = plot_residual_vectors(Shown.of(once[1]))
+    figure = plot_residual_vectors(Shown.of(once[1].calibration))
     assert "400 of 600 rows drawn by lot" in figure.get_suptitle()
     rows = chosen_rows(10_000, 400)
     assert len(set(rows)) == 400
@@ -187,7 +184,7 @@ def test_arrows_are_long_enough_to_be_seen_and_short_enough_for_the_workspace() 
 
 
 def test_an_error_of_a_gear_is_seen_over_its_joint(once: Any) -> None:
-    axes = plot_residuals_over_joints(Shown.of(once[1])).axes
+    axes = plot_residuals_over_joints(Shown.of(once[1].calibration)).axes
     calibrated = next(a for a in axes if a.get_xlabel() == "joint1 [deg]" and a.get_title() == "calibrated")
     line = next(li for li in calibrated.lines if str(li.get_label()).startswith("mean of neighbours"))
     x, mean = line.get_xdata(), line.get_ydata()
@@ -223,7 +220,7 @@ def test_inputs_have_a_panel_each(figures: dict[str, Any]) -> None:
 
 
 def test_the_drawn_ellipse_is_the_one_of_the_text_and_holds_the_errors(visited: Any, figures: dict[str, Any]) -> None:
-    axes, left = figures["residual_region"].axes[0], visited[1].assessment.residual_scatter
+    axes, left = figures["residual_region"].axes[0], visited[1].residual_scatter
     (line,) = [li for li in axes.lines if "95 % ellipse for 40 poses" in str(li.get_label())]
     lengths = np.linalg.norm(line.get_xydata(), axis=1)
     np.testing.assert_allclose([lengths.min(), lengths.max()], 1e3 * left.factor * left.ellipse.semi_axes, rtol=1e-3)
@@ -232,7 +229,7 @@ def test_the_drawn_ellipse_is_the_one_of_the_text_and_holds_the_errors(visited: 
 def test_visits_stand_beside_the_ellipse_that_joints_and_instrument_predict(
     visited: Any, figures: dict[str, Any]
 ) -> None:
-    data: Measurements = visited[1].data
+    data: Measurements = visited[1].calibration.request.data
     panels = figures["residual_repeats"].axes
     assert len(panels) == 6
     for axes in panels:

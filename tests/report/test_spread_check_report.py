@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from posture_opt.report.blocks import Report
-from posture_opt.report.figures.truth import truth_figures
 from posture_opt.report.style import image
 from posture_opt.report.text import render
 from posture_opt.report.truth_blocks import truth_blocks, truth_lead
@@ -87,7 +86,7 @@ def test_long_tails_are_told_from_a_wrong_size() -> None:
 
 
 def test_the_figures_are_drawn(understated: SpreadCheck) -> None:
-    figures = truth_figures(understated)
+    figures = understated.figures()
     assert set(figures) == {"truth_coverage", "truth_joints"}
     assert all(image(figure, "png")[:4] == b"\x89PNG" for figure in figures.values())
     axes = figures["truth_joints"].axes[0]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from posture_opt.diagnosis.levels import FIRST_EFFECT
 from posture_opt.report.diagnosed import MODELS, Diagnosed
-from posture_opt.report.figures.residuals import _settled, chosen_rows
+from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, legend_below, new_figure, styled
 from posture_opt.report.units_text import number
 
@@ -33,21 +33,6 @@ _DECADES = 2.5  # more of them need no ticks between
 _BINS = 30  # along the rows, for the course of the RMS
 _FEW = 5  # rows of such a bin
 _TICKS = (0, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
-
-
-def diagnosis_figures(diagnosed: Diagnosed) -> dict[str, Figure]:
-    """Name -> figure."""
-    from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
-    from posture_opt.report.figures.diagnosis_periodogram import plot_periodogram
-
-    figures = {"diagnosis_errors": plot_errors(diagnosed), "diagnosis_scores": plot_scores(diagnosed)}
-    if diagnosed.effects:
-        figures["diagnosis_curves"] = plot_curves(diagnosed)
-    if diagnosed.periodic_joints:
-        figures["diagnosis_periodogram"] = plot_periodogram(diagnosed)
-    if diagnosed.diagnosis.outcome == "unexplained":
-        figures["diagnosis_left"] = plot_left(diagnosed)
-    return {name: _settled(figure) for name, figure in figures.items()}
 
 
 @styled

@@ -16,10 +16,9 @@ from posture_opt.report.units_text import number
 from posture_opt.report.words import MODEL_NAMES
 
 if TYPE_CHECKING:
+    from posture_opt.calibration.calibration import Calibration
     from posture_opt.calibration.residuals import Residuals
     from posture_opt.measurements.measurements import Measurements
-    from posture_opt.problem.problem import Problem
-    from posture_opt.report.calibration_report import Learned
     from posture_opt.robot.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -52,9 +51,8 @@ class Shown:
     axes: tuple[int, ...]
 
     @classmethod
-    def of(cls, learned: Learned) -> Shown:
+    def of(cls, found: Calibration) -> Shown:
         """The rows of a calibration that count."""
-        found = learned.calibration
         kept = found.kept_rows
         residuals = found.residuals.take(kept)
         reached = residuals.walk(found.x)
@@ -93,27 +91,7 @@ def _rows(vector: Any, n: int) -> Floats:
     return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (n,)) for entry in vector], axis=-1)
 
 
-def residual_figures(problem: Problem, learned: Learned) -> dict[str, Figure]:
-    """Name -> figure of everything that there is to see of the residuals."""
-    from posture_opt.report.figures.residual_inputs import plot_residuals_over_inputs
-    from posture_opt.report.figures.residual_joints import plot_residuals_over_joints
-    from posture_opt.report.figures.residual_repeats import plot_repeats
-    from posture_opt.report.figures.residual_shape import plot_region, plot_shape
-
-    assert learned.assessment is not None
-    found, shown = learned.assessment, Shown.of(learned)
-    figures = {
-        "residual_vectors": plot_residual_vectors(shown),
-        "residual_joints": plot_residuals_over_joints(shown),
-        "residual_inputs": plot_residuals_over_inputs(shown),
-        "residual_region": None if found.residual_scatter is None else plot_region(shown, found),
-        "residual_shape": None if found.residual_scatter is None else plot_shape(shown),
-        "residual_repeats": None if found.repeats is None else plot_repeats(problem, shown, found),
-    }
-    return {name: _settled(figure) for name, figure in figures.items() if figure is not None}
-
-
-def _settled(figure: Figure) -> Figure:
+def settled(figure: Figure) -> Figure:
     """The figure with its layout computed once and for all: every file of it would do so again, three times."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")

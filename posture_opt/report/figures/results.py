@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from posture_opt.report.figures import (
     plot_budget,
@@ -15,20 +16,40 @@ from posture_opt.report.figures import (
 )
 from posture_opt.report.figures.accuracy import plot_bias, plot_spread_map
 from posture_opt.report.figures.batch import plot_batch
+from posture_opt.report.figures.diagnosis import plot_errors, plot_scores
+from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
+from posture_opt.report.figures.diagnosis_periodogram import plot_periodogram
+from posture_opt.report.figures.landing import plot_landing
 from posture_opt.report.figures.map import plot_target_map
 from posture_opt.report.figures.plan import plot_plan_errors, plot_plan_points
+from posture_opt.report.figures.residual_inputs import plot_residuals_over_inputs
+from posture_opt.report.figures.residual_joints import plot_residuals_over_joints
+from posture_opt.report.figures.residual_repeats import plot_repeats
+from posture_opt.report.figures.residual_shape import plot_region, plot_shape
+from posture_opt.report.figures.residuals import Shown, plot_residual_vectors, settled
+from posture_opt.report.figures.truth import plot_joint_scatter, plot_reliability
 from posture_opt.uncertainty.cloud import cloud_of
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from posture_opt.problem.problem import Problem
     from posture_opt.report.accuracy_map_report import AccuracyMapPresenter
+    from posture_opt.report.assessment_report import AssessmentPresenter
     from posture_opt.report.batch_diagnosis_report import BatchDiagnosisPresenter
     from posture_opt.report.batch_report import BatchPresenter
+    from posture_opt.report.calibration_report import CalibrationPresenter
     from posture_opt.report.cloud_report import CloudPresenter
+    from posture_opt.report.diagnosis_report import DiagnosisPresenter
     from posture_opt.report.measurement_plan_report import MeasurementPlanPresenter
     from posture_opt.report.presenter import Drawings
     from posture_opt.report.solution_report import SolutionPresenter
+    from posture_opt.report.spread_check_report import SpreadCheckPresenter
     from posture_opt.report.spread_report import SpreadPresenter
     from posture_opt.report.target_map_report import TargetMapPresenter
+    from posture_opt.selection.plan_comparison import Comparison
+    from posture_opt.validation.assessment import Assessment
+    from posture_opt.validation.spread_check import SpreadCheck
 
 _DRAWN = 2000  # tool points
 
@@ -91,3 +112,77 @@ def batch_diagnosis(shown: BatchDiagnosisPresenter) -> Drawings:
     """As of the calibrated batch."""
     found = shown.result.batch
     return {"batch": partial(plot_batch, shown.problem, found)} if found.pairs else {}
+
+
+def calibration(shown: CalibrationPresenter) -> Drawings:
+    """Residuals, whether the predicted spread is true, and where the old and the new posture land."""
+    return {
+        **_assessed(shown.assessment),
+        **_checked(shown.spread_check),
+        **_landing(shown.comparison),
+    }
+
+
+def assessment(shown: AssessmentPresenter) -> Drawings:
+    """Residuals over everything that they may depend on."""
+    return _assessed(shown.result)
+
+
+def spread_check(shown: SpreadCheckPresenter) -> Drawings:
+    """Coverage of the predicted regions, and the scatter of the joints."""
+    return _checked(shown.result)
+
+
+def diagnosis(shown: DiagnosisPresenter) -> Drawings:
+    """Each named effect with the errors behind it; errors by model, scores, and what is left."""
+    found = shown.diagnosed
+    drawings: Drawings = {
+        "diagnosis_curves": partial(plot_curves, found),
+        "diagnosis_scores": partial(plot_scores, found),
+        "diagnosis_errors": partial(plot_errors, found),
+        "diagnosis_periodogram": partial(plot_periodogram, found),
+        "diagnosis_left": partial(plot_left, found),
+    }
+    absent = {
+        "diagnosis_curves": not found.effects,
+        "diagnosis_periodogram": not found.periodic_joints,
+        "diagnosis_left": found.diagnosis.outcome != "unexplained",
+    }
+    drawn = {name: _settled(draw) for name, draw in drawings.items() if not absent.get(name)}
+    return {**drawn, **_landing(found.comparison)}
+
+
+def _assessed(found: Assessment) -> Drawings:
+    rows = Shown.of(found.calibration)
+    drawings: Drawings = {
+        "residual_vectors": partial(plot_residual_vectors, rows),
+        "residual_joints": partial(plot_residuals_over_joints, rows),
+        "residual_inputs": partial(plot_residuals_over_inputs, rows),
+    }
+    if found.residual_scatter is not None:
+        drawings["residual_region"] = partial(plot_region, rows, found)
+        drawings["residual_shape"] = partial(plot_shape, rows)
+    if found.repeats is not None:
+        problem = cast("Problem", found.calibration.request.problem)
+        drawings["residual_repeats"] = partial(plot_repeats, problem, rows, found)
+    return {name: _settled(draw) for name, draw in drawings.items()}
+
+
+def _checked(found: SpreadCheck) -> Drawings:
+    joints: Drawings = {} if found.noise is None else {"truth_joints": partial(plot_joint_scatter, found)}
+    return {"truth_coverage": partial(plot_reliability, found), **joints}
+
+
+def _landing(comparison: Comparison | None) -> Drawings:
+    """A comparison in which the model before calibration and the reference have a posture."""
+    if comparison is None or not {"nominal", comparison.reference} <= set(comparison.answered):
+        return {}
+    return {"landing": partial(plot_landing, comparison)}
+
+
+def _settled(draw: Callable[[], Figure | None]) -> Callable[[], Figure | None]:
+    def drawn() -> Figure | None:
+        figure = draw()
+        return None if figure is None else settled(figure)
+
+    return drawn

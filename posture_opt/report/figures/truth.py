@@ -19,12 +19,6 @@ _COLOURS = {"nominal": ORANGE, "calibrated": BLUE}
 _CLIP = 1.15  # times the largest value that is well told: beyond, a bar says nothing but that
 
 
-def truth_figures(found: SpreadCheck) -> dict[str, Figure]:
-    """Name -> figure."""
-    joints = {"truth_joints": plot_joint_scatter(found)} if found.noise is not None else {}
-    return {"truth_coverage": plot_reliability(found), **joints}
-
-
 @styled
 def plot_reliability(found: SpreadCheck) -> Figure:
     """The share of the rows in the predicted region of every probability: on the diagonal the prediction is true."""
