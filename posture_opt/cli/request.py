@@ -13,7 +13,7 @@ import click
 from posture_opt.cli.sigma import entries, exact_note, joint_sigmas
 from posture_opt.errors import BadValueError, InputError, Issue, KeyPath, did_you_mean, nearest
 from posture_opt.files import nearest_file
-from posture_opt.problem.load import builtin_names, builtin_problem, load_builtin, load_problem, problem_from_dict
+from posture_opt.problem.load import builtin_names, builtin_problem, load_problem, problem_from_dict
 from posture_opt.problem.problem import Problem
 from posture_opt.robot import preset_names
 from posture_opt.robot.robot import Robot
@@ -79,9 +79,7 @@ def requested_problem(
 
 def _load(name: str) -> Problem:
     """A file, or where there is none of that name, a built-in problem."""
-    if not Path(name).exists() and name in builtin_names():
-        return load_builtin(name)
-    near = nearest(name, builtin_names())
+    near = "" if name in builtin_names() else nearest(name, builtin_names())
     if near and not Path(name).exists() and not nearest_file(Path(name)):
         raise InputError(Issue(f"no such file: {name}", mend=f"did you mean the built-in '{near}'?"))
     return load_problem(name)

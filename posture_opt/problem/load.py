@@ -21,12 +21,14 @@ _DEFAULT = "insert_planar_2r"
 
 
 def load_problem(path: str | PathLike[str]) -> Problem:
-    """The problem in a YAML file.
+    """The problem in a YAML file, or, where there is none of that name, the built-in problem: ``insert_planar_2r``.
 
     Raises:
         InputError: everything wrong with the file, each with line, key and the mend.
     """
     file = Path(path)
+    if fspath(path) in builtin_names() and not file.exists():
+        file = problems_folder() / f"{fspath(path)}.yaml"
     return build_problem(read_yaml(file), file.parent, file.stem)
 
 

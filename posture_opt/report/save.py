@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Files = dict[str, bytes]
 
-_JSON = ("solution", "spread", "calibration", "diagnosis", "plan", "map")
+_JSON = ("solution", "spread", "calibration", "diagnosis", "plan", "map", "assessment", "spread_check")
 DOCUMENTS = frozenset((*(f"{name}.json" for name in _JSON), "report.txt", "report.html"))
 OWN_FILES = DOCUMENTS | frozenset(
     (

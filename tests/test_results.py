@@ -1,0 +1,117 @@
+"""Every result shows the same face: short text, small page, report, document, table, figures, files."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from matplotlib.figure import Figure
+
+import posture_opt as po
+from posture_opt.errors import InputError
+from posture_opt.output import finite
+from posture_opt.report.save import OWN_FILES
+from posture_opt.result import Result
+
+PROBLEMS = Path(__file__).parents[1] / "problems"
+MEASURED = "insert_planar_2r_measured"
+
+
+def measured(name: str = "planar_2r_measured.csv") -> tuple[Any, Any]:
+    problem = po.load_problem(MEASURED)
+    return problem, po.read_measurements(PROBLEMS / name, problem)
+
+
+def calibrated() -> tuple[Any, Any, po.Calibration]:
+    problem, data = measured()
+    return problem, data, po.calibrate(problem, data)
+
+
+MADE: dict[str, Callable[[], Result]] = {
+    "Solution": lambda: po.select_posture(po.load_problem("insert_planar_2r_fixed_hole")),
+    "Spread": lambda: po.propagate(po.load_problem("insert_planar_2r"), [0.3, 0.5]),
+    "Cloud": lambda: po.simulate(po.load_problem("insert_planar_2r"), [0.3, 0.5], n=200),
+    "TargetMap": lambda: po.map_targets(po.load_problem("insert_planar_2r_fixed_hole"), counts=(3, 3)),
+    "AccuracyMap": lambda: po.map_accuracy(po.load_problem("insert_planar_2r_calibrated"), counts=(3, 3)),
+    "MeasurementPlan": lambda: po.plan_measurements(po.load_problem(MEASURED), 10, candidates=100),
+    "Calibration": lambda: calibrated()[2],
+    "Assessment": lambda: po.assess(*calibrated()),
+    "SpreadCheck": lambda: po.check_spread(*calibrated()),
+    "Diagnosis": lambda: po.diagnose(*measured()),
+    "Batch": lambda: po.calibrate_batch(*measured("planar_2r_batch.csv")),
+    "BatchDiagnosis": lambda: po.diagnose_batch(*measured("planar_2r_batch.csv")),
+}
+
+
+@pytest.fixture(scope="module", params=MADE)
+def result(request: pytest.FixtureRequest) -> Result:
+    made = MADE[request.param]()
+    assert type(made).__name__ == request.param
+    return made
+
+
+def test_every_result_is_public_and_tried_here() -> None:
+    public = {name for name in po.__all__ if isinstance(kind := getattr(po, name), type) and issubclass(kind, Result)}
+    assert public == {kind.__name__ for kind in Result.__subclasses__()} == set(MADE)
+
+
+def test_it_prints_in_a_few_lines(result: Result) -> None:
+    text = result.summary()
+    assert repr(result) == text
+    assert 2 <= len(text.splitlines()) <= 12
+    assert max(map(len, text.splitlines())) <= 100
+    assert any(unit in text for unit in (" mm", " µm", " %", " deg"))
+
+
+def test_notebooks_show_the_same(result: Result) -> None:
+    page = result._repr_html_()
+    assert page.startswith("<table>")
+    assert page.count("<tr>") == page.count("</tr>") >= 2
+
+
+def test_the_report_is_text(result: Result) -> None:
+    report = result.report()
+    assert report.endswith("\n")
+    assert max(map(len, report.splitlines())) <= 100
+    assert len(report) > len(result.summary())
+
+
+def test_the_document_is_json(result: Result) -> None:
+    document = finite(result.to_json())
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+
+
+def test_the_table_has_columns_and_rows(result: Result) -> None:
+    pytest.importorskip("pandas")
+    table = result.to_dataframe()
+    assert len(table.columns) >= 2
+    assert len(table) > 0
+
+
+def test_without_pandas_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(InputError, match="needs the library pandas"):
+        MADE["Spread"]().to_dataframe()
+
+
+def test_it_draws_and_saves_itself(result: Result, tmp_path: Path) -> None:
+    figures = result.figures()
+    assert figures
+    assert all(isinstance(figure, Figure) and figure.axes for figure in figures.values())
+    assert isinstance(result.plot(), Figure)
+    paths = result.save(tmp_path / "out", figures=False)
+    assert {path.name for path in paths} == {path.name for path in (tmp_path / "out").iterdir()}
+    assert all(path.stat().st_size for path in paths)
+    assert {path.name for path in paths} <= OWN_FILES | {"plan.csv", "split_measurements.csv"}
+    assert (tmp_path / "out" / "report.txt").read_text(encoding="utf-8") == result.report()
+
+
+def test_a_folder_that_cannot_be_written_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("precious", encoding="utf-8")
+    with pytest.raises(InputError, match="cannot write to"):
+        MADE["Spread"]().save(tmp_path / "file")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
