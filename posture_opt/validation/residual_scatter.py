@@ -51,6 +51,10 @@ def residual_scatter(
     said = scatter_of_effects(problem.robot, [*problem.effects, *named])
     stated = _with_effects(stated, said)
     fixed = {name: scatter_beside(problem, name, own.get(name, 0.0), s) for name, s in said.items()}
+    if set(joint_errors(problem.robot)) <= set(fixed):
+        note, instrument = "effects say all scatter of the joints", position_sigma(problem, calibration.residuals.data)
+        sigma = {name: s for name, s in fixed.items() if s > 0}
+        return _with_effects(JointScatter(sigma, instrument, True, note), said, added=False)
     found = _from_data(problem, calibration, fixed)
     if found is None:
         return stated

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from posture_opt.problem.load import load_builtin, problems_folder
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
 from tests.helpers import measured_planar_2r as shop
 from tests.helpers import measured_ur10 as loaded
+from tests.helpers.same_problem import assert_same_numbers, written
 
 LOADED = "ur10_measured", "ur10_another_day"
 
@@ -79,3 +82,14 @@ def test_no_cause_is_made_up_where_the_joints_scatter(seed: int) -> None:
     found = search(linearise(po.calibrate(problem, data), seed=seed))
     assert not found.chosen
     assert 0.035 < found.scored[0].p_value < 0.1
+
+
+def test_an_arm_all_of_whose_joints_scatter_is_extended_by_that_scatter(tmp_path: Path) -> None:
+    problem = load_builtin("insert_planar_2r_measured")
+    found = po.diagnose(problem, po.read_measurements(problems_folder() / "planar_2r_measured.csv", problem))
+    noises = [finding.target for finding in found.findings if finding.noise is not None]
+    assert sorted(noises) == ["joint1", "joint2"]
+    extended = found.extended
+    assert "scatter" not in extended.to_dict()["uncertainty"]
+    assert np.all(np.diag(extended.sources.scatter)[[extended.sources.names.index(f"{j}.theta") for j in noises]] > 0)
+    assert_same_numbers(written(extended, tmp_path), extended)

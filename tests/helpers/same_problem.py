@@ -36,7 +36,7 @@ def assert_same_numbers(again: Problem, problem: Problem) -> None:
     assert again.sources.names == problem.sources.names
     sigma = problem.sources.sigma
     scale = np.outer(*[np.where(sigma > 0, sigma, 1.0)] * 2)
-    for matrix in ("covariance", "visit"):
+    for matrix in ("covariance", "scatter"):
         found, expected = getattr(again.sources, matrix), getattr(problem.sources, matrix)
         np.testing.assert_allclose(found / scale, expected / scale, atol=EXACT, err_msg=matrix)
     assert [effect.name for effect in again.effects] == [effect.name for effect in problem.effects]
