@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array
-
-if TYPE_CHECKING:
-    from posture_opt.model.effects import NoiseEffect
 
 
 def readings(problem: CalibrationProblem, points: Array) -> Array:
@@ -66,8 +62,4 @@ def _overall(sigma: Array) -> float:
 
 
 def _noises(problem: CalibrationProblem) -> list[NoiseEffect]:
-    if not problem.effects:
-        return []
-    from posture_opt.model.effects import NoiseEffect
-
     return [effect for effect in problem.effects if isinstance(effect, NoiseEffect)]

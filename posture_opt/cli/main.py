@@ -147,6 +147,4 @@ def main(ctx: click.Context, /, common: Common, explain: bool, **given: Any) -> 
             raise click.UsageError("Nothing to solve: name a --task or a --problem.", ctx)
         click.echo(ctx.get_help())
         return
-    from posture_opt.cli.solve import solve
-
-    solve(common, explain, **given)
+    import_module("posture_opt.cli.solve").solve(common, explain, **given)

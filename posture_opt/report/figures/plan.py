@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from posture_opt.measurements.nominal_points import nominal_poses
 from posture_opt.report.measurement_plan_report import shown
 from posture_opt.report.style import (
     BLUE,
@@ -32,8 +33,6 @@ _FAINT = "#BDBDBD"
 @styled
 def plot_plan_points(plan: MeasurementPlan) -> Figure:
     """The planned tool points, the given ones and the task's, over those of random allowed postures, from each side."""
-    from posture_opt.measurements.nominal_points import nominal_poses
-
     moving = [k for k in range(3) if np.ptp(plan.reach[:, k]) > _STILL]
     pairs = [(0, 1), (0, 2)] if len(moving) == 3 else [(moving[0], moving[-1])]
     figure = new_figure(5.2 * len(pairs) + 0.6, 5.4)
