@@ -64,9 +64,7 @@ DOCUMENTED = {"outliers", "joint_noise"}
 
 # How many offences are left of each kind; what is not named has none. These numbers only ever shrink.
 LEFT: dict[str, int] = {
-    "imports upward": 3,
-    "circles": 2,
-    "imports inside functions": 26,
+    "imports inside functions": 12,
 }
 
 
