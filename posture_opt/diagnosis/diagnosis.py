@@ -45,7 +45,8 @@ class Diagnosis(Result):
     """What measurements say about the cause of an arm's errors.
 
     Args:
-        findings: non-geometric causes first, the weightiest first.
+        verdict: in a word; ``insufficient_data`` is an exception instead.
+        effects: the causes that were found, non-geometric causes first, the weightiest first.
         request: the arm as stated, the measurements, and what else was asked.
         errors: cross-validated position errors [m] of the arm as it stands (``nominal``), ``calibrated``, and with
             the effects (``extended``).
@@ -59,8 +60,8 @@ class Diagnosis(Result):
         test: another file predicted by what this one taught.
     """
 
-    outcome: Outcome
-    findings: tuple[Finding, ...]
+    verdict: Outcome
+    effects: tuple[Finding, ...]
     request: FitRequest
     calibration: Calibration
     errors: Mapping[str, Statistics]
@@ -77,11 +78,6 @@ class Diagnosis(Result):
     notes: tuple[str, ...] = field(default=())
 
     @property
-    def verdict(self) -> Outcome:
-        """``effects_found``, ``none_found``, ``unexplained`` or ``insufficient_data``."""
-        return self.outcome
-
-    @property
     def problem(self) -> FittableProblem:
         """What was diagnosed."""
         return cast(FittableProblem, self.request.problem)
@@ -95,7 +91,7 @@ class Diagnosis(Result):
     def fitted_arm(self) -> FittedArm:
         """The arm with its fitted geometry and persistent effects, as a problem takes it over."""
         return extended_arm(
-            self.problem, self.calibration, self.model, self.persistent, self.findings, self.held["extended"].errors,
+            self.problem, self.calibration, self.model, self.persistent, self.effects, self.held["extended"].errors,
             self.errors,
         )  # fmt: skip
 
@@ -103,11 +99,6 @@ class Diagnosis(Result):
     def models(self) -> dict[str, Any]:
         """The problem before calibration, calibrated and extended, each where the measurements saw base and tool."""
         return {**calibrated_models(self.problem, self.calibration), "extended": self.extended}
-
-    @property
-    def effects(self) -> tuple[Finding, ...]:
-        """The same as `findings`."""
-        return self.findings
 
     def to_json(self) -> dict[str, Any]:
         """The document ``diagnosis.json``: SI units and radians; the task planned again included."""
@@ -120,8 +111,8 @@ class Diagnosis(Result):
         p = min(self.adequacy.p_value, *(p for candidate, p in chosen if not candidate.named), 1.0)
         test = {} if self.test is None else {"test": self.test.to_json()}
         return {
-            "verdict": self.outcome,
-            "effects": [self._effect_json(i) for i in range(len(self.findings))],
+            "verdict": self.verdict,
+            "effects": [self._effect_json(i) for i in range(len(self.effects))],
             "unexplained": {
                 "p_value": p,
                 "place": [f"{u.kind}: {u.target}" for u in self.unexplained] or [self.adequacy.place],
@@ -164,15 +155,15 @@ class Diagnosis(Result):
 
     def test_gain(self, finding: int) -> Gain | None:
         """What an effect brings on the other file; None where there is none, or where it is not asked."""
-        if self.test is None or self.findings[finding].effect is None:
+        if self.test is None or self.effects[finding].effect is None:
             return None
-        return self.test.gains[sum(f.effect is not None for f in self.findings[:finding])]
+        return self.test.gains[sum(f.effect is not None for f in self.effects[:finding])]
 
     def _effect_json(self, i: int) -> dict[str, Any]:
         gain, split = self.test_gain(i), self.split
-        document = self.findings[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
-        place = sum(f.effect is not None for f in self.findings[:i])
-        if self.findings[i].effect is not None and split is not None and place in split.pairs:
+        document = self.effects[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
+        place = sum(f.effect is not None for f in self.effects[:i])
+        if self.effects[i].effect is not None and split is not None and place in split.pairs:
             document["split"] = split.to_json(place)
         return document
 

@@ -26,11 +26,11 @@ _LISTED = 5  # geometric parameters that are farthest off, for their errors
 def causes_block(diagnosed: Diagnosed) -> Block:
     """Every named cause with its size, its evidence, and what it explains."""
     found = diagnosed.diagnosis
-    if not found.findings:
+    if not found.effects:
         return Block("Causes", ("None is found.",))
     items: list[str | Facts | Table] = []
     short = [f for _, f in diagnosed.effects][_FULL:] if len(diagnosed.effects) > _FULL + 1 else []
-    for i, finding in enumerate((f for f in found.findings if f not in short), 1):
+    for i, finding in enumerate((f for f in found.effects if f not in short), 1):
         what = f"{i}. {sentence(finding_words(finding, diagnosed.problem))}"
         items += [what, Facts(tuple(_facts(diagnosed, finding)))]
     if short:
@@ -90,7 +90,7 @@ def _gain(diagnosed: Diagnosed, finding: Finding) -> str:
     if finding.noise is not None:
         return _covers(diagnosed) if finding.noise.uneven else ""
     if finding.effect is None:
-        geometry = [f for f in found.findings if f.effect is None and f.noise is None]
+        geometry = [f for f in found.effects if f.effect is None and f.noise is None]
         if finding is not geometry[0]:
             return ""  # its gain is that of all of them, which is said of the first
         return (
@@ -153,7 +153,7 @@ def cyclic_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
 def confusion_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
     """What each cause may be confused with, and the measurement that would tell them apart; nothing if nothing."""
     splits: dict[str, list[str]] = {}
-    for finding in diagnosed.diagnosis.findings:
+    for finding in diagnosed.diagnosis.effects:
         rivals = {rival.label: rival for rival in finding.confounded_with}
         for label, rival in rivals.items():
             splits.setdefault(finding.cause.discrimination(rival), []).append(f"{finding.cause.label} or {label}")

@@ -59,7 +59,7 @@ class Diagnosed:
     @cached_property
     def effects(self) -> tuple[tuple[int, Finding], ...]:
         """(place among the effects of the model, finding) of every named effect."""
-        named = [f for f in self.diagnosis.findings if f.effect is not None]
+        named = [f for f in self.diagnosis.effects if f.effect is not None]
         return tuple(enumerate(named))
 
     def place(self, finding: Finding) -> int | None:

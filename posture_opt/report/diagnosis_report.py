@@ -58,15 +58,15 @@ def diagnosis_report(problem: Problem, diagnosed: Diagnosed) -> Report:
 def answer(diagnosed: Diagnosed) -> tuple[str, ...]:
     """The causes in one sentence, and what knowing them brings in another."""
     found = diagnosed.diagnosis
-    geometry = [f for f in found.findings if f.effect is None and f.noise is None]
-    causes = [f for f in found.findings if f not in geometry] or geometry
+    geometry = [f for f in found.effects if f.effect is None and f.noise is None]
+    causes = [f for f in found.effects if f not in geometry] or geometry
     said = [_named(diagnosed, f) for f in causes[:_MOST_NAMES]]
     more = len(causes) - len(said)
     names = "; ".join(said) + (f"; and {count(more, 'more cause')}" if more else "")
     beside = " The geometry differs from the file, too." if geometry and causes is not geometry else ""
-    if found.outcome == "none_found":
+    if found.verdict == "none_found":
         first = "The model explains these data: no cause of error is found beyond measurement noise."
-    elif found.outcome == "effects_found":
+    elif found.verdict == "effects_found":
         first = f"{_counted(len(causes))} the errors: {names}.{beside}"
     elif said:
         first = f"{_counted(len(causes))} part of the error: {names}. The rest is unexplained.{beside}"
@@ -157,7 +157,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
     def summary(self) -> Summary:
         found = self.result
         errors = ", ".join(f"{mm(found.errors[name].rms)} mm {words}" for name, words in MODELS.items())
-        named = [finding_words(f, self.problem) for f in found.findings]
+        named = [finding_words(f, self.problem) for f in found.effects]
         more = f"; and {len(named) - _MOST_NAMES} more" if len(named) > _MOST_NAMES else ""
         facts = (
             ("Verdict", found.verdict),
@@ -171,7 +171,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
 
     def columns(self) -> Columns:
         """The causes that were found."""
-        found = self.result.findings
+        found = self.result.effects
         return {
             "kind": [f.kind for f in found],
             "target": [f.target for f in found],

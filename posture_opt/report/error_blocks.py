@@ -53,7 +53,7 @@ def noise_of(diagnosed: Diagnosed) -> dict[str, float]:
     if not floor:
         return {}
     found = diagnosed.diagnosis
-    joint = next((f.noise.moved_joint for f in found.findings if f.noise is not None and f.noise.moved_joint), "")
+    joint = next((f.noise.moved_joint for f in found.effects if f.noise is not None and f.noise.moved_joint), "")
     shape = found.held["extended"].shape
     if not joint or shape is None or "instrument" not in source:  # repeats scatter by what the joint does already
         return {"measurement noise": floor}

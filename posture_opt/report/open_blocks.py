@@ -19,7 +19,7 @@ def left_block(diagnosed: Diagnosed) -> Block:
     found = diagnosed.diagnosis
     left = found.adequacy
     title = "Unexplained structure"
-    if found.outcome != "unexplained":
+    if found.verdict != "unexplained":
         p = "p ≈ 1" if left.p_value > _SURE else p_words(left.p_value)
         return Block(title, (f"No unexplained structure remains ({p}).",))
     items: list[str | Facts | Table] = ["Structure remains that is not noise, and no known cause explains it."]

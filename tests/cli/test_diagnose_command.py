@@ -232,8 +232,8 @@ def test_what_could_be_confused_comes_with_a_measurement(folder: Path) -> None:
     problem = po.load_problem(folder / "problem.yaml")
     data = po.read_measurements(folder / "data.csv", problem)
     found = po.diagnose(problem, data)
-    twin = replace(found.findings[0], confounded_with=(Quantisation(joint="joint1", lsb="0.001 rad"),))
-    text = replace(found, findings=(twin, *found.findings[1:])).report()
+    twin = replace(found.effects[0], confounded_with=(Quantisation(joint="joint1", lsb="0.001 rad"),))
+    text = replace(found, effects=(twin, *found.effects[1:])).report()
     assert "Causes that could be confused" in text
     assert "log the joint values that the controller reached" in " ".join(text.split())
     assert found.plot().axes

@@ -74,9 +74,9 @@ def test_what_is_kept_is_the_arm_before_it_changed(case: str, tmp_path: Path) ->
 def test_the_file_says_what_the_report_says(tmp_path: Path) -> None:
     problem, data = measured(tmp_path, "drift")
     found = po.diagnose(problem, data, flips=99)
-    assert "drift" in [f.kind for f in found.findings]
+    assert "drift" in [f.kind for f in found.effects]
     (effect,) = found.extended.effects
-    (said,) = (f.estimate for f in found.findings if f.kind == "gear_eccentricity")
+    (said,) = (f.estimate for f in found.effects if f.kind == "gear_eccentricity")
     # Of many drifts and slips that say nearly the same one is named; a refit without it gives 0.01 and 0.10 mrad.
     assert effect.values == pytest.approx([SINE, 0.0], abs=2e-5)
     assert effect.values == pytest.approx([said["sin"][0], said["cos"][0]], abs=1e-12)

@@ -289,7 +289,7 @@ def diagnosed(folder: Path) -> Diagnosed:
 
 def names_of(found: Diagnosis) -> set[str]:
     """Kinds that are named, or could stand for what is named."""
-    return {cause.kind for f in found.findings for cause in (f.cause, *f.confounded_with)}
+    return {cause.kind for f in found.effects for cause in (f.cause, *f.confounded_with)}
 
 
 campaign = [pytest.param(cls, marks=() if cls.kind_name() in QUICK else pytest.mark.campaign) for cls in EFFECTS]

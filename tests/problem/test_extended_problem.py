@@ -423,7 +423,7 @@ def test_a_task_without_a_side_says_so(world: World) -> None:
 def test_the_same_data_find_nothing_in_the_extended_arm(world: World) -> None:
     data = po.read_measurements(world.folder / "data.csv", world.extended)
     again = po.diagnose(world.extended, data, flips=99)
-    assert not [f for f in again.findings if f.effect is not None]
+    assert not [f for f in again.effects if f.effect is not None]
     assert again.errors["nominal"].rms < 1.2 * np.sqrt(3) * NOISE
     twice = extended_problem(world.extended, again)
     for name, content in twice.files("twice").items():
@@ -447,7 +447,7 @@ def test_an_effect_that_grew_is_found_on_top_of_the_known_one(world: World) -> N
     write_csv(world.folder / "worn.csv", world.arm, session, points)
     data = po.read_measurements(world.folder / "worn.csv", world.extended)
     found = po.diagnose(world.extended, data, flips=99)
-    assert [(f.kind, f.target) for f in found.findings if f.effect is not None] == [("backlash", "joint1")]
+    assert [(f.kind, f.target) for f in found.effects if f.effect is not None] == [("backlash", "joint1")]
     mended = extended_problem(world.extended, found)
     (width,) = next(e.values for e in mended.effects if e.kind == "backlash")
     assert width == pytest.approx(8e-4, abs=8e-5)

@@ -43,7 +43,7 @@ def text_of(problem: po.Problem, diagnosed: Any) -> str:
 
 def test_what_geometry_brings_is_said_once(noisy: tuple[po.Problem, Any]) -> None:
     text = text_of(*noisy)
-    assert {f.kind for f in noisy[1].diagnosis.findings} == {"link_length", "joint_noise"}
+    assert {f.kind for f in noisy[1].diagnosis.effects} == {"link_length", "joint_noise"}
     assert text.count("Gain all geometry together reduces the RMS by") == 1
     assert text.count("mm before, ") == 1
 

@@ -146,7 +146,7 @@ def diagnosis(shown: DiagnosisPresenter) -> Drawings:
     absent = {
         "diagnosis_curves": not found.effects,
         "diagnosis_periodogram": not found.periodic_joints,
-        "diagnosis_left": found.diagnosis.outcome != "unexplained",
+        "diagnosis_left": found.diagnosis.verdict != "unexplained",
     }
     drawn = {name: _settled(draw) for name, draw in drawings.items() if not absent.get(name)}
     return {**drawn, **_landing(found.comparison)}
