@@ -10,13 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.model.effects.abscissa import Abscissa, over_joint
 from posture_opt.report.figures.residual_joints import Binned
 from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled
 
 if TYPE_CHECKING:
-    from posture_opt.calibration.effect_sensitivities import EffectSensitivities
     from posture_opt.diagnosis.causes import Finding
     from posture_opt.report.diagnosed import Diagnosed
 
@@ -51,8 +51,6 @@ class Curve:
 @styled
 def plot_curves(diagnosed: Diagnosed) -> Figure:
     """The modelled effect, and what the data say of it once everything else is taken off."""
-    from posture_opt.calibration.effect_sensitivities import EffectSensitivities
-
     tangents = EffectSensitivities(diagnosed.residuals, diagnosed.diagnosis.model.x)
     shown = diagnosed.effects[:_MOST]
     columns = min(len(shown), 2)
@@ -152,8 +150,6 @@ def _size_curve(seen: Floats, said: Floats) -> Curve:
 @styled
 def plot_left(diagnosed: Diagnosed) -> Figure:
     """What the model with its effects leaves, along the motion of each joint and over the rows."""
-    from posture_opt.calibration.effect_sensitivities import EffectSensitivities
-
     residuals = diagnosed.residuals
     tangents = EffectSensitivities(residuals, diagnosed.diagnosis.model.x)
     e = -diagnosed.diagnosis.model.whitened().reshape(len(residuals.data), residuals.block)

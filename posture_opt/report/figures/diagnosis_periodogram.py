@@ -9,7 +9,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from posture_opt.diagnosis.levels import FIRST_EFFECT
+from posture_opt.diagnosis.score_tests import log_p, scan_frequencies
+from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.report.diagnosed import Diagnosed
+from posture_opt.report.figures.diagnosis import critical_log_p
 from posture_opt.report.style import BLUE, GREEN, GREY, new_figure, styled
 
 if TYPE_CHECKING:
@@ -24,9 +27,6 @@ _TICKS = (3, 5, 10, 20, 50, 100, 200, 300)
 @styled
 def plot_periodogram(diagnosed: Diagnosed) -> Figure:
     """Share of the rest that each number of cycles explains, before its lines are named and after."""
-    from posture_opt.model.effects.cyclic_error import CyclicError
-    from posture_opt.report.figures.diagnosis import critical_log_p
-
     joints = diagnosed.periodic_joints[:_MOST]
     linearised, model = diagnosed.linearised, diagnosed.diagnosis.model
     chosen = list(model.suspects)
@@ -55,9 +55,6 @@ def plot_periodogram(diagnosed: Diagnosed) -> Figure:
 
 
 def _spectrum(diagnosed: Diagnosed, baseline: ProjectedBaseline, joint: int) -> tuple[Floats, Floats]:
-    from posture_opt.diagnosis.score_tests import scan_frequencies
-    from posture_opt.model.effects.cyclic_error import CyclicError
-
     tangents = diagnosed.linearised.sensitivities
     q = diagnosed.residuals.data.q[:, joint]
     cycles = CyclicError.grid(float(np.ptp(q)))
@@ -66,8 +63,6 @@ def _spectrum(diagnosed: Diagnosed, baseline: ProjectedBaseline, joint: int) -> 
 
 def _share_of(line: float, baseline: ProjectedBaseline) -> float:
     """The share that one frequency must explain for its log p-value to be that of the line."""
-    from posture_opt.diagnosis.score_tests import log_p
-
     low, high = 0.0, 1.0
     for _ in range(40):
         middle = (low + high) / 2

@@ -12,6 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
 from posture_opt.report.style import BLUE, COLOUR_MAP, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.units_text import fixed, length_unit
@@ -169,8 +170,6 @@ def _seen(grid: Grid, u: float, v: float) -> bool:
 
 def mark_base(axes: Any, canvas: Canvas, robot: Any) -> None:
     """Where the arm stands, if the picture shows it."""
-    from posture_opt.model.chain import factor_values, walk
-
     reached = walk(robot.base, factor_values(robot.base, []))
     u, v, _ = 1e3 * canvas.grid.coordinates(np.array([reached.position], dtype=float))[0]
     if _seen(canvas.grid, u, v):

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from posture_opt.report.figures.residual_joints import Binned
+from posture_opt.report.figures.residuals import TITLES
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, new_figure, styled
 
 if TYPE_CHECKING:
@@ -26,8 +27,6 @@ _BINS = 30
 @styled
 def plot_residuals_over_inputs(shown: Shown) -> Figure:
     """Mean errors by axis over the inputs that the data have, and along each joint's motion by its approach."""
-    from posture_opt.report.figures.residuals import TITLES
-
     inputs, sided = _inputs(shown), _both_sides(shown)
     lines = len(inputs) + bool(sided)
     figure = new_figure(9.6, 0.9 + 2.1 * lines)

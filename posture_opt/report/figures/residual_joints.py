@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from posture_opt.measurements.measurements import group_means
+from posture_opt.report.figures.residuals import COLOURS, TITLES, chosen_rows
 from posture_opt.report.style import GREY, legend_below, new_figure, styled
 
 if TYPE_CHECKING:
@@ -64,8 +65,6 @@ class Binned:
 @styled
 def plot_residuals_over_joints(shown: Shown) -> Figure:
     """Errors along the motion of each joint over its value: dots are poses, the line is their mean in bins."""
-    from posture_opt.report.figures.residuals import COLOURS, TITLES
-
     robot = shown.robot
     figure = new_figure(9.6, 1.2 + 1.55 * robot.n)
     grid = figure.subplots(robot.n, 2, squeeze=False)
@@ -86,8 +85,6 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
 
 
 def _panel(axes: Any, x: Floats, along: Floats, colour: str) -> None:
-    from posture_opt.report.figures.residuals import chosen_rows
-
     dots = chosen_rows(len(x), _DOTS)
     look: dict[str, Any] = {"color": colour, "ms": 3 if len(x) > 200 else 6, "alpha": 0.5, "mew": 0}
     some = f"{len(dots)} of {len(x)}" if len(dots) < len(x) else str(len(x))

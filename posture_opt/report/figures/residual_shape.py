@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, VERMILLION, legend_below, new_figure, styled
 from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor, hotelling_factor
 
@@ -73,8 +74,6 @@ def _outer(n: int) -> tuple[Floats, Floats]:
 @styled
 def plot_region(shown: Shown, found: Assessment) -> Figure:
     """Errors of the calibrated model with the 95 % ellipse for so many samples, and what the instrument adds."""
-    from posture_opt.report.figures.residuals import chosen_rows
-
     left = found.residual_scatter
     assert left is not None
     pairs = [(a, b) for k, a in enumerate(shown.axes) for b in shown.axes[k + 1 :]]
