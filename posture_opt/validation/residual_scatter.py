@@ -106,8 +106,6 @@ def _from_data(
     loud = columns[:, :, still] * np.array([fixed[name] for name in names if name in fixed])
     known = known + loud @ np.swapaxes(loud, -1, -2)
     columns, names = columns[:, :, ~still], tuple(name for name in names if name not in fixed)
-    if not names:
-        return None  # effects say all of it
     stated = position_sigma(problem, calibration.residuals.data)
     size = float(np.sqrt(np.mean(errors**2)))
     if size <= _EXACT * stated or not size > 0:
