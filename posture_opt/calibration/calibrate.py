@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.clustered_covariance import clustered_covariance
 from posture_opt.calibration.cross_validation import Predicted, position_errors, predict, tested
 from posture_opt.calibration.data_checks import check_amount, check_frames, check_geometry, check_sense, still_notes
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
-from posture_opt.calibration.estimation import Beforehand, Estimate, estimate
+from posture_opt.calibration.fit import Fit, clustered, estimate
 from posture_opt.calibration.fit_request import FitRequest
+from posture_opt.calibration.fit_setup import FitSetup, determine, unseen
 from posture_opt.calibration.frame_chart import Chart
 from posture_opt.calibration.frames import compare, fit_frames, held_length
 from posture_opt.calibration.parameters import CalibrationProblem
-from posture_opt.calibration.prior import Knowledge, determine, unseen
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Progress
@@ -81,8 +80,8 @@ class _Fitted:
     """An arm fitted to all rows: where it began, what was known and what was found, and the length that was held."""
 
     x_nominal: Array
-    known: Knowledge
-    found: Estimate
+    known: FitSetup
+    found: Fit
     held: int | None
     notes: tuple[str, ...]
 
@@ -106,8 +105,8 @@ def _fit(problem: CalibrationProblem, residuals: Residuals, groups: int, priors:
 
 
 def _settled(
-    problem: CalibrationProblem, residuals: Residuals, x: Array, known: Knowledge, held: int | None, priors: bool
-) -> tuple[Knowledge, Estimate]:
+    problem: CalibrationProblem, residuals: Residuals, x: Array, known: FitSetup, held: int | None, priors: bool
+) -> tuple[FitSetup, Fit]:
     """The estimate, and what is determined with the noise that it leaves.
 
     An arm far off its drawing bends away from its tangents, which looks like noise until it is fitted: then the same
@@ -134,46 +133,29 @@ def _assembled(
     notes: tuple[str, ...],
 ) -> Calibration:
     """The calibration in the parameters of the file; ``predicted`` are the nominal and the calibrated arm's errors."""
-    residuals, known, found, kept = chart.fitted, fitted.known, fitted.found, fitted.found.kept
-    covariance = found.covariance
-    if known.design > 1:
-        covariance = clustered_covariance(residuals, found, known.directions, known.prior)
+    residuals, known, kept = chart.fitted, fitted.known, fitted.found.kept
+    found = clustered(fitted.found) if known.design > 1 else fitted.found
     nominal, calibrated = predicted
-    gone = np.flatnonzero(~kept)
     return Calibration(
         request=request,
-        parameters=given.parameters,
+        fit=replace(
+            found, residuals=given, x=chart.told(found.x), directions=chart.told_steps(found.x, found.directions)
+        ),
         x_nominal=chart.told(fitted.x_nominal),
-        x=chart.told(found.x),
-        covariance=chart.told_covariance(found.x, covariance),
-        fixed=chart.told_fixed(found.x, known.fixed, covariance),
+        fixed=chart.told_fixed(found.x, known.fixed, found.covariance),
         identifiability=known.identifiability,
         nominal=Statistics.of(nominal.errors[kept], groups[kept]),
         calibrated=Statistics.of(calibrated.errors[kept], groups[kept]),
         errors_nominal=nominal.errors,
         errors=calibrated.errors,
         errors_fitted=position_errors(residuals, found.x),
-        residuals=given,
         coverage={"calibrated": float(calibrated.inside[kept].mean())},
-        outliers=tuple(int(i) for i in gone),
-        lines=tuple(int(line) for line in given.data.line[gone]),
-        variance=found.variance,
         by=by,
         test=test,
         prior=known.stated,
         unseen=chart.told_size(found.x, unseen(residuals, known, found, fitted.held)),
-        design=known.design,
-        beforehand=_beforehand(chart, known, found),
         notes=notes,
     )
-
-
-def _beforehand(chart: Chart, known: Knowledge, found: Estimate) -> Beforehand | None:
-    """What was known of the parameters of the file beside the data, where σ's are stated."""
-    if known.prior is None or not np.isfinite(known.stated).any():
-        return None
-    # The prior needs no turning: frames that may be locked are free, and have none.
-    return Beforehand(chart.told_steps(found.x, known.directions), known.prior, found.weight)
 
 
 def _teller(progress: Progress | None, total: int) -> Callable[[], None]:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import erfc, isfinite, nan
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from posture_opt.calibration.error_statistics import By, Statistics
-from posture_opt.calibration.estimation import Beforehand
+from posture_opt.calibration.fit import Fit, fit_with_effects
 from posture_opt.calibration.fit_request import FitRequest
 from posture_opt.calibration.identifiability import Identifiability
 from posture_opt.calibration.parameters import Parameter
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Result
+
+if TYPE_CHECKING:
+    from posture_opt.model.effects import Effect
 
 CORRELATED = 0.9  # from here on, one of two estimates leans on the other
 
@@ -26,32 +30,24 @@ class Calibration(Result):
 
     Args:
         request: the arm as stated, the measurements, and what else was asked.
-        parameters: the (k,) candidates; ``x_nominal`` and ``x`` are deviations from their nominal values [rad, m],
-            with only free frames fitted, and with everything fitted.
-        covariance: (k, k) of ``x``; directions that are not determined have no variance in it.
+        fit: of everything, in the parameters of the file; directions that are not determined have no variance in it.
+        x_nominal: (k,) deviations from nominal with only free frames fitted [rad, m].
         fixed: (k,) whether the data, or a prior, determine the parameter.
         identifiability: rank, observability and the undetermined combinations in words.
         nominal, calibrated: position errors by cross-validation [m], nominal with free frames fitted.
         errors_nominal, errors: (N, 3) those errors row by row; ``calibrated`` leaves the outliers out.
         errors_fitted: (N, 3) position errors of the arm fitted to all rows [m].
-        residuals: the arm against these measurements, as a function of ``x``.
         coverage: share of rows inside the predicted 95 % region.
-        outliers: rows left out of the fit, counted from 0; ``lines`` are their lines in the file.
-        variance: residual variance in units of the instrument's.
         by: the groups that the cross-validation left out together.
         test: another file predicted by what this one taught.
         prior: (k,) the stated σ of each parameter that counts as knowledge [rad, m]; NaN where there is none.
         unseen: (k,) part of the standard errors that combinations leave which nothing tells [rad, m].
-        design: how many rows tell as much as one alone would, as neighbouring postures err alike.
-        beforehand: what the fit went by besides the data, where σ's of parameters are stated.
         notes: sentences for the report.
     """
 
     request: FitRequest
-    parameters: tuple[Parameter, ...]
+    fit: Fit
     x_nominal: Array
-    x: Array
-    covariance: Array
     fixed: Mask
     identifiability: Identifiability
     nominal: Statistics
@@ -59,23 +55,68 @@ class Calibration(Result):
     errors_nominal: Array
     errors: Array
     errors_fitted: Array
-    residuals: Residuals
     coverage: dict[str, float]
-    outliers: tuple[int, ...]
-    lines: tuple[int, ...]
-    variance: float
     by: By
     test: dict[str, Statistics]
     prior: Array
     unseen: Array
-    design: float = 1.0
-    beforehand: Beforehand | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def residuals(self) -> Residuals:
+        """The arm against these measurements, as a function of ``x``."""
+        return self.fit.residuals
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """(k,) what was unknown."""
+        return self.fit.residuals.parameters
+
+    @property
+    def x(self) -> Array:
+        """(k,) deviations from nominal [rad, m]."""
+        return self.fit.x
+
+    @property
+    def covariance(self) -> Array:
+        """(k, k) of ``x``."""
+        return self.fit.covariance
+
+    @property
+    def variance(self) -> float:
+        """Residual variance in units of the instrument's."""
+        return self.fit.variance
+
+    @property
+    def design(self) -> float:
+        """How many rows tell as much as one alone would, as neighbouring postures err alike."""
+        return self.fit.design
+
+    @property
+    def outliers(self) -> tuple[int, ...]:
+        """Rows left out of the fit, counted from 0."""
+        return tuple(int(i) for i in np.flatnonzero(~self.fit.kept))
+
+    @property
+    def lines(self) -> tuple[int, ...]:
+        """Their lines in the file."""
+        return tuple(int(line) for line in self.residuals.data.line[~self.fit.kept])
+
+    def fit_effects(self, residuals: Residuals, effects: Sequence[Effect]) -> Fit:
+        """Geometry as it was fitted here, with effects beside it: what was known beforehand weighs as much.
+
+        Args:
+            residuals: of the rows that count, in the same parameters.
+        """
+        if not np.isfinite(self.prior).any():
+            return fit_with_effects(residuals, self.x, self.identifiability.directions, effects)
+        fit = self.fit
+        return fit_with_effects(residuals, fit.x, fit.directions, effects, fit.prior, fit.weight)
 
     @property
     def kept_rows(self) -> Codes:
         """(M,) rows that are no outliers."""
-        return np.setdiff1d(np.arange(len(self.residuals.data)), self.outliers)
+        return np.flatnonzero(self.fit.kept)
 
     @property
     def std(self) -> Array:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from posture_opt.calibration.error_statistics import blocks
-from posture_opt.calibration.estimation import Estimate, Prior, known_rows
 from posture_opt.calibration.least_squares import reduced, triangular
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.numerics import Array, Codes
@@ -41,30 +40,18 @@ def design_effect(residuals: Residuals, rest: Array, J: Array) -> float:
     return effect if effect > CHANCE else 1.0
 
 
-def clustered_covariance(residuals: Residuals, found: Estimate, directions: Array, prior: Prior | None) -> Array:
-    """Covariance (k, k) of an estimate whose residuals hang together within blocks: ``(AᵀA)⁻¹ Σ sᵢsᵢᵀ (AᵀA)⁻¹``.
-
-    ``sᵢ`` is the sum of ``Aᵀ r`` over block i, where ``A`` is the Jacobian in the fitted ``directions``. No direction
-    is taken as better known than by independent rows.
-
-    Source: Liang, Zeger (1986), equation 7; factor G / (G − 1) of G blocks.
-    """
-    used = residuals.take(np.flatnonzero(found.kept))
-    r, J = used.both(found.x)
-    measured = len(used.data) * used.block
-    known = known_rows(prior, found.weight, directions)
-    C = clustered(
-        used, r[:measured], reduced(J[:measured], directions), found.fit.R, found.variance, known, found.weight
-    )
-    return np.asarray(directions @ C @ directions.T)
-
-
-def clustered(
+def clustered_covariance(
     residuals: Residuals, r: Array, A: Array, R: Array, variance: float, known: Array, weight: float
 ) -> Array:  # fmt: skip
-    """The same (p, p) of a fit with residuals r (m,), Jacobian A (m, p) and its triangular factor R (p, p).
+    """Covariance (p, p) of an estimate whose residuals hang together within blocks: ``(AᵀA)⁻¹ Σ sᵢsᵢᵀ (AᵀA)⁻¹``.
 
-    ``known`` (n, p) are the rows of a prior, whose residuals are as large as their ``weight``.
+    ``sᵢ`` is the sum of ``Aᵀ r`` over block i. No direction is taken as better known than by independent rows.
+
+    Args:
+        r: (m,) residuals; A: (m, p) their Jacobian, R: (p, p) its triangular factor, prior included.
+        known: (n, p) rows of a prior, whose residuals are as large as their ``weight``.
+
+    Source: Liang, Zeger (1986), equation 7; factor G / (G − 1) of G blocks.
     """
     scale = np.linalg.norm(R, axis=0)
     scale = np.where(scale > 0, scale, 1.0)

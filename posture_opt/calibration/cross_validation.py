@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.error_statistics import Statistics
-from posture_opt.calibration.estimation import Estimate, estimate
+from posture_opt.calibration.fit import Fit, estimate
+from posture_opt.calibration.fit_setup import FitSetup
 from posture_opt.calibration.frames import check_other, fit_frames, frames_again
-from posture_opt.calibration.prior import Knowledge
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
@@ -32,7 +32,7 @@ class Predicted:
 
 
 def predict(
-    residuals: Residuals, folds: list[Codes], found: Estimate, known: Knowledge | None, tell: Callable[[], None]
+    residuals: Residuals, folds: list[Codes], found: Fit, known: FitSetup | None, tell: Callable[[], None]
 ) -> Predicted:
     """Every row by an arm that was fitted to the other folds: all that is known to be fitted, or free frames alone.
 
@@ -49,7 +49,7 @@ def predict(
         x = fit_frames(training)
         if known is not None:
             again = estimate(
-                training, x, known.directions, known.prior, robust=False, near=found.fit.x,
+                training, x, known.directions, known.prior, robust=False, near=found.minimum.x,
                 weight=float(np.sqrt(known.design * found.variance)), design=known.design,
             )  # fmt: skip
             x, restless = again.x, restless + (not again.at_rest)
@@ -61,7 +61,7 @@ def predict(
     return Predicted(errors, inside, restless)
 
 
-def _inside(rest: Residuals, errors: Array, taught: Array, x: Array, found: Estimate | None) -> Mask:
+def _inside(rest: Residuals, errors: Array, taught: Array, x: Array, found: Fit | None) -> Mask:
     """Whether errors (n, 3) lie in the 95 % regions that other rows' errors ``taught`` (m, d) lead one to expect.
 
     They hold the scatter of those, and what is not known of the parameters; Hotelling's distribution, as the scatter
@@ -69,7 +69,7 @@ def _inside(rest: Residuals, errors: Array, taught: Array, x: Array, found: Esti
     """
     e, d = errors[:, rest.axes], len(rest.axes)
     frames = sum(p.group != "geometry" for p in rest.parameters)
-    fitted = frames if found is None else len(found.fit.x)
+    fitted = frames if found is None else found.directions.shape[1]
     free = max(len(taught) - fitted / d, d + 1.0)
     C = np.broadcast_to(taught.T @ taught / free, (len(e), d, d))
     if found is not None:

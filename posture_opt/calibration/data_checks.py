@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from posture_opt.calibration.fit_setup import FitSetup
 from posture_opt.calibration.frames import fit_frames
 from posture_opt.calibration.parameters import candidates
-from posture_opt.calibration.prior import Knowledge
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.measurements.affine_fit import reach
@@ -45,7 +45,7 @@ def still_notes(robot: Robot, data: Measurements) -> tuple[str, ...]:
     return (f"in all rows stood still: {', '.join(still)}; what {which} could tell apart is open: move {which} too",)
 
 
-def check_amount(residuals: Residuals, known: Knowledge, groups: int) -> None:
+def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
     """Refuses data that cannot tell the parameters, or not their errors.
 
     Raises:
@@ -63,7 +63,7 @@ def check_amount(residuals: Residuals, known: Knowledge, groups: int) -> None:
         raise InsufficientDataError(f"{counted} cannot determine {unknowns}: {measure}")
 
 
-def check_geometry(residuals: Residuals, known: Knowledge) -> None:
+def check_geometry(residuals: Residuals, known: FitSetup) -> None:
     """Refuses data that tell of frames alone.
 
     Raises:

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.residuals import Residuals, gravity_of
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.row_inputs import inputs_of
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import Walk, factor_values, walk
+from posture_opt.model.chain import Walk
 from posture_opt.model.effects import Effect, Excitation
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 
 _VARIES = {"payload": 0.05, "temperature": 0.3}  # kg, K: less tells nothing
-_LEVEL = np.radians(10)  # a levelled instrument and a base that was set up with a level agree to better than this
 _SIDED = 0.5  # of the rows must know the side from which their joints arrived
 
 
@@ -37,24 +35,6 @@ def case_of(data: Measurements, robot: Robot) -> Excitation:
     return Excitation(robot, frozenset(known), span, float(np.ptp(np.asarray(site.inputs.time))))
 
 
-def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float, float]:
-    """Gravity [m/s²] in the world of the data, with the base off by ``frames`` from the file's.
-
-    Where the base is free, the world is the instrument's frame. If the arm stands upright in it but for some degrees,
-    the instrument was levelled and the tilt is the base's own; if not, the arm stands as the file says and the
-    instrument does not.
-    """
-    found = walk(robot.base, factor_values(robot.base, [], frames)).columns
-    stated = walk(robot.base, factor_values(robot.base, [])).columns
-    turn = np.array(found, dtype=float).T @ np.array(stated, dtype=float)
-    g = np.array(robot.gravity)
-    if not robot.base_free or float(np.linalg.norm(g)) == 0.0:
-        return robot.gravity
-    cosine = float(g @ turn @ g) / float(g @ g)
-    x, y, z = g if cosine > np.cos(_LEVEL) else turn @ g
-    return float(x), float(y), float(z)
-
-
 @dataclass(frozen=True, eq=False)
 class EffectSensitivities:
     """Columns of effects at the arm ``x`` (k,) of ``residuals``, laid out as the rows of its Jacobian."""
@@ -71,11 +51,7 @@ class EffectSensitivities:
     def site(self) -> ArmState:
         """The arm at all rows with its loads: the file's links, on the base and with the tool that were found."""
         data, robot = self.residuals.data, self.residuals.robot
-        frames = {
-            p.name: float(x)
-            for p, x in zip(self.residuals.parameters, self.x, strict=True)
-            if p.group in ("base", "tool") and p.code <= 0 and "[" not in p.name
-        }
+        frames = self.residuals.frames(self.x)
         upright = replace(robot, gravity=gravity_of(robot, frames))
         return ArmState(upright, list(data.q.T), self.residuals.arm.inputs, frames)
 
@@ -93,6 +69,13 @@ class EffectSensitivities:
         """(N·block, parameters) whitened residual per unit of each parameter of an effect."""
         twists = [self.residuals.arm.twist_of(self.walk, one) for one in effect.moves(self.site)]
         return self.residuals.whiten(twists).reshape(self.rows, -1)
+
+    def fitted_columns(self, effect: Effect, theta: Array) -> Array:
+        """(N·block, p) the columns of an effect of size ``theta``, and of its smooth shape where it has one."""
+        wide = self.residuals.with_effects([effect], self.x)
+        own = wide.parameters[len(self.x) :]
+        x = np.r_[self.x, theta, np.zeros(len(own) - len(theta))]
+        return wide.sensitivities([p.source for p in own], x).reshape(self.rows, -1)
 
     def of_joint(self, joint: int, features: Array) -> Array:
         """(N·block, k) of features (N, k) that add to one joint."""

@@ -64,11 +64,6 @@ class Chart:
         """Steps (k, r) of ``given`` from those of ``fitted``."""
         return np.asarray(self._rates(x) @ directions) if self.locked else directions
 
-    def told_covariance(self, x: Array, covariance: Array) -> Array:
-        """Covariance (k, k) of ``given`` at ``fitted``'s deviations ``x``."""
-        G = self._rates(x)
-        return np.asarray(G @ covariance @ G.T)
-
     def told_fixed(self, x: Array, fixed: Mask, covariance: Array) -> Mask:
         """Which of ``given``'s are determined (k,): an angle is, where all the turns are that it is made of.
 

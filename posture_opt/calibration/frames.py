@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.calibration.estimation import Estimate, estimate
+from posture_opt.calibration.fit import Fit, estimate
 from posture_opt.calibration.identifiability import identify
 from posture_opt.calibration.instrument import position_sigma, rotation_sigma
 from posture_opt.calibration.least_squares import noise
@@ -86,7 +86,7 @@ def fit_frames(residuals: Residuals) -> Array:
     return x0 if found is None else found.x
 
 
-def fit_groups(residuals: Residuals, x0: Array, groups: Collection[str]) -> Estimate | None:
+def fit_groups(residuals: Residuals, x0: Array, groups: Collection[str]) -> Fit | None:
     """The estimate of the parameters of some groups alone, or ``None`` where there are none."""
     directions = _directions(residuals, x0, groups)
     return None if directions is None else estimate(residuals, x0, directions)
@@ -128,7 +128,8 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     """
     data = residuals.data
     robot = replace(residuals.robot, base_free=True, tool_free=True)
-    wide = replace(residuals, parameters=candidates(robot, data, orientation=residuals.oriented))
+    effects = tuple(p for p in residuals.parameters if p.group == "effect")
+    wide = replace(residuals, parameters=(*candidates(robot, data, orientation=residuals.oriented), *effects))
     value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
     start_at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
     directions = _directions(wide, start_at, {"base", "tool"})

@@ -17,7 +17,7 @@ _STEP = 1e-14  # relative step at which floating point has nothing left to impro
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Minimum:
     """The minimum of ``½ |r(x)|²``.
 
     Args:
@@ -61,7 +61,9 @@ class Fit:
         return np.asarray(inverse), np.asarray(np.sum(Vt[~seen] ** 2, axis=0))
 
 
-def least_squares(function: Function, x0: Array, *, max_steps: int = MAX_STEPS, tolerance: float = _TOLERANCE) -> Fit:
+def least_squares(
+    function: Function, x0: Array, *, max_steps: int = MAX_STEPS, tolerance: float = _TOLERANCE
+) -> Minimum:
     """Levenberg-Marquardt on the QR factors of the Jacobian, never on ``JᵀJ``.
 
     Each step solves ``min |J s + r|² + λ |D s|²`` with ``D`` the largest column norms so far (Moré 1978) and the
@@ -78,16 +80,16 @@ def least_squares(function: Function, x0: Array, *, max_steps: int = MAX_STEPS, 
         D = np.maximum(D, np.linalg.norm(J, axis=0))
         D = np.where(D > 0, D, 1.0)
         if _at_rest(projected, r, tolerance):
-            return _fit(x, r, R, step, True)
+            return _minimum(x, r, R, step, True)
         lower = _lower(function, x, r, R, projected, D, damping, step == 0)
         if lower is None:
-            return _fit(x, r, R, step, True)
+            return _minimum(x, r, R, step, True)
         move, r_new, J_new, damping = lower
         expected = np.sum(projected**2) - np.sum((projected + R @ move) ** 2)
         ratio = min(float((r @ r - r_new @ r_new) / max(expected, 1e-300)), 1.0)
         damping = max(damping * max(1 / 3, 1 - float(2 * ratio - 1) ** 3), 1e-15)
         x, r, J = x + move, r_new, J_new
-    return _fit(x, r, triangular(J), max_steps, False)
+    return _minimum(x, r, triangular(J), max_steps, False)
 
 
 def _lower(
@@ -152,9 +154,9 @@ def _damped(R: Array, projected: Array, D: Array, damping: float) -> Array:
     return np.asarray(np.linalg.lstsq(stacked / np.tile(D, (len(stacked), 1)), target, rcond=None)[0] / D)
 
 
-def _fit(x: Array, r: Array, R: Array, steps: int, converged: bool) -> Fit:
+def _minimum(x: Array, r: Array, R: Array, steps: int, converged: bool) -> Minimum:
     freedom = max(len(r) - len(x), 1)
-    return Fit(x, r, R, float(r @ r) / freedom, steps, converged)
+    return Minimum(x, r, R, float(r @ r) / freedom, steps, converged)
 
 
 def outlying(residuals: Array, J: Array, block: int, known: Array | None = None) -> tuple[Mask, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -14,6 +14,10 @@ from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.sources import Sources
+from posture_opt.units import DIMENSIONS
+
+if TYPE_CHECKING:
+    from posture_opt.model.effects import Effect
 
 PARALLEL = math.radians(10.0)  # below, `d` and `a` can no longer follow a tilt of the next axis (Hayati 1983)
 _AXES = ("x", "y", "z")
@@ -86,6 +90,16 @@ def candidates(robot: Robot, data: Measurements, *, orientation: bool = False) -
             continue
         found.append(_of_factor(robot, name, group, index))
     return (*found, *_points(data))
+
+
+def effect_parameters(effect: Effect) -> list[Parameter]:
+    """The unknowns of an effect: its linear parameters, and its shape where it depends on that smoothly."""
+    rows = zip(effect.parameter_names, effect.dimensions, strict=True)
+    found = [Parameter(n, "effect", "1" if d == "ratio" else DIMENSIONS[d][0], 0.0, n) for n, (_, d) in rows]
+    if effect.smooth_shape:
+        name = f"{effect.name}.{effect.smooth_shape}"
+        found.append(Parameter(name, "effect", "1", 0.0, name))
+    return found
 
 
 def _of_factor(robot: Robot, name: str, group: str, index: int, code: int = -1) -> Parameter:

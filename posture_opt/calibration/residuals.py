@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.calibration.parameters import Parameter, tool_unknown
+from posture_opt.calibration.parameters import Parameter, effect_parameters, tool_unknown
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.row_inputs import arm_for
-from posture_opt.model.arm import Arm, Twist
-from posture_opt.model.chain import Walk
+from posture_opt.model.arm import Arm, Twist, reshaped, shape_deviation
+from posture_opt.model.chain import Walk, factor_values, walk
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
+if TYPE_CHECKING:
+    from posture_opt.model.effects import Effect
+
+_LEVEL = np.radians(10)  # a levelled instrument and a base that was set up with a level agree to better than this
 Distance = tuple[int, int, float, float]
 """Codes of two points, their distance [m] and its standard deviation [m]."""
 
@@ -100,6 +104,59 @@ class Residuals:
     def of_robot(self, robot: Robot, parameters: tuple[Parameter, ...]) -> Residuals:
         """The same measurements against a robot that stands or is drawn otherwise."""
         return replace(self, arm=replace(self.arm, robot=robot), parameters=parameters)
+
+    def with_effects(self, effects: Sequence[Effect], x: Array) -> Residuals:
+        """The same residuals with the parameters of effects, and their smooth shapes, as further unknowns.
+
+        The effects are none at deviations of zero; one that the arm has already deviates from its estimate. Weights
+        pull along gravity as the arm stands at ``x`` (k,).
+        """
+        known = {effect.name for effect in self.arm.effects}
+        new = [e.with_estimate([0.0] * len(e.dimensions)) for e in effects if e.name not in known]
+        robot = replace(self.robot, gravity=gravity_of(self.robot, self.frames(x)))
+        parameters = [p for effect in effects for p in effect_parameters(effect)]
+        arm = replace(self.arm, robot=robot, effects=(*self.arm.effects, *new))
+        return replace(self, arm=arm, parameters=(*self.parameters, *parameters))
+
+    def with_parameters(self, parameters: Sequence[Parameter]) -> Residuals:
+        """The same residuals by some of the parameters; effects that would do nothing any more are gone."""
+        sources = {p.source for p in parameters}
+        effects = [
+            e for e, used in ((e, sources & set(e.parameter_names)) for e in self.arm.effects) if used or any(e.values)
+        ]
+        return replace(self, arm=replace(self.arm, effects=tuple(effects)), parameters=tuple(parameters))
+
+    def shape_offsets(self, effects: Sequence[Effect]) -> Array:
+        """(e,) where the fit of effects starts: at their shapes, with nothing of them."""
+        places = self.arm.shape_parameters
+        found: list[float] = []
+        for effect in effects:
+            found += [0.0] * len(effect.dimensions)
+            if effect.smooth_shape:
+                own = self.arm.effects[places[f"{effect.name}.{effect.smooth_shape}"]]
+                found.append(shape_deviation(own, effect))
+        return np.array(found)
+
+    def fitted_effects(self, effects: Sequence[Effect], x: Array) -> tuple[Effect, ...]:
+        """The effects with the estimates and shapes that the last of the deviations ``x`` (k,) say."""
+        at = {p.name: float(v) for p, v in zip(self.parameters, x, strict=True)}
+        places, fitted = self.arm.shape_parameters, list[Any]()
+        names = [effect.parameter_names for effect in effects]
+        for effect in effects:
+            shape = f"{effect.name}.{effect.smooth_shape}"
+            if shape in places:
+                own = reshaped(self.arm.effects[places[shape]], at[shape])
+                effect = effect.with_shape(float(getattr(own, own.smooth_shape)))
+            fitted.append(effect.with_estimate([at[name] for name in names[len(fitted)]]))
+        return tuple(fitted)
+
+    def frames(self, x: Array) -> dict[str, float]:
+        """Deviations of base and tool; of several targets, none of the tool."""
+        return {
+            p.name: float(v)
+            for p, v in zip(self.parameters, x, strict=False)
+            if p.group in ("base", "tool") and p.code < 0
+        }
 
     def take(self, rows: Codes) -> Residuals:
         """The residuals of some rows."""
@@ -213,6 +270,24 @@ class Residuals:
                 if parameter.group == "point" and parameter.code in (a, b):
                     J[row, k] = (1 if parameter.code == a else -1) * between[parameter.axis] / reached / sigma
         return r, J
+
+
+def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float, float]:
+    """Gravity [m/s²] in the world of the data, with the base off by ``frames`` from the file's.
+
+    Where the base is free, the world is the instrument's frame. If the arm stands upright in it but for some degrees,
+    the instrument was levelled and the tilt is the base's own; if not, the arm stands as the file says and the
+    instrument does not.
+    """
+    found = walk(robot.base, factor_values(robot.base, [], frames)).columns
+    stated = walk(robot.base, factor_values(robot.base, [])).columns
+    turn = np.array(found, dtype=float).T @ np.array(stated, dtype=float)
+    g = np.array(robot.gravity)
+    if not robot.base_free or float(np.linalg.norm(g)) == 0.0:
+        return robot.gravity
+    cosine = float(g @ turn @ g) / float(g @ g)
+    x, y, z = g if cosine > np.cos(_LEVEL) else turn @ g
+    return float(x), float(y), float(z)
 
 
 def _stacked(vector: Sequence[Any], n: int) -> Array:

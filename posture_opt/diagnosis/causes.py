@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -9,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import case_of
+from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.residuals import Residuals
-from posture_opt.diagnosis.extended_fit import Extended
 from posture_opt.diagnosis.geometry_causes import GeometryCause
 from posture_opt.diagnosis.held_out import Folds, HeldOut, held_out
 from posture_opt.diagnosis.linear_model import LinearModel
@@ -77,7 +78,7 @@ class Finding:
 
 
 def effect_findings(
-    found: SearchResult, model: Extended, whole: HeldOut, parts: Folds, groups: Codes, tell: Progress
+    found: SearchResult, model: Fit, whole: HeldOut, parts: Folds, groups: Codes, tell: Progress
 ) -> list[Finding]:
     """The named effects of a search with their fitted sizes, and what the cross-validation loses without each."""
     named = [i for i, s in enumerate(found.chosen) if s.named]
@@ -86,7 +87,7 @@ def effect_findings(
     for place, i in enumerate(named):
         gain = Gain.of(whole.errors, held_out(model, parts, place, about=about).errors, groups)
         rivals = tuple(r.what for r in found.rivals[i])
-        fitted = _effect(model, place)
+        fitted = model.effects[place]
         findings.append(
             Finding(fitted, _estimate(model, place), found.p_values[i], gain.value, rivals, (gain.low, gain.high))
         )
@@ -94,19 +95,14 @@ def effect_findings(
     return findings
 
 
-def _effect(model: Extended, place: int) -> Effect:
-    effect = model.suspects[place].what
-    assert isinstance(effect, Effect)
-    return effect.with_estimate(model.theta[model.slices[place]].tolist())
-
-
-def _estimate(model: Extended, place: int) -> dict[str, tuple[float, float, str]]:
+def _estimate(model: Fit, place: int) -> dict[str, tuple[float, float, str]]:
     """Parameter, or shape, -> (value, standard error, SI unit)."""
-    effect, part = _effect(model, place), model.slices[place]
-    rows = zip(effect.dimensions, model.theta[part], model.std[part], strict=True)
+    effect, part = model.effects[place], model.slices[place]
+    rows = zip(effect.dimensions, model.x[part], model.std[part], strict=True)
     estimate = {name: (float(v), float(s), _unit(dimension)) for (name, dimension), v, s in rows}
     for name in effect.shape:
-        value, error = float(getattr(effect, name)), model.shape_std.get(place, float("nan"))
+        value = float(getattr(effect, name))
+        error = float(model.std[model.shapes[place]]) if place in model.shapes else math.nan
         estimate[name] = (value, value * error if effect.relative_shape else error, "")
     return estimate
 

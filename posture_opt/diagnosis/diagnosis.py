@@ -12,6 +12,7 @@ import numpy as np
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
+from posture_opt.calibration.fit import Fit, fit_with_effects
 from posture_opt.calibration.fit_request import FitRequest
 from posture_opt.calibration.fitted_arm import FittableProblem, FittedArm
 from posture_opt.calibration.progress import Stages
@@ -20,7 +21,6 @@ from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.causes import Finding, effect_findings, geometry_finding, noise_finding, unknowable
 from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_discrimination
 from posture_opt.diagnosis.extended_arm import extended_arm
-from posture_opt.diagnosis.extended_fit import Extended, fit_calibrated, fit_extended
 from posture_opt.diagnosis.geometry_causes import geometry_causes
 from posture_opt.diagnosis.held_out import HeldOut, held_out
 from posture_opt.diagnosis.lack_of_fit import Adequacy, assess_adequacy
@@ -66,8 +66,8 @@ class Diagnosis(Result):
     calibration: Calibration
     errors: Mapping[str, Statistics]
     held: Mapping[str, HeldOut]
-    model: Extended
-    persistent: Extended
+    model: Fit
+    persistent: Fit
     search: SearchResult
     unexplained: tuple[UnnamedComponent, ...]
     adequacy: Adequacy
@@ -215,8 +215,8 @@ def diagnose(
     residuals = linearised.sensitivities.residuals
     names = prefer_named(linearised, found) if not all(s.named for s in found.chosen) else found
     unnamed = tuple(s.what for s in remaining_unnamed(linearised, found, names) if isinstance(s.what, UnnamedComponent))
-    named = [s for s in names.chosen if isinstance(s.what, Effect)]
-    model = fit_calibrated(residuals, calibration, named)
+    named = [s.what for s in names.chosen if isinstance(s.what, Effect)]
+    model = calibration.fit_effects(residuals, named)
     everything = linearised.baseline(found.chosen)
     left = assess_adequacy(everything, residuals.data, tool_points(linearised), residuals.block)
     closed = 0.0 if unnamed else left.p_value
@@ -228,9 +228,9 @@ def diagnose(
     groups_by: By = by or calibration.by
     groups = groups_of(residuals.data, groups_by, folds)
     parts = folds_of(groups, folds, groups_by)
-    base = fit_calibrated(residuals, calibration, [])
+    base = calibration.fit_effects(residuals, [])
     tell = stages.next()
-    stands = fit_extended(residuals, calibration.x_nominal, known, [])
+    stands = fit_with_effects(residuals, calibration.x_nominal, known, [])
     models = {"nominal": stands, "calibrated": base, "extended": model}
     shapes = {"extended": noise_shape(model, noise)}
     held = {name: held_out(fitted, parts, shape=shapes.get(name)) for name, fitted in models.items()}
@@ -252,9 +252,10 @@ def diagnose(
     )  # fmt: skip
 
 
-def _of_data(model: Extended, calibration: Calibration) -> Extended:
+def _of_data(model: Fit, calibration: Calibration) -> Fit:
     """The model as the data alone tell it: by them geometry is judged a cause, whatever is stated of it."""
-    if not len(model.known):
+    if model.prior is None:
         return model
     directions = calibration.identifiability.directions
-    return fit_extended(model.residuals, calibration.x, directions, model.suspects)
+    residuals = model.residuals.with_parameters(calibration.parameters)
+    return fit_with_effects(residuals, calibration.x, directions, model.effects)

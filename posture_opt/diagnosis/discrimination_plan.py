@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.discrimination_design import DiscriminationDesign, detection_probability
-from posture_opt.diagnosis.extended_fit import Extended
 from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.model_discrimination import ModelDiscrimination, Rivals
 from posture_opt.errors import InputError
@@ -94,7 +94,7 @@ class DiscriminationPlan:
 
 
 def plan_discrimination(
-    problem: CalibrationProblem, linearised: LinearisedData, model: Extended, rivals: Rivals, seed: int = 0
+    problem: CalibrationProblem, linearised: LinearisedData, model: Fit, rivals: Rivals, seed: int = 0
 ) -> DiscriminationPlan | None:
     """Postures that discriminate the effects of a model from their rivals; None where there are none.
 
@@ -136,7 +136,7 @@ def _discriminated(
     """By the place of each effect, how well it is discriminated from each of its rivals."""
     found: dict[int, tuple[DiscriminatedPair, ...]] = {}
     for k, rival in enumerate(discrimination.all):
-        b = discrimination.pairs.index((rival.place, rival.place, len(discrimination.model.suspects) + k))
+        b = discrimination.pairs.index((rival.place, rival.place, len(discrimination.model.effects) + k))
         then = float(steps[-1][1][b]) if steps else 0.0
         count = _count(steps, np.arange(len(possible)) == b, possible)
         least = float(now[2 * b : 2 * b + 2].min())

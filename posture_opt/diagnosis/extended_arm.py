@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.effect_sensitivities import gravity_of
 from posture_opt.calibration.error_statistics import Statistics
+from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.fitted_arm import FittedArm, persistent_sources, places_in_robot, semidefinite
 from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.calibration.residuals import gravity_of
 from posture_opt.diagnosis.causes import Finding
-from posture_opt.diagnosis.extended_fit import Extended
 from posture_opt.diagnosis.persistent_effects import covariance_at_shapes
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.sources import Sources
@@ -22,7 +22,7 @@ from posture_opt.validation.residual_scatter import residual_scatter
 
 
 def extended_arm(
-    problem: CalibrationProblem, calibration: Calibration, model: Extended, persistent: Extended,
+    problem: CalibrationProblem, calibration: Calibration, model: Fit, persistent: Fit,
     findings: Sequence[Finding], errors: Array, statistics: Mapping[str, Statistics],
 ) -> FittedArm:  # fmt: skip
     """The arm with its fitted geometry and effects, and what is uncertain of both together.
@@ -46,47 +46,46 @@ def extended_arm(
         deviations=deviations,
         known=_sources(problem, fitted, persistent),
         scatter=scatter.beside,
-        effects=persistent.effects(),
+        effects=persistent.effects,
         noises=tuple(noises),
         gravity=None if gravity == problem.robot.gravity else gravity,
         header=_header(calibration, model, persistent, findings, statistics, scatter.note),
     )
 
 
-def _calibration(calibration: Calibration, model: Extended, held_out: Array) -> Calibration:
+def _calibration(calibration: Calibration, model: Fit, held_out: Array) -> Calibration:
     """The calibration with the geometry of the extended arm, and the errors that it leaves."""
-    g = model.directions.shape[1]
-    covariance = model.directions @ model.covariance[:g, :g] @ model.directions.T
     errors = calibration.errors.copy()
-    kept = np.setdiff1d(np.arange(len(errors)), calibration.outliers)
-    errors[kept] = held_out
+    errors[calibration.kept_rows] = held_out
     # Sums over blocks hold what each row makes of the estimate, and no model of single rows may stand in for them.
     design = max(calibration.design, model.design)
-    return replace(calibration, x=model.x, covariance=covariance, errors=errors, variance=model.variance, design=design)
+    former = calibration.fit
+    fit = replace(model.keeping([]), residuals=former.residuals, kept=former.kept, design=design)
+    return replace(calibration, fit=fit, errors=errors)
 
 
-def _sources(problem: CalibrationProblem, calibration: Calibration, model: Extended) -> Sources:
+def _sources(problem: CalibrationProblem, calibration: Calibration, model: Fit) -> Sources:
     """What is uncertain of geometry and effects, correlated as they were estimated."""
     places = places_in_robot(calibration.parameters)
     own = list(places.values())
-    names = tuple(name for effect in model.effects() for name in effect.parameter_names)
+    names = tuple(name for effect in model.effects for name in effect.parameter_names)
     geometry = persistent_sources(
         problem.robot, problem.sources, list(places), calibration.covariance[np.ix_(own, own)]
     ).without(names)
     together = covariance_at_shapes(model)
-    g, k, e = model.directions.shape[1], len(geometry.names), len(names)
-    cross = model.directions @ together[:g, g : g + e]
+    k, e = len(geometry.names), len(names)
+    cross = together[:, model.sizes]
     covariance = np.zeros((k + e, k + e))
     covariance[:k, :k] = geometry.covariance
     for row, name in enumerate(geometry.names):
         if name in places:
             covariance[row, k:] = covariance[k:, row] = cross[places[name]]
-    covariance[k:, k:] = together[g : g + e, g : g + e]
+    covariance[k:, k:] = together[np.ix_(model.sizes, model.sizes)]
     return Sources((*geometry.names, *names), semidefinite(covariance)) if k + e else Sources()
 
 
 def _header(
-    calibration: Calibration, model: Extended, persistent: Extended, findings: Sequence[Finding],
+    calibration: Calibration, model: Fit, persistent: Fit, findings: Sequence[Finding],
     statistics: Mapping[str, Statistics], scatter: str,
 ) -> tuple[str, ...]:  # fmt: skip
     """What the file says of itself in its first lines."""
@@ -94,8 +93,8 @@ def _header(
     before, middle, after = (f"{statistics[n].rms * 1e3:.3g} mm" for n in ("nominal", "calibrated", "extended"))
     named = [f for f in findings if f.effect is not None or (f.noise is not None and f.noise.of_arm)]
     named_text = ", ".join(f"{f.kind} of {f.target}" for f in named) or "no effect"
-    stays = {effect.name for effect in persistent.effects()}
-    left = [effect for effect in model.effects() if effect.name not in stays]
+    stays = {effect.name for effect in persistent.effects}
+    left = [effect for effect in model.effects if effect.name not in stays]
     read = [f.noise.name for f in findings if f.noise is not None and not f.noise.of_arm]
     lines = [
         f"Extended by what {Path(data.file).name or 'a table'} ({len(data)} rows) says of the arm: {named_text}.",

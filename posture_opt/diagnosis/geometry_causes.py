@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posture_opt.calibration.fit import Fit, fit_with_effects
 from posture_opt.calibration.parameters import Parameter
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.extended_fit import Extended, fit_extended
-from posture_opt.model.effects import Cause, FittedSizes, Size
+from posture_opt.model.effects import Cause, Effect, FittedSizes, Size
 from posture_opt.numerics import Array
 from posture_opt.units import plus_minus
 
@@ -94,7 +93,7 @@ class GeometryCause:
 
 
 def geometry_causes(
-    residuals: Residuals, x_frames: Array, free: Array, full: Extended, candidates: Sequence[Candidate]
+    residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect]
 ) -> list[GeometryCause]:
     """The geometric causes beside the effects: up to three parameters by name, or all of them together.
 
@@ -102,30 +101,30 @@ def geometry_causes(
         x_frames: (k,) parameters with only the free frames fitted [SI].
         free: (k, f) directions of the free frames and touched points.
         full: the model with all geometry fitted.
-        candidates: the effects of the model.
+        effects: those of the model.
     """
-    nominal = fit_extended(residuals, x_frames, free, candidates)
+    nominal = fit_with_effects(residuals, x_frames, free, effects)
     p = _f_test(nominal, full)
     if p > levels.GEOMETRY:
         return []
-    few = _few_parameters(residuals, x_frames, free, full, candidates)
+    few = _few_parameters(residuals, x_frames, free, full, effects)
     if few is not None:
         return few
     return [GeometryCause(GeometricDeviation.of_all(), {}, p)]
 
 
-def _rss(model: Extended) -> float:
-    r = model.whitened()
+def _rss(model: Fit) -> float:
+    r = model.whitened
     return float(r @ r)
 
 
-def _f_test(small: Extended, large: Extended) -> float:
+def _f_test(small: Fit, large: Fit) -> float:
     """p-value of the F test of the parameters that only the large model has."""
     from scipy.special import fdtrc
 
-    more = large.directions.shape[1] - small.directions.shape[1]
+    more = len(large.geometry) - len(small.geometry)
     m = len(large.residuals.data) * large.residuals.block
-    left = m - large.directions.shape[1] - len(large.theta)
+    left = m - large.count
     if more <= 0 or left <= 0:
         return 1.0
     gain = max(_rss(small) - _rss(large), 0.0)
@@ -133,20 +132,20 @@ def _f_test(small: Extended, large: Extended) -> float:
 
 
 def _few_parameters(
-    residuals: Residuals, x_frames: Array, free: Array, full: Extended, candidates: Sequence[Candidate]
+    residuals: Residuals, x_frames: Array, free: Array, full: Fit, effects: Sequence[Effect]
 ) -> list[GeometryCause] | None:
     """The fewest parameters beside which the others add nothing significant; None where that takes more than three."""
     chosen: list[int] = []
-    model = fit_extended(residuals, x_frames, free, candidates)
+    model = fit_with_effects(residuals, x_frames, free, effects)
     frames = {i for i in range(len(x_frames)) if np.any(free[i])}
     while len(chosen) < levels.FEW_PARAMETERS:
         gains = _gains_alone(model, [i for i in range(len(x_frames)) if i not in chosen and i not in frames])
         if not gains:
             return None
         chosen.append(max(gains, key=lambda i: gains[i]))
-        model = fit_extended(residuals, x_frames, _with_parameters(free, chosen, len(x_frames)), candidates)
+        model = fit_with_effects(residuals, x_frames, _with_parameters(free, chosen, len(x_frames)), effects)
         if _f_test(model, full) > levels.GEOMETRY:
-            return _causes(residuals, x_frames, free, model, chosen, candidates)
+            return _causes(residuals, x_frames, free, model, chosen, effects)
     return None
 
 
@@ -156,18 +155,19 @@ def _with_parameters(free: Array, chosen: Sequence[int], k: int) -> Array:
     return np.concatenate([free, single], axis=1)
 
 
-def _gains_alone(model: Extended, candidates: Sequence[int]) -> dict[int, float]:
+def _gains_alone(model: Fit, candidates: Sequence[int]) -> dict[int, float]:
     """Drop of the sum of squares by each parameter alone, to first order about a model."""
     residuals = model.residuals
     rows = len(residuals.data) * residuals.block
-    r = model.whitened()
-    J = residuals.both(model.x)[1][:rows]
-    A = np.concatenate([J @ model.directions, model.columns], axis=1)
+    r = model.whitened
+    J = model.jacobian
+    A = np.concatenate([J @ model.directions[:, model.geometry], J[:, model.sizes]], axis=1)
     norms = np.linalg.norm(A, axis=0)
     Q = np.linalg.qr(A / np.where(norms > 0, norms, 1.0))[0] if A.shape[1] else np.zeros((rows, 0))
+    J = J[:, : len(J.T) - len(model.sizes) - len(model.shapes)]
     lengths = np.linalg.norm(J, axis=0)
-    most = {p.unit: max(n for o, n in zip(residuals.parameters, lengths, strict=True) if o.unit == p.unit)
-            for p in residuals.parameters}  # fmt: skip
+    most = {p.unit: max(n for o, n in zip(residuals.parameters, lengths, strict=False) if o.unit == p.unit)
+            for p in residuals.parameters[: len(lengths)]}  # fmt: skip
     gains = {}
     for i in candidates:
         column = J[:, i]
@@ -181,15 +181,14 @@ def _gains_alone(model: Extended, candidates: Sequence[int]) -> dict[int, float]
 
 
 def _causes(
-    residuals: Residuals, x_frames: Array, free: Array, model: Extended, chosen: list[int],
-    candidates: Sequence[Candidate],
+    residuals: Residuals, x_frames: Array, free: Array, model: Fit, chosen: list[int],
+    effects: Sequence[Effect],
 ) -> list[GeometryCause]:  # fmt: skip
     causes = []
     rss, m = _rss(model), len(residuals.data) * residuals.block
-    f = free.shape[1]
-    for place, i in enumerate(chosen):
+    for i in chosen:
         rest = [j for j in chosen if j != i]
-        without = fit_extended(residuals, x_frames, _with_parameters(free, rest, len(x_frames)), candidates)
+        without = fit_with_effects(residuals, x_frames, _with_parameters(free, rest, len(x_frames)), effects)
         others = _gains_alone(without, [j for j in range(len(x_frames)) if j not in chosen and not np.any(free[j])])
         limit = rss * np.exp(levels.RIVAL_CRITERION / m)
         rivals = [
@@ -200,7 +199,7 @@ def _causes(
         parameter = residuals.parameters[i]
         own = GeometricDeviation.of(parameter)
         deviation = float(model.x[i] - x_frames[i]) + float(x_frames[i])
-        std = float(np.sqrt(max(model.covariance[f + place, f + place], 0.0))) * _UNIT
+        std = float(model.std[i])
         estimate = {parameter.name.rpartition(".")[2]: (deviation, std, parameter.unit)}
         others_alike = tuple(dict.fromkeys(r for r in rivals if r != own))
         causes.append(GeometryCause(own, estimate, _f_test(without, model), others_alike))

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.cross_validation import in_regions
+from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.residuals import Residuals
-from posture_opt.diagnosis.extended_fit import Extended
 from posture_opt.diagnosis.linear_model import LinearModel
 from posture_opt.numerics import Array, Codes, Mask
 
@@ -42,7 +42,7 @@ class HeldOut:
 
 
 def held_out(
-    model: Extended, folds: Folds, without: int | None = None, shape: Array | None = None,
+    model: Fit, folds: Folds, without: int | None = None, shape: Array | None = None,
     about: LinearModel | None = None,
 ) -> HeldOut:  # fmt: skip
     """Errors of a model refitted to the other rows of each fold, to first order about its estimate.

@@ -10,13 +10,14 @@ from itertools import combinations
 import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
+from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.discrimination_design import DiscriminationDesign, OrderedPair
-from posture_opt.diagnosis.extended_fit import Extended, shape_column
 from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.score_tests import orthonormal
+from posture_opt.diagnosis.unnamed_components import UnnamedComponent
 from posture_opt.experiments.expected_errors import PriorInformation
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
@@ -43,6 +44,12 @@ class RivalExplanation:
     theta: Array
     angle: float
 
+    @property
+    def effect(self) -> Effect:
+        """The rival as an effect."""
+        assert isinstance(self.rival.what, Effect)
+        return self.rival.what
+
 
 @dataclass(frozen=True, eq=False)
 class ModelDiscrimination:
@@ -53,30 +60,30 @@ class ModelDiscrimination:
     """
 
     linearised: LinearisedData
-    model: Extended
+    model: Fit
     all: tuple[RivalExplanation, ...]
 
     @classmethod
-    def of(cls, linearised: LinearisedData, model: Extended, rivals: Rivals) -> ModelDiscrimination:
+    def of(cls, linearised: LinearisedData, model: Fit, rivals: Rivals) -> ModelDiscrimination:
         """The rivals that a choice of postures could discriminate."""
         explanations = []
         for place, others in list(rivals.items())[: levels.DISCRIMINATED_EFFECTS]:
-            if by_posture(model.suspects[place]):
-                able = [s for s in others if by_posture(s)][: levels.DISCRIMINATED_RIVALS]
+            if by_posture(model.effects[place]):
+                able = [s for s in others if by_posture(s.what)][: levels.DISCRIMINATED_RIVALS]
                 explanations += [_explanation(linearised, model, place, s) for s in able]
         return cls(linearised, model, tuple(explanations))
 
     @cached_property
-    def members(self) -> list[tuple[Candidate, Array]]:
+    def members(self) -> list[tuple[Effect, Array]]:
         """The effects of the model, then the rivals, each with its size."""
-        own = [(s, self.model.theta[part]) for s, part in zip(self.model.suspects, self.model.slices, strict=True)]
-        return [*own, *((d.rival, d.theta) for d in self.all)]
+        own = [(e, self.model.x[part]) for e, part in zip(self.model.effects, self.model.slices, strict=True)]
+        return [*own, *((d.effect, d.theta) for d in self.all)]
 
     @cached_property
     def joints(self) -> tuple[int, ...]:
         """The joints of the effects and their rivals."""
         names = self.linearised.sensitivities.residuals.robot.joint_names
-        candidates = [s for d in self.all for s in (self.model.suspects[d.place], d.rival)]
+        candidates = [s for d in self.all for s in (self.model.effects[d.place], d.effect)]
         parts = {part.split(".")[0] for s in candidates for part in s.target.split("->")}
         return tuple(j for j, name in enumerate(names) if name in parts)
 
@@ -84,7 +91,7 @@ class ModelDiscrimination:
     def sided(self) -> tuple[int, ...]:
         """The joints whose side of approach matters, where the data state it."""
         names = self.linearised.sensitivities.residuals.robot.joint_names
-        asked = {s.target for s, _ in self.members if isinstance(s.what, Effect) and "approach" in s.what.needs}
+        asked = {e.target for e, _ in self.members if "approach" in e.needs}
         known = "approach" in self.linearised.excitation.inputs
         return tuple(j for j, name in enumerate(names) if known and name in asked)
 
@@ -92,18 +99,16 @@ class ModelDiscrimination:
         """(m, K) whitened columns of all parameters at some rows, and the indices of those of each member."""
         parts, places = [sensitivities.residuals.both(sensitivities.x)[1][: sensitivities.rows]], []
         at = parts[0].shape[1]
-        for candidate, theta in self.members:
-            assert isinstance(candidate.what, Effect)
-            Z = sensitivities.columns(candidate.what)
-            parts += [Z, shape_column(sensitivities, candidate, theta)]
-            places.append(np.arange(at, at + Z.shape[1] + parts[-1].shape[1]))
+        for effect, theta in self.members:
+            parts.append(sensitivities.fitted_columns(effect, theta))
+            places.append(np.arange(at, at + parts[-1].shape[1]))
             at += len(places[-1])
         return np.concatenate(parts, axis=1), places
 
     @cached_property
     def pairs(self) -> list[tuple[int, int, int]]:
         """(place of an effect, member, member): any two of an effect and its rivals, as each of them could be true."""
-        n = len(self.model.suspects)
+        n = len(self.model.effects)
         sides = {d.place: [d.place] for d in self.all}
         for k, d in enumerate(self.all):
             sides[d.place].append(n + k)
@@ -129,22 +134,23 @@ class ModelDiscrimination:
 
     def _pair(self, place: int, true: int, false: int, k: int, places: list[Codes]) -> OrderedPair:
         """One member taken for true and another fitted in its place, beside k parameters and the other effects."""
-        others = [places[i] for i in range(len(self.model.suspects)) if i != place]
+        others = [places[i] for i in range(len(self.model.effects)) if i != place]
         theta = self.members[true][1]
         signature = np.zeros(k + sum(map(len, places)))
         signature[places[true][: len(theta)]] = theta
         return OrderedPair(signature, np.concatenate([np.arange(k), *others, places[false]]))
 
 
-def by_posture(candidate: Candidate) -> bool:
+def by_posture(effect: Effect | UnnamedComponent) -> bool:
     """Whether postures, payloads and sides of approach vary what the effect depends on."""
-    return isinstance(candidate.what, Effect) and not candidate.what.asks & _ELSEWHERE
+    return isinstance(effect, Effect) and not effect.asks & _ELSEWHERE
 
 
-def _explanation(linearised: LinearisedData, model: Extended, place: int, rival: Candidate) -> RivalExplanation:
-    others = [s for i, s in enumerate(model.suspects) if i != place]
+def _explanation(linearised: LinearisedData, model: Fit, place: int, rival: Candidate) -> RivalExplanation:
+    members = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
+    others = [s for i, s in enumerate(members) if i != place]
     baseline = linearised.baseline(others, flips=0)
-    one, other = (orthonormal(baseline.project(s.Z)) for s in (model.suspects[place], rival))
+    one, other = (orthonormal(baseline.project(s.Z)) for s in (members[place], rival))
     cosine = float(np.linalg.norm(one.T @ other, 2))
     theta = np.asarray(np.linalg.lstsq(baseline.project(rival.Z), -baseline.e, rcond=1e-9)[0], dtype=float)
     return RivalExplanation(place, rival, theta, float(np.arccos(min(cosine, 1.0))))

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.effect_sensitivities import EffectSensitivities
+from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.instrument import position_sigma, relative
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.extended_fit import Extended
 from posture_opt.diagnosis.noise_candidates import (
     GROSS,
     NoiseCandidate,
@@ -43,7 +42,7 @@ class NoiseCause:
 def noise_causes(
     problem: CalibrationProblem,
     calibration: Calibration,
-    model: Extended,
+    model: Fit,
     baseline: ProjectedBaseline,
     closed: float,
     seed: int,
@@ -57,9 +56,9 @@ def noise_causes(
     block = residuals.block
     Q = baseline.Q.reshape(-1, block, baseline.Q.shape[1])
     e = standardised(baseline.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
-    columns = EffectSensitivities(residuals, model.x).joints
+    columns = _joints(model)
     e, columns, whole = in_stated_units(problem, residuals, e, columns)
-    level = levels.NOISE_BESIDE_A_CAUSE if model.suspects else levels.NOISE
+    level = levels.NOISE_BESIDE_A_CAUSE if model.effects else levels.NOISE
     rows = Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma, repeat_of_row(residuals.data))
     found = find_uneven_noise(e, rows, seed, level)
     found += [] if closed < levels.LACK_OF_FIT else _outliers(calibration, model, bool(found))
@@ -74,14 +73,19 @@ def noise_causes(
     return found
 
 
-def noise_shape(model: Extended, causes: Sequence[NoiseCause]) -> Array | None:
+def noise_shape(model: Fit, causes: Sequence[NoiseCause]) -> Array | None:
     """(N, axes, axes) covariance of positions that named noise gives the rows, up to a factor; ``None`` if one."""
     residuals = model.residuals
-    columns = EffectSensitivities(residuals, model.x).joints[:, :, : len(residuals.axes)]
+    columns = _joints(model)[:, :, : len(residuals.axes)]
     rows = Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma)
     shapes = [shape for cause in causes if (shape := cause.effect.shape(rows)) is not None]
     one = np.eye(columns.shape[2])
     return np.asarray(one + sum(shape - one for shape in shapes)) if shapes else None
+
+
+def _joints(model: Fit) -> Array:
+    """(n, N, block) whitened residual per unit of each joint."""
+    return np.moveaxis(model.residuals.sensitivities(model.residuals.robot.driven, model.x), -1, 0)
 
 
 def _ranges(residuals: Residuals) -> Array | None:
@@ -145,16 +149,13 @@ def in_stated_units(
     return *whitened(e, columns, S, repeat_of_row(residuals.data), instrument), True
 
 
-def _outliers(calibration: Calibration, model: Extended, other: bool) -> list[NoiseCause]:
+def _outliers(calibration: Calibration, model: Fit, other: bool) -> list[NoiseCause]:
     """Gross errors among all rows, where a few of them explain the tails better than a long-tailed law."""
     if not calibration.outliers or other:
         return []
     residuals = calibration.residuals
-    rows = len(residuals.data) * residuals.block
-    sensitivities = EffectSensitivities(residuals, model.x)
-    Z = [sensitivities.columns(s.what) for s in model.suspects]  # type: ignore[arg-type]
-    columns = np.concatenate([np.zeros((rows, 0)), *Z], axis=1)
-    e = (residuals.whitened(model.x)[:rows] + columns @ model.theta).reshape(-1, residuals.block)
+    everyone = model.residuals.of_data(residuals.data, residuals.distances)
+    e = everyone.whitened(model.x)[: everyone.measured].reshape(-1, residuals.block)
     law = fit_tails(e)
     if law.shape != GROSS:
         return []

@@ -9,15 +9,12 @@ from typing import Any
 import numpy as np
 
 from posture_opt.calibration.cross_validation import position_errors
-from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.error_statistics import Statistics
+from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.frames import check_other, frames_again
 from posture_opt.calibration.parameters import CalibrationProblem
-from posture_opt.calibration.residuals import Residuals
-from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.extended_fit import Extended
 from posture_opt.diagnosis.linear_model import LinearModel
-from posture_opt.diagnosis.persistent_effects import halfway
+from posture_opt.diagnosis.persistent_effects import mean_displacement
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
 from posture_opt.model.inputs import REFERENCE_TEMPERATURE
@@ -96,7 +93,7 @@ class SecondSession:
 
 
 def second_session(
-    problem: CalibrationProblem, other: Measurements, x_nominal: Array, calibrated: Extended, extended: Extended,
+    problem: CalibrationProblem, other: Measurements, x_nominal: Array, calibrated: Fit, extended: Fit,
     frames: Array, *, refit_frames: bool = False,
 ) -> SecondSession:  # fmt: skip
     """Errors of three models on other measurements, nothing fitted to them, or base and tool alone.
@@ -107,32 +104,34 @@ def second_session(
         InputError: other targets, several robots, or too few poses to fit base and tool again.
     """
     check_other(extended.residuals, other)
-    sight = _Sight(extended.residuals.of_data(other), refit_frames)
-    kept = [i for i, s in enumerate(extended.suspects) if _lasting(s)]
-    moved = halfway(extended, frames)
-    theta = [extended.theta[part] for part in extended.slices]
+    kept = [i for i, effect in enumerate(extended.effects) if effect.for_planning]
+    moved = mean_displacement(extended, frames)
+    stays = replace(extended, x=extended.x + moved).keeping(kept)
+    before = replace(calibrated, x=x_nominal)
     errors = {
-        "nominal": sight.errors(x_nominal, [], []),
-        "calibrated": sight.errors(calibrated.x, [], []),
-        "extended": sight.errors(extended.x + moved, [extended.suspects[i] for i in kept], [theta[i] for i in kept]),
+        name: _errors(fit, other, refit_frames)
+        for name, fit in (("nominal", before), ("calibrated", calibrated), ("extended", stays))
     }
-    gains: list[Gain | None] = [None] * len(extended.suspects)
+    gains: list[Gain | None] = [None] * len(extended.effects)
     about = LinearModel.of(extended)
     for i in kept:
-        gains[i] = Gain.of(errors["extended"], _without(sight, extended, about, i, moved), other.pose)
+        without = replace(extended, x=extended.x + moved + about.refitted(i)).keeping([k for k in kept if k != i])
+        gains[i] = Gain.of(errors["extended"], _errors(without, other, refit_frames), other.pose)
     models = {name: Statistics.of(e, other.pose) for name, e in errors.items()}
     gain = Gain.of(errors["extended"], errors["calibrated"], other.pose)
-    unstated = _unstated(extended.residuals.data, other, [extended.suspects[i].what for i in kept], problem.robot)
+    unstated = _unstated(extended.residuals.data, other, [extended.effects[i] for i in kept], problem.robot)
     return SecondSession(other, errors, models, gain, tuple(gains), refit_frames, unstated)
 
 
-def _lasting(suspect: Candidate) -> bool:
-    return isinstance(suspect.what, Effect) and suspect.what.for_planning
+def _errors(fit: Fit, other: Measurements, refit_frames: bool) -> Array:
+    """(N, 3) position errors [m] on another file, as the arm stood there if base and tool are fitted again."""
+    there = fit.residuals.of_data(other)
+    return position_errors(*(frames_again(there, fit.x) if refit_frames else (there, fit.x)))
 
 
-def _unstated(mine: Measurements, other: Measurements, effects: Sequence[object], robot: Robot) -> tuple[str, ...]:
+def _unstated(mine: Measurements, other: Measurements, effects: Sequence[Effect], robot: Robot) -> tuple[str, ...]:
     """What effects ask for, the first file states and the other does not, with what is taken for it."""
-    asked = {need for e in effects if isinstance(e, Effect) for need in (*e.asks, *e.needs)}
+    asked = {need for e in effects for need in (*e.asks, *e.needs)}
     notes = []
     if "temperature" in asked and other.temperature is None:
         at = f"{REFERENCE_TEMPERATURE:g} degC"
@@ -141,44 +140,3 @@ def _unstated(mine: Measurements, other: Measurements, effects: Sequence[object]
         load = f"{robot.payload:g} kg of the problem file"
         notes.append(f"the test file has no column payload [kg], on which an effect depends: the {load} are taken")
     return tuple(notes)
-
-
-@dataclass(frozen=True, eq=False)
-class _Sight:
-    """The other file, seen by any estimate."""
-
-    residuals: Residuals
-    refit: bool
-
-    def errors(self, x: Array, suspects: Sequence[Candidate], theta: Sequence[Array]) -> Array:
-        """(N, 3) [m] of geometry ``x`` with effects."""
-        residuals, shift = self.residuals, self._shift(*self._stood(self.residuals, x), suspects, theta)
-        if residuals.data.position is not None:
-            # What the effects add to the model is taken off the measured points instead.
-            moved = np.where(residuals.data.measured_axes, residuals.data.position - shift, residuals.data.position)
-            residuals = replace(residuals, data=replace(residuals.data, position=moved))
-            return position_errors(*self._stood(residuals, x))
-        return position_errors(*self._stood(residuals, x)) + residuals.data.about_points(shift)
-
-    def _stood(self, residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
-        """The arm as it stood in the other session."""
-        return frames_again(residuals, x) if self.refit else (residuals, x)
-
-    def _shift(self, residuals: Residuals, x: Array, suspects: Sequence[Candidate], theta: Sequence[Array]) -> Array:
-        """(N, 3) [m] what effects add, along the axes of a world in which the base may stand elsewhere by now."""
-        shift = np.zeros((len(residuals.data), 3))
-        tangents = EffectSensitivities(residuals, x)
-        for suspect, values in zip(suspects, theta, strict=True):
-            assert isinstance(suspect.what, Effect)
-            rows = (tangents.columns(suspect.what) @ values).reshape(-1, residuals.block)
-            shift[:, residuals.axes] += rows[:, : len(residuals.axes)] * residuals.sigma
-        return shift
-
-
-def _without(sight: _Sight, model: Extended, about: LinearModel, left_out: int, moved: Array) -> Array:
-    """(N, 3) errors on the other file of the model that is fitted, to first order, without one effect."""
-    step = about.refitted(left_out)
-    g = model.directions.shape[1]
-    x, theta = model.x + moved + model.directions @ step[:g], model.theta + step[g:]
-    chosen = [i for i, s in enumerate(model.suspects) if i != left_out and _lasting(s)]
-    return sight.errors(x, [model.suspects[i] for i in chosen], [theta[model.slices[i]] for i in chosen])

@@ -32,15 +32,13 @@ def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibra
     tangents = EffectSensitivities(calibration.residuals, calibration.x)
     r, J = tangents.residuals.both(calibration.x)
     r, G = r[: tangents.rows], J[: tangents.rows] @ calibration.identifiability.directions
-    before = set(calibration.outliers)
+    before = ~calibration.fit.kept
     left = before
     for explanation in _explanations(found):
         Z = [tangents.columns(s.what) for s in explanation if isinstance(s.what, Effect)]
-        gross = set(np.flatnonzero(_gross(r, np.concatenate([G, *Z], axis=1), tangents.residuals.block)).tolist())
-        left = min(left, before & gross, key=len)
-    gone = tuple(sorted(left))
-    lines = tuple(int(line) for line in calibration.residuals.data.line[list(gone)])
-    return replace(calibration, outliers=gone, lines=lines) if left != before else calibration
+        gross = _gross(r, np.concatenate([G, *Z], axis=1), tangents.residuals.block)
+        left = min(left, before & gross, key=np.count_nonzero)
+    return calibration if left is before else replace(calibration, fit=replace(calibration.fit, kept=~left))
 
 
 def _explanations(found: SearchResult) -> Iterator[Sequence[Candidate]]:

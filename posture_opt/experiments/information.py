@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.calibration.estimation import estimate
+from posture_opt.calibration.fit import estimate
+from posture_opt.calibration.fit_setup import determine
 from posture_opt.calibration.frames import SIGMA, compare, fit_frames, held_length, unknowns
 from posture_opt.calibration.instrument import planned_sigma, position_sigma, readings, rotation_sigma, usable
 from posture_opt.calibration.least_squares import triangular
 from posture_opt.calibration.parameters import CalibrationProblem, Parameter
-from posture_opt.calibration.prior import determine
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.nominal_points import nominal_poses, reach_of, still_axes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,6 +20,7 @@ from posture_opt.robot.robot import Robot
 if TYPE_CHECKING:  # a plain chain needs none of the effects, which are many files
     from posture_opt.model.effects.effect import Effect, Sensitivity
 
+_SHAPE_STEP = 1e-3  # of a shape: its derivative by differences is good to 1e-6 of itself
 Twist = tuple[Vector, Vector]
 """Shift of the tool point and small rotation of the tool ``(v, ω)``, world axes."""
 
@@ -80,6 +82,16 @@ class Arm:
     def effect_parameters(self) -> tuple[str, ...]:
         """Names of the parameters of all effects, ``kind(target).parameter``."""
         return tuple(name for effect in self.effects for name in effect.parameter_names)
+
+    @cached_property
+    def shape_parameters(self) -> dict[str, int]:
+        """``kind(target).shape`` of every effect that depends smoothly on its shape, and its place in ``effects``.
+
+        They are parameters for a fit alone: deviations of the shape, of its logarithm where errors of it are relative.
+        """
+        return {
+            f"{effect.name}.{effect.smooth_shape}": i for i, effect in enumerate(self.effects) if effect.smooth_shape
+        }
 
     @cached_property
     def dimensions(self) -> dict[str, str]:
@@ -180,6 +192,9 @@ class Arm:
             if index is not None:
                 found.append((position_column(reached, index), rotation_column(reached, index)))
                 continue
+            if name in self.shape_parameters:
+                found.append(self._shape_twist(str(name), q, reached, p or {}))
+                continue
             sizes = sizes or self._effect_twists(q, reached, p or {})
             found.append(sizes[str(name)])
         return found
@@ -208,7 +223,29 @@ class Arm:
 
     def _sensitivities(self, q: Sequence[Scalar], p: Mapping[str, Scalar]) -> list[Sensitivity]:
         state = self._state(q, p, self.inputs)
-        return [one for effect in self.effects for one in effect.moves(state)]
+        return [one for effect in self._shaped(p) for one in effect.moves(state)]
+
+    def _shaped(self, p: Mapping[str, Scalar]) -> Sequence[Effect]:
+        """The effects with the shapes that ``p`` says."""
+        effects = list(self.effects)
+        for name, i in self.shape_parameters.items():
+            if name in p:
+                effects[i] = reshaped(effects[i], float(p[name]))
+        return effects
+
+    def _shape_twist(self, name: str, q: Sequence[Scalar], reached: Walk, p: Mapping[str, Scalar]) -> Twist:
+        """Derivative by a shape: by central differences of what the effect does with its present size."""
+        place = self.shape_parameters[name]
+        first = sum(len(effect.dimensions) for effect in self.effects[:place])
+        state, at = self._state(q, p, self.inputs), float(p.get(name, 0.0))
+        shift, turn = ZERO, ZERO
+        for step in (_SHAPE_STEP, -_SHAPE_STEP):
+            for k, one in enumerate(reshaped(self.effects[place], at + step).moves(state), first):
+                size = self.estimates[k] + p.get(self.effect_parameters[k], 0.0)
+                v, w = self.twist_of(reached, one)
+                rate = size / (2 * step)
+                shift, turn = add(shift, scale(rate, v)), add(turn, scale(rate, w))
+        return shift, turn
 
     def _side_sensitivities(
         self, q: Sequence[Scalar], p: Mapping[str, Scalar]
@@ -251,6 +288,18 @@ class Arm:
     @staticmethod
     def _stacked(twists: Sequence[Twist]) -> Any:
         return stack(list(zip(*((*v, *w) for v, w in twists), strict=True)))
+
+
+def reshaped(effect: Effect, deviation: float) -> Effect:
+    """An effect whose smooth shape deviates by so much, of its logarithm where errors of it are relative."""
+    value = float(getattr(effect, effect.smooth_shape))
+    return effect.with_shape(value * math.exp(deviation) if effect.relative_shape else value + deviation)
+
+
+def shape_deviation(known: Effect, effect: Effect) -> float:
+    """By how much the smooth shape of an effect deviates from that of one of its kind, see `reshaped`."""
+    one, other = (float(getattr(e, effect.smooth_shape)) for e in (known, effect))
+    return math.log(other / one) if effect.relative_shape else other - one
 
 
 def _turned(turn: Vector, column: Vector) -> Vector:

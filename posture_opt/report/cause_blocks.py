@@ -75,7 +75,7 @@ def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
 def _planning(diagnosed: Diagnosed, finding: Finding) -> str:
     """Whether tasks are planned with a cause, where that is not plain."""
     entry = finding.effect or finding.noise
-    kept = {effect.name for effect in diagnosed.diagnosis.persistent.effects()}
+    kept = {effect.name for effect in diagnosed.diagnosis.persistent.effects}
     return "" if entry is None else entry.planning_note(entry.name in kept)
 
 
@@ -123,12 +123,10 @@ def _covers(diagnosed: Diagnosed) -> str:
 def _geometry(diagnosed: Diagnosed) -> list[tuple[str, str]]:
     """The surest parameters of the arm with its effects, with their standard errors."""
     calibration, model = diagnosed.diagnosis.calibration, diagnosed.diagnosis.model
-    D = model.directions
-    g = D.shape[1]
-    std = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", D, model.covariance[:g, :g], D), 0.0))
+    std = model.std[: len(calibration.parameters)]
     far = [
         (abs(float(x / s)), p.name, float(x), float(s), p.unit)
-        for p, x, s, whole in zip(calibration.parameters, model.x, std, calibration.std, strict=True)
+        for p, x, s, whole in zip(calibration.parameters, model.x, std, calibration.std, strict=False)
         if p.group == "geometry"
         and 0 < whole < _VAGUE * s  # what the data leave open has a small part in what they tell
     ]

@@ -69,7 +69,7 @@ class Diagnosed:
     def at_tool(self, place: int) -> Floats:
         """(N,) how far an effect moves the tool point in each row [m]."""
         model, residuals = self.diagnosis.model, self.residuals
-        rows = (model.suspects[place].Z @ model.theta[model.slices[place]]).reshape(-1, residuals.block)
+        rows = (model.effect_columns(place) @ model.x[model.slices[place]]).reshape(-1, residuals.block)
         return np.asarray(np.linalg.norm(rows[:, : len(residuals.axes)], axis=1) * residuals.sigma)
 
     def estimate(self, finding: Finding) -> FittedSizes:
@@ -78,8 +78,7 @@ class Diagnosed:
         if place is None:
             return FittedSizes(finding.estimate, timed=timed)
         model, part = self.diagnosis.model, self.diagnosis.model.slices[place]
-        inner = slice(model.directions.shape[1] + part.start, model.directions.shape[1] + part.stop)
-        return FittedSizes(finding.estimate, model.covariance[inner, inner], timed, self._turn(place))
+        return FittedSizes(finding.estimate, model.covariance[part, part], timed, self._turn(place))
 
     def headline(self, finding: Finding) -> str:
         """The size of a finding that stands beside its words; empty where no single number says it."""
@@ -89,8 +88,8 @@ class Diagnosed:
         """Least and largest turn of its joint by an effect, 0 of one that acts on no joint [rad]."""
         model, site = self.diagnosis.model, self.linearised.sensitivities.site
         turned = np.zeros(len(self.residuals.data))
-        moves = model.suspects[place].what.moves(site)  # type: ignore[union-attr]
-        for move, value in zip(moves, model.theta[model.slices[place]], strict=True):
+        moves = model.effects[place].moves(site)
+        for move, value in zip(moves, model.x[model.slices[place]], strict=True):
             for size in move.joints.values():
                 turned = turned + value * np.asarray(size, dtype=float)
         return float(turned.min()), float(turned.max())
@@ -106,7 +105,7 @@ class Diagnosed:
     def floor(self) -> tuple[float, str]:
         """RMS [m] of the length of an error that is noise alone, and where it is known from; 0 where it is not."""
         residuals = self.residuals
-        e = self.diagnosis.model.whitened().reshape(-1, residuals.block)[:, : len(residuals.axes)] * residuals.sigma
+        e = self.diagnosis.model.whitened.reshape(-1, residuals.block)[:, : len(residuals.axes)] * residuals.sigma
         code, count = np.unique(residuals.data.pose, return_inverse=True, return_counts=True)[1:]
         freedom = len(code) - len(count)
         if freedom * e.shape[1] >= _REPEATS:

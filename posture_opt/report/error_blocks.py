@@ -66,7 +66,7 @@ def _beside(diagnosed: Diagnosed, noises: dict[str, float], rounds: int) -> str:
     found, residuals = diagnosed.diagnosis, diagnosed.residuals
     left = found.errors["extended"]
     name, floor = list(noises.items())[-1]
-    fitted = found.model.directions.shape[1] + len(found.model.theta)
+    fitted = found.model.count
     numbers = len(residuals.data) * len(residuals.axes)
     # Rows left out are predicted with the errors of a fit to the others: variance k/m more, of k parameters to m.
     cost = floor * float(np.sqrt(1 + fitted / (numbers * (1 - 1 / max(rounds, 2)))))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posture_opt.calibration.least_squares import Fit, least_squares
+from posture_opt.calibration.least_squares import Minimum, least_squares
 
 Values = Any  # np.ndarray of the precision asked for
 Model = Callable[[Values, Values], Values]
@@ -109,7 +109,7 @@ def read(name: str, precision: type = np.float64) -> Certified:
     return Certified(x, y, parameters[:, :2].T, estimates, deviations, float(rss[0, 0]))
 
 
-def fitted(name: str, start: Values, precision: type = np.float64, units: Values = 1.0) -> Fit:
+def fitted(name: str, start: Values, precision: type = np.float64, units: Values = 1.0) -> Minimum:
     """The fit, of residuals whose derivatives are by complex steps, exact to rounding (Squire, Trapp 1998)."""
     problem = read(name, precision)
 

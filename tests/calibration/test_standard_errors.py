@@ -11,10 +11,9 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.calibrate import calibrate
-from posture_opt.calibration.clustered_covariance import clustered_covariance
-from posture_opt.calibration.estimation import estimate
+from posture_opt.calibration.fit import clustered, estimate
+from posture_opt.calibration.fit_setup import determine
 from posture_opt.calibration.frames import compare, fit_frames
-from posture_opt.calibration.prior import determine
 from tests.helpers.free_arms import BASE, TOOL, TWO, problem_of, rows, simulated_points
 from tests.helpers.pin import robots_folder
 from tests.helpers.simulated_arm import SimulatedArm
@@ -77,7 +76,7 @@ def test_standard_errors_know_that_neighbouring_postures_err_alike() -> None:
         known = determine(problem, residuals, zero, None, True)
         assert known.design > 2
         found = estimate(residuals, zero, known.directions, known.prior, weight=known.noise, design=known.design)
-        C = clustered_covariance(residuals, found, known.directions, known.prior)
+        C = clustered(found).covariance
         names = [p.name for p in residuals.parameters]
         z += [found.x[j] / np.sqrt(C[j, j]) for j in map(names.index, ("j1.a", "j2.a", "j2.theta"))]
     # As if rows were independent, it would be 3. 40 arms with a few estimates each: 1 ± 0.1, and some blocks cut heaps.

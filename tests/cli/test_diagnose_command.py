@@ -12,10 +12,9 @@ import pytest
 from click.testing import Result
 
 import posture_opt as po
+from posture_opt.calibration.fit import fit_with_effects
 from posture_opt.calibration.progress import Stages
-from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.causes import missing_inputs
-from posture_opt.diagnosis.extended_fit import fit_extended
 from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.other_session import Gain
 from posture_opt.model.effects import Effect, FittedSizes
@@ -292,11 +291,9 @@ def test_effects_that_lean_on_each_other_are_fitted_together(folder: Path) -> No
     data = po.read_measurements(file, problem)
     linearised = linearise(po.calibrate(problem, data), flips=0)
     waves = [CyclicError(joint="joint1", cycles=k) for k in (2.6, 3.4)]
-    suspects = [Candidate(wave, linearised.sensitivities.columns(wave)) for wave in waves]
     residuals, calibration = linearised.sensitivities.residuals, po.calibrate(problem, data)
-    model = fit_extended(residuals, calibration.x, calibration.identifiability.directions, suspects)
-    r = model.whitened()
-    Z = model.columns
+    model = fit_with_effects(residuals, calibration.x, calibration.identifiability.directions, waves)
+    r, Z = model.whitened, model.jacobian[:, model.sizes]
     # At a minimum the rest is orthogonal to what is fitted; the least squares stop at 1e-4 of that by themselves.
     assert np.all(np.abs(Z.T @ r) < 1e-5 * np.linalg.norm(Z, axis=0) * np.linalg.norm(r))
 

@@ -9,7 +9,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.error_statistics import folds_of
-from posture_opt.diagnosis.extended_fit import fit_extended
+from posture_opt.calibration.fit import fit_with_effects
 from posture_opt.diagnosis.held_out import held_out
 from posture_opt.diagnosis.linear_model import LinearModel
 from posture_opt.diagnosis.linearised_data import linearise
@@ -32,7 +32,7 @@ def test_regions_of_a_planar_arm_hold_what_they_say_with_few_rows() -> None:
     table = dict(zip(["joint1 [rad]", "joint2 [rad]", "x [m]", "y [m]"], np.hstack([q, p]).T, strict=True))
     calibration = po.calibrate(problem, po.read_measurements(table, problem), folds=3)
     residuals = linearise(calibration, 0).sensitivities.residuals
-    model = fit_extended(residuals, calibration.x, calibration.identifiability.directions, [])
+    model = fit_with_effects(residuals, calibration.x, calibration.identifiability.directions, [])
     linear, folds = LinearModel.of(model), folds_of(np.arange(ROWS), 4, "pose")
     assert linear.U.shape[1] >= 4
     inside = []

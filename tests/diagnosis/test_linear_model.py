@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.calibration.fit import Fit, fit_with_effects
 from posture_opt.diagnosis.candidates import Candidate, list_candidates
-from posture_opt.diagnosis.extended_fit import Extended, fit_extended
 from posture_opt.diagnosis.held_out import held_out
 from posture_opt.diagnosis.levels import SURVIVING_SHARE
 from posture_opt.diagnosis.linear_model import LinearModel
@@ -38,14 +38,14 @@ def member(linearised: LinearisedData) -> Callable[[str, str], Candidate]:
 
 
 @pytest.fixture(scope="module")
-def model(linearised: LinearisedData, member: Callable[[str, str], Candidate]) -> Extended:
-    suspects = [member("gear_eccentricity", "joint1"), member("gear_second_harmonic", "joint2")]
+def model(linearised: LinearisedData, member: Callable[[str, str], Candidate]) -> Fit:
+    effects = [member("gear_eccentricity", "joint1").what, member("gear_second_harmonic", "joint2").what]
     directions = np.linalg.svd(linearised.G, full_matrices=False)  # any directions do, as long as they are determined
     k = len(linearised.sensitivities.x)
     J = linearised.sensitivities.residuals.both(linearised.sensitivities.x)[1]
     V = np.linalg.svd(J, full_matrices=False)[2][: linearised.G.shape[1]]
     assert V.shape == (len(directions[1]), k)
-    return fit_extended(linearised.sensitivities.residuals, linearised.sensitivities.x, V.T, suspects)
+    return fit_with_effects(linearised.sensitivities.residuals, linearised.sensitivities.x, V.T, effects)
 
 
 def test_candidates_from_inner_products(linearised: LinearisedData) -> None:
@@ -92,15 +92,16 @@ def test_members_are_worth_as_much_in_few_coordinates(
 
 
 @pytest.mark.parametrize("without", [None, 0, 1])
-def test_folds_by_coordinates_are_refits_by_rows(model: Extended, without: int | None) -> None:
+def test_folds_by_coordinates_are_refits_by_rows(model: Fit, without: int | None) -> None:
     residuals = model.residuals
     folds = [np.asarray(part) for part in np.array_split(np.random.default_rng(0).permutation(len(residuals.data)), 5)]
     found = held_out(model, folds, without)
     r, J = residuals.both(model.x)
-    kept = [i for i in range(len(model.suspects)) if i != without]
-    Z = np.concatenate([model.suspects[i].Z for i in kept], axis=1)
-    r = r + Z @ np.concatenate([model.theta[model.slices[i]] for i in kept])
-    A = np.concatenate([J @ model.directions, Z / np.linalg.norm(Z, axis=0)], axis=1)
+    kept = [i for i in range(len(model.effects)) if i != without]
+    if without is not None:
+        r = r - J[:, model.slices[without]] @ model.x[model.slices[without]]
+    Z = np.concatenate([J[:, model.slices[i]] for i in kept], axis=1)
+    A = np.concatenate([J @ model.directions[:, model.geometry], Z / np.linalg.norm(Z, axis=0)], axis=1)
     for left_out in folds:
         theirs = (left_out[:, None] * 2 + np.arange(2)).ravel()
         mine = np.setdiff1d(np.arange(len(r)), theirs)
@@ -109,12 +110,13 @@ def test_folds_by_coordinates_are_refits_by_rows(model: Extended, without: int |
         np.testing.assert_allclose(found.errors[left_out, :2], expected, atol=1e-10)
 
 
-def test_the_rest_takes_over_what_an_effect_leaves(model: Extended) -> None:
+def test_the_rest_takes_over_what_an_effect_leaves(model: Fit) -> None:
     step = LinearModel.of(model).refitted(0)
     r, J = model.residuals.both(model.x)
-    A = np.concatenate([J @ model.directions, model.suspects[1].Z], axis=1)
-    direct = np.linalg.lstsq(A, -(r + model.suspects[1].Z @ model.theta[model.slices[1]]), rcond=None)[0]
-    g = model.directions.shape[1]
-    np.testing.assert_allclose(step[:g], direct[:g], atol=1e-9)
-    np.testing.assert_allclose(step[g + 2 :], direct[g:], atol=1e-9)
-    assert not step[g : g + 2].any()
+    geometry = model.directions[:, model.geometry]
+    own, other = model.slices
+    A = np.concatenate([J @ geometry, J[:, other]], axis=1)
+    direct = np.linalg.lstsq(A, -(r - J[:, own] @ model.x[own]), rcond=None)[0]
+    np.testing.assert_allclose(step[: own.start], (geometry @ direct[:-2])[: own.start], atol=1e-9)
+    np.testing.assert_allclose(step[other], direct[-2:], atol=1e-9)
+    assert not step[own].any()

@@ -8,8 +8,8 @@ import yaml
 
 import posture_opt as po
 from posture_opt.calibration.calibrate import calibrate
+from posture_opt.calibration.fit import fit_with_effects
 from posture_opt.diagnosis import levels, noise_causes
-from posture_opt.diagnosis.extended_fit import fit_extended
 from posture_opt.diagnosis.lack_of_fit import assess_adequacy
 from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.noise_candidates import score_stated_sigma, score_uneven_noise
@@ -58,7 +58,7 @@ def test_a_scatter_of_nothing_leaves_the_residual_variance_as_it_is(monkeypatch:
         document = yaml.safe_load(SHORT) | {"uncertainty": {"measurement": {"position": "0.02 mm"}, "scatter": scatter}}
         stated = po.problem_from_dict(document)
         calibration = calibrate(stated, po.read_measurements(table, stated), folds=2)
-        model = fit_extended(calibration.residuals, calibration.x, calibration.identifiability.directions, [])
+        model = fit_with_effects(calibration.residuals, calibration.x, calibration.identifiability.directions, [])
         noise_causes.noise_causes(stated, calibration, model, linearise(calibration, 9).baseline(), 1.0, 0)
     assert seen[1] == pytest.approx(seen[0], rel=0.1)
 

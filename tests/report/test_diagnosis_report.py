@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.estimation import Estimate
+from posture_opt.calibration.fit import Fit
 from posture_opt.report.blocks import Table
 from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.diagnosis_report import diagnosis_report
@@ -75,7 +75,7 @@ def test_the_scatter_of_a_named_joint_stands_beside_what_is_left(noisy: tuple[po
 )
 def test_what_fitting_costs_is_no_scatter_of_the_arm(low: float, words: str) -> None:
     # 80 rows of three coordinates of 0.03 mm in 5 rounds: 0.05196 mm √(1 + 23/192) = 0.0550 mm.
-    model = SimpleNamespace(directions=np.zeros((24, 22)), theta=np.zeros(1))
+    model = SimpleNamespace(count=23)
     left = SimpleNamespace(interval=(1e-3 * low, 6.4e-5))
     found = SimpleNamespace(errors={"extended": left}, model=model, verdict="effects_found")
     residuals = SimpleNamespace(data=range(80), axes=range(3))
@@ -85,6 +85,7 @@ def test_what_fitting_costs_is_no_scatter_of_the_arm(low: float, words: str) -> 
 
 @pytest.mark.parametrize(("kept", "notes"), [([True, True], 0), ([True, False], 1)])
 def test_no_outlier_is_to_be_looked_at_where_none_is_listed(kept: list[bool], notes: int) -> None:
-    fit: Any = SimpleNamespace(converged=True, steps=1)
-    found = Estimate(np.zeros(1), np.eye(1), np.array(kept), np.zeros(2), 1.0, fit, settled=False)
+    minimum: Any = SimpleNamespace(converged=True, steps=1)
+    data: Any = SimpleNamespace()
+    found = Fit(data, np.zeros(1), np.eye(1), np.eye(1), np.array(kept), np.zeros(2), 1.0, minimum, settled=False)
     assert len(found.notes) == notes

@@ -110,7 +110,7 @@ def test_predicted_regions_of_the_arm_as_it_stands_hold_95_percent_over_300_robo
 
 @pytest.mark.campaign
 def test_predicted_regions_of_the_calibrated_arm_hold_95_percent_over_300_draws() -> None:
-    from posture_opt.calibration.estimation import estimate
+    from posture_opt.calibration.fit import estimate
     from posture_opt.calibration.identifiability import identify
 
     rng = np.random.default_rng(5)

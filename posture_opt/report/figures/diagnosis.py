@@ -149,8 +149,12 @@ def _chosen(scored: ScoredCandidate, diagnosed: Diagnosed) -> bool:
     """Whether the candidate is part of the final model; a line of a periodogram as that very line."""
     cycles = getattr(scored.candidate.what, "cycles", None)
     return any(
-        s.key == scored.candidate.key and (cycles is None or abs(getattr(s.what, "cycles", 0.0) - cycles) < _SAME)
-        for s in (*diagnosed.diagnosis.model.suspects, *(s for s in diagnosed.diagnosis.search.chosen if not s.named))
+        (what.kind, what.target) == scored.candidate.key
+        and (cycles is None or abs(getattr(what, "cycles", 0.0) - cycles) < _SAME)
+        for what in (
+            *diagnosed.diagnosis.model.effects,
+            *(s.what for s in diagnosed.diagnosis.search.chosen if not s.named),
+        )
     )
 
 

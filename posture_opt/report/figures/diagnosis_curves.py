@@ -105,8 +105,8 @@ def curve_of(diagnosed: Diagnosed, sensitivities: EffectSensitivities, place: in
     """The curve of one effect over its abscissa; of one that depends on several things, as modelled against as seen."""
     model, residuals = diagnosed.diagnosis.model, diagnosed.residuals
     shape = (len(residuals.data), residuals.block)
-    modelled = (model.suspects[place].Z @ model.theta[model.slices[place]]).reshape(shape)
-    partial = modelled - model.whitened().reshape(shape)
+    modelled = (model.effect_columns(place) @ model.x[model.slices[place]]).reshape(shape)
+    partial = modelled - model.whitened.reshape(shape)
     effect = finding.effect
     assert effect is not None
     over = effect.abscissa(sensitivities.site, residuals.data.time is not None)
@@ -152,7 +152,7 @@ def plot_left(diagnosed: Diagnosed) -> Figure:
     """What the model with its effects leaves, along the motion of each joint and over the rows."""
     residuals = diagnosed.residuals
     tangents = EffectSensitivities(residuals, diagnosed.diagnosis.model.x)
-    e = -diagnosed.diagnosis.model.whitened().reshape(len(residuals.data), residuals.block)
+    e = -diagnosed.diagnosis.model.whitened.reshape(len(residuals.data), residuals.block)
     moving = [k for k in range(residuals.robot.n) if np.ptp(residuals.data.q[:, k]) > 1e-6]
     rows = math.ceil((len(moving) + 1) / 2)
     figure = new_figure(9.6, 0.8 + 2.0 * rows)

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.levels import FIRST_EFFECT
 from posture_opt.diagnosis.score_tests import log_p, scan_frequencies
 from posture_opt.model.effects.cyclic_error import CyclicError
@@ -29,7 +30,7 @@ def plot_periodogram(diagnosed: Diagnosed) -> Figure:
     """Share of the rest that each number of cycles explains, before its lines are named and after."""
     joints = diagnosed.periodic_joints[:_MOST]
     linearised, model = diagnosed.linearised, diagnosed.diagnosis.model
-    chosen = list(model.suspects)
+    chosen = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
     line = critical_log_p(diagnosed.diagnosis.search.null, CyclicError.family)
     figure = new_figure(9.0, 0.9 + 2.2 * len(joints))
     grid = figure.subplots(len(joints), 1, squeeze=False, sharex=True).ravel()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.calibration.clustered_covariance import design_effect
-from posture_opt.calibration.estimation import Estimate, Prior
+from posture_opt.calibration.fit import Fit, Prior
 from posture_opt.calibration.identifiability import ANGLE, LENGTH, Identifiability, identify
 from posture_opt.calibration.least_squares import noise, unexplained
 from posture_opt.calibration.parameters import CalibrationProblem, Parameter, prior_covariance
@@ -23,7 +23,7 @@ NEAR = (
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge:
+class FitSetup:
     """Which directions a calibration fits, and with what prior; decided once, at the nominal model.
 
     Args:
@@ -51,8 +51,8 @@ class Knowledge:
 
 def determine(
     problem: CalibrationProblem, residuals: Residuals, x: Array, held: int | None, priors: bool,
-    found: Estimate | None = None,
-) -> Knowledge:  # fmt: skip
+    found: Fit | None = None,
+) -> FitSetup:  # fmt: skip
     """What measurements determine at the deviations ``x``, by themselves and with what is known beforehand.
 
     The noise is what no step of all parameters explains, but no less than the instrument's: what the model cannot
@@ -71,7 +71,7 @@ def determine(
     stated[indices] = np.sqrt(np.diag(covariance))
     if not priors:
         rest = scale[:, None] * alone.null
-        return Knowledge(alone, alone.directions, alone.determined, None, stated, spread, design, rest, _alike(design))
+        return FitSetup(alone, alone.directions, alone.determined, None, stated, spread, design, rest, _alike(design))
     known = Prior.of(indices, covariance).matrix(len(names))
     both = identify(names, np.concatenate([J / spread, known]), rows, held, scale=scale) if indices else alone
     fixed = both.determined | (np.isfinite(stated) & (np.arange(len(names)) != (-1 if held is None else held)))
@@ -79,10 +79,10 @@ def determine(
     notes = (*_alike(design), *([NEAR.format(_vague(both))] if both.hardly.shape[1] else []))
     directions = np.concatenate([both.directions, both.hardly], axis=1)
     rest = scale[:, None] * both.vectors[:, directions.shape[1] :]
-    return Knowledge(alone, directions, fixed, prior, stated, spread, design, rest, notes)
+    return FitSetup(alone, directions, fixed, prior, stated, spread, design, rest, notes)
 
 
-def unseen(residuals: Residuals, known: Knowledge, found: Estimate, length: int | None) -> Array:
+def unseen(residuals: Residuals, known: FitSetup, found: Fit, length: int | None) -> Array:
     """(k,) part of the standard errors that combinations leave which nothing tells [rad, m].
 
     What is held moves nothing at the nominal arm, but something at the fitted one: a tool whose length nobody knows,
@@ -95,12 +95,12 @@ def unseen(residuals: Residuals, known: Knowledge, found: Estimate, length: int 
     J = residuals.take(np.flatnonzero(found.kept)).both(found.x)[1]
     if length is not None:
         J[:, length] = 0.0
-    inverse = known.directions @ np.linalg.pinv(found.fit.R, rcond=1e-14)
+    inverse = known.directions @ np.linalg.pinv(found.minimum.R, rcond=1e-14)
     moved = known.held - inverse @ (inverse.T @ (J.T @ (J @ known.held)))
     return np.asarray(np.linalg.norm(moved, axis=1))
 
 
-def _spread(residuals: Residuals, x: Array, found: Estimate | None) -> tuple[float, float]:
+def _spread(residuals: Residuals, x: Array, found: Fit | None) -> tuple[float, float]:
     """The residuals' standard deviation in units of the instrument's, at least 1, and their design effect."""
     if found is not None:
         residuals, x = residuals.take(np.flatnonzero(found.kept)), found.x
