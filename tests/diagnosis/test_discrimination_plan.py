@@ -199,7 +199,7 @@ def test_nine_chances_in_ten() -> None:
 
 
 def test_every_two_of_an_effect_and_its_rivals_are_parted() -> None:
-    model = SimpleNamespace(suspects=[None] * 3)
+    model = SimpleNamespace(effects=[None] * 3)
     explanations = [RivalExplanation(place, None, np.zeros(1), 0.1) for place in (0, 2, 0)]  # type: ignore[arg-type]
     assert ModelDiscrimination(None, model, tuple(explanations)).pairs == [(0, 0, 3), (0, 0, 5), (0, 3, 5), (2, 2, 4)]  # type: ignore[arg-type]
 

@@ -87,7 +87,7 @@ def test_no_cause_is_made_up_where_the_joints_scatter(seed: int) -> None:
 def test_an_arm_all_of_whose_joints_scatter_is_extended_by_that_scatter(tmp_path: Path) -> None:
     problem = load_builtin("insert_planar_2r_measured")
     found = po.diagnose(problem, po.read_measurements(problems_folder() / "planar_2r_measured.csv", problem))
-    noises = [finding.target for finding in found.findings if finding.noise is not None]
+    noises = [finding.target for finding in found.effects if finding.noise is not None]
     assert sorted(noises) == ["joint1", "joint2"]
     extended = found.extended
     assert "scatter" not in extended.to_dict()["uncertainty"]

@@ -112,7 +112,7 @@ def test_the_extended_arm_knows_where_the_uncorrected_one_misses_least(
 
 def test_the_report_tells_it(told: tuple[dict[str, Any], str]) -> None:
     flat = " ".join(told[1].split())
-    assert "Over the 70 goals that were measured in two postures, the tool sent by the model before calibration" in flat
+    assert "Over the 70 targets measured in two postures, the tool missed by" in flat
     assert "Comparison of plans, as measured" in told[1]
     assert "the model finds the better posture in" in flat
 
