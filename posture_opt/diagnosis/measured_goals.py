@@ -12,9 +12,8 @@ from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeat_groups import rows_of
 from posture_opt.measurements.row_inputs import arm_for
-from posture_opt.selection.reach import Reach
 from posture_opt.selection.solution import HasTask
-from posture_opt.selection.task_target import TaskTarget
+from posture_opt.selection.task_target import Reach, TaskTarget
 from posture_opt.uncertainty.coverage_radius import central_radii
 from posture_opt.uncertainty.tool_point import ToolPoint
 

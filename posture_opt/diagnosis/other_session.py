@@ -16,8 +16,8 @@ from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.diagnosis.linear_model import LinearModel
 from posture_opt.diagnosis.persistent_effects import mean_displacement
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.model.effects import Effect
-from posture_opt.model.inputs import REFERENCE_TEMPERATURE
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 

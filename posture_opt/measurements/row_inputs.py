@@ -8,7 +8,7 @@ import numpy as np
 
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.arm import Arm
-from posture_opt.model.inputs import REFERENCE_TEMPERATURE, Inputs
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.robot.robot import Robot
 
 

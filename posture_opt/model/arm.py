@@ -11,10 +11,21 @@ from typing import TYPE_CHECKING, Any, Protocol
 import casadi as ca
 import numpy as np
 
-from posture_opt.model.arm_state import ZERO, ArmState
-from posture_opt.model.chain import Scalar, Vector, Walk, add, cross, factor_values, scale, stack, walk
-from posture_opt.model.derivatives import position_column, rotation_column
-from posture_opt.model.inputs import Inputs
+from posture_opt.model.arm_state import ArmState, Inputs
+from posture_opt.model.chain import (
+    ZERO,
+    Scalar,
+    Vector,
+    Walk,
+    add,
+    cross,
+    factor_values,
+    position_column,
+    rotation_column,
+    scale,
+    stack,
+    walk,
+)
 from posture_opt.robot.robot import Robot
 
 if TYPE_CHECKING:  # a plain chain needs none of the effects, which are many files

@@ -1,7 +1,10 @@
 """The forward model of a chain of elementary transforms, for numbers, NumPy arrays and CasADi symbols alike.
 
 One walk from the base to the tool gives the pose and, for every factor, the axis and the origin that all
-derivatives follow from (:mod:`posture_opt.model.derivatives`).
+derivatives follow from. For factor i before factor j in the chain, with axis ``a``, origin ``o`` and tool point ``x``:
+
+- rotation:     ``∂x/∂i = a_i × (x − o_i)``,  translation: ``∂x/∂i = a_i``
+- ``∂²x/∂i∂j = a_i × ∂x/∂j`` where i rotates, else zero (what lies nearer to the base turns the rest)
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from posture_opt.robot.robot import Factor
 Scalar = Any
 """A float, an array of shape (N,), or a CasADi expression: whatever the walk is fed with."""
 Vector = tuple[Scalar, Scalar, Scalar]
+ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -122,3 +126,54 @@ def stack(rows: Sequence[Sequence[Scalar]] | Sequence[Scalar]) -> Any:
     array = np.stack(batch, axis=-1)
     vector = not isinstance(rows[0], list | tuple)
     return array if vector else array.reshape(*array.shape[:-1], len(nested), len(nested[0]))
+
+
+def position_column(walk: Walk, i: int) -> Vector:
+    """``∂x/∂i`` [m/rad or m/m], world frame."""
+    screw = walk.screws[i]
+    return cross(screw.axis, subtract(walk.position, screw.origin)) if screw.rotates else screw.axis
+
+
+def rotation_column(walk: Walk, i: int) -> Vector:
+    """Angular velocity of the tool per unit of factor i [rad/rad], world frame."""
+    screw = walk.screws[i]
+    return screw.axis if screw.rotates else ZERO
+
+
+def twist_column(walk: Walk, i: int) -> tuple[Scalar, ...]:
+    """The (6,) twist ``(v, ω)`` of the tool point per unit of factor i, world-aligned axes."""
+    return (*position_column(walk, i), *rotation_column(walk, i))
+
+
+def _symbolic(x: Scalar) -> bool:
+    return isinstance(x, ca.SX | ca.MX)
+
+
+def sin(x: Scalar) -> Any:
+    """Sine."""
+    return ca.sin(x) if _symbolic(x) else np.sin(x)
+
+
+def cos(x: Scalar) -> Any:
+    """Cosine."""
+    return ca.cos(x) if _symbolic(x) else np.cos(x)
+
+
+def exp(x: Scalar) -> Any:
+    """Exponential function."""
+    return ca.exp(x) if _symbolic(x) else np.exp(x)
+
+
+def magnitude(x: Scalar) -> Any:
+    """``|x|``."""
+    return ca.fabs(x) if _symbolic(x) else np.abs(x)
+
+
+def nearest_integer(x: Scalar) -> Any:
+    """``x`` rounded."""
+    return ca.floor(x + 0.5) if _symbolic(x) else np.floor(np.asarray(x) + 0.5)
+
+
+def at_least(x: Scalar, bound: float) -> Any:
+    """1 where ``x >= bound``, else 0."""
+    return ca.SX(x >= bound) if _symbolic(x) else np.asarray(np.asarray(x) >= bound, dtype=float)

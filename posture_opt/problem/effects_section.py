@@ -8,9 +8,8 @@ from pathlib import Path
 
 from posture_opt.errors import BadValueError, InputError, Issue, KeyPath, one_of
 from posture_opt.model.arm import Arm
-from posture_opt.model.arm_state import ArmState
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, ArmState, Inputs
 from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
-from posture_opt.model.inputs import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from posture_opt.model.inputs import REFERENCE_TEMPERATURE
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.units import shown
 
 if TYPE_CHECKING:

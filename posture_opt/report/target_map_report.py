@@ -15,8 +15,7 @@ from posture_opt.report.words import CRITERIA, PARTS, direction_words, line_word
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
-    from posture_opt.selection.map_points import MapPoint
-    from posture_opt.selection.target_grid import Grid
+    from posture_opt.selection.map_points import Grid, MapPoint
     from posture_opt.selection.target_map import TargetMap
 
 _SAME = 5e-4  # of the spread: what a map cannot promise to win

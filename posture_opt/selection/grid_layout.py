@@ -10,9 +10,8 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array
-from posture_opt.selection.reach import Reach
-from posture_opt.selection.target_grid import ALIGNED, Grid, along_world_axes
-from posture_opt.selection.task_target import TaskTarget
+from posture_opt.selection.map_points import ALIGNED, Grid, along_world_axes
+from posture_opt.selection.task_target import Reach, TaskTarget
 
 Plane = Literal["xy", "xz", "yz"]
 

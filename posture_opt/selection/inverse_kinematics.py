@@ -18,8 +18,7 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.chain import stack
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array
-from posture_opt.selection.reach import drawn_between
-from posture_opt.selection.task_target import FREE, TaskTarget
+from posture_opt.selection.task_target import FREE, TaskTarget, drawn_between
 
 ROW_TOLERANCE = 1e-6
 """Largest violation of a row [m, rad or 1] of a posture that counts as feasible."""

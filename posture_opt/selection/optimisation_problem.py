@@ -16,8 +16,7 @@ from posture_opt.model.chain import Walk, stack
 from posture_opt.robot.robot import Robot
 from posture_opt.selection import criteria
 from posture_opt.selection.nlp import Nlp, Row, Variable
-from posture_opt.selection.reach import PLANE_TOLERANCE, Reach
-from posture_opt.selection.task_target import TaskTarget, target_symbols
+from posture_opt.selection.task_target import PLANE_TOLERANCE, Reach, TaskTarget, target_symbols
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.terms.term import Quantities, Within
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint

@@ -10,8 +10,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.alignment import Aligner
-from posture_opt.selection.engine import CandidatePosture, Engine
+from posture_opt.selection.engine import Aligner, CandidatePosture, Engine
 from posture_opt.selection.infeasible import explain_infeasibility, infeasible
 from posture_opt.selection.multistart import (
     MapPolish,
@@ -23,10 +22,9 @@ from posture_opt.selection.multistart import (
     with_progress,
 )
 from posture_opt.selection.optimisation_problem import Alignment, OptimisationProblem
-from posture_opt.selection.reach import PLANE_TOLERANCE, Reach
 from posture_opt.selection.search_statistics import SearchStatistics, Sweep, sweep
 from posture_opt.selection.solution import Alternative, HasTask, Solution, Status, critical_basis
-from posture_opt.selection.task_target import TaskTarget
+from posture_opt.selection.task_target import PLANE_TOLERANCE, Reach, TaskTarget
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint

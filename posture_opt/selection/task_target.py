@@ -1,17 +1,147 @@
-"""``TaskTarget``: where one solve is to bring the tool point: the parameters of the optimisation problem."""
+"""``TaskTarget``: where one solve is to bring the tool point: the parameters of the optimisation problem.
+
+What an arm can do at all stands first: the directions it moves its tool point in, and whether it can point its axis.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
-from posture_opt.selection.reach import Reach
+from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task
+
+_RANK = 1e-9  # of the largest singular value: rounding of a product of some ten rotations
+_DEPENDENT = 1e-7  # rad or m/rad: singular values below it are rounding, of quarter turns typed with seven digits too
+_SAMPLES = 12  # random postures: more than the columns that can be independent, so that none is missed
+_SWEEPS = 200  # over three coordinates: the exact steps converge geometrically
+_MOST_SKEW = 0.05  # rad; beyond it, corrections do not correct an arm but make another one
+
+PLANE_TOLERANCE = 1e-6
+"""Distance [m] from its plane at which a target counts as outside of it."""
+AXIS_SLACK = 2e-5
+"""Error of the tool axis [rad] that counts as none for an arm with too few joints to turn it at will: the quarter
+turns in its file are rounded, and exact alignment may not exist. The lean of a calibrated arm's axes adds to it."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Degrees of freedom of the tool point and of the tool axis, found at random postures.
+
+    Args:
+        directions: (3, r) orthonormal basis of the directions in which the tool point moves, world frame.
+        offset: (3,) a point that the tool reaches; where r < 3 all reachable points share its other components.
+        axis_rank: how many ways the tool axis turns: 0 fixed, 1 in a plane, 2 everywhere.
+        axis: (3,) the tool axis where it is fixed, the normal of its plane where it turns in one, else zeros.
+        axis_freedom: in how many ways the axis moves at one posture; less than ``axis_rank`` on a cone.
+        orients_at_point: whether the axis can still be turned with the tool point held fixed.
+        radius: largest distance between tool points seen [m], a length scale.
+        plane_slack: distance [m] from its plane at which a target counts as outside of it.
+        axis_slack: error of the tool axis [rad] that counts as none for an arm that cannot turn it at will.
+
+    What an arm does by its corrections alone, a planar one that a calibration found to be slightly skew, it does not
+    do at will: such motion counts as none.
+    """
+
+    directions: Array
+    offset: Array
+    axis_rank: int
+    axis: Array
+    axis_freedom: int
+    orients_at_point: bool
+    radius: float
+    plane_slack: float
+    axis_slack: float
+
+    @classmethod
+    def of(cls, arm: Arm, tool_axis: tuple[float, float, float]) -> Reach:
+        """What ``arm`` can do with ``tool_axis`` (3,), tool frame, found at random postures."""
+        rng = np.random.default_rng(0)
+        robot = arm.robot
+        a_tool = np.array(tool_axis) / np.linalg.norm(tool_axis)
+        points, axes, jacobians, turns = [], [], [], []
+        for _ in range(_SAMPLES):
+            q = rng.uniform(*drawn_between(robot))
+            T = np.asarray(arm.pose(q), dtype=float)
+            J = np.asarray(arm.jacobian(q), dtype=float)
+            axis = T[:3, :3] @ a_tool
+            points.append(T[:3, 3])
+            axes.append(axis)
+            jacobians.append(J[:3])
+            turns.append(np.cross(J[3:].T, axis).T)
+        lean = 2 * min(robot.skew, _MOST_SKEW)
+        U = _range(np.hstack(jacobians), lean)
+        turned = _range(np.hstack(turns), 0.0, lean * math.sqrt(_SAMPLES * robot.n))
+        rank = 0 if turned.shape[1] == 0 else 1 if _planar(axes, lean) else 2
+        both = [np.vstack([U.T @ J, A]) for J, A in zip(jacobians, turns, strict=True)]
+        orients = max(np.linalg.matrix_rank(M, tol=_DEPENDENT) for M in both) >= U.shape[1] + rank
+        radius = max(float(np.linalg.norm(p - points[0])) for p in points)
+        axis = axes[0] if rank == 0 else _normal(axes) if rank == 1 else np.zeros(3)
+        freedom = max(int(np.linalg.matrix_rank(A, tol=max(_DEPENDENT, lean))) for A in turns)
+        able, size = bool(orients and rank > 0), max(radius, 1e-3)
+        plane_slack = PLANE_TOLERANCE + lean * size + min(robot.lift, size)
+        return cls(U, points[0], rank, axis, freedom, able, size, plane_slack, AXIS_SLACK + lean)
+
+    @cached_property
+    def normals(self) -> Array:
+        """(3, 3 − r) directions in which the tool point cannot move."""
+        full, _, _ = np.linalg.svd(np.hstack([self.directions, np.zeros((3, 1))]))
+        return np.asarray(full[:, self.directions.shape[1] :])
+
+    def outside(self, lower: Array, upper: Array) -> Array:
+        """(3,) shift [m] that brings the box to the plane (or line) that the tool point cannot leave."""
+        N = self.normals
+        point = np.clip(self.offset, lower, upper)
+        # Least distance from the box by exact steps along one coordinate at a time: a convex quadratic in 3 unknowns.
+        for _ in range(_SWEEPS if N.shape[1] else 0):
+            for k in range(3):
+                slope, curvature = N[k] @ (N.T @ (point - self.offset)), N[k] @ N[k]
+                if curvature > 1e-15:
+                    point[k] = np.clip(point[k] - slope / curvature, lower[k], upper[k])
+        return np.asarray(N @ (N.T @ (self.offset - point)))
+
+    def misses(self, lower: Array, upper: Array) -> bool:
+        """Whether no point of the box lies in the plane (or line) of the tool point."""
+        return bool(np.linalg.norm(self.outside(lower, upper)) > self.plane_slack)
+
+
+def drawn_between(robot: Robot) -> tuple[Array, Array]:
+    """(n,) bounds that random postures are drawn between: the limits; of a turning joint one turn at most of them."""
+    lower, upper = np.array(robot.lower), np.array(robot.upper)
+    low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
+    slides = np.array([joint.type == "prismatic" for joint in robot.joints])
+    whole = slides | (low >= high)
+    return np.where(whole, lower, low), np.where(whole, upper, high)
+
+
+def _range(columns: Array, lean: float = 0.0, least: float = 0.0) -> Array:
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    keep = s > max(max(_RANK, lean) * max(float(s[0]), 1e-6), least)
+    basis = U[:, keep]
+    return np.eye(3) if basis.shape[1] == 3 else _aligned(basis, lean)
+
+
+def _aligned(basis: Array, lean: float) -> Array:
+    """The same subspace spanned by coordinate axes where these lie in it: they read better in a printed problem."""
+    projector = basis @ basis.T
+    columns = [e for e in np.eye(3) if np.linalg.norm(projector @ e - e) < max(1e-9, lean)]
+    return np.array(columns).T if columns and len(columns) == basis.shape[1] else basis
+
+
+def _planar(axes: list[Array], lean: float) -> bool:
+    return bool(np.linalg.svd(np.array(axes), compute_uv=False)[-1] < max(_DEPENDENT, lean * math.sqrt(len(axes))))
+
+
+def _normal(axes: list[Array]) -> Array:
+    return np.asarray(np.linalg.svd(np.array(axes))[2][-1])
+
 
 SIZES = {"lower": 3, "upper": 3, "direction": 3, "b1": 3, "b2": 3, "clearance": 1, "sin_tilt": 1, "scale": 1}
 FREE = 1e6

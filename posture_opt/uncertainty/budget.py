@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posture_opt.model.chain import Walk
-from posture_opt.model.derivatives import position_column, rotation_column
+from posture_opt.model.chain import Walk, position_column, rotation_column
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.exact_moments import exact_moments
 from posture_opt.uncertainty.tool_point import ToolPoint

@@ -12,7 +12,7 @@ import numpy as np
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array
 from posture_opt.result import Result
-from posture_opt.robot.posture import PostureLike
+from posture_opt.robot.robot import PostureLike
 from posture_opt.uncertainty.adaptive import AdaptiveResult
 from posture_opt.uncertainty.adaptive import adaptive as adaptive_trials
 from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor

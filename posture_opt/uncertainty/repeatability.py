@@ -8,8 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from posture_opt.errors import InputError, Issue, one_of
-from posture_opt.model.chain import factor_values, stack, walk
-from posture_opt.model.derivatives import position_column
+from posture_opt.model.chain import factor_values, position_column, stack, walk
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.uncertainty.iso9283 import repeatabilities

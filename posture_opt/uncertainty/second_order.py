@@ -3,7 +3,7 @@
 ``C = J Σ Jᵀ + ½ tr(H_a Σ H_b Σ) + ½ (J_a Σ g_b + J_b Σ g_a)`` with ``g_b = ∇ tr(Σ H_b)``; the mean moves by
 ``½ tr(Σ H)``. The third term is as large as the second and is often forgotten (JCGM 100:2008, note to 5.1.2,
 gives both for one output). Second and third derivatives follow from the screws of the chain
-(:mod:`posture_opt.model.derivatives`): ``H_ij = a_i × J_j`` and ``T_ijk = a_i × (a_j × J_k)`` for i ≤ j ≤ k.
+(:mod:`posture_opt.model.chain`): ``H_ij = a_i × J_j`` and ``T_ijk = a_i × (a_j × J_k)`` for i ≤ j ≤ k.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from posture_opt.model.chain import Vector, Walk, add, cross, scale, stack
-from posture_opt.model.derivatives import ZERO, position_column, rotation_column
+from posture_opt.model.chain import ZERO, Vector, Walk, add, cross, position_column, rotation_column, scale, stack
 from posture_opt.numerics import Array
 
 

@@ -14,8 +14,7 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk
 from posture_opt.numerics import Array
 from posture_opt.result import Result
-from posture_opt.robot.posture import PostureLike, limit_notes, read_posture
-from posture_opt.robot.robot import Robot
+from posture_opt.robot.robot import PostureLike, Robot, limit_notes, read_posture
 from posture_opt.uncertainty.budget import Share, budgets
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.second_order import second_order

@@ -11,8 +11,7 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Scalar, Walk, add, stack
 from posture_opt.robot.robot import Robot
-from posture_opt.uncertainty.exact_moments import exact_moments
-from posture_opt.uncertainty.planar_moments import Plane, planar_moments, plane_of
+from posture_opt.uncertainty.exact_moments import Plane, exact_moments, planar_moments, plane_of
 from posture_opt.uncertainty.second_order import second_order, transpose
 
 Method = Literal["exact", "exact, planar", "exact + second order of the correlations"]

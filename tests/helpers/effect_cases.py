@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from posture_opt.model.arm import Arm
+from posture_opt.model.arm_state import Inputs
 from posture_opt.model.effects import Effect, Excitation
-from posture_opt.model.inputs import Inputs
 from posture_opt.problem.load import problem_from_dict
 from posture_opt.problem.schema import ProblemSpec
 from tests.hidden import effects as hidden

@@ -11,8 +11,7 @@ import pinocchio
 import pytest
 
 from posture_opt.model.arm import Arm
-from posture_opt.model.chain import factor_values, walk
-from posture_opt.model.derivatives import twist_column
+from posture_opt.model.chain import factor_values, twist_column, walk
 from posture_opt.robot import UrdfRobot
 from posture_opt.robot.preset import load_preset, preset_names
 from tests.helpers.factors import pose, random_postures

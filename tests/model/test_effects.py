@@ -11,9 +11,8 @@ import yaml
 
 from posture_opt.errors import InputError
 from posture_opt.model.arm import Arm
-from posture_opt.model.arm_state import ArmState
+from posture_opt.model.arm_state import ArmState, Inputs
 from posture_opt.model.effects import EFFECTS, Effect
-from posture_opt.model.inputs import Inputs
 from posture_opt.problem.load import problem_from_dict
 from tests.helpers.effect_cases import SHAPES, read, with_effects
 from tests.hidden import effects as hidden

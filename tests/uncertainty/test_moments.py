@@ -13,7 +13,7 @@ from posture_opt.model.chain import factor_values, walk
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
 from posture_opt.uncertainty.cloud import simulate
-from posture_opt.uncertainty.planar_moments import planar_moments, plane_of
+from posture_opt.uncertainty.exact_moments import planar_moments, plane_of
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.second_order import second_order
 from posture_opt.uncertainty.sources import Sources

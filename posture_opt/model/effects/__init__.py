@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from posture_opt.model.effects.abscissa import Abscissa
 from posture_opt.model.effects.backlash import Backlash
 from posture_opt.model.effects.base_compliance import BaseCompliance
 from posture_opt.model.effects.catalogue_entry import INPUTS, CatalogueEntry, Evidence, Limit
-from posture_opt.model.effects.cause import Cause, FittedSizes, Size
+from posture_opt.model.effects.cause import Abscissa, Cause, FittedSizes, Size
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.model.effects.drift import Drift
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity

@@ -8,7 +8,7 @@ import numpy as np
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.abscissa import Abscissa, over_joint
+from posture_opt.model.effects.cause import Abscissa, over_joint
 from posture_opt.model.effects.joint_effect import JointEffect
 
 

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from posture_opt.model.effects.cause import FittedSizes, Size
 from posture_opt.model.effects.effect import Effect, Excitation
-from posture_opt.model.effects.harmonic import Harmonic
+from posture_opt.model.effects.joint_effect import Harmonic
 from posture_opt.units import number, plus_minus
 
 FEWEST, MOST = 2.5, 300.0

@@ -8,12 +8,10 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
-from posture_opt.model.arm_state import ZERO, ArmState
-from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.abscissa import Abscissa, over_time
-from posture_opt.model.effects.cause import FittedSizes, Size
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.chain import ZERO, Scalar, exp
+from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size, over_time
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
-from posture_opt.model.scalars import exp
 from posture_opt.units import Time, plus_minus, shown
 
 _GRID = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the duration; slower than half of it an exponential is a line

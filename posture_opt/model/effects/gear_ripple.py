@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from posture_opt.model.effects.effect import Effect, Excitation
-from posture_opt.model.effects.harmonic import Harmonic
+from posture_opt.model.effects.joint_effect import Harmonic
 from posture_opt.units import number
 
 

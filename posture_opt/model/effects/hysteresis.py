@@ -10,12 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.abscissa import Abscissa
-from posture_opt.model.effects.cause import FittedSizes, Size
+from posture_opt.model.chain import Scalar, exp
+from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size
 from posture_opt.model.effects.effect import Effect, Excitation
 from posture_opt.model.effects.joint_effect import JointEffect
-from posture_opt.model.scalars import exp
 from posture_opt.units import Angle, plus_minus
 
 _GRID = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.5)  # rad

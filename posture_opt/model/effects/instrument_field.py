@@ -7,8 +7,8 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from posture_opt.model.arm_state import ZERO, ArmState
-from posture_opt.model.chain import subtract
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.chain import ZERO, subtract
 from posture_opt.model.effects.cause import FittedSizes, Size
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity, SoleEffect
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar, Literal
 
-from posture_opt.model.arm_state import ZERO, ArmState
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.chain import ZERO
 from posture_opt.model.effects.catalogue_entry import Evidence, Limit
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity, SoleEffect
 

@@ -10,9 +10,8 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.abscissa import Abscissa
 from posture_opt.model.effects.catalogue_entry import Input
-from posture_opt.model.effects.cause import FittedSizes, Size, compliance_size
+from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size, compliance_size
 from posture_opt.model.effects.effect import Effect, Excitation
 from posture_opt.model.effects.joint_effect import JointEffect
 from posture_opt.units import number

@@ -1,7 +1,8 @@
-"""Effects of one joint: of its value, or of the link behind it."""
+"""Effects of one joint: of its value, or of the link behind it; those that are periodic in its value."""
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -10,9 +11,11 @@ from pydantic import Field
 
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import Scalar
+from posture_opt.model.chain import Scalar, cos, sin
+from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size, amplitude, over_phase
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
 from posture_opt.robot.robot import Robot
+from posture_opt.units import fixed, number, shown
 
 
 class EffectOfJoint(Effect):
@@ -62,3 +65,33 @@ class JointEffect(EffectOfJoint):
     def index(self, site: ArmState) -> int:
         """Place of the joint in the arm."""
         return site.robot.joint_names.index(self.joint)
+
+
+_ARCSEC = math.degrees(1.0) * 3600
+
+
+class Harmonic(JointEffect):
+    """``dq = a sin(k q) + b cos(k q)``, k cycles per revolution."""
+
+    parameters: ClassVar = (("sin", "angle"), ("cos", "angle"))
+
+    @property
+    @abstractmethod
+    def frequency(self) -> float:
+        """k, cycles per revolution of the joint."""
+
+    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
+        angle = self.frequency * site.q[joint]
+        return sin(angle), cos(angle)
+
+    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa | None:
+        return over_phase(site, self.index(site), self.frequency)
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        """Amplitude and phase, in place of sine and cosine."""
+        (a, _), (b, _) = estimate.entry("sin"), estimate.entry("cos")
+        size, std = amplitude(a, b, estimate.covariance)
+        return (
+            Size("amplitude", shown(size, "angle", std), f" ({number(_ARCSEC * size, 2)} arcsec)"),
+            Size("phase", f"{fixed(math.degrees(math.atan2(b, a)), 0)} deg"),
+        )

@@ -7,10 +7,9 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.abscissa import Abscissa
+from posture_opt.model.chain import Scalar, magnitude
+from posture_opt.model.effects.cause import Abscissa
 from posture_opt.model.effects.joint_effect import JointEffect
-from posture_opt.model.scalars import magnitude
 
 
 class LoadBacklash(JointEffect):

@@ -10,12 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.abscissa import Abscissa
-from posture_opt.model.effects.cause import FittedSizes, Size
+from posture_opt.model.chain import Scalar, nearest_integer
+from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size
 from posture_opt.model.effects.effect import Effect, Excitation
 from posture_opt.model.effects.joint_effect import JointEffect
-from posture_opt.model.scalars import nearest_integer
 from posture_opt.units import Angle, number, plus_minus
 
 _BITS = range(9, 17)

@@ -10,12 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from posture_opt.errors import BadValueError
-from posture_opt.model.arm_state import ZERO, ArmState
-from posture_opt.model.chain import cross, subtract
-from posture_opt.model.effects.abscissa import Abscissa, over_time
-from posture_opt.model.effects.cause import FittedSizes, Size
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.chain import ZERO, at_least, cross, subtract
+from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size, over_time
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
-from posture_opt.model.scalars import at_least
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Time, number

@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.abscissa import Abscissa
+from posture_opt.model.effects.cause import Abscissa
 from posture_opt.model.effects.joint_effect import JointEffect
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
-from posture_opt.model.effects.abscissa import Abscissa, over_joint
+from posture_opt.model.effects.cause import Abscissa, over_joint
 from posture_opt.report.figures.residual_joints import Binned
 from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled

@@ -19,7 +19,7 @@ from posture_opt.report.units_text import fixed, length_unit
 from posture_opt.report.words import PARTS, line_words
 
 if TYPE_CHECKING:
-    from posture_opt.selection.target_grid import Grid
+    from posture_opt.selection.map_points import Grid
     from posture_opt.selection.target_map import TargetMap
 
 _WIDTH = 7.2
