@@ -47,7 +47,7 @@ LAZY = {
 """Where modules may be imported by name, and what for."""
 
 NAMED_ALIKE = ("posture_opt.cli", "posture_opt.report")
-"""A command's file is called as the command, a report's and a figure's as what they show."""
+"""A file of commands is called as what they are about, a report's and a figure's as what they show."""
 
 LISTS: dict[str, tuple[type[Any], ...]] = {
     "robot": FORMATS,

@@ -10,7 +10,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any, NoReturn
+from typing import Any, NoReturn, cast
 
 import click
 
@@ -19,7 +19,7 @@ from posture_opt.cli.options import Common, common_options, problem_options, tas
 from posture_opt.errors import PostureOptError, nearest
 
 COMMANDS = {
-    # name -> one line for --help; each is the function `command` of the file of its name (- is _)
+    # name -> one line for --help
     "calibrate": "What measurements say about the parameters of the arm.",
     "diagnose": "What the simulation gets wrong, its cause by name, and what naming it brings.",
     "export": "Write the covariance of the tool point as C code.",
@@ -30,6 +30,14 @@ COMMANDS = {
     "schema": "Print the JSON Schema of the problem file.",
     "simulate": "Monte Carlo cloud of the tool point at one posture, beside the closed form.",
     "uncertainty": "Covariance, ellipse, coverage regions and error budget at one posture.",
+}
+_FILES = {
+    # file -> the commands in it; `plan-measurements` is its function `plan_measurements_command`
+    "measured": ("calibrate", "diagnose"),
+    "posture": ("uncertainty", "simulate", "export"),
+    "problem_file": ("list", "new", "schema"),
+    "map": ("map",),
+    "plan_measurements": ("plan-measurements",),
 }
 _INTERRUPTED = 130  # what a shell reports of a program that ^C ended
 
@@ -49,8 +57,9 @@ class PostureCommands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = import_module(f"posture_opt.cli.{cmd_name.replace('-', '_')}").command
-        return command
+        file = next(file for file, names in _FILES.items() if cmd_name in names)
+        found = getattr(import_module(f"posture_opt.cli.{file}"), f"{cmd_name.replace('-', '_')}_command")
+        return cast(click.Command, found)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         if args and args[0] not in COMMANDS:
@@ -147,4 +156,4 @@ def main(ctx: click.Context, /, common: Common, explain: bool, **given: Any) -> 
             raise click.UsageError("Nothing to solve: name a --task or a --problem.", ctx)
         click.echo(ctx.get_help())
         return
-    import_module("posture_opt.cli.solve").solve(common, explain, **given)
+    import_module("posture_opt.cli.posture").solve(common, explain, **given)

@@ -11,7 +11,8 @@ import click
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import output, progress_bar, save_result, show_result
-from posture_opt.cli.request import corner, placed, requested_problem
+from posture_opt.cli.quantities import corner
+from posture_opt.cli.request import placed, requested_problem
 from posture_opt.errors import InputError, Issue
 from posture_opt.problem.problem import Problem
 
@@ -34,7 +35,7 @@ from posture_opt.problem.problem import Problem
 @click.option("--max", "high", metavar="TEXT", help="Its upper corner.")
 @click.option("--plane", type=click.Choice(["xy", "xz", "yz"]), help="Plane of the map; else across the direction.")
 @common_options
-def command(
+def map_command(
     common: Common, quantity: str, data: Path | None, grid: str | None, low: str | None, high: str | None, plane: Any,
     **given: Any,
 ) -> None:  # fmt: skip

@@ -1,19 +1,20 @@
-"""What the commands on measurements share: their options, and which robots' data go with what."""
+"""``optimize-posture calibrate`` and ``diagnose``: what measurements of one robot, or of several, say."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any
 
 import click
 
 import posture_opt as po
-from posture_opt.cli.options import Command, Common, add_options, problem_options
-from posture_opt.cli.output import output, save_result, show_result
+from posture_opt.cli.options import Command, Common, add_options, common_options, problem_options
+from posture_opt.cli.output import output, progress_bar, save_result, show, show_result
 from posture_opt.cli.request import placed, requested_problem
+from posture_opt.errors import InsufficientDataError
 from posture_opt.result import Result
 
 OfOne = Callable[[Any, po.Measurements, po.Measurements | None], Result]
@@ -77,3 +78,78 @@ def answer(common: Common, session: Session, given: dict[str, Any], of_one: OfOn
             found = of_one(problem, measured, other)
         save_result(common, found)
         show_result(common, found)  # what the report is held against is computed here
+
+
+@click.command("calibrate")
+@measured_options
+@click.option("--no-priors", is_flag=True, help="Let the σ's of the problem file not count as knowledge.")
+@common_options
+def calibrate_command(common: Common, session: Session, no_priors: bool, **given: Any) -> None:
+    """What the simulation gets wrong, and the parameters of the arm that the measurements determine."""
+
+    of_one = partial(_calibrated, common, session, not no_priors)
+    answer(common, session, given, of_one, partial(_calibrated_batch, common, session))
+
+
+def _calibrated_batch(common: Common, session: Session, problem: Any, data: po.Measurements) -> Result:
+    with progress_bar(common, "calibrating robots") as progress:
+        return po.calibrate_batch(problem, data, folds=session.folds, by=session.by, progress=progress)
+
+
+def _calibrated(
+    common: Common,
+    session: Session,
+    priors: bool,
+    problem: Any,
+    measured: po.Measurements,
+    other: po.Measurements | None,
+) -> Result:
+    with progress_bar(common, "calibrating") as progress:
+        return po.calibrate(
+            problem, measured, priors=priors, folds=session.folds, by=session.by, test=other,
+            refit_frames=session.refit_frames, plan=session.plan, seed=common.seed, progress=progress,
+        )  # fmt: skip
+
+
+@click.command("diagnose")
+@measured_options
+@click.option("--with-time", is_flag=True, help="Keep effects of time in extended.yaml; the task's 'time' says when.")
+@common_options
+def diagnose_command(common: Common, session: Session, with_time: bool, **given: Any) -> None:
+    """What the simulation gets wrong, why, and how much better it is once the cause is part of the model."""
+
+    of_one = partial(_diagnosed, common, session, with_time)
+    answer(common, session, given, of_one, partial(_diagnosed_batch, common, session))
+
+
+def _diagnosed_batch(common: Common, session: Session, problem: Any, data: po.Measurements) -> Result:
+    with progress_bar(common, "diagnosing robots") as progress:
+        return po.diagnose_batch(
+            problem, data, folds=session.folds, by=session.by, seed=common.seed or 0, progress=progress
+        )
+
+
+def _diagnosed(
+    common: Common,
+    session: Session,
+    with_time: bool,
+    problem: Any,
+    measured: po.Measurements,
+    other: po.Measurements | None,
+) -> Result:
+    try:
+        with progress_bar(common, "diagnosing") as progress:
+            return po.diagnose(
+                problem, measured, folds=session.folds, by=session.by, seed=common.seed, test=other,
+                refit_frames=session.refit_frames, with_time=with_time, plan=session.plan, progress=progress,
+            )  # fmt: skip
+    except InsufficientDataError as error:
+        _tell_insufficient(common, error)
+        raise
+
+
+def _tell_insufficient(common: Common, error: InsufficientDataError) -> None:
+    """The verdict on data that do not suffice is an answer too; what to measure stands in ``message``."""
+    if common.json:
+        document = {"verdict": "insufficient_data", "effects": [], "candidates": [], "message": str(error)}
+        show(common, lambda: document, str)

@@ -1,24 +1,28 @@
-"""What the commands print and save: the report or the JSON document of a result, progress, and files."""
+"""What commands write: their documents and reports, files, and a progress bar in one line of a terminal."""
 
 from __future__ import annotations
 
+import shutil
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TextIO
 
 import click
 
 from posture_opt.cli.options import Common
-from posture_opt.cli.progress import ProgressBar
 from posture_opt.numerics import Progress
 from posture_opt.output import json_text, staged_folder, writable_folder
 from posture_opt.result import Result
 
 OUT = ("--out",)
+DELAY = 2.0  # s; what is done by then needs no bar
+PAUSE = 0.1  # s between two drawings: faster than this nobody reads
+CELLS = 30
 
 
 def show(common: Common, document: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:
@@ -95,3 +99,40 @@ def write_text(path: Path | None, text: str) -> None:
         return
     with staged_folder(path.absolute().parent, OUT) as folder:
         (folder / path.name).write_text(text, encoding="utf-8")
+
+
+class ProgressBar:
+    """Draws ``what: ███░░░ 12/50, 1:20 left`` over itself; nothing before ``DELAY`` seconds are over."""
+
+    def __init__(self, what: str, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
+        self._what, self._stream, self._clock = what, stream, clock
+        self._begun = clock()
+        self._next = self._begun + DELAY
+        self._drawn = 0
+
+    def show(self, done: int, total: int) -> None:
+        """Draw that ``done`` of ``total`` parts are done."""
+        now = self._clock()
+        if now < self._next or total <= 0:
+            return
+        self._next = now + PAUSE
+        filled = CELLS * done // total
+        left = f", {_minutes((now - self._begun) * (total - done) / done)} left" if done else ""
+        self._draw(f"{self._what}: {'█' * filled}{'░' * (CELLS - filled)} {done}/{total}{left}")
+
+    def clear(self) -> None:
+        """Leave the line as it was found."""
+        if self._drawn:
+            self._draw("")
+            self._stream.write("\r")
+            self._stream.flush()
+
+    def _draw(self, line: str) -> None:
+        line = line[: shutil.get_terminal_size().columns - 1]
+        self._stream.write("\r" + line.ljust(self._drawn))
+        self._stream.flush()
+        self._drawn = len(line)
+
+
+def _minutes(seconds: float) -> str:
+    return f"{round(seconds) // 60}:{round(seconds) % 60:02d}"

@@ -11,7 +11,8 @@ import click
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import output, progress_bar, save_result, show_result
-from posture_opt.cli.request import corner, height_of, placed, requested_problem
+from posture_opt.cli.quantities import corner, height_of
+from posture_opt.cli.request import placed, requested_problem
 from posture_opt.errors import InputError, Issue
 
 Corner = tuple[float, ...]
@@ -39,7 +40,7 @@ Box = tuple[Corner, Corner]
 @click.option("--min", "low", metavar="TEXT", help='Lower corner of where the tool point may go: "0.3 m, -0.2 m, 0 m".')
 @click.option("--max", "high", metavar="TEXT", help="Its upper corner: what the instrument sees, say.")
 @common_options
-def command(
+def plan_measurements_command(
     common: Common, count: int, data: Path | None, purpose: Any, candidates: int, link_height: str | None,
     repeats: int, low: str | None, high: str | None, **given: Any,
 ) -> None:  # fmt: skip

@@ -10,14 +10,12 @@ from typing import Any, TypeVar
 
 import click
 
-from posture_opt.cli.sigma import entries, exact_note, joint_sigmas
-from posture_opt.errors import BadValueError, InputError, Issue, KeyPath, did_you_mean, nearest
+from posture_opt.cli.quantities import entries, exact_note, height_of, joint_sigmas
+from posture_opt.errors import InputError, Issue, KeyPath, did_you_mean, nearest
 from posture_opt.files import nearest_file
 from posture_opt.problem.load import builtin_names, builtin_problem, load_problem, problem_from_dict
 from posture_opt.problem.problem import Problem
 from posture_opt.robot import preset_names
-from posture_opt.robot.robot import Robot
-from posture_opt.units import parse_quantity
 
 T = TypeVar("T")
 
@@ -115,18 +113,6 @@ def _robot_section(robot: str, base_link: str | None, tip_link: str | None) -> d
     return {"kind": "preset", "name": robot}
 
 
-def height_of(text: str) -> float:
-    """The height [m] that ``--link-height`` states.
-
-    Raises:
-        InputError: it is no length.
-    """
-    try:
-        return parse_quantity(text, "length")
-    except BadValueError as error:
-        raise InputError(error.issue(("--link-height",), text)) from None
-
-
 def _link_height(text: str) -> dict[str, str]:
     """The bound that keeps all links at least this high."""
     height_of(text)
@@ -155,65 +141,3 @@ def placed(problem: Problem) -> Iterator[None]:
 def _named_as_option(issue: Issue) -> Issue:
     option = _OPTION_OF.get(issue.key[:2])
     return replace(issue, key=(option, *issue.key[2:])) if option and not issue.file else issue
-
-
-def requested_posture(text: str, robot: Robot) -> dict[str, float]:
-    """Joint name -> value [rad or m] of ``"90 deg, -180 deg"`` or ``"joint1=90 deg, joint2=-180 deg"``.
-
-    Raises:
-        InputError: everything wrong with the posture; the message names the joints that are expected.
-    """
-    pairs = [tuple(part.strip() for part in entry.split("=", 1)) for entry in entries(text) if entry]
-    by_name = any(len(pair) == 2 for pair in pairs)
-    issues: list[Issue] = []
-    if not by_name and len(pairs) != robot.n:
-        given = f"{len(pairs)} {'value' if len(pairs) == 1 else 'values'}"
-        mend = f"give one value each, in this order: {', '.join(robot.joint_names)}"
-        raise InputError(
-            Issue(f"{given} for {robot.n} {'joint' if robot.n == 1 else 'joints'}", ("--posture",), text, mend)
-        )
-    named = pairs if by_name else [(name, *pair) for name, pair in zip(robot.joint_names, pairs, strict=True)]
-    posture = {pair[0]: _joint_value(pair, robot, issues) for pair in named}
-    missing = [name for name in robot.joint_names if name not in posture]
-    if missing:
-        mend = f"the joints are {', '.join(robot.joint_names)}"
-        issues.append(Issue(f"no value for {', '.join(missing)}", ("--posture",), text, mend))
-    if len(posture) != len(named):
-        issues.append(Issue("a joint is named twice", ("--posture",), text))
-    if issues:
-        raise InputError(issues)
-    return posture
-
-
-def _joint_value(pair: tuple[str, ...], robot: Robot, issues: list[Issue]) -> float:
-    key = ("--posture", pair[0])
-    joint = next((joint for joint in robot.joints if joint.name == pair[0]), None)
-    if joint is None:
-        issues.append(Issue("the robot has no such joint", key, pair[0], did_you_mean(pair[0], robot.joint_names)))
-        return 0.0
-    if len(pair) == 1:
-        issues.append(Issue("no value", key, None, f"write {pair[0]}=0 {'deg' if joint.type == 'revolute' else 'mm'}"))
-        return 0.0
-    try:
-        return parse_quantity(pair[1], "angle" if joint.type == "revolute" else "length")
-    except BadValueError as error:
-        issues.append(error.issue(key, pair[1]))
-        return 0.0
-
-
-def corner(option: str, text: str | None, issues: list[Issue]) -> tuple[float, float, float] | None:
-    """The corner of a box [m] that an option states; what is wrong with it joins ``issues``."""
-    if text is None:
-        return None
-    parts = entries(text)
-    values = []
-    for part in parts:
-        try:
-            values.append(parse_quantity(part, "length"))
-        except BadValueError as error:
-            issues.append(error.issue((option,), part))
-    if len(parts) != 3:
-        issues.append(
-            Issue(f"a corner has three coordinates, {len(parts)} are given", (option,), text, "0.3 m, 0.1 m, 0.2 m")
-        )
-    return (values[0], values[1], values[2]) if len(values) == 3 else None

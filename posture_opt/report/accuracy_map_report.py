@@ -6,23 +6,23 @@ import math
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.effect_facts import input_facts
 from posture_opt.report.parts import frame_notes, note_facts, robot_facts, source_facts
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.save import Files
 from posture_opt.report.target_map_report import grid_words, map_csv, place_columns, posture_columns, served_sentence
-from posture_opt.report.units_text import count, length, length_unit, number, percent, place
+from posture_opt.report.units_text import count, length, length_unit, percent, place
 from posture_opt.report.words import direction_words
+from posture_opt.units import number
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
     from posture_opt.validation.accuracy_map import AccuracyMap
     from posture_opt.validation.measured_errors import MeasuredErrors
 
-Floats = NDArray[np.float64]
 _FEW = 20  # rows: fewer say little about a share of 95 %
 
 
@@ -46,7 +46,7 @@ def lead(found: AccuracyMap) -> tuple[str, ...]:
     return (f"Without the corrections the arm would land {off} off its target, depending on the target.", spread)
 
 
-def _range(values: Floats) -> str:
+def _range(values: Array) -> str:
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if high <= low * 1.005:
         return length(high)
@@ -104,11 +104,11 @@ def spread_block(found: AccuracyMap) -> Block:
     return Block("Spread", (text, _table(found, rows), *own), figure="map_spread")
 
 
-def _longest(found: AccuracyMap) -> Floats:
+def _longest(found: AccuracyMap) -> Array:
     return np.asarray(found.semi_axes95[:, -1])
 
 
-def _table(found: AccuracyMap, rows: list[tuple[str, Floats]]) -> Table:
+def _table(found: AccuracyMap, rows: list[tuple[str, Array]]) -> Table:
     unit, factor = length_unit([float(np.nanmax(values)) for _, values in rows])
     points = found.grid.points
     cells = []
@@ -136,11 +136,11 @@ def measured_block(measured: MeasuredErrors) -> Block:
     return Block("Measured", (Table(headers, tuple(cells)), *shares_sentences(measured), *facts))
 
 
-def _rms(lengths: Floats) -> float:
+def _rms(lengths: Array) -> float:
     return float(np.sqrt(np.mean(lengths**2)))
 
 
-def _p95(lengths: Floats) -> float:
+def _p95(lengths: Array) -> float:
     return float(np.quantile(lengths, 0.95))
 
 

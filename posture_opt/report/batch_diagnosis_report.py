@@ -9,7 +9,7 @@ from posture_opt.problem.batch_section import batch_yaml
 from posture_opt.problem.effects_section import of_a_type
 from posture_opt.report.batch_report import batch_facts, batch_report, problem_of
 from posture_opt.report.blocks import Block, Report, Summary, Table
-from posture_opt.report.finding_words import finding_words
+from posture_opt.report.diagnosis_causes import finding_words
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.save import Files
 from posture_opt.report.words import p_value

@@ -14,8 +14,9 @@ from posture_opt.report.calibration_report import statistics_table
 from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.save import Files
-from posture_opt.report.units_text import count, decimals_of, fixed, number, percent
+from posture_opt.report.units_text import count, decimals_of, percent
 from posture_opt.report.words import source_words
+from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.batch.batch_calibration import Batch

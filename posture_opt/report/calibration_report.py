@@ -17,8 +17,9 @@ from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.residual_blocks import residual_blocks
 from posture_opt.report.save import Files
 from posture_opt.report.truth_blocks import truth_blocks, truth_lead
-from posture_opt.report.units_text import count, decimals_of, fixed, number, stated_length
+from posture_opt.report.units_text import count, decimals_of, stated_length
 from posture_opt.report.words import MODEL_NAMES
+from posture_opt.units import fixed, number
 from posture_opt.validation.assessment import assess
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
 from posture_opt.validation.spread_check import check_spread

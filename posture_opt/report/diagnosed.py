@@ -7,10 +7,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
 from posture_opt.model.effects.cause import FittedSizes
+from posture_opt.numerics import Array
 from posture_opt.report.words import MODEL_NAMES
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
     from posture_opt.selection.plan_comparison import Comparison
 
-Floats = NDArray[np.float64]
 MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated", "extended")}
 _REPEATS = 12  # degrees of freedom of repeats, from which on they tell the noise
 
@@ -66,7 +65,7 @@ class Diagnosed:
         """Where in the model an effect stands."""
         return next((place for place, f in self.effects if f is finding), None)
 
-    def at_tool(self, place: int) -> Floats:
+    def at_tool(self, place: int) -> Array:
         """(N,) how far an effect moves the tool point in each row [m]."""
         model, residuals = self.diagnosis.model, self.residuals
         rows = (model.effect_columns(place) @ model.x[model.slices[place]]).reshape(-1, residuals.block)

@@ -12,18 +12,23 @@ from posture_opt.calibration.instrument import position_sigma
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.diagnosis.measured_goals import measured_goals
 from posture_opt.report.blocks import Block, Facts, Report, Summary
-from posture_opt.report.cause_blocks import causes_block, confusion_block, cyclic_block
 from posture_opt.report.comparison_blocks import comparison_blocks, comparison_lead
 from posture_opt.report.diagnosed import MODELS, Diagnosed
-from posture_opt.report.elsewhere_blocks import elsewhere_lead, test_block
-from posture_opt.report.error_blocks import errors_block, mm
-from posture_opt.report.finding_words import finding_words
+from posture_opt.report.diagnosis_causes import causes_block, confusion_block, cyclic_block, finding_words
+from posture_opt.report.diagnosis_errors import elsewhere_lead, errors_block, mm, test_block
+from posture_opt.report.diagnosis_open import (
+    FILE,
+    absorbed_block,
+    left_block,
+    scores_block,
+    split_block,
+    split_csv,
+    unknowable_block,
+)
 from posture_opt.report.goal_blocks import goals_block, goals_lead
-from posture_opt.report.open_blocks import absorbed_block, left_block, scores_block, unknowable_block
 from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.save import Files
-from posture_opt.report.split_blocks import FILE, split_block, split_csv
 from posture_opt.report.units_text import count, stated_length
 from posture_opt.validation.calibrated_arm import compare_models
 

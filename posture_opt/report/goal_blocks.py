@@ -9,8 +9,9 @@ import numpy as np
 
 from posture_opt.report.blocks import Block, Table
 from posture_opt.report.diagnosed import MODELS
-from posture_opt.report.units_text import count, length, number, percent
+from posture_opt.report.units_text import count, length, percent
 from posture_opt.report.words import PARTS
+from posture_opt.units import number
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.measured_goals import Choice, MeasuredGoals

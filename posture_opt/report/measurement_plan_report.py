@@ -12,17 +12,8 @@ from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.parts import note_facts, robot_facts, sentence
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.save import Files
-from posture_opt.report.units_text import (
-    angle,
-    count,
-    fixed,
-    joint_unit,
-    length,
-    number,
-    percent,
-    stated_angle,
-    stated_length,
-)
+from posture_opt.report.units_text import angle, count, joint_unit, length, percent, stated_angle, stated_length
+from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.experiments.expected_errors import ExpectedErrors

@@ -11,7 +11,8 @@ from posture_opt.calibration.calibration import CORRELATED
 from posture_opt.calibration.identifiability import ANGLE, LENGTH
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.parts import sentence
-from posture_opt.report.units_text import count, decimals_of, fixed, number
+from posture_opt.report.units_text import count, decimals_of
+from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration

@@ -12,7 +12,7 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.report.blocks import Table
 from posture_opt.report.effect_facts import effect_facts
-from posture_opt.report.units_text import fixed, joint_value, length, lengths, number, percent, place, shift
+from posture_opt.report.units_text import joint_value, length, lengths, percent, place, shift
 from posture_opt.report.words import (
     METHODS,
     REGIONS,
@@ -23,6 +23,7 @@ from posture_opt.report.words import (
     source_words,
 )
 from posture_opt.robot.robot import Joint, Robot
+from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem

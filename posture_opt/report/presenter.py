@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array, Mask
 from posture_opt.report.blocks import Report, Summary
-from posture_opt.report.html import summary_html
-from posture_opt.report.save import Files, report_files, save_files
+from posture_opt.report.save import Files, report_files, save_files, summary_html
 from posture_opt.report.text import render, render_summary
 from posture_opt.result import Result, snake_case
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.blocks import Block, Table
-from posture_opt.report.units_text import count, fixed, length, lengths, number
+from posture_opt.report.units_text import count, length, lengths
 from posture_opt.report.words import MODEL_NAMES
+from posture_opt.units import fixed, number
 from posture_opt.validation.repeatability_tests import CYCLES
 
 if TYPE_CHECKING:

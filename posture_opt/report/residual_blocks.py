@@ -9,8 +9,9 @@ import numpy as np
 from posture_opt.report.blocks import Block, Table
 from posture_opt.report.parts import sentence
 from posture_opt.report.repeat_blocks import MODELS, goals_block, repeats_block
-from posture_opt.report.units_text import count, fixed, length, lengths, number, percent, shift, stated_length
+from posture_opt.report.units_text import count, length, lengths, percent, shift, stated_length
 from posture_opt.report.words import REGIONS, direction_words, line_words
+from posture_opt.units import fixed, number
 from posture_opt.validation.assessment import TEN_TIMES
 
 if TYPE_CHECKING:

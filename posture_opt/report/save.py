@@ -1,21 +1,50 @@
-"""The files of a report: JSON, text and page, figures as PNG and SVG, in a folder that gets all of them or none."""
+"""The files of a report: JSON, text, one page with the figures inside, figures as PNG and SVG; all of them or none."""
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Mapping
+from functools import cache
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from posture_opt import __version__
 from posture_opt.output import json_text, staged_folder
-from posture_opt.report.blocks import Report
-from posture_opt.report.html import CAPTIONS, report_html
+from posture_opt.report.blocks import Facts, Report, Summary, Table
 from posture_opt.report.style import image
 from posture_opt.report.text import render
 
 if TYPE_CHECKING:
+    from jinja2 import Template
     from matplotlib.figure import Figure
 
+CAPTIONS = {
+    "arm": "The arm in its posture, with the region that holds 95 of 100 tool points (enlarged as stated).",
+    "cloud": "Simulated tool points and the ellipse that holds 95 of 100 of them.",
+    "budget": "Which source the scatter comes from.",
+    "plan_points": "Where the tool point goes to be measured, over all places that it may reach.",
+    "plan_errors": "How well each parameter will be known: the further left the better.",
+    "map": "The best posture at every target of the grid: dark is good, hatched targets have none.",
+    "map_bias": "How far off the target the arm lands without its corrections; arrows show which way (enlarged).",
+    "map_spread": "The distance from its mean that the tool point keeps 95 of 100 times: dark is good.",
+    "joint_map": "The scatter over both joints: dark is good.",
+    "landing": "Where the tool lands in the old posture and in the new one: ellipses hold 95 of 100 visits.",
+    "residual_vectors": "Errors as arrows, from where the model says to where was measured (enlarged as stated).",
+    "residual_joints": "Errors along the motion of each joint: a line that leaves zero is an error that repeats.",
+    "residual_inputs": "Mean errors with their 95 % bands over time, other inputs, and the side a joint came from.",
+    "residual_region": "Errors of the calibrated model, and the ellipse that holds 95 of 100 of them.",
+    "residual_shape": "Errors of the calibrated model beside the normal distribution: on the line means normal.",
+    "truth_coverage": "Measured rows in the predicted region of each probability: on the diagonal it is true.",
+    "truth_joints": "How much each joint scatters: estimated with 95 % intervals, and as stated.",
+    "batch": "How two parameters differ from robot to robot: the ellipse holds 95 of 100 robots of the type.",
+    "diagnosis_curves": "Each named effect (orange line) and what the data say of it with all else taken off.",
+    "diagnosis_errors": "Errors of rows that the model had not seen, on one scale: row by row, and sorted.",
+    "diagnosis_periodogram": "What each number of cycles a turn explains; above the dashed line it is no chance.",
+    "diagnosis_left": "What the model with all its effects leaves: a line that leaves zero has no name yet.",
+    "diagnosis_scores": "How much speaks for each candidate by itself, before any of them is part of the model.",
+    "residual_repeats": "Repeated visits about their mean, with the ellipse that should hold 95 of 100 of them.",
+}
 Files = dict[str, bytes]
 
 _JSON = ("solution", "spread", "calibration", "diagnosis", "plan", "map", "assessment", "spread_check")
@@ -31,6 +60,38 @@ OWN_FILES = DOCUMENTS | frozenset(
 
 ``plan.csv`` and ``split_measurements.csv`` are not among them: by then they may hold what was measured.
 """
+
+
+def report_html(report: Report, images: Mapping[str, bytes], version: str, problem_file: str = "") -> str:
+    """The report as one page; ``images`` are PNG files by the name of the figure."""
+    embedded = {name: b64encode(data).decode("ascii") for name, data in images.items()}
+    return _template().render(
+        report=report, images=embedded, captions=CAPTIONS, version=version, problem_file=problem_file, kind=_kind
+    )
+
+
+def summary_html(summary: Summary) -> str:
+    """A summary as a small table."""
+    rows = "".join(f"<tr><th>{escape(label)}</th><td>{escape(text)}</td></tr>" for label, text in summary.facts)
+    return f"<table><caption>{escape(summary.title)}</caption>{rows}</table>"
+
+
+def _kind(item: str | Facts | Table) -> str:
+    return "text" if isinstance(item, str) else type(item).__name__.lower()
+
+
+@cache
+def _template() -> Template:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("posture_opt.report"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    return environment.get_template("report.html")
 
 
 def report_files(

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.checks import checks_block, ranking_sentence
 from posture_opt.report.effect_facts import input_facts
-from posture_opt.report.explain_report import explain_report
 from posture_opt.report.parts import (
     budget_table,
     ellipse_facts,
@@ -30,15 +28,14 @@ from posture_opt.report.parts import (
     validity_sentence,
 )
 from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.solution_checks import checks_block, explain_report, ranking_sentence
 from posture_opt.report.text import render
 from posture_opt.report.units_text import (
-    fixed,
     joint_unit,
     joint_value,
     length,
     length_unit,
     lengths,
-    number,
     percent,
     place,
     probability,
@@ -47,6 +44,7 @@ from posture_opt.report.units_text import (
 )
 from posture_opt.report.words import CRITERIA, PARTS, REGIONS, direction_words, line_words
 from posture_opt.uncertainty.regions import Ellipsoid
+from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem

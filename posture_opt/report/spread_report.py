@@ -27,8 +27,9 @@ from posture_opt.report.parts import (
     validity_sentence,
 )
 from posture_opt.report.presenter import Columns, Presenter
-from posture_opt.report.units_text import length, length_unit, lengths, number, percent, place
+from posture_opt.report.units_text import length, length_unit, lengths, percent, place
 from posture_opt.report.words import line_words, source_words
+from posture_opt.units import number
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem

@@ -10,8 +10,9 @@ from posture_opt.report.effect_facts import input_facts
 from posture_opt.report.parts import frame_notes, joint_values, note_facts, robot_facts, source_facts
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.save import Files
-from posture_opt.report.units_text import count, fixed, joint_unit, length, length_unit, number, percent, place
+from posture_opt.report.units_text import count, joint_unit, length, length_unit, percent, place
 from posture_opt.report.words import CRITERIA, PARTS, direction_words, line_words
+from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem

@@ -9,8 +9,9 @@ from posture_opt.report.blocks import Block, Table
 from posture_opt.report.parts import sentence
 from posture_opt.report.repeat_blocks import MODELS
 from posture_opt.report.residual_blocks import p_value
-from posture_opt.report.units_text import angle, count, fixed, length, number, percent, stated_angle, stated_length
+from posture_opt.report.units_text import angle, count, length, percent, stated_angle, stated_length
 from posture_opt.report.words import REGIONS
+from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.validation.coverage import Coverage

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from posture_opt.units import UNKNOWN as UNKNOWN
-from posture_opt.units import fixed as fixed
-from posture_opt.units import number as number
+from posture_opt.units import UNKNOWN, fixed, number
 
 _SMALL = 1e-5  # m: below this a length is written in µm
 _NOTHING = 1e-12  # m: below this it is rounding

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from posture_opt.model.arm import Arm
 from posture_opt.report.effect_facts import source_of_effect, spread_of_effect
-from posture_opt.report.units_text import fixed, stated_angle, stated_length
+from posture_opt.report.units_text import stated_angle, stated_length
+from posture_opt.units import fixed
 
 Vector: TypeAlias = Sequence[float] | NDArray[np.float64]
 

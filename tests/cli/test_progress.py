@@ -7,8 +7,7 @@ import io
 import pytest
 
 from posture_opt.cli.options import Common
-from posture_opt.cli.output import progress_bar
-from posture_opt.cli.progress import DELAY, ProgressBar
+from posture_opt.cli.output import DELAY, ProgressBar, progress_bar
 
 
 class Clock:
@@ -81,7 +80,7 @@ def test_no_bar_where_nobody_looks(quiet, tty, monkeypatch):
 
 
 def test_bar_on_a_terminal(monkeypatch):
-    monkeypatch.setattr("posture_opt.cli.progress.DELAY", 0.0)
+    monkeypatch.setattr("posture_opt.cli.output.DELAY", 0.0)
     monkeypatch.setattr("sys.stderr", stream := io.StringIO())
     stream.isatty = lambda: True
     with progress_bar(Common(), "starts") as progress:

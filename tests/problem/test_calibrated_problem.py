@@ -18,7 +18,7 @@ import posture_opt as po
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.problem.problem import Problem
 from posture_opt.problem.writing import quantity
-from posture_opt.report.figures.landing import plot_landing
+from posture_opt.report.figures.comparison import plot_landing
 from posture_opt.robot.robot import Factor
 from posture_opt.selection.plan_comparison import Comparison
 from posture_opt.selection.selector import PostureSelector

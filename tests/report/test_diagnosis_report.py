@@ -12,8 +12,8 @@ import posture_opt as po
 from posture_opt.calibration.fit import Fit
 from posture_opt.report.blocks import Table
 from posture_opt.report.diagnosed import Diagnosed
+from posture_opt.report.diagnosis_errors import _beside, errors_block, noise_of
 from posture_opt.report.diagnosis_report import diagnosis_report
-from posture_opt.report.error_blocks import _beside, errors_block, noise_of
 from posture_opt.report.text import render
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write

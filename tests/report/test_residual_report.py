@@ -14,7 +14,7 @@ from matplotlib.quiver import Quiver
 import posture_opt as po
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.report.blocks import Report
-from posture_opt.report.figures.residual_joints import Binned, plot_residuals_over_joints
+from posture_opt.report.figures.residual_trends import Binned, plot_residuals_over_joints
 from posture_opt.report.figures.residuals import (
     Shown,
     chosen_rows,

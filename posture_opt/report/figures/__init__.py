@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from posture_opt.report.figures.arm import plot_solution, plot_spread
-from posture_opt.report.figures.budget import plot_budget
-from posture_opt.report.figures.cloud import plot_cloud
-from posture_opt.report.figures.joint_map import plot_joint_map
-from posture_opt.report.figures.section import plot_cross_section
+from posture_opt.report.figures.cloud import plot_cloud, plot_cross_section
+from posture_opt.report.figures.solution import plot_budget, plot_joint_map
 
 __all__ = ["plot_budget", "plot_cloud", "plot_cross_section", "plot_joint_map", "plot_solution", "plot_spread"]

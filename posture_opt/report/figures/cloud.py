@@ -1,7 +1,8 @@
-"""The Monte Carlo cloud beside the closed form."""
+"""How the tool point scatters: its simulated cloud as a whole, and as the task sees it."""
 
 from __future__ import annotations
 
+import math
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -9,15 +10,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
-from posture_opt.report.style import BLUE, ORANGE, VERMILLION, legend_below, new_figure, styled
-from posture_opt.report.units_text import length_unit
+from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.units_text import length, length_unit, stated_length
 from posture_opt.report.words import line_words
-from posture_opt.uncertainty.regions import Ellipsoid
+from posture_opt.uncertainty.cloud import cloud_of
+from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
 
 if TYPE_CHECKING:
+    from posture_opt.selection.solution import Solution
     from posture_opt.uncertainty.cloud import Cloud
 
 _DRAWN = 5000
+_SAMPLES = 2000
 
 
 @styled
@@ -54,3 +58,92 @@ def _view(axes: Any, cloud: Cloud, B: Array, points: Array, scale: float) -> Non
     axes.plot(*(scale * closed.points(0.95)).T, color=VERMILLION, lw=2.6, zorder=4, label=label)
     axes.plot(*(scale * sampled.points(0.95)).T, "--", color=ORANGE, zorder=5, label="95 % ellipse, simulated")
     axes.plot(0, 0, "x", color="black", ms=8, mew=2, zorder=6, label="nominal tool point")
+
+
+@styled
+def plot_cross_section(solution: Solution, n: int = _SAMPLES, seed: int = 0) -> Figure:
+    """n simulated tool points about the target, seen along the direction (a planar arm: in its plane)."""
+    spread = solution.spread
+    B = view_basis(solution)
+    points = (cloud_of(spread, n, seed).points - spread.position) @ B.T
+    ellipse = Ellipsoid(B @ spread.bias, B @ spread.covariance @ B.T)
+    unit, scale = length_unit([float(ellipse.semi_axes[-1])])
+    figure = new_figure(6.2, 6.4)
+    axes = figure.add_subplot()
+    label = f"{n} simulated tool points"
+    axes.plot(*(scale * points).T, ".", color=BLUE, ms=3.5, alpha=0.5, mew=0, zorder=2, label=label)
+    boundary = scale * ellipse.points(0.95)
+    axes.plot(*boundary.T, color=VERMILLION, zorder=4, label=f"95 % ellipse ({ellipse.factor(0.95):.3f} std. dev.)")
+    axes.plot(*(scale * ellipse.center), "P", color=VERMILLION, mec="white", ms=8, zorder=5, label="mean")
+    axes.plot(0, 0, "x", color="black", ms=8, mew=2, zorder=6, label="target")
+    half = 1.12 * float(np.abs(np.vstack([scale * points, boundary])).max())
+    if len(solution.critical.covariance) == 1:
+        _band(axes, solution, B, scale, half)
+    clearance_lines(axes, solution, B, scale, half)
+    axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
+    names = [f"{line_words(b)}, off the target [{unit}]" for b in B]
+    axes.set(xlabel=names[0], ylabel=names[1])
+    legend_below(axes, 2)
+    return figure
+
+
+def view_basis(solution: Solution) -> Array:
+    """(2, 3) what is looked at: across the direction where that is a plane, else the plane that shows most."""
+    spread, critical = solution.spread, solution.critical
+    basis: Array
+    if len(spread.basis) == 2:
+        basis = spread.basis
+    elif len(critical.basis) == 2:
+        basis = critical.basis
+    elif len(critical.basis) == 1:
+        basis = np.array([solution.target.basis[:, 0], solution.target.direction])
+    else:
+        basis = spread.axes[::-1][:2]
+    return basis
+
+
+def _band(axes: Any, solution: Solution, B: Array, scale: float, half: float) -> None:
+    """The 95 % interval of the one direction that counts, as a band through the plane."""
+    along = B @ solution.critical.basis[0]
+    centre = float(solution.critical.bias[0]) * scale
+    width = coverage_factor(0.95, 1) * solution.critical.sigma_max * scale
+    strip = _strip(along, centre - width, centre + width, 3 * half)
+    name = {"across": "across the direction", "along": "along the direction"}.get(solution.critical.within, "")
+    label = f"95 % interval {name}: \N{PLUS-MINUS SIGN}{length(width / scale)}"
+    axes.fill(*strip.T, facecolor=ORANGE, alpha=0.18, edgecolor=ORANGE, lw=1, zorder=1, label=label)
+    aside = -0.88 * half * np.array([-along[1], along[0]])  # near the edge, where it hides no point
+    ends = (aside + along * 0.45 * half, aside - along * 0.45 * half)
+    axes.annotate("", *ends, zorder=7, arrowprops={"arrowstyle": "<|-|>", "color": PURPLE, "lw": 2.2})
+    axes.plot([], [], color=PURPLE, lw=2.2, label="the direction that counts")
+
+
+def _strip(along: Array, low: float, high: float, reach: float) -> Array:
+    """(4, 2) corners of the band ``low <= along . y <= high``."""
+    side = np.array([-along[1], along[0]])
+    return np.array([low * along - reach * side, high * along - reach * side, high * along + reach * side,
+                     low * along + reach * side])  # fmt: skip
+
+
+def clearance_lines(axes: Any, solution: Solution, B: Array, scale: float, half: float) -> None:
+    """The play of the hole about the target: a circle, or two lines where one direction counts."""
+    clearance = solution.target.clearance
+    if math.isnan(clearance) or solution.critical.within == "all":
+        return
+    r = clearance * scale
+    label = f"clearance {stated_length(clearance)}"
+    if len(solution.critical.covariance) == 1:
+        along = B @ solution.critical.basis[0]
+        side = np.array([-along[1], along[0]])
+        inside = r < half * (abs(along).sum())
+        for sign in (1, -1):
+            line = np.array([sign * r * along - 3 * half * side, sign * r * along + 3 * half * side])
+            axes.plot(*line.T, "--", color=GREEN, zorder=3, label=_seen(label, inside) if sign == 1 else None)
+        return
+    angle = np.linspace(0, 2 * math.pi, 181)
+    axes.plot(r * np.cos(angle), r * np.sin(angle), "--", color=GREEN, zorder=3, label=_seen(label, r < 1.41 * half))
+    axes.axhline(0, color=GREY, lw=0.6, zorder=0)
+    axes.axvline(0, color=GREY, lw=0.6, zorder=0)
+
+
+def _seen(label: str, inside: bool) -> str:
+    return label if inside else f"{label} (outside the picture)"

@@ -1,4 +1,4 @@
-"""The figures of a diagnosis: errors of three models on one scale, and the score of every candidate."""
+"""A diagnosis: errors of each model, scores of the candidates, cycles of a turn, and what no cause explains."""
 
 from __future__ import annotations
 
@@ -7,21 +7,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.levels import FIRST_EFFECT
+from posture_opt.diagnosis.score_tests import log_p, scan_frequencies
+from posture_opt.model.effects.cyclic_error import CyclicError
+from posture_opt.numerics import Array
 from posture_opt.report.diagnosed import MODELS, Diagnosed
 from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, legend_below, new_figure, styled
-from posture_opt.report.units_text import number
+from posture_opt.units import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from posture_opt.diagnosis.candidates import ScoredCandidate
-    from posture_opt.diagnosis.score_tests import NullDistribution
+    from posture_opt.diagnosis.score_tests import NullDistribution, ProjectedBaseline
 
-Floats = NDArray[np.float64]
 
 COLOURS = {"nominal": ORANGE, "calibrated": BLUE, "extended": GREEN}
 _MOST = 25  # candidates
@@ -33,6 +35,9 @@ _DECADES = 2.5  # more of them need no ticks between
 _BINS = 30  # along the rows, for the course of the RMS
 _FEW = 5  # rows of such a bin
 _TICKS = (0, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
+
+_MOST_JOINTS = 6  # joints
+_CYCLES = (3, 5, 10, 20, 50, 100, 200, 300)
 
 
 @styled
@@ -84,7 +89,7 @@ def _decimals(axes: Axes) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def _course(lengths: Floats) -> tuple[Floats, Floats]:
+def _course(lengths: Array) -> tuple[Array, Array]:
     """RMS of neighbouring rows along the rows."""
     parts = np.array_split(np.arange(len(lengths)), max(min(_BINS, len(lengths) // _FEW), 1))
     return np.array([p.mean() + 1 for p in parts]), np.array([np.sqrt(np.mean(lengths[p] ** 2)) for p in parts])
@@ -171,3 +176,57 @@ def _handles(named: bool, nameless: bool, level: float) -> tuple[list[Any], list
         (line, f"noise alone reaches this line in {100 * level:.1f} % of data sets"),
     ]
     return [e[0] for e in entries], [e[1] for e in entries]
+
+
+@styled
+def plot_periodogram(diagnosed: Diagnosed) -> Figure:
+    """Share of the rest that each number of cycles explains, before its lines are named and after."""
+    joints = diagnosed.periodic_joints[:_MOST_JOINTS]
+    linearised, model = diagnosed.linearised, diagnosed.diagnosis.model
+    chosen = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
+    line = critical_log_p(diagnosed.diagnosis.search.null, CyclicError.family)
+    figure = new_figure(9.0, 0.9 + 2.2 * len(joints))
+    grid = figure.subplots(len(joints), 1, squeeze=False, sharex=True).ravel()
+    after = linearised.baseline(chosen, flips=0)
+    for axes, joint in zip(grid, joints, strict=True):
+        name = diagnosed.residuals.data.joint_names[joint]
+        mine = [s for s in chosen if s.what.spectral_line is not None and s.target == name]
+        before = linearised.baseline([s for s in chosen if s not in mine], flips=0)
+        cycles, share = _spectrum(diagnosed, before, joint)
+        axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label="before its periodic errors are named", zorder=3)
+        cycles, share = _spectrum(diagnosed, after, joint)
+        axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all named effects", zorder=4)
+        null = f"noise alone reaches this line in {100 * FIRST_EFFECT:.1f} % of data sets"
+        axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=null, zorder=5)
+        for k, frequency in enumerate(sorted(s.what.spectral_line or 0.0 for s in mine)):
+            _mark(axes, frequency, k)
+        axes.set(title=name, ylabel="explains [%]", xscale="log", ylim=(0, None))
+    grid[-1].set_xticks(_CYCLES, [f"{t:g}" for t in _CYCLES])
+    grid[-1].minorticks_off()
+    grid[-1].set_xlabel("cycles per revolution")
+    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure
+
+
+def _spectrum(diagnosed: Diagnosed, baseline: ProjectedBaseline, joint: int) -> tuple[Array, Array]:
+    tangents = diagnosed.linearised.sensitivities
+    q = diagnosed.residuals.data.q[:, joint]
+    cycles = CyclicError.grid(float(np.ptp(q)))
+    return cycles, scan_frequencies(baseline, tangents.joints[joint], q, cycles)[0] / float(baseline.rss[0])
+
+
+def _share_of(line: float, baseline: ProjectedBaseline) -> float:
+    """The share that one frequency must explain for its log p-value to be that of the line."""
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        middle = (low + high) / 2
+        value = float(log_p(np.array([middle]), np.array([1.0]), 2, baseline.freedom)[0])
+        low, high = (low, middle) if value < line else (middle, high)
+    return high
+
+
+def _mark(axes: Any, cycles: float, k: int) -> None:
+    """A line with its number, the one beside it lower."""
+    axes.axvline(cycles, color=GREY, lw=0.8, ls=":", zorder=1)
+    at = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "xytext": (3, -10 - 10 * (k % 3))}
+    axes.annotate(f"{cycles:.4g}", (cycles, 1.0), fontsize=8, **at)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.model.effects.cause import Abscissa, over_joint
-from posture_opt.report.figures.residual_joints import Binned
+from posture_opt.numerics import Array
+from posture_opt.report.figures.residual_trends import Binned
 from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.causes import Finding
     from posture_opt.report.diagnosed import Diagnosed
 
-Floats = NDArray[np.float64]
 
 _MOST = 12  # effects
 _DOTS = 800
@@ -40,10 +39,10 @@ class Curve:
         errors: (n,) what the rest of the model leaves of the errors, along the effect; ``modelled`` (n,) the effect.
     """
 
-    x: Floats
-    side: Floats
-    errors: Floats
-    modelled: Floats
+    x: Array
+    side: Array
+    errors: Array
+    modelled: Array
     xlabel: str
     ylabel: str
 
@@ -119,7 +118,7 @@ def curve_of(diagnosed: Diagnosed, sensitivities: EffectSensitivities, place: in
 
 
 def _joint_curve(
-    sensitivities: EffectSensitivities, joint: int, over: Abscissa, partial: Floats, modelled: Floats
+    sensitivities: EffectSensitivities, joint: int, over: Abscissa, partial: Array, modelled: Array
 ) -> Curve:
     """Errors of a joint, in the rows in which it moves the tool point."""
     column = sensitivities.joints[joint]
@@ -131,14 +130,14 @@ def _joint_curve(
     return Curve(over.values[far], over.side[far], errors, curve, over.label, f"error of the joint [{unit}]")
 
 
-def _shift_curve(over: Abscissa, seen: Floats, said: Floats) -> Curve:
+def _shift_curve(over: Abscissa, seen: Array, said: Array) -> Curve:
     """Errors (N, axes) along the mean shift [mm]."""
     mean = said.mean(axis=0)
     along = mean / max(float(np.linalg.norm(mean)), 1e-300)
     return Curve(over.values, over.side, seen @ along, said @ along, over.label, "error along the shift [mm]")
 
 
-def _size_curve(seen: Floats, said: Floats) -> Curve:
+def _size_curve(seen: Array, said: Array) -> Curve:
     """Errors (N, axes) along the modelled effect of each row, over its size [mm]."""
     size = np.linalg.norm(said, axis=1)
     some = size > _LEVER * size.max()
@@ -179,7 +178,7 @@ def plot_left(diagnosed: Diagnosed) -> Figure:
     return figure
 
 
-def _cloud(axes: Any, x: Floats, y: Floats, label: str) -> None:
+def _cloud(axes: Any, x: Array, y: Array, label: str) -> None:
     dots = chosen_rows(len(x), _DOTS)
     axes.plot(x[dots], y[dots], ".", color=GREEN, label="rows", **_look(len(x)))
     if len(x) > _FEWEST:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from posture_opt.measurements.nominal_points import nominal_poses
 from posture_opt.report.measurement_plan_report import shown
@@ -25,7 +24,6 @@ from posture_opt.report.style import (
 if TYPE_CHECKING:
     from posture_opt.experiments.measurement_plan import MeasurementPlan
 
-Floats = NDArray[np.float64]
 _STILL = 1e-6  # m
 _FAINT = "#BDBDBD"
 

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from posture_opt.numerics import Codes
+from posture_opt.numerics import Array, Codes
 from posture_opt.report.style import BLUE, ORANGE, new_figure, styled
-from posture_opt.report.units_text import number
 from posture_opt.report.words import MODEL_NAMES
+from posture_opt.units import number
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.robot.robot import Robot
 
-Floats = NDArray[np.float64]
 
 TITLES = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
 COLOURS = {"nominal": ORANGE, "calibrated": BLUE}
@@ -43,11 +41,11 @@ class Shown:
     """
 
     residuals: Residuals
-    x: Floats
-    errors: dict[str, Floats]
-    places: Floats
-    columns: tuple[Floats, ...]
-    base: Floats
+    x: Array
+    errors: dict[str, Array]
+    places: Array
+    columns: tuple[Array, ...]
+    base: Array
     axes: tuple[int, ...]
 
     @classmethod
@@ -87,7 +85,7 @@ class Shown:
         return (0, 1), (int(np.argmax(extent[:2])), 2)
 
 
-def _rows(vector: Any, n: int) -> Floats:
+def _rows(vector: Any, n: int) -> Array:
     return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (n,)) for entry in vector], axis=-1)
 
 
@@ -143,7 +141,7 @@ def plot_residual_vectors(shown: Shown) -> Figure:
 
 
 def _arrows(
-    axes: Any, shown: Shown, errors: Floats, view: tuple[int, int], rows: Any, factor: float, colour: str
+    axes: Any, shown: Shown, errors: Array, view: tuple[int, int], rows: Any, factor: float, colour: str
 ) -> Any:
     x, y = shown.places[rows][:, list(view)].T
     u, v = factor * errors[rows][:, list(view)].T

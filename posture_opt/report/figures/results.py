@@ -14,20 +14,17 @@ from posture_opt.report.figures import (
     plot_solution,
     plot_spread,
 )
-from posture_opt.report.figures.accuracy import plot_bias, plot_spread_map
+from posture_opt.report.figures.accuracy_map import plot_bias, plot_spread_map
 from posture_opt.report.figures.batch import plot_batch
-from posture_opt.report.figures.diagnosis import plot_errors, plot_scores
+from posture_opt.report.figures.comparison import plot_landing
+from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram, plot_scores
 from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
-from posture_opt.report.figures.diagnosis_periodogram import plot_periodogram
-from posture_opt.report.figures.landing import plot_landing
-from posture_opt.report.figures.map import plot_target_map
 from posture_opt.report.figures.plan import plot_plan_errors, plot_plan_points
-from posture_opt.report.figures.residual_inputs import plot_residuals_over_inputs
-from posture_opt.report.figures.residual_joints import plot_residuals_over_joints
-from posture_opt.report.figures.residual_repeats import plot_repeats
-from posture_opt.report.figures.residual_shape import plot_region, plot_shape
+from posture_opt.report.figures.residual_scatter import plot_region, plot_repeats, plot_shape
+from posture_opt.report.figures.residual_trends import plot_residuals_over_inputs, plot_residuals_over_joints
 from posture_opt.report.figures.residuals import Shown, plot_residual_vectors, settled
-from posture_opt.report.figures.truth import plot_joint_scatter, plot_reliability
+from posture_opt.report.figures.spread_check import plot_joint_scatter, plot_reliability
+from posture_opt.report.figures.target_map import plot_target_map
 from posture_opt.uncertainty.cloud import cloud_of
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
-from posture_opt.report.figures.map import (
+from posture_opt.report.figures.target_map import (
     Canvas,
     draw_cells,
     edges_of,

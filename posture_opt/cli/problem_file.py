@@ -1,18 +1,24 @@
-"""``optimize-posture list``: everything that a problem file may name."""
+"""Commands that tell what a problem file may say: ``list``, ``new`` and ``schema``."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
 from textwrap import indent
 from typing import Any, get_args
 
 import click
 
+from posture_opt.cli.output import write_text
+from posture_opt.errors import InputError, Issue
 from posture_opt.model.effects import CATALOGUE
 from posture_opt.output import json_text
 from posture_opt.problem.load import builtin_names, load_builtin
-from posture_opt.report.text import WIDTH
-from posture_opt.report.text_table import text_table
+from posture_opt.problem.schema import json_schema
+from posture_opt.problem.starter import starter_text
+from posture_opt.report.text import WIDTH, text_table
 from posture_opt.robot import load_preset, preset_names
 from posture_opt.selection.solvers import SOLVERS
 from posture_opt.selection.tasks import TASKS
@@ -24,7 +30,7 @@ Row = dict[str, str]
 @click.command("list")
 @click.option("--json", "as_json", is_flag=True, help="Print the JSON document and nothing else.")
 @click.option("--debug", is_flag=True, hidden=True)
-def command(as_json: bool, debug: bool) -> None:
+def list_command(as_json: bool, debug: bool) -> None:
     """List tasks, effects, presets, solvers, terms and built-in problems."""
     tables = {title: rows() for title, rows in TABLES.items()}
     click.echo(json_text({key.replace(" ", "_"): rows for key, rows in tables.items()}) if as_json else _text(tables))
@@ -70,3 +76,36 @@ TABLES: dict[str, Callable[[], list[Row]]] = {
     "terms": lambda: _kinds(TERMS),
     "built-in problems": _problems,
 }
+
+
+@click.command("new")
+@click.argument("preset", required=False)
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write it to a file.")
+@click.option("--force", is_flag=True, help="Replace a file that exists.")
+@click.option("--debug", is_flag=True, hidden=True)
+def new_command(preset: str | None, out: Path | None, force: bool, debug: bool) -> None:
+    """Print a commented problem file for PRESET, which solves as it is."""
+    if preset is None:
+        raise click.UsageError(f"Name a preset: {', '.join(preset_names())}.")
+    try:
+        text = starter_text(preset)
+    except InputError as error:
+        raise InputError([replace(issue, key=("PRESET",)) for issue in error.issues]) from None
+    if out is not None and out.exists() and not force:
+        raise InputError(
+            Issue(f"{out} exists", ("--out",), str(out), "choose another name, or replace it with --force")
+        )
+    write_text(out, text)
+
+
+@click.command("schema")
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write it to a file.")
+@click.option("--debug", is_flag=True, hidden=True)
+def schema_command(out: Path | None, debug: bool) -> None:
+    """Print the JSON Schema of the problem file.
+
+    An editor with a YAML language server checks and completes a problem file that begins with
+    '# yaml-language-server: $schema=problem.schema.json'.
+    """
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **json_schema()}
+    write_text(out, json.dumps(schema, indent=2, ensure_ascii=False) + "\n")

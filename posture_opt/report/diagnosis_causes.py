@@ -1,4 +1,4 @@
-"""What the report says of named causes: size, weight, and what else could stand for them."""
+"""What the report says of named causes: words, size, weight, and what else could stand for them."""
 
 from __future__ import annotations
 
@@ -6,21 +6,37 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.model.effects.cause import FittedSizes
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosed import Diagnosed
-from posture_opt.report.finding_words import finding_words
 from posture_opt.report.parts import sentence
-from posture_opt.report.units_text import length, number, percent
+from posture_opt.report.units_text import length, percent
 from posture_opt.report.words import p_value, p_words
-from posture_opt.units import plus_minus
+from posture_opt.units import number, plus_minus
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes import Finding
+    from posture_opt.problem.problem import Problem
 
 _PAIRS, _SPLITS = 4, 8  # of causes that could be confused, and of measurements that tell them apart
 _FULL = 4  # effects that are told in full; lighter ones stand in a table
 _VAGUE = 10.0  # times the standard error among what the data tell: the rest is open
 _LISTED = 5  # geometric parameters that are farthest off, for their errors
+
+
+def finding_words(finding: Finding, problem: Problem | None = None) -> str:
+    """A finding in words; scatter of which the problem file states nothing is said to be so."""
+    noise = finding.noise
+    if noise is not None and noise.unstated and problem is not None and not _states(problem, finding):
+        return noise.unstated.format(target=noise.target, size=noise.headline(FittedSizes(finding.estimate)))
+    return finding.cause.words
+
+
+def _states(problem: Problem, finding: Finding) -> bool:
+    """Whether the file says how the joint of a finding scatters from repeat to repeat."""
+    sources = problem.sources
+    names = [] if finding.noise is None else finding.noise.scatter(problem.robot)
+    return any(sources.scatter[i, i] > 0 for i, name in enumerate(sources.names) if name in names)
 
 
 def causes_block(diagnosed: Diagnosed) -> Block:

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
 from posture_opt.report.style import BLUE, COLOUR_MAP, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
-from posture_opt.report.units_text import fixed, length_unit
+from posture_opt.report.units_text import length_unit
 from posture_opt.report.words import PARTS, line_words
+from posture_opt.units import fixed
 
 if TYPE_CHECKING:
     from posture_opt.selection.map_points import Grid

@@ -1,0 +1,108 @@
+"""Commands on one posture: the solve itself, ``uncertainty``, ``simulate`` and ``export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+import posture_opt as po
+from posture_opt.cli.options import Common, common_options, posture_option, problem_options
+from posture_opt.cli.output import OUT, output, progress_bar, save_result, show, show_result
+from posture_opt.cli.quantities import requested_posture
+from posture_opt.cli.request import placed, requested_problem
+from posture_opt.errors import NoSolutionError
+from posture_opt.output import staged_folder
+from posture_opt.problem.problem import Problem
+from posture_opt.uncertainty.spread_function import covariance_c
+
+
+def solve(common: Common, explain: bool, **given: Any) -> None:
+    """Select the posture of the requested problem, write the files, print the report.
+
+    A problem without a solution has files and a report too: the nearest posture, and what it violates.
+    """
+    if given["robot"] and not given["task"]:
+        raise click.UsageError("Name the --task of the robot, for example --task insert.")
+    problem = requested_problem(**given)
+    with output(common):
+        solution, reason = _solved(problem, common)
+        save_result(common, solution)
+    show(common, solution.to_json, lambda: _text(solution, explain))
+    if reason is not None:
+        raise reason
+
+
+def _solved(problem: Problem, common: Common) -> tuple[po.Solution, NoSolutionError | None]:
+    """The solution, or the nearest posture with the reason why it is none."""
+    with progress_bar(common, "starts") as progress, placed(problem):
+        try:
+            return po.select_posture(problem, seed=common.seed, workers=common.workers, progress=progress), None
+        except NoSolutionError as error:
+            if error.solution is None:
+                raise
+            return error.solution, error
+
+
+def _text(solution: po.Solution, explain: bool) -> str:
+    return f"{solution.report()}\n{solution.explain()}" if explain else solution.report()
+
+
+@click.command("uncertainty")
+@problem_options
+@posture_option
+@common_options
+def uncertainty_command(common: Common, posture: str, **given: Any) -> None:
+    """Covariance, ellipse, coverage regions and error budget at one posture, in closed form."""
+    problem = requested_problem(**given)
+    values = requested_posture(posture, problem.robot)
+    with output(common), placed(problem):
+        spread = po.propagate(problem, values)
+        save_result(common, spread)
+    show_result(common, spread)
+
+
+@click.command("simulate")
+@problem_options
+@posture_option
+@click.option(
+    "-n", "--samples", "n", type=click.IntRange(min=2), default=5000, show_default=True, help="Samples to draw."
+)
+@click.option("--adaptive", is_flag=True, help="Draw until the standard deviations are stable in two digits.")
+@common_options
+def simulate_command(common: Common, posture: str, n: int, adaptive: bool, **given: Any) -> None:
+    """Monte Carlo cloud of the tool point at one posture, beside the closed form."""
+    problem = requested_problem(**given)
+    values = requested_posture(posture, problem.robot)
+    seed = problem.solver.seed if common.seed is None else common.seed
+    with output(common), placed(problem):
+        cloud = po.simulate(problem, values, n=n, seed=seed, adaptive=adaptive)
+        save_result(common, cloud)
+    show_result(common, cloud)
+
+
+@click.command("export")
+@problem_options
+@click.option("--to", "target", type=click.Choice(["c"]), required=True, help="c: C99 source and header, math.h alone.")
+@click.option("--name", default="tool_covariance", show_default=True, help="Of the function and its files.")
+@common_options
+def export_command(common: Common, target: str, name: str, **given: Any) -> None:
+    """Write position and covariance of the tool point, as functions of the joints, as C code."""
+    problem = requested_problem(**given)
+    with output(common), placed(problem):
+        source, header = covariance_c(problem, name)
+        files = {f"{name}.h": header, f"{name}.c": source}
+        if common.out is not None:
+            _write(common.out, files)
+
+    def report() -> str:
+        return "\n".join(files.values()) if common.out is None else f"written to {common.out}: {', '.join(files)}"
+
+    show(common, lambda: {"target": target, "files": files}, report)
+
+
+def _write(out: Path, files: dict[str, str]) -> None:
+    with staged_folder(out, OUT) as folder:
+        for file, text in files.items():
+            (folder / file).write_text(text, encoding="utf-8")

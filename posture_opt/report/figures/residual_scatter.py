@@ -1,0 +1,202 @@
+"""Scatter of the residuals beside the normal distribution, and of repeated visits about their mean."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from posture_opt.measurements.repeat_groups import repeat_groups, rows_of
+from posture_opt.numerics import Array, Codes
+from posture_opt.report.figures.residuals import chosen_rows
+from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.words import line_words
+from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor, hotelling_factor
+from posture_opt.validation.prediction import ErrorSources
+from posture_opt.validation.repeat_scatter import repeat_errors, slides
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.report.figures.residuals import Shown
+    from posture_opt.validation.assessment import Assessment
+
+
+_DOTS = 2000
+_QUANTILES = 300  # of many rows; the outer ones, which tell most, are all drawn
+_BINS = (8, 60)
+
+_PANELS = 6
+_FEWEST = 5  # visits of a pose that make a cloud
+_VISITS = 4000
+
+
+@styled
+def plot_shape(shown: Shown) -> Figure:
+    """Histograms with the normal curve and, below, quantiles beside normal ones, axis by axis."""
+    axes_of = shown.axes
+    figure = new_figure(3.2 * len(axes_of), 5.6)
+    grid = figure.subplots(2, len(axes_of), squeeze=False)
+    for column, axis in zip(grid.T, axes_of, strict=True):
+        values = shown.errors["calibrated"][:, axis]
+        _histogram(column[0], values)
+        _quantiles(column[1], values)
+        column[0].set_xlabel(f"error in {'xyz'[axis]} [mm]")
+        column[1].set_xlabel("normal quantile [standard deviations]")
+    grid[0][0].set_ylabel("rows")
+    grid[1][0].set_ylabel("measured [standard deviations]")
+    legend_below(grid[1][0], 3)
+    return figure
+
+
+def _histogram(axes: Any, values: Array) -> None:
+    mean, sd = values.mean(), values.std(ddof=1)
+    bins = int(np.clip(np.sqrt(len(values)), *_BINS))
+    _, edges, _ = axes.hist(values, bins, color=BLUE, alpha=0.6, zorder=2)
+    x = np.linspace(mean - 4 * sd, mean + 4 * sd, 200)
+    curve = np.exp(-(((x - mean) / sd) ** 2) / 2) / (sd * np.sqrt(2 * np.pi))
+    axes.locator_params(axis="x", nbins=5)
+    axes.plot(x, curve * len(values) * (edges[1] - edges[0]), color=VERMILLION, zorder=3)
+
+
+def _quantiles(axes: Any, values: Array) -> None:
+    """Ordered values over those of as many normal ones, and where 95 % of normal ones lie, each by itself."""
+    from scipy.special import betaincinv, ndtri
+
+    n = len(values)
+    ordered = (np.sort(values) - values.mean()) / values.std(ddof=1)
+    rank = np.unique(np.concatenate([np.linspace(1, n, min(n, _QUANTILES)).round(), *_outer(n)])).astype(int)
+    ordered = ordered[rank - 1]
+    normal = ndtri((rank - 0.5) / n)
+    low, high = (ndtri(betaincinv(rank, n + 1 - rank, p)) for p in (0.025, 0.975))
+    axes.fill_between(normal, low, high, color=GREY, alpha=0.3, lw=0, zorder=1, label="95 % of normal ones")
+    axes.plot(normal[[0, -1]], normal[[0, -1]], color=VERMILLION, lw=1.2, zorder=2, label="normal distribution")
+    axes.plot(normal, ordered, ".", color=BLUE, ms=4, mew=0, zorder=3, label="errors")
+
+
+def _outer(n: int) -> tuple[Array, Array]:
+    tail = np.arange(1.0, min(n, 50) + 1)
+    return tail, n + 1 - tail
+
+
+@styled
+def plot_region(shown: Shown, found: Assessment) -> Figure:
+    """Errors of the calibrated model with the 95 % ellipse for so many samples, and what the instrument adds."""
+    left = found.residual_scatter
+    assert left is not None
+    pairs = [(a, b) for k, a in enumerate(shown.axes) for b in shown.axes[k + 1 :]]
+    figure = new_figure(6.0, 6.2) if len(pairs) == 1 else new_figure(10.5, 4.4)
+    rows = chosen_rows(len(shown.data), _DOTS)
+    errors = shown.errors["calibrated"]
+    half = 1.05 * float(np.abs(errors[rows]).max())
+    factor = hotelling_factor(0.95, 2, left.dof)
+    rows_or_poses = "samples" if left.dof == left.samples else "poses"
+    for k, pair in enumerate(pairs):
+        axes = figure.add_subplot(1, len(pairs), k + 1)
+        points = errors[:, list(pair)]
+        region = Ellipsoid(np.zeros(2), points.T @ points / len(points))
+        few = f"{len(rows)} of " if len(rows) < len(points) else ""
+        dots: dict[str, Any] = {"color": BLUE, "ms": 3.5, "alpha": 0.5, "mew": 0, "rasterized": True}
+        axes.plot(*points[rows].T, ".", zorder=2, label=f"{few}{len(points)} errors", **dots)
+        label = f"95 % ellipse for {left.dof} {rows_or_poses} ({factor:.3f} std. dev.)"
+        axes.plot(*boundary(region, factor).T, color=VERMILLION, lw=2.2, zorder=4, label=label)
+        if found.instrument:
+            circle = Ellipsoid(np.zeros(2), (1e3 * found.instrument) ** 2 * np.eye(2))
+            label = "95 % circle of the instrument"
+            axes.plot(*boundary(circle, coverage_factor(0.95, 2)).T, "--", color=GREEN, zorder=5, label=label)
+        axes.set(xlabel=f"error in {'xyz'[pair[0]]} [mm]", ylabel=f"error in {'xyz'[pair[1]]} [mm]")
+        axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
+        axes.locator_params(nbins=5 if len(pairs) > 1 else 9)
+    legend_below(figure.axes[0], 3 if len(pairs) > 1 else 2)
+    return figure
+
+
+def boundary(ellipse: Ellipsoid, factor: float) -> Array:
+    """(121, 2) the curve at ``factor`` standard deviations."""
+    angle = np.linspace(0, 2 * np.pi, 121)
+    circle = np.array([np.cos(angle), np.sin(angle)])
+    return np.asarray(ellipse.center + (factor * ellipse.axes * ellipse.semi_axes @ circle).T)
+
+
+@styled
+def plot_repeats(problem: Problem, shown: Shown, found: Assessment) -> Figure:
+    """The postures with most visits one by one; where none has five, all visits about the means of theirs."""
+    B = _plane(shown, found)
+    groups = sorted(_visits(shown, found), key=len, reverse=True)
+    clouds = [rows for rows in groups if len(rows) >= _FEWEST][:_PANELS] or [np.concatenate(groups)]
+    alone = len(clouds) == 1 and len(groups) > 1
+    columns = min(len(clouds), 3)
+    lines = -(-len(clouds) // columns)
+    figure = new_figure(3.4 * columns + 0.4, 3.5 * lines + 0.9) if columns > 1 else new_figure(5.6, 6.0)
+    predicted = [_predicted(problem, shown, rows, B) for rows in clouds]
+    offsets = [_pooled(shown, groups, B) if alone else _about_mean(shown, rows, B) for rows in clouds]
+    half = 1.08 * max(float(np.abs(outline).max()) for outline in [*offsets, *_outlines(predicted)])
+    for k, (rows, cloud, ellipse) in enumerate(zip(clouds, offsets, predicted, strict=True)):
+        axes = figure.add_subplot(lines, columns, k + 1)
+        _panel(axes, cloud, ellipse)
+        title = (
+            f"all visits of {len(groups)} postures, together"
+            if alone
+            else f"{len(rows)} visits, line {shown.data.line[rows[0]]}"
+        )
+        axes.set_title(title)
+        axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
+        axes.set(xlabel=f"{line_words(B[0])} [mm]", ylabel=f"{line_words(B[1])} [mm]")
+        axes.locator_params(nbins=5)
+    legend_below(figure.axes[0], min(columns, 3))
+    return figure
+
+
+def _outlines(ellipses: list[Ellipsoid | None]) -> list[Array]:
+    return [boundary(ellipse, coverage_factor(0.95, 2)) for ellipse in ellipses if ellipse is not None]
+
+
+def _panel(axes: Any, cloud: Array, predicted: Ellipsoid | None) -> None:
+    axes.plot(*cloud[:_VISITS].T, ".", color=BLUE, ms=6 if len(cloud) < 100 else 3.5, mew=0, alpha=0.7, zorder=2,
+              label="visits about their mean")  # fmt: skip
+    known = coverage_factor(0.95, 2)
+    if predicted is not None:
+        axes.plot(*boundary(predicted, known).T, color=VERMILLION, lw=2.2, zorder=4, label="95 % ellipse, predicted")
+    measured = Ellipsoid(np.zeros(2), np.cov(cloud, rowvar=False))
+    axes.plot(*boundary(measured, known).T, "--", color=ORANGE, zorder=3, label="covariance of the visits, drawn alike")
+
+
+def _plane(shown: Shown, found: Assessment) -> Array:
+    """(2, 3) the plane that is drawn: across the task, else the first two axes that were measured."""
+    axes, d = shown.axes, found.direction
+    if len(axes) == 2 or d is None:
+        return np.eye(3)[list(axes[:2])]
+    first = np.eye(3)[int(np.argmin(np.abs(d)))]
+    first = first - (first @ d) * d
+    first /= np.linalg.norm(first)
+    second = np.cross(d, first)
+    return np.array([first, second if second[np.abs(second).argmax()] > 0 else -second])
+
+
+def _visits(shown: Shown, found: Assessment) -> list[Codes]:
+    """The rows of each posture that was visited more than once, slips left out."""
+    odd = found.repeats.outlying if found.repeats is not None else ()
+    groups = rows_of(repeat_groups(shown.data, slides(shown.residuals)))
+    return [rows for rows in groups if len(rows) > 1 and int(shown.data.line[rows[0]]) not in odd]
+
+
+def _about_mean(shown: Shown, rows: Codes, B: Array) -> Array:
+    cloud = shown.places[rows] @ B.T
+    return np.asarray(cloud - cloud.mean(axis=0))
+
+
+def _pooled(shown: Shown, groups: list[Codes], B: Array) -> Array:
+    """Offsets from the mean of n visits are too small by √(1 − 1/n); set right, they scatter as visits do."""
+    return np.concatenate([_about_mean(shown, rows, B) / np.sqrt(1 - 1 / len(rows)) for rows in groups])
+
+
+def _predicted(problem: Problem, shown: Shown, rows: Codes, B: Array) -> Ellipsoid | None:
+    """The scatter [mm²] of visits by the problem: what it says changes from repeat to repeat, and its instrument."""
+    residuals = shown.residuals.take(rows)
+    errors = ErrorSources.of(residuals, problem.sources)
+    J = residuals.sigma * residuals.sensitivities(errors.names, shown.x)[:, : len(shown.axes)]
+    instrument = problem.measurement.position if problem.measurement is not None else 0.0
+    C = J @ repeat_errors(errors, residuals)[0] @ np.swapaxes(J, -1, -2)
+    C = C.mean(axis=0) + (instrument or 0.0) ** 2 * np.eye(len(shown.axes))
+    drawn = B[:, list(shown.axes)]
+    return Ellipsoid(np.zeros(2), 1e6 * drawn @ C @ drawn.T) if np.trace(C) > 0 else None
