@@ -11,12 +11,11 @@ import numpy as np
 
 from posture_opt.calibration.parameters import CalibrationProblem, Parameter
 from posture_opt.numerics import Array
+from posture_opt.uncertainty.regions import NORMAL95
+from posture_opt.validation.model_errors import holm
 
 _STEPS = 1000  # of EM; a batch that varies less than its members are known to needs the most
 _SETTLED = 1e-6  # of a scaled covariance
-_CHI2 = 3.841458820694124  # 95 % of χ² with one degree of freedom
-_NORMAL = 1.959963984540054
-_SIZE = 0.05  # of the tests of all correlations together
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,11 +118,11 @@ def deviation_interval(x: Array, variances: Array) -> tuple[float, float]:
     best = min(float(found.fun), none)
 
     def beyond(log_sigma: float) -> float:
-        return 2 * (fall(log_sigma) - best) - _CHI2
+        return 2 * (fall(log_sigma) - best) - NORMAL95**2
 
     top = float(found.x) if found.fun <= none else low
     upper = math.exp(float(brentq(beyond, top, high + 20))) if beyond(high + 20) > 0 else math.inf
-    if 2 * (none - best) <= _CHI2 or beyond(low) <= 0:
+    if 2 * (none - best) <= NORMAL95**2 or beyond(low) <= 0:
         return 0.0, upper
     return math.exp(float(brentq(beyond, low, top))), upper
 
@@ -145,7 +144,7 @@ def _correlation_intervals(omega: Array, S: Array) -> tuple[Array, Array]:
             pair = [i, j]
             rho, error = _pair(omega[np.ix_(pair, pair)], S[:, pair][:, :, pair])
             z = math.atanh(rho)
-            low, high = (math.tanh(z + side * _NORMAL * error) for side in (-1, 1))
+            low, high = (math.tanh(z + side * NORMAL95 * error) for side in (-1, 1))
             ends[i, j] = ends[j, i] = low, high
             p[i, j] = p[j, i] = 2 * float(ndtr(-abs(z) / error)) if math.isfinite(error) else 1.0
     return ends, p
@@ -197,14 +196,13 @@ def pairs_of(
     k = len(names)
     indices = [(i, j) for i in range(k) for j in range(i + 1, k)]
     indices.sort(key=lambda ij: float(spread.p_correlation[ij]))
-    found, standing = [], True
-    for rank, (i, j) in enumerate(indices):
-        p = float(spread.p_correlation[i, j])
-        standing = standing and p <= _SIZE / (len(indices) - rank)
+    p_values = [float(spread.p_correlation[ij]) for ij in indices]
+    found = []
+    for (i, j), p, significant in zip(indices, p_values, holm(p_values), strict=True):
         low, high = map(float, spread.correlation_interval[i, j])
         said = stated.get(frozenset((names[i], names[j])), 0.0)
         rho = float(spread.correlation[i, j])
-        found.append(CorrelatedPair(names[i], names[j], rho, (low, high), p, said, standing))
+        found.append(CorrelatedPair(names[i], names[j], rho, (low, high), p, said, significant))
     return tuple(found)
 
 

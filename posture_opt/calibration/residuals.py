@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.calibration.parameters import Parameter, effect_parameters, tool_unknown
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.row_inputs import arm_for
+from posture_opt.measurements.measurements import Measurements, arm_for
 from posture_opt.model.arm import Arm, Twist, reshaped, shape_deviation
 from posture_opt.model.chain import Walk, factor_values, walk
 from posture_opt.numerics import Array, Codes

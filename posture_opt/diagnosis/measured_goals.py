@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from posture_opt.diagnosis.diagnosis import Diagnosis
-from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.measurements import Measurements, arm_for
 from posture_opt.measurements.repeat_groups import rows_of
-from posture_opt.measurements.row_inputs import arm_for
 from posture_opt.selection.solution import HasTask
 from posture_opt.selection.task_target import Reach, TaskTarget
 from posture_opt.uncertainty.coverage_radius import central_radii

@@ -25,8 +25,8 @@ from posture_opt.diagnosis.score_tests import ProjectedBaseline
 from posture_opt.measurements.repeat_groups import repeat_of_row
 from posture_opt.model.effects import Cause, NoiseEffect, Outliers, Rows
 from posture_opt.numerics import Array
+from posture_opt.validation.prediction import joint_errors
 from posture_opt.validation.scatter_model import whitened
-from posture_opt.validation.stated_scatter import joint_errors
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from posture_opt.calibration.instrument import planned_sigma, position_sigma, re
 from posture_opt.calibration.least_squares import triangular
 from posture_opt.calibration.parameters import CalibrationProblem, Parameter
 from posture_opt.calibration.residuals import Residuals
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.nominal_points import nominal_poses, reach_of, still_axes
+from posture_opt.measurements.measurements import Measurements, nominal_poses, reach_of, still_axes
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot

@@ -11,13 +11,14 @@ import numpy as np
 from posture_opt.calibration.parameters import CalibrationProblem, Parameter
 from posture_opt.experiments.candidate_postures import Workspace
 from posture_opt.experiments.expected_errors import ExpectedErrors
-from posture_opt.experiments.visiting_order import Tour
+from posture_opt.experiments.plan_search import Tour
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Mask
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
 
 Purpose = Literal["parameters", "task"]
+_NO_TABLE = "nothing says where the table is: the arm may reach below its base (state a link_height)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,7 @@ class MeasurementPlan(Result):
         given: the measurements made already, or ``None``; ``spread`` is the standard deviation of a
             measured coordinate, of arm and instrument together, in units of the instrument's.
         sigma: the instrument's, of a coordinate [m]; ``sigma_rotation`` [rad], 0 where orientations are not measured.
+        keeps_height: whether the task, the box or the arm itself keeps the postures from reaching below the table.
         targets: the points on the tool that are measured at each posture; empty for one.
         notes: sentences for the report.
     """
@@ -82,6 +84,7 @@ class MeasurementPlan(Result):
     sigma_rotation: float
     axes: tuple[str, ...]
     targets: tuple[str, ...]
+    keeps_height: bool = True
     notes: tuple[str, ...] = ()
 
     @property
@@ -134,7 +137,7 @@ class MeasurementPlan(Result):
             "undetermined": list(self.undetermined),
             "travel": self.tour.travel,
             "blocked": [k + 1 for k in self.tour.blocked],
-            "notes": list(self.notes),
+            "notes": [*self.notes, *([] if self.keeps_height else [_NO_TABLE])],
         }
 
     def _task(self, stages: dict[str, ExpectedErrors]) -> dict[str, Any] | None:

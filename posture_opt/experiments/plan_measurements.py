@@ -20,10 +20,8 @@ from posture_opt.experiments.information import (
     repeat_variance,
 )
 from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, Target
-from posture_opt.experiments.plan_search import PlanSearch
-from posture_opt.experiments.visiting_order import tour
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.nominal_points import nominal_poses
+from posture_opt.experiments.plan_search import PlanSearch, tour
+from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.selector import select_posture
 from posture_opt.selection.solution import HasTask
@@ -34,7 +32,6 @@ NO_TOOL = (
     "the tool is free and starts at the flange: the plan is better where the measured point is roughly stated "
     "(tool: {xyz: [...], free: true})"
 )
-NO_TABLE = "nothing says where the table is: the arm may reach below its base (state a link_height)"
 _DRAWS = 21  # random plans of the same size that the chosen one is compared with
 _SHOWN = 1500  # random postures that are kept to be drawn
 
@@ -93,12 +90,11 @@ def plan_measurements(
     height = height if link_height is None else link_height
     workspace = Workspace.of(problem.robot, height=height, margin=margin, box=within or ANYWHERE)
     target, notes = _target(problem, needed=purpose == "task")
-    notes += (NO_TABLE,) * (height == -math.inf and not (within and within[0][2] > -math.inf) and _upright(problem))
+    floored = height > -math.inf or (within is not None and within[0][2] > -math.inf)
     notes += (NO_TOOL,) * (given is None and _at_flange(problem))
     return plan(
         problem, workspace, count, given=given, purpose=purpose, target=target, seed=seed, candidates=candidates,
-        repeats=repeats,
-        notes=notes, progress=progress,
+        repeats=repeats, keeps_height=floored or not _upright(problem), notes=notes, progress=progress,
     )  # fmt: skip
 
 
@@ -143,8 +139,8 @@ def _target(problem: PlannedProblem, needed: bool) -> tuple[Target | None, tuple
 
 def plan(
     problem: CalibrationProblem, workspace: Workspace, count: int, *, given: Measurements | None, purpose: Purpose,
-    target: Target | None, seed: int, candidates: int, repeats: int = 1, notes: tuple[str, ...] = (),
-    progress: Progress | None = None,
+    target: Target | None, seed: int, candidates: int, repeats: int = 1, keeps_height: bool = True,
+    notes: tuple[str, ...] = (), progress: Progress | None = None,
 ) -> MeasurementPlan:  # fmt: skip
     """The ``count`` postures that tell most, by exchange among random candidates and postures near them.
 
@@ -178,7 +174,7 @@ def plan(
         reach=nominal_poses(problem.robot, pool[:_SHOWN])[0], given=given, spread=float(np.sqrt(known.variance)),
         sigma=residuals.sigma, sigma_rotation=residuals.sigma_rotation,
         axes=tuple("xyz"[i] for i in residuals.axes), targets=measuring.targets,
-        notes=tuple(dict.fromkeys((*assumed, *known.notes, *notes))),
+        keeps_height=keeps_height, notes=tuple(dict.fromkeys((*assumed, *known.notes, *notes))),
     )  # fmt: skip
 
 

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.measurements.measurements import Floats, Measurements
-from posture_opt.measurements.nominal_points import nominal_poses
-from posture_opt.numerics import Codes
+from posture_opt.measurements.measurements import Measurements, nominal_poses
+from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
 _ROWS = 400  # postures suffice for a question about whole columns
@@ -25,7 +24,7 @@ _FEWEST = 6  # postures for the scaled rotation: 18 coordinates for its 10 unkno
 _TURNS = 20  # of rotation and tool; five suffice for measured arms
 _MOVED = 0.02  # of the tool's motion that must be free of the wrist's for B to be told from the tool
 
-Misfit = Callable[[Floats], float]
+Misfit = Callable[[Array], float]
 """Joint values (m, n) of the sample -> what the nominal arm leaves unexplained, as a share; NaN where too few."""
 
 
@@ -38,7 +37,7 @@ class AffineFit:
     """
 
     misfit: float
-    map: Floats | None
+    map: Array | None
     axes: Codes
 
 
@@ -53,7 +52,7 @@ def sample_rows(data: Measurements) -> Codes:
     return np.asarray(chosen[step])
 
 
-def affine_fit(robot: Robot, q: Floats, measured: Floats) -> AffineFit:
+def affine_fit(robot: Robot, q: Array, measured: Array) -> AffineFit:
     """The agreement of postures (m, n) with measured coordinates (m, k) [m]."""
     points, rotations = nominal_poses(robot, q)
     turned = _centred(rotations.reshape(len(q), 9))
@@ -75,7 +74,7 @@ def affine_fit(robot: Robot, q: Floats, measured: Floats) -> AffineFit:
     return AffineFit(float(misfit), np.asarray(fitted.T, dtype=float) if known else None, axes)
 
 
-def _similarity(points: Floats, rotations: Floats, measured: Floats, axes: Codes) -> AffineFit:
+def _similarity(points: Array, rotations: Array, measured: Array, axes: Codes) -> AffineFit:
     """The agreement by a scaled rotation, or by a reflection where only that one fits."""
     if len(points) < _FEWEST or measured.shape[1] < 3:
         return AffineFit(np.nan, None, axes)
@@ -84,7 +83,7 @@ def _similarity(points: Floats, rotations: Floats, measured: Floats, axes: Codes
     return AffineFit(best, found[:, axes], axes)
 
 
-def _scaled(points: Floats, rotations: Floats, measured: Floats, sign: float) -> tuple[float, Floats]:
+def _scaled(points: Array, rotations: Array, measured: Array, sign: float) -> tuple[float, Array]:
     """Misfit and map of the scaled rotation, in turns with the tool offset (Umeyama 1991, eqs. 40-43)."""
     tool = np.zeros(3)
     for _ in range(_TURNS):
@@ -99,7 +98,7 @@ def _scaled(points: Floats, rotations: Floats, measured: Floats, sign: float) ->
     return float(np.sqrt(np.sum(rest**2) / np.sum(measured**2) / free)), np.asarray(scale * turn)
 
 
-def touch_misfit(robot: Robot, q: Floats, point: Codes) -> float:
+def touch_misfit(robot: Robot, q: Array, point: Codes) -> float:
     """RMS distance of the touches of one point from their mean, with the best tool offset.
 
     It is given as a share of the reach times the RMS change of orientation within a point: postures that hardly
@@ -128,15 +127,15 @@ def reach(robot: Robot) -> float:
     return strokes + sum(abs(f.nominal) for f in fixed)
 
 
-def _centred(values: Floats) -> Floats:
+def _centred(values: Array) -> Array:
     return np.asarray(values - values.mean(axis=0))
 
 
-def _basis(columns: Floats) -> Floats:
+def _basis(columns: Array) -> Array:
     """Orthonormal columns that span the given ones."""
     left, singular, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(left[:, singular > _RANK * max(singular[0], np.sqrt(len(columns)))])
 
 
-def _without(columns: Floats, basis: Floats) -> Floats:
+def _without(columns: Array, basis: Array) -> Array:
     return np.asarray(columns - basis @ (basis.T @ columns))

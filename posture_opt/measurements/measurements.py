@@ -6,16 +6,19 @@ from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from posture_opt.errors import BadValueError
-from posture_opt.numerics import Codes, Mask
+from posture_opt.model.arm import Arm
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
+from posture_opt.model.chain import factor_values, stack, walk
+from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
 from posture_opt.units import Length
 
-Floats = NDArray[np.float64]
 Distance = Annotated[tuple[str, str, Length], Field(examples=[["front/0", "front/1", "50 mm"]])]
+_STILL = 1e-9  # m; rounding of half turns at a reach of metres is 1e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +48,10 @@ class Measurements:
     """
 
     joint_names: tuple[str, ...]
-    q: Floats
-    position: Floats | None
+    q: Array
+    position: Array | None
     measured_axes: Mask
-    rotation: Floats | None
+    rotation: Array | None
     pose: Codes
     goal: Codes
     target: Codes
@@ -57,11 +60,11 @@ class Measurements:
     target_names: tuple[str, ...]
     robot_names: tuple[str, ...]
     point_names: tuple[str, ...]
-    approach: Floats
-    approach_length: Floats
-    payload: Floats | None
-    temperature: Floats | None
-    time: Floats | None
+    approach: Array
+    approach_length: Array
+    payload: Array | None
+    temperature: Array | None
+    time: Array | None
     line: Codes
     file: str = ""
     pose_given: bool = False
@@ -84,14 +87,14 @@ class Measurements:
         """Whether the rows touch fixed points and no instrument measured."""
         return self.position is None
 
-    def about_points(self, values: Floats) -> Floats:
+    def about_points(self, values: Array) -> Array:
         """Rows ``values`` (N, …) less their mean over all touches of the same point; as they are where none is touched.
 
         Nobody knows where a touched point lies: errors there count from the mean of its touches.
         """
         return values - self.point_means(values) if self.touches else values
 
-    def point_means(self, values: Floats) -> Floats:
+    def point_means(self, values: Array) -> Array:
         """(N, …) the mean of ``values`` (N, …) over all touches of the same point, for each row."""
         codes = np.unique(self.point, return_inverse=True)[1]
         return np.asarray(group_means(values, codes)[codes])
@@ -103,7 +106,7 @@ class Measurements:
         return replace(self, **chosen)
 
 
-def group_means(values: Floats, groups: Codes) -> Floats:
+def group_means(values: Array, groups: Codes) -> Array:
     """(G, …) means of rows ``values`` (N, …) over each group of ``groups`` (N,), in the order of their codes."""
     _, codes, count = np.unique(groups, return_inverse=True, return_counts=True)
     sums = np.zeros((len(count), *values.shape[1:]))
@@ -133,3 +136,42 @@ class DataSpec(Spec):
                 raise BadValueError(f"the distance of '{a}' and '{b}' is given twice", "keep one")
             seen.add(frozenset((a, b)))
         return distances
+
+
+def nominal_poses(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """Tool point (N, 3) [m] and rotation (N, 3, 3), both in the world, of postures (N, n)."""
+    reached = walk(robot.factors, factor_values(robot.factors, [np.ascontiguousarray(column) for column in q.T]))
+    points = np.broadcast_to(stack(reached.position), (len(q), 3))
+    rotations = np.broadcast_to(stack(list(zip(*reached.columns, strict=True))), (len(q), 3, 3))
+    return np.asarray(points), np.asarray(rotations)
+
+
+def reach_of(robot: Robot) -> Array:
+    """(32, 3) where the tool point comes to lie at postures drawn at random [m]."""
+    q = np.random.default_rng(0).uniform(np.array(robot.lower), np.array(robot.upper), (32, robot.n))
+    return nominal_poses(robot, q)[0]
+
+
+def still_axes(robot: Robot) -> Mask:
+    """(3,) along which world axes the tool point cannot move at will, as z of a planar arm."""
+    points = reach_of(robot)
+    # A planar arm that was found to be slightly skew leaves its plane by its flaws only.
+    extent = np.ptp(points, axis=0)
+    return np.asarray(extent < _STILL + 2 * robot.skew * extent.max())
+
+
+def inputs_of(data: Measurements, robot: Robot) -> Inputs:
+    """The inputs of effects in every row of measurements."""
+    n = len(data)
+    return Inputs(
+        payload=data.payload if data.payload is not None else np.full(n, robot.payload),
+        approach=list(data.approach.T),
+        approach_length=list(data.approach_length.T),
+        temperature=data.temperature - REFERENCE_TEMPERATURE if data.temperature is not None else np.zeros(n),
+        time=data.time - data.time.min() if data.time is not None else np.arange(n, dtype=float),
+    )
+
+
+def arm_for(arm: Arm, data: Measurements) -> Arm:
+    """The arm under the inputs of every row."""
+    return arm.under(replace(inputs_of(data, arm.robot), stated=data.joint_names))

@@ -13,10 +13,10 @@ from itertools import combinations
 import numpy as np
 
 from posture_opt.measurements.affine_fit import AffineFit, Misfit, affine_fit, reach, sample_rows, touch_misfit
-from posture_opt.measurements.header import AXES, Column
-from posture_opt.measurements.measurements import Floats, Measurements
-from posture_opt.measurements.nominal_points import nominal_poses
+from posture_opt.measurements.columns import AXES, Column
+from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.measurements.table import Faults
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254}
@@ -31,7 +31,7 @@ _TRUSTED = 0.2  # unexplained share up to which scale and sign of the fitted map
 class Guess:
     """Columns read in another way: the joint values that follow, what is said of it, and the mend."""
 
-    q: Floats
+    q: Array
     message: str
     mend: str
     column: str
@@ -66,10 +66,10 @@ def _scale(found: AffineFit) -> float | None:
 
 
 def _wrong_lengths(
-    found: AffineFit, measured: Floats, q: Floats, robot: Robot, columns: list[Column], faults: Faults
+    found: AffineFit, measured: Array, q: Array, robot: Robot, columns: list[Column], faults: Faults
 ) -> bool:
     """Whether coordinates look like another unit of length, each column for itself where the data tell."""
-    scales: Floats
+    scales: Array
     if found.misfit < _TRUSTED and found.map is not None and len(found.axes) == len(columns):
         scales = np.linalg.norm(found.map, axis=1)
     else:
@@ -85,7 +85,7 @@ def _wrong_lengths(
     return any(guesses)
 
 
-def _distance_ratio(measured: Floats, q: Floats, robot: Robot) -> float:
+def _distance_ratio(measured: Array, q: Array, robot: Robot) -> float:
     """The median ratio of distances between measured points to those of the nominal tool points; NaN for none."""
     points, _ = nominal_poses(robot, q)
     order = np.random.default_rng(0).permutation(len(q))
@@ -108,7 +108,7 @@ def _unit(scale: float, column: Column) -> str:
 
 
 def _guess(
-    misfit_of: Misfit, misfit: float, q: Floats, robot: Robot, columns: dict[str, Column], faults: Faults
+    misfit_of: Misfit, misfit: float, q: Array, robot: Robot, columns: dict[str, Column], faults: Faults
 ) -> bool:
     """Whether the joints make sense only when read in another way."""
     if not misfit > _POOR:
@@ -126,7 +126,7 @@ def _percent(misfit: float) -> str:
     return f"{100 * max(1 - misfit, 0):.3g} %"
 
 
-def _guesses(q: Floats, robot: Robot, columns: dict[str, Column]) -> Iterator[Guess]:
+def _guesses(q: Array, robot: Robot, columns: dict[str, Column]) -> Iterator[Guess]:
     """Every way in which units or heads of joint columns may have been mistaken."""
     names = robot.joint_names
     for stated, meant, factor, kind in (
@@ -156,12 +156,12 @@ def _guesses(q: Floats, robot: Robot, columns: dict[str, Column]) -> Iterator[Gu
             yield Guess(other, message, "are the two swapped? exchange their heads", names[i])
 
 
-def _beyond(q: Floats, robot: Robot, some: tuple[int, ...]) -> bool:
+def _beyond(q: Array, robot: Robot, some: tuple[int, ...]) -> bool:
     """Whether any of these joints leaves its limits: numbers that are too large for their unit do."""
     return any(q[:, j].max() > robot.upper[j] or q[:, j].min() < robot.lower[j] for j in some)
 
 
-def _square(found: AffineFit) -> Floats | None:
+def _square(found: AffineFit) -> Array | None:
     """The map between as many axes as are measured, where the fit is good enough to trust its sign."""
     if found.map is None or found.map.shape[0] != found.map.shape[1] or not found.misfit < _TRUSTED:
         return None
@@ -181,7 +181,7 @@ def _mirrored(found: AffineFit, robot: Robot, named: list[str], faults: Faults) 
     return True
 
 
-def _which(square: Floats, named: list[str]) -> str:
+def _which(square: Array, named: list[str]) -> str:
     """The two swapped columns or the reversed one, in a frame that is known."""
     for i, j in combinations(range(len(named)), 2):
         swapped = np.eye(len(named))[[j if k == i else i if k == j else k for k in range(len(named))]]

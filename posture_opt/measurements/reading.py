@@ -9,13 +9,11 @@ from typing import Protocol
 import numpy as np
 
 from posture_opt.errors import did_you_mean
-from posture_opt.measurements.cells import Cells, read_cells
-from posture_opt.measurements.header import AXES, QUATERNION, Column, read_header
-from posture_opt.measurements.measurements import DataSpec, Floats, Measurements
-from posture_opt.measurements.nominal_points import nominal_poses, still_axes
+from posture_opt.measurements.columns import AXES, QUATERNION, Cells, Column, read_cells, read_header
+from posture_opt.measurements.measurements import DataSpec, Measurements, nominal_poses, still_axes
 from posture_opt.measurements.plausibility import plausibility_checks
 from posture_opt.measurements.table import Faults, TableLike, open_table
-from posture_opt.numerics import Codes
+from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
 _NORM = 5e-3  # of a quaternion written with three decimals
@@ -106,7 +104,7 @@ def _check_payload(cells: Cells, faults: Faults) -> None:
             faults.add("a payload is not negative", "payload", payload[row], "write 0 or more", int(cells.line[row]))
 
 
-def _sides(cells: Cells, q: Floats, robots: Codes, robot: Robot) -> tuple[Floats, Floats, bool]:
+def _sides(cells: Cells, q: Array, robots: Codes, robot: Robot) -> tuple[Array, Array, bool]:
     """Side and length (N, n) of the last moves, and whether the file states any side: what it states counts."""
     side, length = _approach(q, robots)
     stated = {j: cells.number(f"{name}.approach") for j, name in enumerate(robot.joint_names)}
@@ -116,12 +114,12 @@ def _sides(cells: Cells, q: Floats, robots: Codes, robot: Robot) -> tuple[Floats
     return side, length, bool(given)
 
 
-def _present(values: Floats | None) -> Floats:
+def _present(values: Array | None) -> Array:
     assert values is not None, "a missing joint was refused with the header"
     return values
 
 
-def _codes_of_rows(values: Floats) -> Codes:
+def _codes_of_rows(values: Array) -> Codes:
     """(N,) codes of equal rows in the order of first appearance."""
     rows = np.ascontiguousarray(values + 0.0)  # of 0.0 and -0.0 only the bytes differ
     keys = rows.view(f"V{rows.itemsize * rows.shape[1]}").ravel().tolist()
@@ -129,7 +127,7 @@ def _codes_of_rows(values: Floats) -> Codes:
     return np.fromiter((known.setdefault(key, len(known)) for key in keys), dtype=np.intp, count=len(keys))
 
 
-def _position(cells: Cells, measured: object, q: Floats, robot: Robot, faults: Faults) -> Floats:
+def _position(cells: Cells, measured: object, q: Array, robot: Robot, faults: Faults) -> Array:
     """(N, 3) measured points; a coordinate may be left out in which the tool cannot move."""
     position = np.zeros((len(q), 3))
     still = still_axes(robot)
@@ -144,7 +142,7 @@ def _position(cells: Cells, measured: object, q: Floats, robot: Robot, faults: F
     return position
 
 
-def _rotation(cells: Cells, line: Codes, faults: Faults) -> Floats:
+def _rotation(cells: Cells, line: Codes, faults: Faults) -> Array:
     """(N, 4) unit quaternions with w >= 0."""
     rotation = np.column_stack([_present(cells.number(name)) for name in QUATERNION])
     norm = np.linalg.norm(rotation, axis=1)
@@ -155,7 +153,7 @@ def _rotation(cells: Cells, line: Codes, faults: Faults) -> Floats:
     return np.asarray(np.where(unit[:, :1] < 0, -unit, unit))
 
 
-def _approach(q: Floats, robots: Codes) -> tuple[Floats, Floats]:
+def _approach(q: Array, robots: Codes) -> tuple[Array, Array]:
     """Side and length (N, n) of each joint's last move, from the row before of the same robot.
 
     A joint that stands still keeps the side from which it came.
@@ -171,7 +169,7 @@ def _approach(q: Floats, robots: Codes) -> tuple[Floats, Floats]:
     return side, length
 
 
-def _check_limits(q: Floats, robot: Robot, columns: dict[str, Column], line: Codes, faults: Faults) -> None:
+def _check_limits(q: Array, robot: Robot, columns: dict[str, Column], line: Codes, faults: Faults) -> None:
     """Joint values far beyond the limits are faults: one for a whole column that fits in another unit."""
     for values, joint in zip(q.T, robot.joints, strict=True):
         column, turns = columns[joint.name], joint.type == "revolute"

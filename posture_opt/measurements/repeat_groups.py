@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Codes, Mask
+from posture_opt.numerics import Array, Codes, Mask
 
 NEAR = 1e-3  # rad: commands that differ by less lead to one posture
 _SLIDE = 1e-4  # m: the same of a slide
@@ -55,7 +54,7 @@ def rows_of(codes: Codes) -> list[Codes]:
     return np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
 
 
-def outlying_groups(size: NDArray[np.float64], freedom: NDArray[np.float64]) -> Mask:
+def outlying_groups(size: Array, freedom: Array) -> Mask:
     """(G,) postures whose visits differ far more than the others explain: a slip or a wrong reading, no scatter.
 
     The scale is the median's, which these cannot move far. Gross is twice what Gaussian visits reach once in a thousand

@@ -1,11 +1,27 @@
-"""Problems with the arm that a calibration or a diagnosis found, ready to be planned with and to be written."""
+"""What measurements found, to be planned with and written: problems of one arm, the section of a batch."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from posture_opt.batch.batch_calibration import Batch
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.diagnosis.diagnosis import Diagnosis
+from posture_opt.model.effects import NoiseEffect
+from posture_opt.numerics import Array
+from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import dump_yaml
+from posture_opt.robot.robot import Factor
 from posture_opt.validation.calibrated_arm import calibrated_arm
+from posture_opt.validation.prediction import joint_errors
+
+_LEAST = 1e-3  # eigenvalue of the correlations that are written: rounded to three digits they stay positive definite
+_KEPT = ("scatter", "repeatability", "weights", "measurement")
 
 
 def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
@@ -32,3 +48,138 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
         InputError: the diagnosis is one of another robot.
     """
     return problem.with_fit(diagnosis.fitted_arm)
+
+
+def batch_uncertainty(problem: Problem, batch: Batch) -> dict[str, Any]:
+    """The section ``uncertainty``: σ's across the batch and the correlations that are none of chance.
+
+    What the file says of parameters that were not found to vary, of scatter from repeat to repeat and of the instrument
+    stays. Correlations that are left out, or rounded, could make the others contradict each other: they are then drawn
+    towards zero by the same share until the matrix is positive definite. What effects say is theirs to say.
+    """
+    problem = problem.without_noise()
+    parameters, former = problem.robot.parameters, problem.to_dict().get("uncertainty") or {}
+    sigma = {
+        name: float(s)
+        for name, s, (low, _) in zip(batch.names, batch.spread.sigma, batch.spread.interval, strict=True)
+        if low > 0
+    }
+    rho = {(p.a, p.b): p.correlation for p in batch.pairs if p.significant and p.a in sigma and p.b in sigma}
+    others = {name: s for name, s in _stated(problem).items() if name not in sigma}
+    rho |= {pair: r for pair, r in _stated_correlations(problem).items() if pair[0] in others and pair[1] in others}
+    sigma |= others
+    texts = {name: _text(s, parameters[name]) for name, s in sigma.items()}
+    pairs = [[a, b, r] for (a, b), r in _definite(list(sigma), rho).items()]
+    kept = {key: former[key] for key in _KEPT if former.get(key) is not None}
+    if "repeatability" in kept and set(sigma) & set(joint_errors(problem.robot)):
+        # Beside a σ of a joint's value the file takes scatter in place of a repeatability: the same, joint by joint.
+        kept = {"scatter": _visits(problem)} | {key: kept[key] for key in kept if key == "measurement"}
+    return {"sigma": texts, **({"correlation": pairs} if pairs else {}), **kept}
+
+
+def batch_effects(problem: Problem, correlation: Sequence[Sequence[Any]], named: Sequence[NoiseEffect]) -> list[Any]:
+    """The section ``effects`` with the noise that a batch ``named``, without lengths told under ``correlation``."""
+    told = {frozenset(pair[:2]) for pair in correlation}
+    section = {
+        effect.name: (effect, entry)
+        for effect, entry in zip(problem.effects, problem.to_dict().get("effects") or [], strict=True)
+        if not (of_a_type(effect) and {frozenset(pair[:2]) for pair in effect.correlation} & told)
+    }
+    for noise in named:
+        total = section[noise.name][0].joined(noise) if noise.name in section else noise
+        section[noise.name] = total, total.to_dict()
+    return [entry for _, entry in section.values()]
+
+
+def batch_yaml(problem: Problem, batch: Batch, named: Sequence[NoiseEffect] = ()) -> str:
+    """The section as a file of its own, with what it holds in a comment, and that of the effects if it changes."""
+    robots = f"{len(batch.robots)} robots"
+    uncertainty = batch_uncertainty(problem, batch)
+    effects = batch_effects(problem, uncertainty.get("correlation", ()), named)
+    changed = {} if effects == (problem.to_dict().get("effects") or []) else {"effects": effects}
+    lines = [
+        f"# How the geometry of this type varies from one robot to the next, from measurements of {robots}.",
+        f"# Paste it over the section{'s' if changed else ''} of the same name in the problem file.",
+        *(f"# {line}" for line in (*mean_lines(problem, batch), *_doubts(problem, batch))),
+    ]
+    return "\n".join(lines) + "\n" + dump_yaml({"uncertainty": uncertainty, **changed})
+
+
+def mean_lines(problem: Problem, batch: Batch) -> list[str]:
+    """The mean robot, where it is not the file's: corrections for the section ``robot``."""
+    from scipy.special import stdtrit
+
+    sure = float(stdtrit(len(batch.robots) - 1, 0.975))
+    parameters = problem.robot.parameters
+    off = [
+        f"{name}: {_text(float(mean), parameters[name])}"
+        for name, mean, std in zip(batch.names, batch.spread.mean, batch.spread.mean_std, strict=True)
+        if abs(mean) > sure * std
+    ]
+    if not off:
+        return []
+    return [
+        "The mean robot is not the one of the file; to plan with it, add under robot:",
+        f"  corrections: {{{', '.join(off)}}}",
+    ]
+
+
+def _doubts(problem: Problem, batch: Batch) -> list[str]:
+    """What the file said of joint values may have meant their scatter from repeat to repeat."""
+    stated, own = _stated(problem), joint_errors(problem.robot)
+    written = [n for n, (low, _) in zip(batch.names, batch.spread.interval, strict=True) if low > 0 and n in stated]
+    replaced = [f"{n}: {_text(stated[n], problem.robot.parameters[n])}" for n in written if n in own]
+    if not replaced:
+        return []
+    return [
+        f"The file stated {', '.join(replaced)}. If that is scatter from repeat to repeat,",
+        "it belongs under scatter, beside what is written here under sigma.",
+    ]
+
+
+def _visits(problem: Problem) -> dict[str, str]:
+    """All that the file says of scatter from repeat to repeat, parameter by parameter."""
+    variances, parameters = np.diag(problem.sources.scatter), problem.robot.parameters
+    return {
+        name: _text(math.sqrt(v), parameters[name])
+        for name, v in zip(problem.sources.names, variances, strict=True)
+        if v > 0
+    }
+
+
+def _stated(problem: Problem) -> dict[str, float]:
+    sources = problem.sources
+    variances = np.diag(sources.constant)
+    return {name: math.sqrt(v) for name, v in zip(sources.names, variances, strict=True) if v > 0}
+
+
+def _stated_correlations(problem: Problem) -> dict[tuple[str, str], float]:
+    sources, sigma = problem.sources, np.sqrt(np.diag(problem.sources.constant))
+    return {
+        (sources.names[i], sources.names[j]): float(sources.constant[i, j] / (sigma[i] * sigma[j]))
+        for i, j in np.argwhere(np.triu(sources.constant, 1) != 0)
+    }
+
+
+def _definite(names: list[str], rho: dict[tuple[str, str], float]) -> dict[tuple[str, str], float]:
+    share = 1.0
+    while True:
+        rounded = {pair: round(share * r, 3) for pair, r in rho.items()}
+        if _smallest(names, rounded) >= _LEAST:
+            return rounded
+        share *= 0.98
+
+
+def _smallest(names: list[str], rho: dict[tuple[str, str], float]) -> float:
+    matrix: Array = np.eye(len(names))
+    for (a, b), r in rho.items():
+        i, j = names.index(a), names.index(b)
+        matrix[i, j] = matrix[j, i] = r
+    return float(np.linalg.eigvalsh(matrix)[0]) if names else 1.0
+
+
+def _text(value: float, factor: Factor) -> str:
+    """Four digits with a unit that reads well: 10.23 mm, 0.01234 deg."""
+    number, unit = (math.degrees(value), "deg") if factor.kind == "rotate" else (value * 1e3, "mm")
+    digits = max(3 - math.floor(math.log10(abs(number))), 0) if number else 0
+    return f"{number:.{digits}f} {unit}"

@@ -18,11 +18,17 @@ from posture_opt.problem.effects_section import (
     moving_effects,
     noisy_sources,
 )
-from posture_opt.problem.fitting import corrections_of, fitted_document, fitted_effects, fitted_robots
-from posture_opt.problem.notes import input_notes, problem_notes
-from posture_opt.problem.parts import parse_spec, read_parts
+from posture_opt.problem.fitting import (
+    commented,
+    corrections_of,
+    fitted_document,
+    fitted_effects,
+    fitted_robots,
+    rounded,
+    sources_text,
+)
+from posture_opt.problem.parts import input_notes, parse_spec, problem_notes, read_parts
 from posture_opt.problem.schema import ProblemSpec
-from posture_opt.problem.writing import commented, rounded, sources_text
 from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.solvers import Solver

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from posture_opt.model.effects.cause import FittedSizes
-from posture_opt.problem.batch_section import batch_yaml
 from posture_opt.problem.effects_section import of_a_type
+from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.batch_report import batch_facts, batch_report, problem_of
 from posture_opt.report.blocks import Block, Report, Summary, Table
 from posture_opt.report.diagnosis_causes import finding_words

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from posture_opt.problem.batch_section import batch_yaml
+from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.calibration_report import statistics_table
 from posture_opt.report.parts import note_facts, robot_facts

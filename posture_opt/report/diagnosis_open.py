@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.diagnosis.causes import missing_inputs, unknowable
 from posture_opt.diagnosis.discrimination_design import detection_probability
-from posture_opt.measurements.header import AXES, QUATERNION
+from posture_opt.measurements.columns import AXES, QUATERNION
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.parts import sentence

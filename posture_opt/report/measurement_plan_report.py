@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from posture_opt.experiments.plan_measurements import NO_TABLE
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.parts import note_facts, robot_facts, sentence
 from posture_opt.report.presenter import Columns, Presenter
@@ -60,7 +59,7 @@ def answer(plan: MeasurementPlan) -> tuple[str, ...]:
     else:
         first = f"{chosen} worth about {plan.equivalent} random ones {what}."
     table = "Nothing says where the table is: state a link_height before the robot drives there."
-    warned = (table,) if NO_TABLE in plan.notes else ()
+    warned = () if plan.keeps_height else (table,)
     if plan.target is None or math.isnan(plan.after.task):
         return (first, *warned)
     before = "" if math.isnan(plan.before.task) else f", {length(plan.before.task)} without them"
@@ -81,7 +80,7 @@ def planned_block(problem: Problem, plan: MeasurementPlan) -> Block:
         *([("Given", _given(plan))] if plan.given is not None else []),
         ("Kept clear", _room(plan)),
     ]
-    notes = note_facts((*problem.notes, *(note for note in plan.notes if note != NO_TABLE)))
+    notes = note_facts((*problem.notes, *plan.notes))
     return Block("What is planned", (Facts((*robot_facts(problem), *facts, *notes)),))
 
 

@@ -16,8 +16,7 @@ from posture_opt.validation.assessment import TEN_TIMES
 
 if TYPE_CHECKING:
     from posture_opt.validation.assessment import Assessment
-    from posture_opt.validation.mean_test import BlockMean
-    from posture_opt.validation.model_errors import Deviation, ModelErrors
+    from posture_opt.validation.model_errors import BlockMean, Deviation, ModelErrors
     from posture_opt.validation.trends import Trend
 
 _INPUTS = {

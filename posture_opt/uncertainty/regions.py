@@ -23,6 +23,8 @@ Kind = Literal["known", "mean", "prediction"]
 
 # A covariance J S J' carries rounding noise of some 1e-15 of its largest entry; what lies below this is no variance.
 RANK_TOLERANCE = 1e-13
+NORMAL95 = 1.959963984540054
+"""So many standard deviations hold 95 % of a normal variable; its square is that quantile of χ² with one freedom."""
 
 
 def coverage_factor(p: float, m: int, n: int | None = None, kind: Kind = "prediction") -> float:

@@ -11,9 +11,8 @@ import numpy as np
 
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.starting_values import kabsch
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.nominal_points import nominal_poses
-from posture_opt.numerics import Progress, finite_or_none
+from posture_opt.measurements.measurements import Measurements, nominal_poses
+from posture_opt.numerics import Array, Progress, finite_or_none
 from posture_opt.result import Result
 from posture_opt.selection.grid_layout import Plane
 from posture_opt.selection.map_points import Grid, MapPoint
@@ -25,7 +24,6 @@ from posture_opt.uncertainty.spread import ellipse_basis
 from posture_opt.uncertainty.tool_point import ToolPoint
 from posture_opt.validation.measured_errors import MeasuredErrors, measured_errors
 
-Floats = np.ndarray
 _ALIGNED = 1e-9
 _OUTER = 0.02  # of the rows, on either side, that the map need not cover
 _STEP = 0.01  # m, that its box is rounded to
@@ -62,13 +60,13 @@ class AccuracyMap(Result):
     targets: TargetMap
     corrections: int
     effects: int
-    bias: Floats
-    covariance: Floats
-    basis: Floats
-    radius95: Floats
-    semi_axes95: Floats
-    settled: Floats
-    own: tuple[Floats, float] | None
+    bias: Array
+    covariance: Array
+    basis: Array
+    radius95: Array
+    semi_axes95: Array
+    settled: Array
+    own: tuple[Array, float] | None
     measured: MeasuredErrors | None
 
     @property
@@ -77,7 +75,7 @@ class AccuracyMap(Result):
         return self.targets.grid
 
     @cached_property
-    def distance(self) -> Floats:
+    def distance(self) -> Array:
         """(N,) length of the bias [m]."""
         return np.asarray(np.linalg.norm(self.bias, axis=1))
 
@@ -169,7 +167,7 @@ def map_accuracy(
     )
 
 
-def _settled(points: Floats, bias: Floats) -> Floats:
+def _settled(points: Array, bias: Array) -> Array:
     """(N,) [m] the bias that no shift and turn of the base would take off; NaN where there is no posture."""
     left, known = np.full(len(points), np.nan), np.isfinite(bias[:, 0])
     if np.count_nonzero(known) > 2:
@@ -179,7 +177,7 @@ def _settled(points: Floats, bias: Floats) -> Floats:
     return left
 
 
-def _predicted(tool_point: ToolPoint, map_points: Sequence[MapPoint]) -> tuple[Floats, Floats]:
+def _predicted(tool_point: ToolPoint, map_points: Sequence[MapPoint]) -> tuple[Array, Array]:
     """Bias (N, 3) [m] and covariance (N, 3, 3) [m²]; NaN where there is no posture."""
     known, count = np.array([map_point.feasible for map_point in map_points]), len(map_points)
     Q = np.array([map_point.q for map_point in map_points])[known]

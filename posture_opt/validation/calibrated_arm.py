@@ -14,8 +14,8 @@ from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.plan_comparison import Comparison, compare_plans
 from posture_opt.selection.solution import HasTask
+from posture_opt.validation.prediction import JointScatter
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
-from posture_opt.validation.stated_scatter import JointScatter
 
 FREE_BASE = (
     "the base is free, so the world is the frame of the instrument, and the place of the task is read in it: write "

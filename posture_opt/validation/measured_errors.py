@@ -13,16 +13,14 @@ from posture_opt.calibration.frames import compare, fit_frames
 from posture_opt.calibration.instrument import position_sigma
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.errors import InputError, Issue
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.nominal_points import nominal_poses
-from posture_opt.numerics import finite_or_none
+from posture_opt.measurements.measurements import Measurements, nominal_poses
+from posture_opt.numerics import Array, Codes, Mask, finite_or_none
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.target_map import TargetMap
 from posture_opt.uncertainty.coverage_radius import central_radii
 from posture_opt.uncertainty.regions import coverage_factor
 from posture_opt.uncertainty.tool_point import ToolPoint
 
-Floats = np.ndarray
 _ELSEWHERE = 20  # times the predicted distance: no spread is that much understated
 
 TOUCHES = (
@@ -58,13 +56,13 @@ class MeasuredErrors:
         notes: sentences for the report.
     """
 
-    place: Floats
-    cell: Floats
-    near: Floats
-    uncorrected: Floats
-    corrected: Floats
-    limit: Floats
-    inside: Floats
+    place: Array
+    cell: Codes
+    near: Mask
+    uncorrected: Array
+    corrected: Array
+    limit: Array
+    inside: Mask
     comparable: bool
     reach: float
     notes: tuple[str, ...] = ()
@@ -98,7 +96,7 @@ class MeasuredErrors:
 
 def measured_errors(
     problem: CalibrationProblem, uncorrected: CalibrationProblem, data: Measurements, targets: TargetMap,
-    projected: Floats, tool_point: ToolPoint,
+    projected: Array, tool_point: ToolPoint,
 ) -> MeasuredErrors:  # fmt: skip
     """The rows of the first target, their errors by both arms, and what is predicted for them.
 
@@ -139,13 +137,13 @@ def measured_errors(
     )
 
 
-def _errors(problem: CalibrationProblem, data: Measurements) -> Floats:
+def _errors(problem: CalibrationProblem, data: Measurements) -> Array:
     """(M, 3) model minus measurement [m]; frames that the file leaves free are fitted."""
     residuals, _ = compare(problem, data)
     return position_errors(residuals, fit_frames(residuals))
 
 
-def _inside(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Floats, instrument: float) -> Floats:
+def _inside(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Array, instrument: float) -> Mask:
     """(M,) whether errors (M, 3) lie in the 95 % region predicted for the rows' own postures."""
     moments = tool_point.moments([np.ascontiguousarray(column) for column in data.q.T], complete=False)
     C = np.broadcast_to(moments.covariance, (len(data), 3, 3)) + instrument**2 * np.eye(3)

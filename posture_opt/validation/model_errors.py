@@ -1,4 +1,4 @@
-"""The deviations of a model from measurements: by direction, and whether they scatter about zero."""
+"""The deviations of a model from measurements: by direction, and whether they scatter about zero, anywhere."""
 
 from __future__ import annotations
 
@@ -9,9 +9,132 @@ import numpy as np
 
 from posture_opt.measurements.measurements import Measurements, group_means
 from posture_opt.numerics import Array, Codes
-from posture_opt.validation.mean_test import BlockMean, MeanTest, block_tests, mean_test
+from posture_opt.uncertainty.regions import RANK_TOLERANCE
 
+SIZE = 0.05  # of the tests: so often a mean that is zero is called not zero
+_FEWEST = 8  # groups of rows in a block: with fewer in space, Hotelling's test sees next to nothing
+_MOST = 16  # blocks: as many as a person takes in
 _TILT = 1e-6  # rad: rounding of a direction that was written down
+
+
+@dataclass(frozen=True, eq=False)
+class MeanTest:
+    """Hotelling's test of a mean of zero.
+
+    Args:
+        mean: (d,) [m].
+        error: (d,) standard errors of it [m].
+        groups: number of independent vectors.
+        p_value: probability of a mean that far off, were the true one zero; NaN with too few vectors.
+    """
+
+    mean: Array
+    error: Array
+    groups: int
+    p_value: float
+
+    @property
+    def zero(self) -> bool:
+        """Whether nothing speaks against a mean of zero."""
+        return not self.p_value < SIZE
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers [m]."""
+        return {
+            "mean": self.mean.tolist(), "std_error": self.error.tolist(), "groups": self.groups,
+            "p_value": self.p_value,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class BlockMean:
+    """The mean in one block, from ``lower`` to ``upper`` (k,) [m, rad]; ``zero`` is family-wise.
+
+    The blocks are those of the workspace, or of the joint values where no position was measured.
+    """
+
+    lower: Array
+    upper: Array
+    test: MeanTest
+    zero: bool
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers [m]."""
+        box = {"lower": self.lower.tolist(), "upper": self.upper.tolist()}
+        return {**box, **self.test.to_json(), "zero": self.zero}
+
+
+def mean_test(vectors: Array) -> MeanTest:
+    """Hotelling's test of the mean of independent vectors (n, d) [m].
+
+    ``T² = n m̄ᵀ S⁻¹ m̄`` with the mean m̄ and the sample covariance S; ``T² (n − d) / (d (n − 1))`` has the
+    distribution F(d, n − d) where the true mean is zero. Directions without any variance are left out of it.
+
+    Source: H. Hotelling, Ann. Math. Stat. 2 (1931) 360.
+    """
+    n, d = vectors.shape
+    mean = vectors.mean(axis=0)
+    if n < 2:
+        return MeanTest(mean, np.full(d, np.nan), n, float("nan"))
+    S = np.atleast_2d(np.cov(vectors, rowvar=False)) / n
+    return MeanTest(mean, np.sqrt(np.diag(S)), n, hotelling(mean, S, n - 1))
+
+
+def hotelling(estimate: Array, S: Array, dof: float) -> float:
+    """The probability of an estimate (d,) so far from zero, its covariance S (d, d) estimated with ``dof``.
+
+    ``T² = yᵀ S⁻¹ y``; ``T² (ν + 1 − d) / (d ν)`` is F(d, ν + 1 − d). NaN where S has no variance, or ν < d.
+    """
+    from scipy.special import fdtrc
+
+    values, axes = np.linalg.eigh(S)
+    varies = values > RANK_TOLERANCE * values[-1]
+    rank = int(np.count_nonzero(varies))
+    rest = dof + 1 - rank
+    if not rank or rest <= 0:
+        return float("nan")
+    t2 = float(np.sum((estimate @ axes[:, varies]) ** 2 / values[varies]))
+    return float(fdtrc(rank, rest, t2 * rest / (rank * dof)))
+
+
+def block_tests(vectors: Array, places: Array) -> tuple[BlockMean, ...]:
+    """Tests of the means of vectors (n, d) [m] in blocks of the workspace, together of size 5 %.
+
+    The blocks cut the ``places`` (n, k) [m, rad] at medians. That a block's mean is zero is given up in the order of
+    the p-values (S. Holm, Scand. J. Stat. 6 (1979) 65). Empty where the rows do not fill two blocks.
+    """
+    blocks = _cut(places)
+    if len(blocks) < 2:
+        return ()
+    tests = [mean_test(vectors[rows]) for rows in blocks]
+    given_up = holm([test.p_value for test in tests])
+    return tuple(
+        BlockMean(places[rows].min(axis=0), places[rows].max(axis=0), test, not gone)
+        for rows, test, gone in zip(blocks, tests, given_up, strict=True)
+    )
+
+
+def holm(p_values: list[float], size: float = SIZE) -> list[bool]:
+    """Which of several hypotheses are given up, so that any true one is with probability ``size`` at most."""
+    given_up = [False] * len(p_values)
+    for rank, index in enumerate(np.argsort(p_values)):
+        if not p_values[index] <= size / (len(p_values) - rank):
+            break
+        given_up[index] = True
+    return given_up
+
+
+def _cut(places: Array) -> list[Codes]:
+    """Rows of each block: halves of halves across the longest side, of a size that a test can work with."""
+    blocks: list[Codes] = [np.arange(len(places))]
+    while len(blocks) < _MOST and len(blocks[0]) >= 2 * _FEWEST:
+        halves = []
+        for rows in blocks:
+            longest = np.argmax(np.ptp(places[rows], axis=0))
+            ordered = rows[np.argsort(places[rows, longest], kind="stable")]
+            halves += [ordered[: len(ordered) // 2], ordered[len(ordered) // 2 :]]
+        blocks = halves
+    return blocks
 
 
 @dataclass(frozen=True)

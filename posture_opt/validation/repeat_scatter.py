@@ -11,7 +11,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.measurements.repeat_groups import outlying_groups, repeat_groups, rows_of
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.validation.mean_test import holm
+from posture_opt.validation.model_errors import holm
 from posture_opt.validation.prediction import ErrorSources, joint_columns, joint_errors
 from posture_opt.validation.scatter_model import Scatter
 
@@ -50,7 +50,7 @@ class RepeatScatter:
         """Of the rows that a calibration kept."""
         data = used.data
         visit, by = repeat_errors(errors, used)
-        driven = joint_errors(used)
+        driven = joint_errors(used.robot)
         stated = np.zeros(len(driven))
         for k, name in enumerate(driven):
             if name in errors.names:
@@ -78,7 +78,7 @@ def repeat_errors(errors: ErrorSources, residuals: Residuals) -> tuple[Array, st
     """The covariance of what changes between visits; where the problem says nothing of it, σ's of joint values."""
     if errors.scatter.any():
         return errors.scatter, "visit"
-    driven = np.isin(errors.names, joint_errors(residuals))
+    driven = np.isin(errors.names, joint_errors(residuals.robot))
     return np.where(np.outer(driven, driven), errors.constant, 0.0), "joints"
 
 

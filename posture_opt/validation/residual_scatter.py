@@ -16,9 +16,10 @@ from posture_opt.errors import InsufficientDataError
 from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.validation.joint_variances import JointVariances, estimate_joint_variances
-from posture_opt.validation.prediction import calibrated_prediction, joint_columns
-from posture_opt.validation.stated_scatter import (
+from posture_opt.validation.prediction import (
     JointScatter,
+    calibrated_prediction,
+    joint_columns,
     joint_errors,
     plus,
     scatter_beside,

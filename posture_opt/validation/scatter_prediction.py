@@ -121,7 +121,7 @@ def observed_variances(
 
     There the uncertainty of its parameters is a known part of every error, which is no instrument's.
     """
-    names = joint_errors(used)
+    names = joint_errors(used.robot)
     if len(between.scatter.freedom):
         scatter, codes, stated = between.scatter, np.arange(len(between.scatter.freedom)), between.covariances
     else:

@@ -18,6 +18,7 @@ from posture_opt.validation.coverage import Coverage
 from posture_opt.validation.joint_variances import JointVariances
 from posture_opt.validation.prediction import (
     ErrorSources,
+    JointScatter,
     Prediction,
     calibrated_prediction,
     joint_errors,
@@ -26,7 +27,6 @@ from posture_opt.validation.prediction import (
 from posture_opt.validation.repeat_scatter import RepeatScatter, ScatterTest
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
 from posture_opt.validation.scatter_prediction import ScatterPrediction, observed_variances, worth_showing
-from posture_opt.validation.stated_scatter import JointScatter
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -185,7 +185,7 @@ def _by_folds(calibration: Calibration, scatter: JointScatter, parts: list[Codes
 
 
 def _sigma(scatter: JointScatter, residuals: Residuals) -> Array:
-    return np.array([scatter.sigma.get(name, 0.0) for name in joint_errors(residuals)])
+    return np.array([scatter.sigma.get(name, 0.0) for name in joint_errors(residuals.robot)])
 
 
 def _instrument(scatter: JointScatter, residuals: Residuals) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
-from posture_opt.validation.mean_test import holm, hotelling
+from posture_opt.validation.model_errors import holm, hotelling
 
 _BATCHES = 20  # of neighbouring rows, whose errors are alike: their means are taken for independent
 _FEWEST = 3  # rows of a batch

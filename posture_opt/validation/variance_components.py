@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.numerics import Array, Mask
+from posture_opt.uncertainty.regions import NORMAL95
 from posture_opt.validation.scatter_model import Scatter
 
 _STEPS = 200  # of Fisher scoring; five to twenty settle it
@@ -20,7 +21,6 @@ _IDLE = 1e-9  # of the longest lever: a joint that moves nothing
 _PART = 0.05  # of an undetermined direction: a smaller part does not spoil a component
 _PLAIN = 200.0  # degrees of freedom: from there on the likelihood is quadratic in log σ
 _NEAR = 0.03  # of the root of χ²: how exactly the end of an interval is found
-_CHI2 = 3.841458820694124  # 95 % of χ² with one degree of freedom
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +148,7 @@ class Components:
         if not np.isfinite(error):
             return 0.0, np.inf
         if theta[k] > 0 and 2 * (theta[k] / error) ** 2 > _PLAIN:
-            spread = np.exp(np.sqrt(_CHI2) * error / theta[k])
+            spread = np.exp(NORMAL95 * error / theta[k])
             return float(theta[k] / spread), float(theta[k] * spread)
         return self._end(theta, best, k, error, -1), self._end(theta, best, k, error, 1)
 
@@ -157,7 +157,7 @@ class Components:
 
         The root of the fall is nearly linear in the variance: regula falsi, with the Illinois rule, is quick.
         """
-        near, enough = theta, float(np.sqrt(_CHI2))
+        near, enough = theta, NORMAL95
 
         def beyond(value: float) -> float:
             nonlocal near

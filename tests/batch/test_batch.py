@@ -19,7 +19,7 @@ from posture_opt.calibration.calibrate import calibrate
 from posture_opt.errors import InputError, InsufficientDataError
 from posture_opt.measurements.reading import read_measurements
 from posture_opt.model.effects import JointNoise
-from posture_opt.problem.batch_section import batch_uncertainty, batch_yaml
+from posture_opt.problem.fitted_problem import batch_uncertainty, batch_yaml
 from posture_opt.problem.load import load_builtin, problems_folder
 from tests.helpers import batch_planar_2r as shop
 from tests.helpers.command_line import invoke

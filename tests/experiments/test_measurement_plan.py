@@ -17,7 +17,7 @@ from posture_opt.errors import InputError, InsufficientDataError, NoSolutionErro
 from posture_opt.experiments.exchange import exchange
 from posture_opt.experiments.expected_errors import PriorInformation, Unknowns
 from posture_opt.experiments.information import GivenInformation, given_information, measurement_model, nothing_measured
-from posture_opt.experiments.visiting_order import tour
+from posture_opt.experiments.plan_search import tour
 from tests.helpers.real_arms import DATA, needs_real_arms
 from tests.helpers.simulated_arm import DEG, SimulatedArm, shift, turn
 

@@ -186,7 +186,7 @@ def test_a_seed_is_a_case(family: str) -> None:
 @pytest.mark.parametrize("family", ["full", "scara", "seven", "planar", "batch", "kr16"])
 def test_the_files_are_read_by_the_package_as_they_were_meant(family: str, tmp_path: Path) -> None:
     import posture_opt as po
-    from posture_opt.measurements.nominal_points import nominal_poses
+    from posture_opt.measurements.measurements import nominal_poses
 
     case = draw(2, family, kind="drift" if family not in ("batch",) else "", test=family == "full")
     problem = po.load_problem(write(case, tmp_path))

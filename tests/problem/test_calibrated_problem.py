@@ -16,8 +16,8 @@ from click.testing import Result
 
 import posture_opt as po
 from posture_opt.calibration.calibration import Calibration
+from posture_opt.problem.fitting import quantity
 from posture_opt.problem.problem import Problem
-from posture_opt.problem.writing import quantity
 from posture_opt.report.figures.comparison import plot_landing
 from posture_opt.robot.robot import Factor
 from posture_opt.selection.plan_comparison import Comparison
@@ -187,7 +187,7 @@ def test_the_arm_is_the_one_that_fits_the_measurements(known: Known) -> None:
         | {f"{axis} [m]": residuals.data.position[:, "xyz".index(axis)] for axis in known.case.axes},
         known.calibrated,
     )  # fmt: skip
-    from posture_opt.measurements.nominal_points import nominal_poses
+    from posture_opt.measurements.measurements import nominal_poses
 
     points, _ = nominal_poses(known.calibrated.robot, again.q)
     fitted = residuals.error(known.calibration.x) + residuals.data.position

@@ -10,7 +10,7 @@ import pytest
 import posture_opt as po
 from posture_opt.measurements.measurements import Measurements, group_means
 from posture_opt.measurements.reading import read_measurements
-from posture_opt.validation.mean_test import block_tests, holm, mean_test
+from posture_opt.validation.model_errors import block_tests, holm, mean_test
 from posture_opt.validation.trends import trend
 from tests.helpers.planar_2r import position, postures_at
 from tests.helpers.real_arms import DATA, needs_real_arms

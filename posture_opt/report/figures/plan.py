@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from posture_opt.measurements.nominal_points import nominal_poses
+from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.report.measurement_plan_report import shown
 from posture_opt.report.style import (
     BLUE,
