@@ -100,9 +100,10 @@ def _noise(problem: CalibrationProblem, batch: Batch, seed: int) -> list[NoiseCa
     parts = []
     for calibration in batch.calibrations:
         linearised = linearise(calibration, 0, seed)
-        baseline, block = linearised.baseline(), linearised.sensitivities.residuals.block
-        Q = baseline.Q.reshape(-1, block, baseline.Q.shape[1])
-        e = standardised(baseline.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
+        baseline, residuals = linearised.baseline(), linearised.sensitivities.residuals
+        m, block = residuals.measured, residuals.block
+        Q = baseline.Q[:m].reshape(-1, block, baseline.Q.shape[1])
+        e = standardised(baseline.e[:m].reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
         position = linearised.sensitivities.residuals.data.position
         ranges = np.zeros(len(e)) if position is None else np.linalg.norm(position, axis=1)
         e, columns, _ = in_stated_units(problem, linearised.sensitivities.residuals, e, linearised.sensitivities.joints)

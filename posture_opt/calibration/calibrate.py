@@ -9,12 +9,12 @@ from itertools import count
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.cross_validation import Predicted, position_errors, predict, tested
+from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted, session_errors
 from posture_opt.calibration.data_checks import check_amount, check_frames, check_geometry, check_sense, still_notes
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.fit import Fit, clustered, estimate
-from posture_opt.calibration.fit_request import FitRequest
 from posture_opt.calibration.fit_setup import FitSetup, determine, unseen
+from posture_opt.calibration.fitted_arm import FitRequest
 from posture_opt.calibration.frame_chart import Chart
 from posture_opt.calibration.frames import compare, fit_frames, held_length
 from posture_opt.calibration.parameters import CalibrationProblem
@@ -65,12 +65,13 @@ def calibrate(
     tell = _teller(progress, 2 * len(parts) + 1)
     fitted = _fit(problem, chart.fitted, len(np.unique(groups)), priors)
     tell()
-    nominal = predict(chart.fitted, parts, fitted.found, None, tell)
-    calibrated = predict(chart.fitted, parts, fitted.found, fitted.known, tell)
+    nominal = refitted(chart.fitted, parts, fitted.found, None, tell)
+    calibrated = refitted(chart.fitted, parts, fitted.found, fitted.known, tell)
     again = ("base and tool are fitted again to the test file",) * (test is not None and refit_frames)
-    told = _restless(calibrated.restless, len(parts))
+    told = _restless(calibrated.unsettled, len(parts))
     notes = (*notes, *fitted.notes, *again, *still_notes(problem.robot, data), *fitted.found_notes, *told)
-    seen = tested(chart.fitted, test, fitted.x_nominal, fitted.found.x, refit_frames)
+    models = {} if test is None else {"nominal": fitted.x_nominal, "calibrated": fitted.found.x}
+    seen = {name: _on_another_file(chart.fitted, x, test, refit_frames) for name, x in models.items()}
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     return _assembled(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
 
@@ -126,7 +127,7 @@ def _assembled(
     given: Residuals,
     chart: Chart,
     fitted: _Fitted,
-    predicted: tuple[Predicted, Predicted],
+    predicted: tuple[HeldOut, HeldOut],
     groups: Codes,
     by: By,
     test: dict[str, Statistics],
@@ -162,6 +163,11 @@ def _teller(progress: Progress | None, total: int) -> Callable[[], None]:
     """Tells one more of ``total`` fits at each call."""
     done = count(1)
     return lambda: progress(next(done), total) if progress is not None else None
+
+
+def _on_another_file(residuals: Residuals, x: Array, test: Measurements | None, refit: bool) -> Statistics:
+    assert test is not None
+    return Statistics.of(session_errors(residuals, x, test, refit), test.pose)
 
 
 def _restless(fits: int, rounds: int) -> tuple[str, ...]:

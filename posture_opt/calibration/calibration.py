@@ -11,7 +11,7 @@ import numpy as np
 
 from posture_opt.calibration.error_statistics import By, Statistics
 from posture_opt.calibration.fit import Fit, fit_with_effects
-from posture_opt.calibration.fit_request import FitRequest
+from posture_opt.calibration.fitted_arm import FitRequest
 from posture_opt.calibration.identifiability import Identifiability
 from posture_opt.calibration.parameters import Parameter
 from posture_opt.calibration.residuals import Residuals

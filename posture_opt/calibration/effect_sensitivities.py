@@ -56,8 +56,8 @@ class EffectSensitivities:
 
     @property
     def rows(self) -> int:
-        """The number of residuals of all rows."""
-        return len(self.residuals.data) * self.residuals.block
+        """The number of residuals: of all rows, and behind them of known distances, on which no effect acts."""
+        return self.residuals.measured + len(self.residuals.distances)
 
     @cached_property
     def joints(self) -> Array:
@@ -65,27 +65,34 @@ class EffectSensitivities:
         return np.moveaxis(self.residuals.sensitivities(self.residuals.robot.driven, self.x, self.walk), -1, 0)
 
     def columns(self, effect: Effect) -> Array:
-        """(N·block, parameters) whitened residual per unit of each parameter of an effect."""
+        """(rows, parameters) whitened residual per unit of each parameter of an effect."""
         twists = [self.residuals.arm.twist_of(self.walk, one) for one in effect.moves(self.site)]
-        return self.residuals.whiten(twists).reshape(self.rows, -1)
+        return self._flat(self.residuals.whiten(twists))
 
     def fitted_columns(self, effect: Effect, theta: Array) -> Array:
-        """(N·block, p) the columns of an effect of size ``theta``, and of its smooth shape where it has one."""
+        """(rows, p) the columns of an effect of size ``theta``, and of its smooth shape where it has one."""
         wide = self.residuals.with_effects([effect], self.x)
         own = wide.parameters[len(self.x) :]
         x = np.r_[self.x, theta, np.zeros(len(own) - len(theta))]
-        return wide.sensitivities([p.source for p in own], x).reshape(self.rows, -1)
+        return self._flat(wide.sensitivities([p.source for p in own], x))
 
     def of_joint(self, joint: int, features: Array) -> Array:
-        """(N·block, k) of features (N, k) that add to one joint."""
+        """(rows, k) of features (N, k) that add to one joint."""
         columns: Array = self.joints[joint][:, :, None] * features[:, None, :]
-        return columns.reshape(self.rows, -1)
+        return self._flat(columns)
 
     def of_point(self, features: Array) -> Array:
-        """(N·block, axes·k) of features (N, k) that shift the measured point along each axis."""
+        """(rows, axes·k) of features (N, k) that shift the measured point along each axis."""
         residuals = self.residuals
         N, axes = len(residuals.data), len(residuals.axes)
         columns = np.zeros((N, residuals.block, axes, features.shape[1]))
         for slot in range(axes):
             columns[:, slot, slot, :] = features / residuals.sigma
-        return columns.reshape(self.rows, -1)
+        return self._flat(columns.reshape(N, residuals.block, -1))
+
+    def _flat(self, columns: Array) -> Array:
+        """(N, block, k) as the rows of the Jacobian, zero for known distances."""
+        flat = columns.reshape(self.residuals.measured, -1)
+        if not self.residuals.distances:
+            return flat
+        return np.concatenate([flat, np.zeros((len(self.residuals.distances), flat.shape[1]))])

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from posture_opt.calibration.parameters import CalibrationProblem, Parameter
+from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect, NoiseEffect
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
@@ -53,6 +54,26 @@ class FittableProblem(CalibrationProblem, Protocol):
 
     def with_fit(self, fit: FittedArm) -> Any:
         """The same problem with the fitted arm."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FitRequest:
+    """The arm as it is stated, what was measured, and what to make of it.
+
+    Args:
+        folds: of the cross-validation.
+        test: other measurements that are predicted, with base and tool fitted again if ``refit_frames``.
+        plan: whether the task is planned again with the arm that is found, when that is asked for.
+        seed: of that plan; None for the problem's.
+    """
+
+    problem: CalibrationProblem
+    data: Measurements
+    folds: int = 5
+    test: Measurements | None = None
+    refit_frames: bool = False
+    plan: bool = True
+    seed: int | None = None
 
 
 def places_in_robot(parameters: Sequence[Parameter]) -> dict[str, int]:

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from posture_opt.calibration.cross_validation import Folds, HeldOut, held_out
 from posture_opt.calibration.effect_sensitivities import case_of
 from posture_opt.calibration.fit import Fit
+from posture_opt.calibration.linear_model import LinearModel
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.diagnosis.geometry_causes import GeometryCause
-from posture_opt.diagnosis.held_out import Folds, HeldOut, held_out
-from posture_opt.diagnosis.linear_model import LinearModel
 from posture_opt.diagnosis.noise_causes import NoiseCause
-from posture_opt.diagnosis.other_session import Gain
 from posture_opt.diagnosis.search import SearchResult
+from posture_opt.diagnosis.sessions import Gain
 from posture_opt.model.effects import CATALOGUE, EFFECTS, INPUTS, Cause, Effect, Evidence, Limit, NoiseEffect
 from posture_opt.numerics import Codes, Progress
 from posture_opt.units import DIMENSIONS

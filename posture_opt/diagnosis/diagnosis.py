@@ -11,10 +11,10 @@ import numpy as np
 
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.cross_validation import HeldOut, held_out
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.fit import Fit, fit_with_effects
-from posture_opt.calibration.fit_request import FitRequest
-from posture_opt.calibration.fitted_arm import FittableProblem, FittedArm
+from posture_opt.calibration.fitted_arm import FitRequest, FittableProblem, FittedArm
 from posture_opt.calibration.progress import Stages
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
@@ -22,14 +22,12 @@ from posture_opt.diagnosis.causes import Finding, effect_findings, geometry_find
 from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_discrimination
 from posture_opt.diagnosis.extended_arm import extended_arm
 from posture_opt.diagnosis.geometry_causes import geometry_causes
-from posture_opt.diagnosis.held_out import HeldOut, held_out
 from posture_opt.diagnosis.lack_of_fit import Adequacy, assess_adequacy
 from posture_opt.diagnosis.linearised_data import frame_directions, linearise, tool_points
 from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
-from posture_opt.diagnosis.other_session import Gain, SecondSession, second_session
 from posture_opt.diagnosis.outlier_reinclusion import reinclude_outliers
-from posture_opt.diagnosis.persistent_effects import persistent
 from posture_opt.diagnosis.search import SearchResult, prefer_named, remaining_unnamed, search
+from posture_opt.diagnosis.sessions import Gain, SecondSession, persistent, second_session
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect

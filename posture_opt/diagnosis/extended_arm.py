@@ -15,7 +15,7 @@ from posture_opt.calibration.fitted_arm import FittedArm, persistent_sources, pl
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import gravity_of
 from posture_opt.diagnosis.causes import Finding
-from posture_opt.diagnosis.persistent_effects import covariance_at_shapes
+from posture_opt.diagnosis.sessions import covariance_at_shapes
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.validation.residual_scatter import residual_scatter

@@ -65,7 +65,7 @@ def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, block: int) ->
     freedom = (len(size) * block - baseline.Q.shape[1]) / shared - pure_freedom
     if pure_freedom < levels.REPEAT_FREEDOM or freedom < 1:
         return 1.0
-    e = _means(baseline.e.reshape(-1, block), cell, np.ones(len(cell)))
+    e = _means(baseline.e[: len(data) * block].reshape(-1, block), cell, np.ones(len(cell)))
     ratios = []
     for weights in (size.astype(float), np.ones(len(size))):
         pure = float(np.sum(weights[:, None] * (e - _means(e, code, weights)[code]) ** 2))
@@ -97,7 +97,7 @@ def _structure(baseline: ProjectedBaseline, data: Measurements, points: Array, b
         if N <= levels.KERNEL_ROWS
         else np.sort(np.random.default_rng(0).choice(N, levels.KERNEL_ROWS, replace=False))
     )
-    series = baseline.flipped.reshape(N, block, -1)[rows]
+    series = baseline.flipped[: N * block].reshape(N, block, -1)[rows]
     names, values = [], []
     for name, K in _kernels(data, points, rows):
         np.fill_diagonal(K, 0.0)

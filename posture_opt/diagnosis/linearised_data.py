@@ -69,11 +69,12 @@ def linearise(calibration: Calibration, flips: int = 299, seed: int = 0) -> Line
     kept = calibration.kept_rows
     residuals = calibration.residuals.take(kept)
     r, J = residuals.both(calibration.x)
-    rows = len(kept) * residuals.block
     sensitivities = EffectSensitivities(residuals, calibration.x)
     poses = np.repeat(np.unique(residuals.data.pose, return_inverse=True)[1], residuals.block)
-    G = J[:rows] @ calibration.identifiability.directions
-    return LinearisedData(sensitivities, case_of(residuals.data, residuals.robot), r[:rows], G, poses, flips, seed)
+    apart = len(poses) + np.arange(len(residuals.distances))  # no two known distances err together
+    groups = np.unique(np.concatenate([poses, apart]), return_inverse=True)[1]
+    G = J @ calibration.identifiability.directions
+    return LinearisedData(sensitivities, case_of(residuals.data, residuals.robot), r, G, groups, flips, seed)
 
 
 def tool_points(linearised: LinearisedData) -> Array:

@@ -54,8 +54,8 @@ def noise_causes(
     """
     residuals = model.residuals
     block = residuals.block
-    Q = baseline.Q.reshape(-1, block, baseline.Q.shape[1])
-    e = standardised(baseline.e.reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
+    Q = baseline.Q[: residuals.measured].reshape(-1, block, baseline.Q.shape[1])
+    e = standardised(baseline.e[: residuals.measured].reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
     columns = _joints(model)
     e, columns, whole = in_stated_units(problem, residuals, e, columns)
     level = levels.NOISE_BESIDE_A_CAUSE if model.effects else levels.NOISE

@@ -31,11 +31,12 @@ def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibra
         return calibration
     tangents = EffectSensitivities(calibration.residuals, calibration.x)
     r, J = tangents.residuals.both(calibration.x)
-    r, G = r[: tangents.rows], J[: tangents.rows] @ calibration.identifiability.directions
+    m = tangents.residuals.measured
+    r, G = r[:m], J[:m] @ calibration.identifiability.directions
     before = ~calibration.fit.kept
     left = before
     for explanation in _explanations(found):
-        Z = [tangents.columns(s.what) for s in explanation if isinstance(s.what, Effect)]
+        Z = [tangents.columns(s.what)[:m] for s in explanation if isinstance(s.what, Effect)]
         gross = _gross(r, np.concatenate([G, *Z], axis=1), tangents.residuals.block)
         left = min(left, before & gross, key=np.count_nonzero)
     return calibration if left is before else replace(calibration, fit=replace(calibration.fit, kept=~left))

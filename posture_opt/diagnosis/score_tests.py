@@ -176,8 +176,8 @@ def scan_frequencies(
     """
     N, block = joint_columns.shape
     c = joint_columns
-    series = np.einsum("nb,nbf->nf", c, baseline.flipped.reshape(N, block, -1))
-    basis = np.einsum("nb,nbk->nk", c, baseline.Q.reshape(N, block, -1))
+    series = np.einsum("nb,nbf->nf", c, baseline.flipped[: c.size].reshape(N, block, -1))
+    basis = np.einsum("nb,nbk->nk", c, baseline.Q[: c.size].reshape(N, block, -1))
     square = np.einsum("nb,nb->n", c, c)
     observed, most = np.zeros(len(cycles)), np.zeros(series.shape[1] - 1)
     step = max(1, _CHUNK // (2 * N))

@@ -14,7 +14,7 @@ from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.calibration.error_statistics import Statistics
-    from posture_opt.diagnosis.other_session import Gain
+    from posture_opt.diagnosis.sessions import Gain
 
 _CHOSEN = "Their sizes were refitted in each round; the effects themselves were selected on all rows."
 _LEFT_OUT = {

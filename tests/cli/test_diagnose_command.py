@@ -16,7 +16,7 @@ from posture_opt.calibration.fit import fit_with_effects
 from posture_opt.calibration.progress import Stages
 from posture_opt.diagnosis.causes import missing_inputs
 from posture_opt.diagnosis.linearised_data import linearise
-from posture_opt.diagnosis.other_session import Gain
+from posture_opt.diagnosis.sessions import Gain
 from posture_opt.model.effects import Effect, FittedSizes
 from posture_opt.model.effects.backlash import Backlash
 from posture_opt.model.effects.cause import amplitude

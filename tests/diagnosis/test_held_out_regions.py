@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.calibration.cross_validation import held_out
 from posture_opt.calibration.error_statistics import folds_of
 from posture_opt.calibration.fit import fit_with_effects
-from posture_opt.diagnosis.held_out import held_out
-from posture_opt.diagnosis.linear_model import LinearModel
+from posture_opt.calibration.linear_model import LinearModel
 from posture_opt.diagnosis.linearised_data import linearise
 from tests.helpers.planar_2r import position
 

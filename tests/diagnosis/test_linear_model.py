@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.calibration.cross_validation import held_out
 from posture_opt.calibration.fit import Fit, fit_with_effects
+from posture_opt.calibration.linear_model import LinearModel
 from posture_opt.diagnosis.candidates import Candidate, list_candidates
-from posture_opt.diagnosis.held_out import held_out
 from posture_opt.diagnosis.levels import SURVIVING_SHARE
-from posture_opt.diagnosis.linear_model import LinearModel
 from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
 from posture_opt.diagnosis.score_tests import explained, waves
 from posture_opt.diagnosis.selection_criterion import rank_members

@@ -114,7 +114,7 @@ def test_the_report_tells_it(told: tuple[dict[str, Any], str]) -> None:
     flat = " ".join(told[1].split())
     assert "Over the 70 targets measured in two postures, the tool missed by" in flat
     assert "Comparison of plans, as measured" in told[1]
-    assert "the model finds the better posture in" in flat
+    assert "The model with effects finds the better posture for" in flat
 
 
 def test_no_goal_in_two_postures_says_nothing(session: tuple[Path, np.ndarray, np.ndarray], tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import posture_opt as po
 from posture_opt.calibration.fit import Fit, fit_with_effects
 from posture_opt.diagnosis.causes import _estimate
 from posture_opt.diagnosis.linearised_data import linearise
-from posture_opt.diagnosis.persistent_effects import persistent
+from posture_opt.diagnosis.sessions import persistent
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.drift import Drift
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
