@@ -239,26 +239,35 @@ def clustered(fit: Fit) -> Fit:
 
 def fit_with_effects(
     residuals: Residuals, x0: Array, directions: Array, effects: Sequence[Effect], prior: Prior | None = None,
-    weight: float = 1.0,
+    weight: float = 1.0, *, shapes: bool = True,
 ) -> Fit:  # fmt: skip
     """Geometry in some ``directions`` (k, r) about ``x0`` (k,), effects and their smooth shapes, all together.
 
     Rows are taken as independent at first, and then for as many as the design effect of what is left says. What
     effects explain makes data worth more than they were without: the prior is weighed anew.
+
+    Args:
+        effects: the fit starts at their shapes, and at their estimates where they have some.
+        shapes: whether smooth shapes are fitted too; else they stay.
     """
     wide = residuals.with_effects(effects, x0)
     more = len(wide.parameters) - len(x0)
     steps = np.zeros((len(wide.parameters), directions.shape[1] + more))
     steps[: len(x0), : directions.shape[1]] = directions
-    start = np.r_[x0, wide.shape_offsets(effects)]
+    start = np.r_[x0, wide.start_of(effects)]
     steps[len(x0) :, directions.shape[1] :] = np.diag(_units(wide, start, len(x0)))
-    design = 1.0
+    if not shapes:
+        held = [i for i, p in enumerate(wide.parameters) if p.name in wide.arm.shape_parameters]
+        steps = steps[:, ~np.any(steps[held], axis=0)]
+    design, near = 1.0, None
     for _ in range(ROUNDS):
-        found = estimate(wide, start, steps, prior, robust=False, weight=weight, design=design, tolerance=_CLOSE)
+        found = estimate(
+            wide, start, steps, prior, robust=False, near=near, weight=weight, design=design, tolerance=_CLOSE
+        )
         again = _design(found)
         if prior is None or abs(again - design) <= FAIR * design:
             break
-        design, weight = again, found.weight
+        design, weight, near = again, found.weight, found.minimum.x
     found = replace(found, design=again, C=found.C / design, effects=wide.fitted_effects(effects, found.x))
     return clustered(found) if again > 1 else found
 

@@ -125,12 +125,12 @@ class Residuals:
         ]
         return replace(self, arm=replace(self.arm, effects=tuple(effects)), parameters=tuple(parameters))
 
-    def shape_offsets(self, effects: Sequence[Effect]) -> Array:
-        """(e,) where the fit of effects starts: at their shapes, with nothing of them."""
+    def start_of(self, effects: Sequence[Effect]) -> Array:
+        """(e,) where the fit of effects starts: at their shapes and estimates; with nothing of one without estimate."""
         places = self.arm.shape_parameters
         found: list[float] = []
         for effect in effects:
-            found += [0.0] * len(effect.dimensions)
+            found += effect.values
             if effect.smooth_shape:
                 own = self.arm.effects[places[f"{effect.name}.{effect.smooth_shape}"]]
                 found.append(shape_deviation(own, effect))

@@ -222,7 +222,7 @@ def diagnose(
     noise = noise_causes(problem, calibration, model, everything, closed, seed)
     known = frame_directions(calibration)
     full = _of_data(model, calibration)
-    geometry = geometry_causes(residuals, calibration.x_nominal, known, full, named)
+    geometry = geometry_causes(residuals, calibration.x_nominal, known, full, full.effects)
     groups_by: By = by or calibration.by
     groups = groups_of(residuals.data, groups_by, folds)
     parts = folds_of(groups, folds, groups_by)

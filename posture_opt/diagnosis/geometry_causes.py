@@ -101,9 +101,9 @@ def geometry_causes(
         x_frames: (k,) parameters with only the free frames fitted [SI].
         free: (k, f) directions of the free frames and touched points.
         full: the model with all geometry fitted.
-        effects: those of the model.
+        effects: those of the model; their shapes stay as they are there.
     """
-    nominal = fit_with_effects(residuals, x_frames, free, effects)
+    nominal = fit_with_effects(residuals, x_frames, free, effects, shapes=False)
     p = _f_test(nominal, full)
     if p > levels.GEOMETRY:
         return []
@@ -136,14 +136,16 @@ def _few_parameters(
 ) -> list[GeometryCause] | None:
     """The fewest parameters beside which the others add nothing significant; None where that takes more than three."""
     chosen: list[int] = []
-    model = fit_with_effects(residuals, x_frames, free, effects)
+    model = fit_with_effects(residuals, x_frames, free, effects, shapes=False)
     frames = {i for i in range(len(x_frames)) if np.any(free[i])}
     while len(chosen) < levels.FEW_PARAMETERS:
         gains = _gains_alone(model, [i for i in range(len(x_frames)) if i not in chosen and i not in frames])
         if not gains:
             return None
         chosen.append(max(gains, key=lambda i: gains[i]))
-        model = fit_with_effects(residuals, x_frames, _with_parameters(free, chosen, len(x_frames)), effects)
+        model = fit_with_effects(
+            residuals, x_frames, _with_parameters(free, chosen, len(x_frames)), effects, shapes=False
+        )
         if _f_test(model, full) > levels.GEOMETRY:
             return _causes(residuals, x_frames, free, model, chosen, effects)
     return None
@@ -188,7 +190,9 @@ def _causes(
     rss, m = _rss(model), len(residuals.data) * residuals.block
     for i in chosen:
         rest = [j for j in chosen if j != i]
-        without = fit_with_effects(residuals, x_frames, _with_parameters(free, rest, len(x_frames)), effects)
+        without = fit_with_effects(
+            residuals, x_frames, _with_parameters(free, rest, len(x_frames)), effects, shapes=False
+        )
         others = _gains_alone(without, [j for j in range(len(x_frames)) if j not in chosen and not np.any(free[j])])
         limit = rss * np.exp(levels.RIVAL_CRITERION / m)
         rivals = [
