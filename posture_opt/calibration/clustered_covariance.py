@@ -67,7 +67,10 @@ def clustered_covariance(
 
 
 def _sums(scores: Array, residuals: Residuals) -> Array:
+    """(G, p) sums over the blocks of rows; a known distance, behind them, is a block of its own."""
     block = np.repeat(neighbours(residuals), residuals.block)
+    apart = int(block.max(initial=-1)) + 1 + np.arange(len(scores) - len(block))
+    block = np.concatenate([block, apart])
     sums = np.zeros((int(block.max(initial=0)) + 1, scores.shape[1]))
     np.add.at(sums, block, scores)
     return sums
