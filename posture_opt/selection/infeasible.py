@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from posture_opt.model.compiled_nlp import IPOPT_OPTIONS
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.engine import Engine
 from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, InverseKinematics, PoseRequest, unlimited
 from posture_opt.selection.multistart import MultistartResult
-from posture_opt.selection.nlp import Row
+from posture_opt.selection.nlp import IPOPT_OPTIONS, Row
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.search_statistics import SearchStatistics
 from posture_opt.selection.solution import HasTask, Reason, Solution

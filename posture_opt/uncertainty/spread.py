@@ -17,10 +17,9 @@ from posture_opt.result import Result
 from posture_opt.robot.robot import PostureLike, Robot, limit_notes, read_posture
 from posture_opt.uncertainty.budget import Share, budgets
 from posture_opt.uncertainty.regions import Ellipsoid
-from posture_opt.uncertainty.second_order import second_order
+from posture_opt.uncertainty.second_order import Validity, second_order
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
-from posture_opt.uncertainty.validity import Validity
 
 
 class HasSources(Protocol):

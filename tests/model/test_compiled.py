@@ -19,7 +19,7 @@ import pytest
 from posture_opt.errors import InputError
 from posture_opt.model import toolchain
 from posture_opt.model.compiled import BatchFunction, c_source
-from posture_opt.model.compiled_nlp import compiled_nlp
+from posture_opt.selection.nlp import compiled_nlp
 
 # The same operations in the same order and no fused multiply-add: only sin and cos of another mathematics library
 # may differ, by one unit in the last place each. Compared with NumPy, whose sums run in another order, a dozen

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from posture_opt.uncertainty.regions import Ellipsoid
-from posture_opt.uncertainty.validity import Validity
+from posture_opt.uncertainty.second_order import Validity
 
 LINK_SIGMA = 0.01
 

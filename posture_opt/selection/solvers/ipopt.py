@@ -7,8 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from posture_opt.model.compiled_nlp import compiled_nlp
-from posture_opt.selection.nlp import Nlp
+from posture_opt.selection.nlp import Nlp, compiled_nlp
 from posture_opt.selection.solvers.solver import Outcome, Polish, Solver
 
 
