@@ -21,7 +21,7 @@ _SIDED = 0.5  # of the rows must know the side from which their joints arrived
 
 def case_of(data: Measurements, robot: Robot) -> Excitation:
     """What these measurements can show of effects."""
-    site = ArmState(robot, list(data.q.T), inputs_of(data, robot))
+    state = ArmState(robot, list(data.q.T), inputs_of(data, robot))
     known = {"time"} if len(data) > 1 else set()
     for name, least in _VARIES.items():
         values = getattr(data, name)
@@ -29,9 +29,9 @@ def case_of(data: Measurements, robot: Robot) -> Excitation:
             known.add(name)
     if np.mean(np.any(data.approach != 0, axis=1)) > _SIDED and len(np.unique(np.sign(data.approach))) > 1:
         known.add("approach")
-    known |= {"masses"} if site.weighed else set()
+    known |= {"masses"} if state.weighed else set()
     span = tuple(float(v) for v in np.ptp(data.q, axis=0))
-    return Excitation(robot, frozenset(known), span, float(np.ptp(np.asarray(site.inputs.time))))
+    return Excitation(robot, frozenset(known), span, float(np.ptp(np.asarray(state.inputs.time))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class EffectSensitivities:
         return self.residuals.walk(self.x)
 
     @cached_property
-    def site(self) -> ArmState:
+    def state(self) -> ArmState:
         """The arm at all rows with its loads: the file's links, on the base and with the tool that were found."""
         data, robot = self.residuals.data, self.residuals.robot
         frames = self.residuals.frames(self.x)
@@ -66,7 +66,7 @@ class EffectSensitivities:
 
     def columns(self, effect: Effect) -> Array:
         """(rows, parameters) whitened residual per unit of each parameter of an effect."""
-        twists = [self.residuals.arm.twist_of(self.walk, one) for one in effect.moves(self.site)]
+        twists = [self.residuals.arm.twist_of(self.walk, one) for one in effect.sensitivities(self.state)]
         return self._flat(self.residuals.whiten(twists))
 
     def fitted_columns(self, effect: Effect, theta: Array) -> Array:

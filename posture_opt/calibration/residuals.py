@@ -11,7 +11,7 @@ import numpy as np
 
 from posture_opt.calibration.parameters import Parameter, effect_parameters, tool_unknown
 from posture_opt.measurements.measurements import Measurements, arm_for
-from posture_opt.model.arm import Arm, Twist, reshaped, shape_deviation
+from posture_opt.model.arm import Arm, Twist
 from posture_opt.model.chain import Walk, factor_values, walk
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
@@ -133,7 +133,7 @@ class Residuals:
             found += effect.values
             if effect.smooth_shape:
                 own = self.arm.effects[places[f"{effect.name}.{effect.smooth_shape}"]]
-                found.append(shape_deviation(own, effect))
+                found.append(effect.shape_deviation(own))
         return np.array(found)
 
     def fitted_effects(self, effects: Sequence[Effect], x: Array) -> tuple[Effect, ...]:
@@ -144,7 +144,7 @@ class Residuals:
         for effect in effects:
             shape = f"{effect.name}.{effect.smooth_shape}"
             if shape in places:
-                own = reshaped(self.arm.effects[places[shape]], at[shape])
+                own = self.arm.effects[places[shape]].reshaped(at[shape])
                 effect = effect.with_shape(float(getattr(own, own.smooth_shape)))
             fitted.append(effect.with_estimate([at[name] for name in names[len(fitted)]]))
         return tuple(fitted)

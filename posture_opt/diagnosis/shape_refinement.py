@@ -18,7 +18,7 @@ def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline
     effect = candidate.what
     if isinstance(effect, UnnamedComponent):
         return _between(sensitivities, baseline, candidate, effect)
-    steps = effect.shape_steps(sensitivities.site)
+    steps = effect.shape_steps(sensitivities.state)
     if len(steps):
         return _best_step(sensitivities, baseline, candidate, effect, steps)
     return _best_smooth(sensitivities, baseline, candidate, effect) if effect.smooth_shape else candidate

@@ -147,7 +147,7 @@ def _products(sensitivities: EffectSensitivities, excitation: Excitation) -> Ite
 
 def _sides(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterator[tuple[UnnamedComponent, Array]]:
     """The side of approach in interactions that no named effect has."""
-    names, data, site = excitation.robot.joint_names, sensitivities.residuals.data, sensitivities.site
+    names, data, state = excitation.robot.joint_names, sensitivities.residuals.data, sensitivities.state
     for joint in _moving(excitation):
         side, q = data.approach[:, joint], data.q[:, joint]
         waves = side[:, None] * np.stack([np.sin(q), np.cos(q)], axis=1)
@@ -156,7 +156,7 @@ def _sides(sensitivities: EffectSensitivities, excitation: Excitation) -> Iterat
             if other == joint:
                 continue
             if "masses" in excitation.inputs:
-                torque = np.abs(np.broadcast_to(np.asarray(site.torque(other), dtype=float), (len(q),)))
+                torque = np.abs(np.broadcast_to(np.asarray(state.torque(other), dtype=float), (len(q),)))
                 yield (
                     UnnamedComponent("side and load", f"{names[joint]} x {names[other]}"),
                     sensitivities.of_joint(joint, (side * torque)[:, None]),
@@ -180,5 +180,5 @@ def _fields(sensitivities: EffectSensitivities, excitation: Excitation) -> Itera
         waves = np.stack([np.sin(phase), np.cos(phase)], axis=1)
         yield UnnamedComponent("field", "tool point", shape), sensitivities.of_point(waves)
     if "time" in excitation.inputs:
-        t = np.asarray(sensitivities.site.inputs.time, dtype=float)
+        t = np.asarray(sensitivities.state.inputs.time, dtype=float)
         yield UnnamedComponent("course", "time"), sensitivities.of_point(bumps(t, levels.COURSE_BUMPS))

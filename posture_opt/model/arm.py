@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import casadi as ca
-import numpy as np
 
-from posture_opt.model.arm_state import ArmState, Inputs
+from posture_opt.model.acting_effects import ActingEffects, Weighted
+from posture_opt.model.arm_state import Inputs
 from posture_opt.model.chain import (
     ZERO,
     Scalar,
@@ -23,6 +22,7 @@ from posture_opt.model.chain import (
     position_column,
     rotation_column,
     scale,
+    split,
     stack,
     walk,
 )
@@ -31,7 +31,6 @@ from posture_opt.robot.robot import Robot
 if TYPE_CHECKING:  # a plain chain needs none of the effects, which are many files
     from posture_opt.model.effects.effect import Effect, Sensitivity
 
-_SHAPE_STEP = 1e-3  # of a shape: its derivative by differences is good to 1e-6 of itself
 Twist = tuple[Vector, Vector]
 """Shift of the tool point and small rotation of the tool ``(v, ω)``, world axes."""
 
@@ -89,20 +88,23 @@ class Arm:
         """Names of the model parameters, from the base to the tool, and those of the effects."""
         return (*self.robot.parameters, *self.effect_parameters)
 
-    @cached_property
+    @property
     def effect_parameters(self) -> tuple[str, ...]:
         """Names of the parameters of all effects, ``kind(target).parameter``."""
-        return tuple(name for effect in self.effects for name in effect.parameter_names)
+        return self._acting.parameters
 
-    @cached_property
+    @property
     def shape_parameters(self) -> dict[str, int]:
         """``kind(target).shape`` of every effect that depends smoothly on its shape, and its place in ``effects``.
 
         They are parameters for a fit alone: deviations of the shape, of its logarithm where errors of it are relative.
         """
-        return {
-            f"{effect.name}.{effect.smooth_shape}": i for i, effect in enumerate(self.effects) if effect.smooth_shape
-        }
+        return self._acting.shapes
+
+    @property
+    def unknown_sides(self) -> tuple[str, ...]:
+        """``JOINT.side`` of every joint of an effect whose side of arrival no task states: −1 or +1, odds equal."""
+        return self._acting.unknown_sides
 
     @cached_property
     def dimensions(self) -> dict[str, str]:
@@ -112,16 +114,6 @@ class Arm:
             for effect in self.effects
             for name, (_, dimension) in zip(effect.parameter_names, effect.dimensions, strict=True)
         }
-
-    @cached_property
-    def estimates(self) -> tuple[float, ...]:
-        """The estimates of the effects, in the order of `effect_parameters` [SI]."""
-        return tuple(value for effect in self.effects for value in effect.values)
-
-    @cached_property
-    def unknown_sides(self) -> tuple[str, ...]:
-        """``JOINT.side`` of every joint of an effect whose side of arrival no task states: −1 or +1, odds equal."""
-        return tuple(f"{joint}.side" for joint in dict.fromkeys(e.target for e in self.effects if self._sideless(e)))
 
     @cached_property
     def q(self) -> ca.SX:
@@ -170,18 +162,13 @@ class Arm:
         if not self.effects:
             return Reached(walk(robot.factors, values), values, ZERO)
         shift, turn = ZERO, ZERO
-        for size, one in self._sized(q, p):
+        for size, one in self._acting.in_size(q, p):
             for index, increment in self._increments(one):
                 values[index] = values[index] + size * increment
             v, w = one.twist
             shift = shift if v is ZERO else add(shift, scale(size, v))
             turn = turn if w is ZERO else add(turn, scale(size, w))
-        reached = walk(robot.factors, values)
-        if shift is ZERO and turn is ZERO:
-            return Reached(reached, values, ZERO)
-        columns = reached.columns if turn is ZERO else tuple(_turned(turn, column) for column in reached.columns)
-        moved = Walk(columns, add(reached.position, shift), reached.screws)  # type: ignore[arg-type]
-        return Reached(moved, values, shift)
+        return Reached(_displaced(walk(robot.factors, values), shift, turn), values, shift)
 
     def twists(
         self, names: Iterable[str | int], q: Sequence[Scalar], reached: Walk, p: Mapping[str, Scalar] | None = None
@@ -197,17 +184,18 @@ class Arm:
             q: (n,) commanded joints; reached: the walk there; p: the deviations that the effects see.
         """
         factors, found = self._factor_index, []
-        sizes: dict[str, Twist] = {}
+        units: dict[str, Weighted] = {}
         for name in names:
             index = name if isinstance(name, int) else factors.get(name)
             if index is not None:
                 found.append((position_column(reached, index), rotation_column(reached, index)))
                 continue
             if name in self.shape_parameters:
-                found.append(self._shape_twist(str(name), q, reached, p or {}))
-                continue
-            sizes = sizes or self._effect_twists(q, reached, p or {})
-            found.append(sizes[str(name)])
+                parts = self._acting.per_shape(str(name), q, p or {})
+            else:
+                units = units or self._acting.per_unit(q, p or {})
+                parts = units[str(name)]
+            found.append(self._total(reached, parts))
         return found
 
     def twist_of(self, reached: Walk, one: Sensitivity) -> Twist:
@@ -219,8 +207,20 @@ class Arm:
         return shift, turn
 
     @cached_property
+    def _acting(self) -> ActingEffects:
+        return ActingEffects(self.robot, self.effects, self.inputs)
+
+    @cached_property
     def _factor_index(self) -> dict[str, int]:
         return {f.parameter: i for i, f in enumerate(self.robot.factors) if f.parameter}
+
+    def _total(self, reached: Walk, parts: Weighted) -> Twist:
+        """The weighted sum of what the parts do."""
+        shift, turn = ZERO, ZERO
+        for weight, one in parts:
+            v, w = self.twist_of(reached, one)
+            shift, turn = add(shift, scale(weight, v)), add(turn, scale(weight, w))
+        return shift, turn
 
     def _increments(self, one: Sensitivity) -> list[tuple[int, Scalar]]:
         """(index of a factor, increment) of everything that one unit adds to the chain."""
@@ -228,107 +228,22 @@ class Arm:
         parts = [(driven[joint], size) for joint, size in one.joints.items()]
         return parts + [(self._factor_index[name], size) for name, size in one.lengths.items()]
 
-    def _state(self, q: Sequence[Scalar], p: Mapping[str, Scalar], inputs: Inputs) -> ArmState:
-        """The arm without effects, with the frames and lengths that ``p`` says."""
-        return ArmState(self.robot, q, inputs, {name: v for name, v in p.items() if name in self._factor_index})
-
-    def _sensitivities(self, q: Sequence[Scalar], p: Mapping[str, Scalar]) -> list[Sensitivity]:
-        state = self._state(q, p, self.inputs)
-        return [one for effect in self._shaped(p) for one in effect.moves(state)]
-
-    def _shaped(self, p: Mapping[str, Scalar]) -> Sequence[Effect]:
-        """The effects with the shapes that ``p`` says."""
-        effects = list(self.effects)
-        for name, i in self.shape_parameters.items():
-            if name in p:
-                effects[i] = reshaped(effects[i], float(p[name]))
-        return effects
-
-    def _shape_twist(self, name: str, q: Sequence[Scalar], reached: Walk, p: Mapping[str, Scalar]) -> Twist:
-        """Derivative by a shape: by central differences of what the effect does with its present size."""
-        place = self.shape_parameters[name]
-        first = sum(len(effect.dimensions) for effect in self.effects[:place])
-        state, at = self._state(q, p, self.inputs), float(p.get(name, 0.0))
-        shift, turn = ZERO, ZERO
-        for step in (_SHAPE_STEP, -_SHAPE_STEP):
-            for k, one in enumerate(reshaped(self.effects[place], at + step).moves(state), first):
-                size = self.estimates[k] + p.get(self.effect_parameters[k], 0.0)
-                v, w = self.twist_of(reached, one)
-                rate = size / (2 * step)
-                shift, turn = add(shift, scale(rate, v)), add(turn, scale(rate, w))
-        return shift, turn
-
-    def _side_sensitivities(
-        self, q: Sequence[Scalar], p: Mapping[str, Scalar]
-    ) -> list[tuple[str, list[tuple[int, Sensitivity]]]]:
-        """For each unknown side what arriving from above does: place among the parameters, and what each does."""
-        state = self._state(q, p, replace(self.inputs, approach=[1.0] * self.robot.n))
-        found: dict[str, list[tuple[int, Sensitivity]]] = {side: [] for side in self.unknown_sides}
-        place = 0
-        for effect in self.effects:
-            if self._sideless(effect):
-                found[f"{effect.target}.side"] += enumerate(effect.moves(state), place)
-            place += len(effect.dimensions)
-        return list(found.items())
-
-    def _sized(self, q: Sequence[Scalar], p: Mapping[str, Scalar]) -> list[tuple[Scalar, Sensitivity]]:
-        """What all effects do, each with the size of its parameter."""
-        sizes = [v + p.get(name, 0.0) for name, v in zip(self.effect_parameters, self.estimates, strict=True)]
-        parts = list(zip(sizes, self._sensitivities(q, p), strict=True))
-        if any(side in p for side in self.unknown_sides):
-            for side, ones in self._side_sensitivities(q, p):
-                parts += [(p.get(side, 0.0) * sizes[place], one) for place, one in ones]
-        return parts
-
-    def _effect_twists(self, q: Sequence[Scalar], reached: Walk, p: Mapping[str, Scalar]) -> dict[str, Twist]:
-        ones = zip(self.effect_parameters, self._sensitivities(q, p), strict=True)
-        found = {name: self.twist_of(reached, one) for name, one in ones}
-        for side, parts in self._side_sensitivities(q, p) if self.unknown_sides else ():
-            shift, turn = ZERO, ZERO
-            for place, one in parts:
-                v, w = self.twist_of(reached, one)
-                value = self.estimates[place]
-                shift, turn = add(shift, scale(value, v)), add(turn, scale(value, w))
-            found[side] = shift, turn
-        return found
-
-    def _sideless(self, effect: Effect) -> bool:
-        """Whether an effect asks from which side its joint arrives, and no task says it."""
-        return "approach" in effect.needs and effect.target not in self.inputs.stated
-
     @staticmethod
     def _stacked(twists: Sequence[Twist]) -> Any:
         return stack(list(zip(*((*v, *w) for v, w in twists), strict=True)))
 
 
-def reshaped(effect: Effect, deviation: float) -> Effect:
-    """An effect whose smooth shape deviates by so much, of its logarithm where errors of it are relative."""
-    value = float(getattr(effect, effect.smooth_shape))
-    return effect.with_shape(value * math.exp(deviation) if effect.relative_shape else value + deviation)
-
-
-def shape_deviation(known: Effect, effect: Effect) -> float:
-    """By how much the smooth shape of an effect deviates from that of one of its kind, see `reshaped`."""
-    one, other = (float(getattr(e, effect.smooth_shape)) for e in (known, effect))
-    return math.log(other / one) if effect.relative_shape else other - one
+def _displaced(reached: Walk, shift: Vector, turn: Vector) -> Walk:
+    """The walk with its tool shifted and turned behind the chain."""
+    if shift is ZERO and turn is ZERO:
+        return reached
+    a, b, c = reached.columns
+    if turn is not ZERO:
+        a, b, c = _turned(turn, a), _turned(turn, b), _turned(turn, c)
+    return Walk((a, b, c), add(reached.position, shift), reached.screws)
 
 
 def _turned(turn: Vector, column: Vector) -> Vector:
+    """A column of a rotation after a small turn, to second order: ``c + ω × c + ½ ω × (ω × c)``."""
     first = cross(turn, column)
     return add(add(column, first), scale(0.5, cross(turn, first)))
-
-
-def split(values: Any, size: int, what: str) -> Sequence[Any]:
-    """The ``size`` entries of a vector: of an SX, a sequence, or an array whose last axis has that size."""
-    if isinstance(values, ca.SX | ca.MX | ca.DM):
-        entries: Sequence[Any] = ca.vertsplit(ca.vec(values))
-        if isinstance(values, ca.DM):
-            entries = [float(entry) for entry in entries]
-    elif isinstance(values, list | tuple) and any(isinstance(v, ca.SX | ca.MX) for v in values):
-        entries = values
-    else:
-        array = np.asarray(values, dtype=float)
-        entries = [float(v) for v in array] if array.ndim == 1 else [array[..., k] for k in range(array.shape[-1])]
-    if len(entries) != size:
-        raise ValueError(f"{what}: {len(entries)} values given, {size} expected")
-    return entries

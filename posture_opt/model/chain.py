@@ -128,6 +128,22 @@ def stack(rows: Sequence[Sequence[Scalar]] | Sequence[Scalar]) -> Any:
     return array if vector else array.reshape(*array.shape[:-1], len(nested), len(nested[0]))
 
 
+def split(values: Any, size: int, what: str) -> Sequence[Any]:
+    """The ``size`` entries of a vector: of an SX, a sequence, or an array whose last axis has that size."""
+    if isinstance(values, ca.SX | ca.MX | ca.DM):
+        entries: Sequence[Any] = ca.vertsplit(ca.vec(values))
+        if isinstance(values, ca.DM):
+            entries = [float(entry) for entry in entries]
+    elif isinstance(values, list | tuple) and any(isinstance(v, ca.SX | ca.MX) for v in values):
+        entries = values
+    else:
+        array = np.asarray(values, dtype=float)
+        entries = [float(v) for v in array] if array.ndim == 1 else [array[..., k] for k in range(array.shape[-1])]
+    if len(entries) != size:
+        raise ValueError(f"{what}: {len(entries)} values given, {size} expected")
+    return entries
+
+
 def position_column(walk: Walk, i: int) -> Vector:
     """``∂x/∂i`` [m/rad or m/m], world frame."""
     screw = walk.screws[i]

@@ -85,11 +85,11 @@ class Diagnosed:
 
     def _turn(self, place: int) -> tuple[float, float]:
         """Least and largest turn of its joint by an effect, 0 of one that acts on no joint [rad]."""
-        model, site = self.diagnosis.model, self.linearised.sensitivities.site
+        model, state = self.diagnosis.model, self.linearised.sensitivities.state
         turned = np.zeros(len(self.residuals.data))
-        moves = model.effects[place].moves(site)
-        for move, value in zip(moves, model.x[model.slices[place]], strict=True):
-            for size in move.joints.values():
+        ones = model.effects[place].sensitivities(state)
+        for one, value in zip(ones, model.x[model.slices[place]], strict=True):
+            for size in one.joints.values():
                 turned = turned + value * np.asarray(size, dtype=float)
         return float(turned.min()), float(turned.max())
 

@@ -28,9 +28,9 @@ class Backlash(JointEffect):
 
     kind: Literal["backlash"] = "backlash"
 
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
-        return (site.inputs.side(joint) / 2,)
+    def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        return (state.inputs.side(joint) / 2,)
 
-    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
-        joint = self.index(site)
-        return over_joint(site, joint, ", by side of approach", np.sign(site.inputs.side(joint)))
+    def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        joint = self.index(state)
+        return over_joint(state, joint, ", by side of approach", np.sign(state.inputs.side(joint)))

@@ -22,12 +22,12 @@ class BaseCompliance(SoleEffect):
 
     kind: Literal["base_compliance"] = "base_compliance"
 
-    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
-        foot = site.walk.screws[len(site.robot.base)].origin
-        moment = site.moment(-1, foot)
-        g = site.robot.gravity
+    def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        foot = state.walk.screws[len(state.robot.base)].origin
+        moment = state.moment(-1, foot)
+        g = state.robot.gravity
         turn = subtract(moment, scale(dot(moment, g) / dot(g, g), g))
-        return (Sensitivity(twist=(cross(turn, subtract(site.tool, foot)), turn)),)
+        return (Sensitivity(twist=(cross(turn, subtract(state.tool, foot)), turn)),)
 
     def size(self, name: str, dimension: str, value: float, std: float) -> Size:
         return compliance_size(name, value, std)

@@ -45,8 +45,8 @@ class Drift(Effect):
     def smooth_shape(self) -> str:
         return "constant" if self.course == "exponential" else ""
 
-    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
-        return over_time(site, timed)
+    def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        return over_time(state, timed)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
         shift, std = _length([estimate.entry(axis) for axis in "xyz"])
@@ -58,8 +58,8 @@ class Drift(Effect):
             return (*sizes, Size("time constant", shown(constant[0], "time", constant[1])))
         return (*sizes, Size("time constant", plus_minus(*constant, 1.0, "rows"), ", as no times are logged"))
 
-    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
-        t = site.inputs.time / self.constant
+    def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        t = state.inputs.time / self.constant
         size: Scalar = t if self.course == "linear" else 1 - exp(-t)
         return tuple(Sensitivity(twist=(_along(axis, size), ZERO)) for axis in range(3))
 

@@ -105,7 +105,7 @@ class Effect(CatalogueEntry):
     covariance: str | None = Field(None, min_length=1, description="CSV file with the covariance of the estimate")
 
     @abstractmethod
-    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
+    def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
         """What each parameter does, in the order of ``parameters``."""
 
     @classmethod
@@ -144,7 +144,7 @@ class Effect(CatalogueEntry):
         value = float(getattr(self, self.smooth_shape))
         return value / _NEIGHBOUR, value * _NEIGHBOUR
 
-    def shape_steps(self, site: ArmState) -> Array:
+    def shape_steps(self, state: ArmState) -> Array:
         """(k,) the shapes about this one that differ in the data, where it depends on its shape in steps."""
         return np.zeros(0)
 
@@ -152,7 +152,17 @@ class Effect(CatalogueEntry):
         """The same effect with another shape [SI]."""
         return self.model_copy(update={self.shape[0]: value})
 
-    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa | None:
+    def reshaped(self, deviation: float) -> Effect:
+        """The same with its smooth shape off by so much, by so much of its logarithm where errors are relative."""
+        value = float(getattr(self, self.smooth_shape))
+        return self.with_shape(value * math.exp(deviation) if self.relative_shape else value + deviation)
+
+    def shape_deviation(self, known: Effect) -> float:
+        """By how much its smooth shape deviates from that of another of its kind, see `reshaped`."""
+        one, other = (float(getattr(effect, self.smooth_shape)) for effect in (known, self))
+        return math.log(other / one) if self.relative_shape else other - one
+
+    def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa | None:
         """What it is a curve of, in every row; ``None`` where it depends on several things at once.
 
         ``timed`` says whether the time of the rows is known; otherwise it counts them.

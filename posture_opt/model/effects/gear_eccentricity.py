@@ -26,5 +26,5 @@ class GearEccentricity(Harmonic):
     def frequency(self) -> float:
         return 1.0
 
-    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
-        return over_joint(site, self.index(site))
+    def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        return over_joint(state, self.index(state))

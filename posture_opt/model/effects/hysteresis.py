@@ -33,13 +33,13 @@ class Hysteresis(JointEffect):
     kind: Literal["hysteresis"] = "hysteresis"
     travel: Angle = Field(gt=0, description="d0, travel after which 63 % is reached")
 
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
-        return (site.inputs.side(joint) * (1 - exp(-site.inputs.travel(joint) / self.travel)),)
+    def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        return (state.inputs.side(joint) * (1 - exp(-state.inputs.travel(joint) / self.travel)),)
 
-    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
-        joint = self.index(site)
-        move = np.sign(site.inputs.side(joint)) * np.degrees(site.inputs.travel(joint))
-        return Abscissa.of(site, move, f"last move of {self.joint} [deg]")
+    def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        joint = self.index(state)
+        move = np.sign(state.inputs.side(joint)) * np.degrees(state.inputs.travel(joint))
+        return Abscissa.of(state, move, f"last move of {self.joint} [deg]")
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
         travel = plus_minus(*estimate.entry("travel"), math.degrees(1.0), "deg")

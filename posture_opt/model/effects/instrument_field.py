@@ -32,16 +32,16 @@ class InstrumentField(SoleEffect):
 
     kind: Literal["instrument_field"] = "instrument_field"
 
-    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
-        p = subtract(site.tool, site.walk.screws[len(site.robot.base)].origin)
+    def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        p = subtract(state.tool, state.walk.screws[len(state.robot.base)].origin)
         products = [p["xyz".index(pair[0])] * p["xyz".index(pair[1])] for pair in _PRODUCTS]
-        moves = []
+        found = []
         for axis in range(3):
             for product in products:
                 vector: list[Any] = [0.0, 0.0, 0.0]
                 vector[axis] = product
-                moves.append(Sensitivity(twist=((vector[0], vector[1], vector[2]), ZERO)))
-        return tuple(moves)
+                found.append(Sensitivity(twist=((vector[0], vector[1], vector[2]), ZERO)))
+        return tuple(found)
 
     @property
     def omitted(self) -> str:

@@ -26,8 +26,8 @@ class InstrumentScale(SoleEffect):
 
     kind: Literal["instrument_scale"] = "instrument_scale"
 
-    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
-        return (Sensitivity(twist=(site.tool, ZERO)),)
+    def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        return (Sensitivity(twist=(state.tool, ZERO)),)
 
     @property
     def omitted(self) -> str:

@@ -53,21 +53,21 @@ class JointCompliance(JointEffect):
     def asks(self) -> frozenset[Input]:
         return frozenset({"masses"}) if self.loads == "masses" else frozenset()
 
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
+    def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
         if self.loads == "masses":
-            return (site.torque(joint),)
-        names = site.robot.joint_names
-        places = [site.tool if p == "tool" else site.frames[names.index(p)].origin for p in self.points]
-        return tuple(site.unit_torque(joint, place) for place in places)
+            return (state.torque(joint),)
+        names = state.robot.joint_names
+        places = [state.tool if p == "tool" else state.frames[names.index(p)].origin for p in self.points]
+        return tuple(state.unit_torque(joint, place) for place in places)
 
     @property
     def unstated_loads(self) -> bool:
         return self.loads == "points"
 
-    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa | None:
+    def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa | None:
         if self.unstated_loads:
             return None
-        return Abscissa.of(site, site.torque(self.index(site)), f"torque of gravity on {self.joint} [N m]")
+        return Abscissa.of(state, state.torque(self.index(state)), f"torque of gravity on {self.joint} [N m]")
 
     def size(self, name: str, dimension: str, value: float, std: float) -> Size:
         return compliance_size(name, value, std)

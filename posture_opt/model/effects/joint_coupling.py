@@ -35,11 +35,11 @@ class JointCoupling(JointEffect):
     def words(self) -> str:
         return f"{self.joint} is coupled to {self.follows}"
 
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
-        return (site.q[site.robot.joint_names.index(self.follows)],)
+    def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        return (state.q[state.robot.joint_names.index(self.follows)],)
 
-    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
-        return over_joint(site, site.robot.joint_names.index(self.follows))
+    def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        return over_joint(state, state.robot.joint_names.index(self.follows))
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

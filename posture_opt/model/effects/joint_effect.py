@@ -55,16 +55,16 @@ class JointEffect(EffectOfJoint):
     """An effect that adds to one joint: ``dq = Σ θ_k φ_k(q, u)``."""
 
     @abstractmethod
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
+    def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
         """``φ_k`` of each parameter."""
 
-    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
-        joint = self.index(site)
-        return tuple(Sensitivity({joint: feature}) for feature in self.features(site, joint))
+    def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        joint = self.index(state)
+        return tuple(Sensitivity({joint: feature}) for feature in self.features(state, joint))
 
-    def index(self, site: ArmState) -> int:
+    def index(self, state: ArmState) -> int:
         """Place of the joint in the arm."""
-        return site.robot.joint_names.index(self.joint)
+        return state.robot.joint_names.index(self.joint)
 
 
 _ARCSEC = math.degrees(1.0) * 3600
@@ -80,12 +80,12 @@ class Harmonic(JointEffect):
     def frequency(self) -> float:
         """k, cycles per revolution of the joint."""
 
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
-        angle = self.frequency * site.q[joint]
+    def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        angle = self.frequency * state.q[joint]
         return sin(angle), cos(angle)
 
-    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa | None:
-        return over_phase(site, self.index(site), self.frequency)
+    def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa | None:
+        return over_phase(state, self.index(state), self.frequency)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
         """Amplitude and phase, in place of sine and cosine."""

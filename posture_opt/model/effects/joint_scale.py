@@ -28,8 +28,8 @@ class JointScale(JointEffect):
 
     kind: Literal["joint_scale"] = "joint_scale"
 
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
-        return (site.q[joint],)
+    def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        return (state.q[joint],)
 
-    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
-        return over_joint(site, self.index(site))
+    def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        return over_joint(state, self.index(state))

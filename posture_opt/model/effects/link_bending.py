@@ -34,14 +34,14 @@ class LinkBending(EffectOfJoint):
 
     kind: Literal["link_bending"] = "link_bending"
 
-    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
-        joint = site.robot.joint_names.index(self.joint)
-        start, end = _ends(site, joint)
+    def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        joint = state.robot.joint_names.index(self.joint)
+        start, end = _ends(state, joint)
         link = subtract(end, start)
         square = dot(link, link) + _SHORT**2 * 1e-6
-        moment = site.moment(joint, end)
+        moment = state.moment(joint, end)
         turn = subtract(moment, scale(dot(moment, link) / square, link))
-        shift = add(cross(turn, scale(0.5, link)), cross(turn, subtract(site.tool, end)))
+        shift = add(cross(turn, scale(0.5, link)), cross(turn, subtract(state.tool, end)))
         return (Sensitivity(twist=(shift, turn)),)
 
     def size(self, name: str, dimension: str, value: float, std: float) -> Size:
@@ -51,9 +51,9 @@ class LinkBending(EffectOfJoint):
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
         if not cls.needs <= case.inputs:
             return []
-        site = ArmState(case.robot, [0.0] * case.robot.n)
+        state = ArmState(case.robot, [0.0] * case.robot.n)
         names = case.robot.joint_names[:-1]
-        return [cls(joint=name) for i, name in enumerate(names) if _length(site, i) > _SHORT]
+        return [cls(joint=name) for i, name in enumerate(names) if _length(state, i) > _SHORT]
 
     def check_robot(self, robot: Robot) -> None:
         if robot.joint_names and self.joint == robot.joint_names[-1]:
@@ -61,11 +61,11 @@ class LinkBending(EffectOfJoint):
         super().check_robot(robot)
 
 
-def _ends(site: ArmState, joint: int) -> tuple[Vector, Vector]:
+def _ends(state: ArmState, joint: int) -> tuple[Vector, Vector]:
     """Where the link behind a joint begins and ends: at its axis and at the next one."""
-    return site.axis(joint)[1], site.axis(joint + 1)[1]
+    return state.axis(joint)[1], state.axis(joint + 1)[1]
 
 
-def _length(site: ArmState, joint: int) -> float:
-    start, end = _ends(site, joint)
+def _length(state: ArmState, joint: int) -> float:
+    start, end = _ends(state, joint)
     return math.hypot(*subtract(end, start))

@@ -26,10 +26,10 @@ class LoadBacklash(JointEffect):
 
     kind: Literal["load_backlash"] = "load_backlash"
 
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
-        return (site.inputs.side(joint) * magnitude(site.torque(joint)),)
+    def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        return (state.inputs.side(joint) * magnitude(state.torque(joint)),)
 
-    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
-        joint = self.index(site)
-        torque = np.sign(site.inputs.side(joint)) * np.abs(site.torque(joint))
-        return Abscissa.of(site, torque, f"torque on {self.joint} [N m], with the sign of the side of approach")
+    def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        joint = self.index(state)
+        torque = np.sign(state.inputs.side(joint)) * np.abs(state.torque(joint))
+        return Abscissa.of(state, torque, f"torque on {self.joint} [N m], with the sign of the side of approach")

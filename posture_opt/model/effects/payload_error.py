@@ -27,6 +27,6 @@ class PayloadError(SoleEffect):
 
     kind: Literal["payload_error"] = "payload_error"
 
-    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
-        turning = [i for i, joint in enumerate(site.robot.joints) if joint.type == "revolute"]
-        return (Sensitivity({i: site.payload_torque(i) for i in turning}),)
+    def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        turning = [i for i, joint in enumerate(state.robot.joints) if joint.type == "revolute"]
+        return (Sensitivity({i: state.payload_torque(i) for i in turning}),)

@@ -35,16 +35,16 @@ class Quantisation(JointEffect):
     kind: Literal["quantisation"] = "quantisation"
     lsb: Angle = Field(gt=0, description="the step")
 
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
-        steps = site.q[joint] / self.lsb
+    def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        steps = state.q[joint] / self.lsb
         return (self.lsb * (nearest_integer(steps) - steps),)
 
     @property
     def smooth_shape(self) -> str:
         return ""  # a step that differs by a little is another column altogether: the grid has those that are built
 
-    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
-        return Abscissa.of(site, np.mod(np.asarray(site.q[self.index(site)]) / self.lsb, 1.0), "fraction of a step")
+    def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        return Abscissa.of(state, np.mod(np.asarray(state.q[self.index(state)]) / self.lsb, 1.0), "fraction of a step")
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
         step = f"{number(math.degrees(self.lsb) * 3600)} arcsec"

@@ -76,14 +76,14 @@ class Slip(Effect):
     def smooth_shape(self) -> str:
         return ""  # any moment between two rows gives the same column
 
-    def shape_steps(self, site: ArmState) -> Array:
-        times = np.unique(np.asarray(site.inputs.time, dtype=float))
+    def shape_steps(self, state: ArmState) -> Array:
+        times = np.unique(np.asarray(state.inputs.time, dtype=float))
         step = float(np.ptp(times)) / STEPS
         near = (times[:-1] < self.moment + step) & (times[1:] > self.moment - step)
         return np.asarray(((times[:-1] + times[1:]) / 2)[near])
 
-    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
-        return over_time(site, timed)
+    def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        return over_time(state, timed)
 
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
         moment, _ = estimate.entry("moment")
@@ -95,16 +95,16 @@ class Slip(Effect):
         """Of the base a shift and a turn, which mean something together only."""
         return "" if self.of == "base" else super().headline(estimate)
 
-    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
-        after = at_least(site.inputs.time, self.moment)
+    def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
+        after = at_least(state.inputs.time, self.moment)
         if self.of != "base":
-            return (Sensitivity({site.robot.joint_names.index(self.of): after}),)
-        foot = site.walk.screws[len(site.robot.base)].origin
-        lever = subtract(site.tool, foot)
+            return (Sensitivity({state.robot.joint_names.index(self.of): after}),)
+        foot = state.walk.screws[len(state.robot.base)].origin
+        lever = subtract(state.tool, foot)
         vectors: list[Any] = [tuple(after * float(a) for a in axis) for axis in _AXES]
-        moves = dict(zip("xyz", (Sensitivity(twist=(v, ZERO)) for v in vectors), strict=True))
-        moves |= {name: Sensitivity(twist=(cross(v, lever), v)) for name, v in zip(_TURNS, vectors, strict=True)}
-        return tuple(moves[name] for name in _WAYS[self.way])
+        units = dict(zip("xyz", (Sensitivity(twist=(v, ZERO)) for v in vectors), strict=True))
+        units |= {name: Sensitivity(twist=(cross(v, lever), v)) for name, v in zip(_TURNS, vectors, strict=True)}
+        return tuple(units[name] for name in _WAYS[self.way])
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

@@ -42,10 +42,10 @@ class ThermalGrowth(Effect):
     def place(self) -> str:
         return "all lengths" if self.length == "all" else self.length
 
-    def moves(self, site: ArmState) -> tuple[Sensitivity, ...]:
+    def sensitivities(self, state: ArmState) -> tuple[Sensitivity, ...]:
         grown = {
-            name: factor.nominal * site.inputs.temperature
-            for name, factor in _lengths(site.robot).items()
+            name: factor.nominal * state.inputs.temperature
+            for name, factor in _lengths(state.robot).items()
             if self.length in ("all", name)
         }
         return (Sensitivity(lengths=grown),)

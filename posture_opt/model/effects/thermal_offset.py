@@ -24,8 +24,8 @@ class ThermalOffset(JointEffect):
 
     kind: Literal["thermal_offset"] = "thermal_offset"
 
-    def features(self, site: ArmState, joint: int) -> tuple[Scalar, ...]:
-        return (site.inputs.temperature,)
+    def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        return (state.inputs.temperature,)
 
-    def abscissa(self, site: ArmState, timed: bool = True) -> Abscissa:
-        return Abscissa.of(site, site.inputs.temperature, "temperature above 20 degC [K]")
+    def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
+        return Abscissa.of(state, state.inputs.temperature, "temperature above 20 degC [K]")

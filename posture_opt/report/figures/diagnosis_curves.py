@@ -108,8 +108,8 @@ def curve_of(diagnosed: Diagnosed, sensitivities: EffectSensitivities, place: in
     partial = modelled - model.whitened.reshape(shape)
     effect = finding.effect
     assert effect is not None
-    over = effect.abscissa(sensitivities.site, residuals.data.time is not None)
-    moved = {j for move in effect.moves(sensitivities.site) for j in move.joints}
+    over = effect.abscissa(sensitivities.state, residuals.data.time is not None)
+    moved = {j for one in effect.sensitivities(sensitivities.state) for j in one.joints}
     if over is not None and len(moved) == 1:
         return _joint_curve(sensitivities, moved.pop(), over, partial, modelled)
     axes = slice(0, len(residuals.axes))
@@ -161,7 +161,7 @@ def plot_left(diagnosed: Diagnosed) -> Figure:
         lever = np.linalg.norm(column, axis=1)
         far = lever > _LEVER * lever.max()
         along = 1e3 * residuals.sigma * np.sum(e * column, axis=1)[far] / lever[far]
-        over = over_joint(tangents.site, joint)
+        over = over_joint(tangents.state, joint)
         _cloud(axes, over.values[far], along, over.label)
     axes = grid[len(moving)]
     lengths = 1e3 * residuals.sigma * np.linalg.norm(e[:, : len(residuals.axes)], axis=1)
