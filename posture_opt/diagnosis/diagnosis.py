@@ -23,7 +23,7 @@ from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_d
 from posture_opt.diagnosis.extended_arm import extended_arm
 from posture_opt.diagnosis.geometry_causes import geometry_causes
 from posture_opt.diagnosis.lack_of_fit import Adequacy, assess_adequacy
-from posture_opt.diagnosis.linearised_data import frame_directions, linearise, tool_points
+from posture_opt.diagnosis.linearised_data import LinearisedData, frame_directions, linearise, tool_points
 from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
 from posture_opt.diagnosis.outlier_reinclusion import reinclude_outliers
 from posture_opt.diagnosis.search import SearchResult, prefer_named, remaining_unnamed, search
@@ -144,7 +144,12 @@ class Diagnosis(Result):
         """The measurements that would tell the named effects from their rivals; None where they have none."""
         if not self.rivals:
             return None
-        return plan_discrimination(self.problem, linearise(self.calibration, flips=0), self.model, self.rivals)
+        return plan_discrimination(self.problem, self.linearised, self.model, self.rivals)
+
+    @cached_property
+    def linearised(self) -> LinearisedData:
+        """What the search saw, without its null."""
+        return linearise(self.calibration, flips=0)
 
     @property
     def gain(self) -> Gain:

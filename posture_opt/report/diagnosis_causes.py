@@ -8,15 +8,23 @@ import numpy as np
 
 from posture_opt.model.effects.cause import FittedSizes
 from posture_opt.report.blocks import Block, Facts, Table
-from posture_opt.report.diagnosed import Diagnosed
+from posture_opt.report.diagnosis_sizes import (
+    fitted_effects,
+    fitted_sizes,
+    headline_of,
+    moved_at_tool,
+    periodic_joints,
+    place_of,
+)
 from posture_opt.report.parts import sentence
 from posture_opt.report.units_text import length, percent
 from posture_opt.report.words import p_value, p_words
 from posture_opt.units import number, plus_minus
 
 if TYPE_CHECKING:
+    from posture_opt.calibration.fitted_arm import FittableProblem
     from posture_opt.diagnosis.causes import Finding
-    from posture_opt.problem.problem import Problem
+    from posture_opt.diagnosis.diagnosis import Diagnosis
 
 _PAIRS, _SPLITS = 4, 8  # of causes that could be confused, and of measurements that tell them apart
 _FULL = 4  # effects that are told in full; lighter ones stand in a table
@@ -24,63 +32,63 @@ _VAGUE = 10.0  # times the standard error among what the data tell: the rest is 
 _LISTED = 5  # geometric parameters that are farthest off, for their errors
 
 
-def finding_words(finding: Finding, problem: Problem | None = None) -> str:
+def finding_words(finding: Finding, problem: FittableProblem) -> str:
     """A finding in words; scatter of which the problem file states nothing is said to be so."""
     noise = finding.noise
-    if noise is not None and noise.unstated and problem is not None and not _states(problem, finding):
+    if noise is not None and noise.unstated and not _states(problem, finding):
         return noise.unstated.format(target=noise.target, size=noise.headline(FittedSizes(finding.estimate)))
     return finding.cause.words
 
 
-def _states(problem: Problem, finding: Finding) -> bool:
+def _states(problem: FittableProblem, finding: Finding) -> bool:
     """Whether the file says how the joint of a finding scatters from repeat to repeat."""
     sources = problem.sources
     names = [] if finding.noise is None else finding.noise.scatter(problem.robot)
     return any(sources.scatter[i, i] > 0 for i, name in enumerate(sources.names) if name in names)
 
 
-def causes_block(diagnosed: Diagnosed) -> Block:
+def causes_block(found: Diagnosis) -> Block:
     """Every named cause with its size, its evidence, and what it explains."""
-    found = diagnosed.diagnosis
     if not found.effects:
         return Block("Causes", ("None is found.",))
     items: list[str | Facts | Table] = []
-    short = [f for _, f in diagnosed.effects][_FULL:] if len(diagnosed.effects) > _FULL + 1 else []
+    effects = [f for _, f in fitted_effects(found)]
+    short = effects[_FULL:] if len(effects) > _FULL + 1 else []
     for i, finding in enumerate((f for f in found.effects if f not in short), 1):
-        what = f"{i}. {sentence(finding_words(finding, diagnosed.problem))}"
-        items += [what, Facts(tuple(_facts(diagnosed, finding)))]
+        what = f"{i}. {sentence(finding_words(finding, found.problem))}"
+        items += [what, Facts(tuple(_facts(found, finding)))]
     if short:
-        items += ["Lighter ones:", _lighter(diagnosed, short)]
-    figure = "diagnosis_curves" if diagnosed.effects else ""
+        items += ["Lighter ones:", _lighter(found, short)]
+    figure = "diagnosis_curves" if effects else ""
     return Block("Causes, the weightiest first", tuple(items), figure)
 
 
-def _lighter(diagnosed: Diagnosed, findings: list[Finding]) -> Table:
+def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
     """Effects of less weight, one a line."""
     rows = []
     for finding in findings:
-        place = diagnosed.place(finding)
+        place = place_of(found, finding)
         assert place is not None
-        most = length(float(diagnosed.at_tool(place).max()))
-        size = diagnosed.headline(finding)
+        most = length(float(moved_at_tool(found, place).max()))
+        size = headline_of(found, finding)
         rows.append((finding.cause.label, size, most, percent(finding.gain), p_value(finding.p_value)))
     return Table(("cause", "size", "at the tool up to", "RMS reduced by", "p-value"), tuple(rows))
 
 
-def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
-    place = diagnosed.place(finding)
+def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
+    place = place_of(found, finding)
     name = finding.kind if finding.target == "all" else f"{finding.kind} of {finding.target}"
     rows = [("Name", name)]
-    sizes = finding.cause.sizes(diagnosed.estimate(finding))
+    sizes = finding.cause.sizes(fitted_sizes(found, finding))
     rows += [(size.label[:1].upper() + size.label[1:], str(size)) for size in sizes]
     if finding.effect is None and finding.noise is None and not finding.estimate:
-        rows += _geometry(diagnosed)
+        rows += _geometry(found)
     if place is not None:
-        rows.append(_at_tool(diagnosed, place))
+        rows.append(_at_tool(found, place))
     rows.append(("Evidence", f"{p_words(finding.p_value)}, corrected for the whole search"))
-    gain = _gain(diagnosed, finding)
+    gain = _gain(found, finding)
     rows += [("Gain", gain)] if gain else []
-    planning = _planning(diagnosed, finding)
+    planning = _planning(found, finding)
     rows += [("Planning", planning)] if planning else []
     if finding.confounded_with:
         others = ", ".join(dict.fromkeys(rival.label for rival in finding.confounded_with))
@@ -88,23 +96,22 @@ def _facts(diagnosed: Diagnosed, finding: Finding) -> list[tuple[str, str]]:
     return rows
 
 
-def _planning(diagnosed: Diagnosed, finding: Finding) -> str:
+def _planning(found: Diagnosis, finding: Finding) -> str:
     """Whether tasks are planned with a cause, where that is not plain."""
     entry = finding.effect or finding.noise
-    kept = {effect.name for effect in diagnosed.diagnosis.persistent.effects}
+    kept = {effect.name for effect in found.persistent.effects}
     return "" if entry is None else entry.planning_note(entry.name in kept)
 
 
-def _at_tool(diagnosed: Diagnosed, place: int) -> tuple[str, str]:
-    moved = diagnosed.at_tool(place)
+def _at_tool(found: Diagnosis, place: int) -> tuple[str, str]:
+    moved = moved_at_tool(found, place)
     most, rms = float(moved.max()), float(np.sqrt(np.mean(moved**2)))
     return "At the tool", f"up to {length(most)} in these data, {length(rms, among=[most])} RMS"
 
 
-def _gain(diagnosed: Diagnosed, finding: Finding) -> str:
-    found = diagnosed.diagnosis
+def _gain(found: Diagnosis, finding: Finding) -> str:
     if finding.noise is not None:
-        return _covers(diagnosed) if finding.noise.uneven else ""
+        return _covers(found) if finding.noise.uneven else ""
     if finding.effect is None:
         geometry = [f for f in found.effects if f.effect is None and f.noise is None]
         if finding is not geometry[0]:
@@ -122,11 +129,11 @@ def _gain(diagnosed: Diagnosed, finding: Finding) -> str:
     return text
 
 
-def _covers(diagnosed: Diagnosed) -> str:
+def _covers(found: Diagnosis) -> str:
     """The gain of stating uneven noise: regions that hold what they should; nothing of other noise."""
-    held = diagnosed.diagnosis.held
+    held = found.held
     shape = held["extended"].shape
-    if shape is None or diagnosed.effects:
+    if shape is None or fitted_effects(found):
         return ""
     sizes = np.trace(shape, axis1=1, axis2=2)
     alike = np.ptp(sizes) < 0.1 * sizes.mean()  # only the directions differ
@@ -136,9 +143,9 @@ def _covers(diagnosed: Diagnosed) -> str:
     return f"of {which}, {after} lie in their 95 % regions; without it {before}"
 
 
-def _geometry(diagnosed: Diagnosed) -> list[tuple[str, str]]:
+def _geometry(found: Diagnosis) -> list[tuple[str, str]]:
     """The surest parameters of the arm with its effects, with their standard errors."""
-    calibration, model = diagnosed.diagnosis.calibration, diagnosed.diagnosis.model
+    calibration, model = found.calibration, found.model
     std = model.std[: len(calibration.parameters)]
     far = [
         (abs(float(x / s)), p.name, float(x), float(s), p.unit)
@@ -152,9 +159,9 @@ def _geometry(diagnosed: Diagnosed) -> list[tuple[str, str]]:
     return [("Surest", f"{', '.join(texts)}; 'corrections' of extended.yaml holds them all")] if texts else []
 
 
-def cyclic_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
+def cyclic_block(found: Diagnosis) -> tuple[Block, ...]:
     """The periodogram of the joints with cyclic errors; nothing where there are none."""
-    names = [diagnosed.residuals.data.joint_names[j] for j in diagnosed.periodic_joints]
+    names = [found.model.residuals.data.joint_names[j] for j in periodic_joints(found)]
     if not names:
         return ()
     text = (
@@ -164,10 +171,10 @@ def cyclic_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
     return (Block("Periodic joint errors", (text,), "diagnosis_periodogram"),)
 
 
-def confusion_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
+def confusion_block(found: Diagnosis) -> tuple[Block, ...]:
     """What each cause may be confused with, and the measurement that would tell them apart; nothing if nothing."""
     splits: dict[str, list[str]] = {}
-    for finding in diagnosed.diagnosis.effects:
+    for finding in found.effects:
         rivals = {rival.label: rival for rival in finding.confounded_with}
         for label, rival in rivals.items():
             splits.setdefault(finding.cause.discrimination(rival), []).append(f"{finding.cause.label} or {label}")

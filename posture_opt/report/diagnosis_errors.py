@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Table
-from posture_opt.report.diagnosed import MODELS, Diagnosed
+from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, noise_floor
 from posture_opt.report.units_text import count, decimals_of, percent
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.calibration.error_statistics import Statistics
+    from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.sessions import Gain
 
 _CHOSEN = "Their sizes were refitted in each round; the effects themselves were selected on all rows."
@@ -25,53 +26,51 @@ _LEFT_OUT = {
 _ELSEWHERE = 20  # times the errors at home: no arm drifts that far
 
 
-def errors_block(diagnosed: Diagnosed) -> Block:
+def errors_block(found: Diagnosis) -> Block:
     """Position errors of the three models, cross-validated, with the noise floor."""
-    found = diagnosed.diagnosis
-    rounds = min(diagnosed.folds, len(np.unique(found.groups)))
+    rounds = min(found.request.folds, len(np.unique(found.groups)))
     how = f"Every row is predicted by an arm that was fitted without {_LEFT_OUT[found.by]}"
     how += "." if found.by == "place" else f", in {rounds} rounds."
     rows = [
         _cells(words, found.errors[name], float(found.held[name].inside.mean()))
-        for name, words in models_of(diagnosed).items()
+        for name, words in models_of(found).items()
     ]
-    noises = noise_of(diagnosed)
+    noises = noise_of(found)
     rows += [(name, mm(rms), "", "", "", "", "") for name, rms in noises.items()]
     headers = ("position error [mm]", "RMS", "interval of RMS", "mean", "95 % below", "max", "in its 95 % region")
     texts = [f"{how} The interval holds the RMS with 95 % confidence."]
-    if diagnosed.effects:
-        texts.append(_gain_text(diagnosed))
+    if fitted_effects(found):
+        texts.append(_gain_text(found))
     if noises:
-        texts.append(f"Measurement noise is {diagnosed.floor[1]}{_beside(diagnosed, noises, rounds)}")
+        source = noise_floor(found)[1]
+        texts.append(f"Measurement noise is {source}{_beside(found, noises, rounds, source)}")
     return Block("Gain from the causes found", (*texts, Table(headers, tuple(rows))), "diagnosis_errors")
 
 
-def models_of(diagnosed: Diagnosed) -> dict[str, str]:
+def models_of(found: Diagnosis) -> dict[str, str]:
     """The models that differ."""
-    return {name: words for name, words in MODELS.items() if name != "extended" or diagnosed.effects}
+    return {name: words for name, words in MODELS.items() if name != "extended" or fitted_effects(found)}
 
 
-def noise_of(diagnosed: Diagnosed) -> dict[str, float]:
+def noise_of(found: Diagnosis) -> dict[str, float]:
     """RMS [m] of errors that are noise alone, and with the scatter of a joint where that is named; empty if unknown."""
-    floor, source = diagnosed.floor
+    floor, source = noise_floor(found)
     if not floor:
         return {}
-    found = diagnosed.diagnosis
     joint = next((f.noise.moved_joint for f in found.effects if f.noise is not None and f.noise.moved_joint), "")
     shape = found.held["extended"].shape
     if not joint or shape is None or "instrument" not in source:  # repeats scatter by what the joint does already
         return {"measurement noise": floor}
-    variance = diagnosed.residuals.sigma**2 * float(np.mean(np.trace(shape, axis1=1, axis2=2)))
+    variance = found.model.residuals.sigma**2 * float(np.mean(np.trace(shape, axis1=1, axis2=2)))
     return {"measurement noise": floor, f"noise with {joint}'s scatter": float(np.sqrt(variance))}
 
 
-def _beside(diagnosed: Diagnosed, noises: dict[str, float], rounds: int) -> str:
+def _beside(found: Diagnosis, noises: dict[str, float], rounds: int, source: str) -> str:
     """How far noise, and what it costs to fit many parameters to few numbers, make up what is left."""
-    found, residuals = diagnosed.diagnosis, diagnosed.residuals
     left = found.errors["extended"]
     name, floor = list(noises.items())[-1]
     fitted = found.model.count
-    numbers = len(residuals.data) * len(residuals.axes)
+    numbers = len(found.model.residuals.data) * len(found.model.residuals.axes)
     # Rows left out are predicted with the errors of a fit to the others: variance k/m more, of k parameters to m.
     cost = floor * float(np.sqrt(1 + fitted / (numbers * (1 - 1 / max(rounds, 2)))))
     said = "" if len(noises) == 1 else f"; {name.removeprefix('noise ')} it accounts for {mm(floor)} mm"
@@ -80,15 +79,15 @@ def _beside(diagnosed: Diagnosed, noises: dict[str, float], rounds: int) -> str:
     if floor < left.interval[0]:
         said += f"; fitting {fitted} parameters to {numbers} numbers raises that to {mm(cost)} mm"
     if cost < left.interval[0]:
-        own = "the scatter of the arm itself adds to that" if "instrument" in diagnosed.floor[1] else ""
+        own = "the scatter of the arm itself adds to that" if "instrument" in source else ""
         return f"{said}; {own or 'no model does better'}."
     if found.verdict == "unexplained":
         return f"{said}: about as large as the residual error, so the unexplained part is small on average."
     return f"{said}: about as large as the residual error, so nothing more can be gained."
 
 
-def _gain_text(diagnosed: Diagnosed) -> str:
-    gain = diagnosed.diagnosis.gain
+def _gain_text(found: Diagnosis) -> str:
+    gain = found.gain
     span = f"{percent(gain.low)} to {percent(gain.high)} with 95 % confidence"
     if gain.low > 0:
         text = f"The effects reduce the RMS of the calibrated arm by {percent(gain.value)} ({span})."
@@ -114,13 +113,13 @@ def mm(metres: float) -> str:
     return number(metres * 1e3)
 
 
-def elsewhere_lead(diagnosed: Diagnosed) -> tuple[str, ...]:
+def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:
     """Whether the effects help on the test file, in a sentence; nothing without one, or without effects."""
-    test = diagnosed.diagnosis.test
-    if test is None or not diagnosed.effects:
+    test = found.test
+    if test is None or not fitted_effects(found):
         return ()
     if not any(test.gains):
-        one = len(diagnosed.effects) == 1
+        one = len(fitted_effects(found)) == 1
         whose = "it belongs" if one else "they belong"
         return (
             f"The {'effect is' if one else 'effects are'} not tested on the other file: {whose} to the first session.",
@@ -133,24 +132,24 @@ def elsewhere_lead(diagnosed: Diagnosed) -> tuple[str, ...]:
     return ("On the test file there is no gain: the error with effects is as large as without, or larger.",)
 
 
-def test_block(diagnosed: Diagnosed) -> Block:
+def test_block(found: Diagnosis) -> Block:
     """Another file, predicted by what this one taught; effect by effect."""
-    test = diagnosed.diagnosis.test
+    test = found.test
     assert test is not None
     how = "base and tool fitted again to it" if test.refitted else "nothing fitted to it"
     text = f"{Path(test.data.file).name or 'table'}, {count(len(test.data), 'row')}: {how}."
     headers = ("position error [mm]", "RMS", "interval of RMS", "mean", "95 % below", "max")
-    models = models_of(diagnosed)
+    models = models_of(found)
     if "extended" in models and not any(test.gains):
         models["extended"] = "fitted beside its effects"  # none of which is in this prediction
     table = Table(headers, tuple((words, *figures_of(test.models[name])) for name, words in models.items()))
     items: list[str | Facts | Table] = [text, table]
-    own = diagnosed.diagnosis.errors["calibrated"].rms
+    own = found.errors["calibrated"].rms
     if not test.refitted and test.models["calibrated"].rms > _ELSEWHERE * own:
         items.append(
             "Errors this large suggest that base or instrument were moved: --refit-frames fits base and tool again."
         )
-    rows = [(f.cause.label, percent(f.gain), *_elsewhere(test.gains[place])) for place, f in diagnosed.effects]
+    rows = [(f.cause.label, percent(f.gain), *_elsewhere(test.gains[place])) for place, f in fitted_effects(found)]
     if rows:
         items.append(Table(("effect", "gain here", "on the test file", "verdict"), tuple(rows)))
     return Block("On the test file", tuple(items))

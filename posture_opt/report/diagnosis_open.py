@@ -11,13 +11,14 @@ from posture_opt.diagnosis.causes import missing_inputs, unknowable
 from posture_opt.diagnosis.discrimination_design import detection_probability
 from posture_opt.measurements.columns import AXES, QUATERNION
 from posture_opt.report.blocks import Block, Facts, Table
-from posture_opt.report.diagnosed import Diagnosed
+from posture_opt.report.diagnosis_sizes import fitted_effects
 from posture_opt.report.parts import sentence
 from posture_opt.report.units_text import angle, count, joint_unit, percent
 from posture_opt.report.words import UNLIKELY, p_value, p_words
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
+    from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.discrimination_plan import DiscriminatedPair, DiscriminationPlan
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.robot.robot import Robot
@@ -36,9 +37,8 @@ _IMPOSSIBLE = (
 )
 
 
-def left_block(diagnosed: Diagnosed) -> Block:
+def left_block(found: Diagnosis) -> Block:
     """Whether anything is left that no cause explains, how surely, and where."""
-    found = diagnosed.diagnosis
     left = found.adequacy
     title = "Unexplained structure"
     if found.verdict != "unexplained":
@@ -59,24 +59,24 @@ def left_block(diagnosed: Diagnosed) -> Block:
     items.append(Facts(tuple(rows)))
     items += [
         f"On {joint} the effects {', '.join(names)} add up to one curve: rather one unnamed shape than as many causes."
-        for joint, names in _sums(diagnosed).items()
+        for joint, names in _sums(found).items()
     ]
     items.append("The figure shows the remaining errors over each joint.")
     return Block(title, tuple(items), "diagnosis_left")
 
 
-def _sums(diagnosed: Diagnosed) -> dict[str, list[str]]:
+def _sums(found: Diagnosis) -> dict[str, list[str]]:
     """Joints on which several slow curves are needed at once."""
     slow: dict[str, list[str]] = {}
-    for _, finding in diagnosed.effects:
+    for _, finding in fitted_effects(found):
         if finding.effect is not None and finding.effect.slow:
             slow.setdefault(finding.target, []).append(finding.cause.title)
     return {joint: names for joint, names in slow.items() if len(names) > 1}
 
 
-def scores_block(diagnosed: Diagnosed) -> Block:
+def scores_block(found: Diagnosis) -> Block:
     """The best candidates on the calibrated arm alone."""
-    scored = diagnosed.diagnosis.search.scored
+    scored = found.search.scored
     text = (
         f"{len(scored)} causes and unnamed curves were fitted one at a time to the residuals of the calibrated arm. "
         "'explains' is the share of the sum of squares; 'not absorbed' the share of the effect that geometry cannot "
@@ -96,9 +96,9 @@ def scores_block(diagnosed: Diagnosed) -> Block:
     return Block("Candidates", (text, Table(headers, rows, text_columns=2)), "diagnosis_scores")
 
 
-def absorbed_block(diagnosed: Diagnosed) -> Block:
+def absorbed_block(found: Diagnosis) -> Block:
     """Causes that geometry absorbs in these data, and causes that were not searched for at all."""
-    search = diagnosed.diagnosis.search
+    search = found.search
     hidden = [candidate.what.label for candidate, _ in search.absorbed]
     faint = [j.candidate.what.label for j in search.scored if j.candidate.named and j.rho < _FAINT]
     items: list[str | Facts | Table] = []
@@ -109,7 +109,7 @@ def absorbed_block(diagnosed: Diagnosed) -> Block:
         )
     if faint:
         items.append(f"Hardly identifiable, as geometry absorbs more than nine tenths of them: {_list(faint)}.")
-    lacking = missing_inputs(diagnosed.residuals)
+    lacking = missing_inputs(found.model.residuals)
     rows = tuple((what.capitalize(), f"{_kinds(kinds)}; {mend}") for what, mend, kinds in lacking.values())
     if rows:
         items += ["Not searched for, as the files lack the inputs that they depend on:", Facts(rows)]
@@ -127,21 +127,21 @@ def _list(names: list[str]) -> str:
     return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
 
 
-def unknowable_block(diagnosed: Diagnosed) -> Block:
+def unknowable_block(found: Diagnosis) -> Block:
     """What no data of this kind can tell, why, and what would."""
-    limits = unknowable(diagnosed.residuals)
+    limits = unknowable(found.model.residuals)
     rows = tuple((x.kind.replace("_", " ").capitalize(), f"{sentence(x.reason)} To know: {x.mend}.") for x in limits)
     if not rows:
         return Block("What no data of this kind can show", ("No cause is hidden in principle.",))
     return Block("What no data of this kind can show", (Facts(rows),))
 
 
-def split_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
+def split_block(found: Diagnosis) -> tuple[Block, ...]:
     """Pairs that further postures discriminate, and these postures; nothing where no effect has a rival."""
-    plan = diagnosed.diagnosis.split
+    plan = found.split
     if plan is None:
         return ()
-    pairs = _pairs(diagnosed, plan)
+    pairs = _pairs(found, plan)
     if not len(plan.rows):
         text = "No posture, side of approach or payload at hand discriminates these; the measurements named above do."
         return (Block(_TITLE, (f"{text} {_READ}", pairs)),)
@@ -151,7 +151,7 @@ def split_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
         f"the number of measurements, from the first, that do so with a probability of 90 %. {_READ}",
         pairs,
         *([_IMPOSSIBLE] if any(s.count is None for each in plan.pairs.values() for s in each) else []),
-        _postures(diagnosed, plan),
+        _postures(found, plan),
         "The postures keep clear of the arm itself and go no lower than its base or than these data; other obstacles "
         f"are not checked, so drive slowly the first time. Fill in {FILE}, append its rows to the data, column by "
         "column, and diagnose again.",
@@ -159,9 +159,9 @@ def split_block(diagnosed: Diagnosed) -> tuple[Block, ...]:
     return (Block(_TITLE, tuple(items)),)
 
 
-def _pairs(diagnosed: Diagnosed, plan: DiscriminationPlan) -> Table:
+def _pairs(found: Diagnosis, plan: DiscriminationPlan) -> Table:
     rows = []
-    for place, finding in diagnosed.effects:
+    for place, finding in fitted_effects(found):
         for split in plan.pairs.get(place, ()):
             names = finding.cause.label, split.rival.label
             rows.append((*names, angle(split.angle), _probability(detection_probability(split.now)), *_then(split)))
@@ -177,8 +177,8 @@ def _probability(p: float) -> str:
     return "above 99.9 %" if p > 0.999 else "below 0.1 %" if p < 0.001 else percent(p)
 
 
-def _postures(diagnosed: Diagnosed, plan: DiscriminationPlan) -> Table:
-    robot, rows = diagnosed.residuals.robot, plan.rows
+def _postures(found: Diagnosis, plan: DiscriminationPlan) -> Table:
+    robot, rows = found.model.residuals.robot, plan.rows
     heads = [f"{joint.name.replace('_', ' ')} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
     sides = [f"{robot.joint_names[j]} approach" for j in plan.sided]
     load = [] if rows.payload is None else ["payload [kg]"]
@@ -193,12 +193,12 @@ def _cells(robot: Robot, plan: DiscriminationPlan, i: int) -> tuple[str, ...]:
     return (str(i + 1), *values, *sides, *load)
 
 
-def split_csv(diagnosed: Diagnosed) -> str:
+def split_csv(found: Diagnosis) -> str:
     """The planned measurements with the columns of the data, what is to be measured left empty; empty without any."""
-    plan, data = diagnosed.diagnosis.split, diagnosed.data
+    plan, data = found.split, found.request.data
     if plan is None or not len(plan.rows):
         return ""
-    robot, rows = diagnosed.residuals.robot, plan.rows
+    robot, rows = found.model.residuals.robot, plan.rows
     heads = [f"{j.name} [{joint_unit(j.type)[0]}]" for j in robot.joints]
     labels = [name for name in ("pose", "goal") if getattr(data, f"{name}_given")]
     sides = [f"{robot.joint_names[j]}.approach" for j in plan.sided]

@@ -10,10 +10,9 @@ import numpy as np
 
 from posture_opt.calibration.instrument import position_sigma
 from posture_opt.diagnosis.diagnosis import Diagnosis
-from posture_opt.diagnosis.measured_goals import measured_goals
+from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
 from posture_opt.report.blocks import Block, Facts, Report, Summary
 from posture_opt.report.comparison_blocks import comparison_blocks, comparison_lead
-from posture_opt.report.diagnosed import MODELS, Diagnosed
 from posture_opt.report.diagnosis_causes import causes_block, confusion_block, cyclic_block, finding_words
 from posture_opt.report.diagnosis_errors import elsewhere_lead, errors_block, mm, test_block
 from posture_opt.report.diagnosis_open import (
@@ -25,6 +24,7 @@ from posture_opt.report.diagnosis_open import (
     split_csv,
     unknowable_block,
 )
+from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, headline_of, noise_floor
 from posture_opt.report.goal_blocks import goals_block, goals_lead
 from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.presenter import Columns, Presenter
@@ -35,37 +35,40 @@ from posture_opt.validation.calibrated_arm import compare_models
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes import Finding
     from posture_opt.problem.problem import Problem
+    from posture_opt.selection.plan_comparison import Comparison
 
 _MOST_NAMES = 3
 _NUMBERS = ("Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten")
 
 
-def diagnosis_report(problem: Problem, diagnosed: Diagnosed) -> Report:
+def diagnosis_report(
+    found: Diagnosis, comparison: Comparison | None = None, goals: MeasuredGoals | None = None
+) -> Report:
     """The answer, the causes, their gain, their rivals, what stays unexplained, and the data."""
     blocks = (
-        causes_block(diagnosed),
-        *cyclic_block(diagnosed),
-        errors_block(diagnosed),
-        *([test_block(diagnosed)] if diagnosed.diagnosis.test is not None else []),
-        *comparison_blocks(diagnosed.comparison, MODELS if diagnosed.effects else MODELS | {"extended": "extended"}),
-        *goals_block(diagnosed.goals),
-        *confusion_block(diagnosed),
-        *split_block(diagnosed),
-        left_block(diagnosed),
-        scores_block(diagnosed),
-        absorbed_block(diagnosed),
-        unknowable_block(diagnosed),
-        data_block(problem, diagnosed),
+        causes_block(found),
+        *cyclic_block(found),
+        errors_block(found),
+        *([test_block(found)] if found.test is not None else []),
+        *comparison_blocks(comparison, MODELS if fitted_effects(found) else MODELS | {"extended": "extended"}),
+        *goals_block(goals),
+        *confusion_block(found),
+        *split_block(found),
+        left_block(found),
+        scores_block(found),
+        absorbed_block(found),
+        unknowable_block(found),
+        data_block(found),
     )
-    return Report(problem.name or "Diagnosis", answer(diagnosed), blocks)
+    title = cast("Problem", found.problem).name or "Diagnosis"
+    return Report(title, answer(found, comparison, goals), blocks)
 
 
-def answer(diagnosed: Diagnosed) -> tuple[str, ...]:
+def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals | None) -> tuple[str, ...]:
     """The causes in one sentence, and what knowing them brings in another."""
-    found = diagnosed.diagnosis
     geometry = [f for f in found.effects if f.effect is None and f.noise is None]
     causes = [f for f in found.effects if f not in geometry] or geometry
-    said = [_named(diagnosed, f) for f in causes[:_MOST_NAMES]]
+    said = [_named(found, f) for f in causes[:_MOST_NAMES]]
     more = len(causes) - len(said)
     names = "; ".join(said) + (f"; and {count(more, 'more cause')}" if more else "")
     beside = " The geometry differs from the file, too." if geometry and causes is not geometry else ""
@@ -79,26 +82,25 @@ def answer(diagnosed: Diagnosed) -> tuple[str, ...]:
         first = "The errors are more than measurement noise, and no cause of the catalogue explains them."
     return (
         first,
-        _improvement(diagnosed),
-        *elsewhere_lead(diagnosed),
-        *comparison_lead(diagnosed.comparison),
-        *goals_lead(diagnosed.goals),
+        _improvement(found),
+        *elsewhere_lead(found),
+        *comparison_lead(comparison),
+        *goals_lead(goals),
     )
 
 
-def _named(diagnosed: Diagnosed, finding: Finding) -> str:
-    size, words = diagnosed.headline(finding), finding_words(finding, diagnosed.problem)
+def _named(found: Diagnosis, finding: Finding) -> str:
+    size, words = headline_of(found, finding), finding_words(finding, found.problem)
     return f"{words} ({size})" if size and size not in words else words
 
 
-def _improvement(diagnosed: Diagnosed) -> str:
-    found = diagnosed.diagnosis
+def _improvement(found: Diagnosis) -> str:
     sizes = {name: found.errors[name].rms for name in MODELS}
     text = f"On rows held out from the fit, the RMS error was {mm(sizes['nominal'])} mm before calibration, "
     text += f"{mm(sizes['calibrated'])} mm calibrated"
-    if diagnosed.effects:
-        text += f", and {mm(sizes['extended'])} mm with {_these(len(diagnosed.effects))}"
-    floor, _ = diagnosed.floor
+    if fitted_effects(found):
+        text += f", and {mm(sizes['extended'])} mm with {_these(len(fitted_effects(found)))}"
+    floor, _ = noise_floor(found)
     return text + (f"; measurement noise alone accounts for {mm(floor)} mm." if 0 < floor < sizes["extended"] else ".")
 
 
@@ -113,9 +115,9 @@ def _these(n: int) -> str:
     return "this effect" if n == 1 else f"these {n} effects"
 
 
-def data_block(problem: Problem, diagnosed: Diagnosed) -> Block:
+def data_block(found: Diagnosis) -> Block:
     """The file, its rows, the instrument, and what looks odd."""
-    data, found = diagnosed.data, diagnosed.diagnosis
+    problem, data = cast("Problem", found.problem), found.request.data
     sigma = position_sigma(problem, data)
     stated = f"{stated_length(sigma)} (one standard deviation of a coordinate)" if sigma else "no accuracy is stated"
     touched = f"none: the arm touches {count(len(data.point_names), 'fixed point')}"
@@ -141,23 +143,24 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         return cast("Problem", self.result.problem)
 
     @cached_property
-    def diagnosed(self) -> Diagnosed:
-        """What report and figures share."""
-        found, request = self.result, self.result.request
-        comparison, goals = None, None
-        if self.problem.task is not None and request.plan:
-            comparison = compare_models(self.problem.robot, found.models, seed=request.seed)
-            goals = measured_goals(found, found.models)
-        return Diagnosed(
-            request.data, found, request.folds, request.test, request.refit_frames, comparison, goals, self.problem
-        )
+    def comparison(self) -> Comparison | None:
+        """The task planned with every model; None where there is no task, or nobody asked."""
+        request = self.result.request
+        if self.problem.task is None or not request.plan:
+            return None
+        return compare_models(self.problem.robot, self.result.models, seed=request.seed)
+
+    @cached_property
+    def goals(self) -> MeasuredGoals | None:
+        """What each model would have chosen of the postures measured; None without a comparison, or without such."""
+        return None if self.comparison is None else measured_goals(self.result, self.result.models)
 
     def further_json(self) -> dict[str, Any]:
         """The part of the document that the diagnosis itself does not know."""
-        if self.diagnosed.comparison is None:
+        if self.comparison is None:
             return {}
-        goals = {} if self.diagnosed.goals is None else {"goals": self.diagnosed.goals.to_json()}
-        return {"posture": goals | self.diagnosed.comparison.to_json()}
+        goals = {} if self.goals is None else {"goals": self.goals.to_json()}
+        return {"posture": goals | self.comparison.to_json()}
 
     def summary(self) -> Summary:
         found = self.result
@@ -172,7 +175,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         return Summary(f"Diagnosis: {self.problem.name}", facts)
 
     def report(self) -> Report:
-        return diagnosis_report(self.problem, self.diagnosed)
+        return diagnosis_report(self.result, self.comparison, self.goals)
 
     def columns(self) -> Columns:
         """The causes that were found."""
@@ -186,6 +189,6 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
 
     def files(self) -> Files:
         """The extended arm as a problem file, and what to measure to tell causes apart."""
-        further = split_csv(self.diagnosed)
+        further = split_csv(self.result)
         extended: Files = self.result.extended.files("extended")
         return extended | ({FILE: further.encode()} if further else {})

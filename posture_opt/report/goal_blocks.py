@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.blocks import Block, Table
-from posture_opt.report.diagnosed import MODELS
+from posture_opt.report.diagnosis_sizes import MODELS
 from posture_opt.report.units_text import count, length, percent
 from posture_opt.report.words import PARTS
 from posture_opt.units import number

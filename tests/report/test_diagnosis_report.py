@@ -11,7 +11,6 @@ import pytest
 import posture_opt as po
 from posture_opt.calibration.fit import Fit
 from posture_opt.report.blocks import Table
-from posture_opt.report.diagnosed import Diagnosed
 from posture_opt.report.diagnosis_errors import _beside, errors_block, noise_of
 from posture_opt.report.diagnosis_report import diagnosis_report
 from posture_opt.report.text import render
@@ -24,7 +23,7 @@ PROBLEM = PLANAR + "uncertainty: {measurement: {position: 0.02 mm}}\n"
 
 
 @pytest.fixture(scope="module")
-def noisy(tmp_path_factory: pytest.TempPathFactory) -> tuple[po.Problem, Any]:
+def noisy(tmp_path_factory: pytest.TempPathFactory) -> po.Diagnosis:
     """The diagnosis of an arm with two wrong links and a joint that scatters."""
     folder = tmp_path_factory.mktemp("noisy")
     rng = np.random.default_rng(3)
@@ -34,29 +33,29 @@ def noisy(tmp_path_factory: pytest.TempPathFactory) -> tuple[po.Problem, Any]:
     (folder / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
     problem = po.load_problem(folder / "problem.yaml")
     data = po.read_measurements(folder / "data.csv", problem)
-    return problem, Diagnosed(data, po.diagnose(problem, data), problem=problem)
+    return po.diagnose(problem, data)
 
 
-def text_of(problem: po.Problem, diagnosed: Any) -> str:
-    return " ".join(render(diagnosis_report(problem, diagnosed)).split())
+def text_of(found: po.Diagnosis) -> str:
+    return " ".join(render(diagnosis_report(found)).split())
 
 
-def test_what_geometry_brings_is_said_once(noisy: tuple[po.Problem, Any]) -> None:
-    text = text_of(*noisy)
-    assert {f.kind for f in noisy[1].diagnosis.effects} == {"link_length", "joint_noise"}
+def test_what_geometry_brings_is_said_once(noisy: po.Diagnosis) -> None:
+    text = text_of(noisy)
+    assert {f.kind for f in noisy.effects} == {"link_length", "joint_noise"}
     assert text.count("Gain all geometry together reduces the RMS by") == 1
     assert text.count("mm before, ") == 1
 
 
-def test_the_scatter_of_a_named_joint_stands_beside_what_is_left(noisy: tuple[po.Problem, Any]) -> None:
+def test_the_scatter_of_a_named_joint_stands_beside_what_is_left(noisy: po.Diagnosis) -> None:
     name = "noise with joint2's scatter"
-    noises = noise_of(noisy[1])
+    noises = noise_of(noisy)
     # The second joint stands 1 m from the tool point in every posture; its σ is told to 7 % by 120 rows.
     assert noises[name] == pytest.approx(np.hypot(np.sqrt(2) * NOISE, SCATTER), rel=0.2)
-    text = text_of(*noisy)
+    text = text_of(noisy)
     assert "joint2 scatters from repeat to repeat by 0." in text.partition("On rows held out")[0]
     assert "which the file does not state" in text
-    tables = [item for item in errors_block(noisy[1]).items if isinstance(item, Table)]
+    tables = [item for item in errors_block(noisy).items if isinstance(item, Table)]
     assert name in [row[0] for table in tables for row in table.rows]
     assert f"with joint2's scatter it accounts for {1e3 * noises[name]:.3f} mm" in text
     assert "so nothing more can be gained" in text
@@ -75,12 +74,12 @@ def test_the_scatter_of_a_named_joint_stands_beside_what_is_left(noisy: tuple[po
 )
 def test_what_fitting_costs_is_no_scatter_of_the_arm(low: float, words: str) -> None:
     # 80 rows of three coordinates of 0.03 mm in 5 rounds: 0.05196 mm √(1 + 23/192) = 0.0550 mm.
-    model = SimpleNamespace(count=23)
-    left = SimpleNamespace(interval=(1e-3 * low, 6.4e-5))
-    found = SimpleNamespace(errors={"extended": left}, model=model, verdict="effects_found")
     residuals = SimpleNamespace(data=range(80), axes=range(3))
-    diagnosed: Any = SimpleNamespace(diagnosis=found, residuals=residuals, floor=(0, "the instrument as stated"))
-    assert _beside(diagnosed, {"measurement noise": 3e-5 * np.sqrt(3)}, 5).startswith(words)
+    model = SimpleNamespace(count=23, residuals=residuals)
+    left = SimpleNamespace(interval=(1e-3 * low, 6.4e-5))
+    found: Any = SimpleNamespace(errors={"extended": left}, model=model, verdict="effects_found")
+    noises = {"measurement noise": 3e-5 * np.sqrt(3)}
+    assert _beside(found, noises, 5, "the instrument as stated").startswith(words)
 
 
 @pytest.mark.parametrize(("kept", "notes"), [([True, True], 0), ([True, False], 1)])

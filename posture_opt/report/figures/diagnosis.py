@@ -13,7 +13,7 @@ from posture_opt.diagnosis.levels import FIRST_EFFECT
 from posture_opt.diagnosis.score_tests import log_p, scan_frequencies
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import Array
-from posture_opt.report.diagnosed import MODELS, Diagnosed
+from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, noise_floor, periodic_joints
 from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, legend_below, new_figure, styled
 from posture_opt.units import number
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from posture_opt.diagnosis.candidates import ScoredCandidate
+    from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.score_tests import NullDistribution, ProjectedBaseline
 
 
@@ -41,12 +42,11 @@ _CYCLES = (3, 5, 10, 20, 50, 100, 200, 300)
 
 
 @styled
-def plot_errors(diagnosed: Diagnosed) -> Figure:
+def plot_errors(found: Diagnosis) -> Figure:
     """Lengths of the errors row by row in the order of measuring, and how many stay below which length."""
-    found = diagnosed.diagnosis
     figure = new_figure(9.6, 4.4)
     over, below = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2)})
-    names = [name for name in MODELS if name != "extended" or diagnosed.effects]
+    names = [name for name in MODELS if name != "extended" or fitted_effects(found)]
     smallest = math.inf
     for name in names:
         lengths = 1e3 * np.linalg.norm(found.held[name].errors, axis=1)
@@ -60,7 +60,7 @@ def plot_errors(diagnosed: Diagnosed) -> Figure:
             100 * np.arange(1, len(lengths) + 1) / len(lengths), np.sort(lengths), color=COLOURS[name],
             label=f"{MODELS[name]}: RMS {number(rms)} mm",
         )  # fmt: skip
-    floor = 1e3 * diagnosed.floor[0]
+    floor = 1e3 * noise_floor(found)[0]
     if floor:
         for axes in (over, below):
             axes.axhline(floor, color=GREY, lw=1.2, ls="--", zorder=1)
@@ -95,11 +95,11 @@ def _course(lengths: Array) -> tuple[Array, Array]:
     return np.array([p.mean() + 1 for p in parts]), np.array([np.sqrt(np.mean(lengths[p] ** 2)) for p in parts])
 
 
-def evidence(diagnosed: Diagnosed) -> list[tuple[ScoredCandidate, float]]:
+def evidence(found: Diagnosis) -> list[tuple[ScoredCandidate, float]]:
     """Every candidate with its log p-value over the critical one of its family, the most significant first."""
-    scored = diagnosed.diagnosis.search.scored
-    found = diagnosed.diagnosis.search
-    null = found.initial_null or found.null
+    search = found.search
+    scored = search.scored
+    null = search.initial_null or search.null
     lines = {family: critical_log_p(null, family) for family in {j.candidate.family for j in scored}}
     pairs = [(j, max(j.log_p / lines[j.candidate.family], 0.0)) for j in scored]
     return sorted(pairs, key=lambda pair: -pair[1])
@@ -115,13 +115,13 @@ def critical_log_p(null: NullDistribution, family: str) -> float:
 
 
 @styled
-def plot_scores(diagnosed: Diagnosed) -> Figure:
+def plot_scores(found: Diagnosis) -> Figure:
     """Evidence of each candidate on the calibrated arm alone, with the line of the significance level."""
-    pairs = evidence(diagnosed)
+    pairs = evidence(found)
     scored = [j for j, _ in pairs[:_MOST]]
     # Evidence spans from a little to hundreds of times what noise does: its root shows both ends.
     size = [math.sqrt(value) for _, value in pairs[:_MOST]]
-    ends = [_chosen(j, diagnosed) for j in scored]
+    ends = [_chosen(j, found) for j in scored]
     figure = new_figure(8.4, 1.4 + 0.24 * max(len(scored), 4))
     axes = figure.add_subplot()
     for k, (j, width, end) in enumerate(zip(scored, size, ends, strict=True)):
@@ -150,15 +150,15 @@ def plot_scores(diagnosed: Diagnosed) -> Figure:
     return figure
 
 
-def _chosen(scored: ScoredCandidate, diagnosed: Diagnosed) -> bool:
+def _chosen(scored: ScoredCandidate, found: Diagnosis) -> bool:
     """Whether the candidate is part of the final model; a line of a periodogram as that very line."""
     cycles = getattr(scored.candidate.what, "cycles", None)
     return any(
         (what.kind, what.target) == scored.candidate.key
         and (cycles is None or abs(getattr(what, "cycles", 0.0) - cycles) < _SAME)
         for what in (
-            *diagnosed.diagnosis.model.effects,
-            *(s.what for s in diagnosed.diagnosis.search.chosen if not s.named),
+            *found.model.effects,
+            *(s.what for s in found.search.chosen if not s.named),
         )
     )
 
@@ -179,22 +179,22 @@ def _handles(named: bool, nameless: bool, level: float) -> tuple[list[Any], list
 
 
 @styled
-def plot_periodogram(diagnosed: Diagnosed) -> Figure:
+def plot_periodogram(found: Diagnosis) -> Figure:
     """Share of the rest that each number of cycles explains, before its lines are named and after."""
-    joints = diagnosed.periodic_joints[:_MOST_JOINTS]
-    linearised, model = diagnosed.linearised, diagnosed.diagnosis.model
+    joints = periodic_joints(found)[:_MOST_JOINTS]
+    linearised, model = found.linearised, found.model
     chosen = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
-    line = critical_log_p(diagnosed.diagnosis.search.null, CyclicError.family)
+    line = critical_log_p(found.search.null, CyclicError.family)
     figure = new_figure(9.0, 0.9 + 2.2 * len(joints))
     grid = figure.subplots(len(joints), 1, squeeze=False, sharex=True).ravel()
     after = linearised.baseline(chosen, flips=0)
     for axes, joint in zip(grid, joints, strict=True):
-        name = diagnosed.residuals.data.joint_names[joint]
+        name = found.model.residuals.data.joint_names[joint]
         mine = [s for s in chosen if s.what.spectral_line is not None and s.target == name]
         before = linearised.baseline([s for s in chosen if s not in mine], flips=0)
-        cycles, share = _spectrum(diagnosed, before, joint)
+        cycles, share = _spectrum(found, before, joint)
         axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label="before its periodic errors are named", zorder=3)
-        cycles, share = _spectrum(diagnosed, after, joint)
+        cycles, share = _spectrum(found, after, joint)
         axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all named effects", zorder=4)
         null = f"noise alone reaches this line in {100 * FIRST_EFFECT:.1f} % of data sets"
         axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=null, zorder=5)
@@ -208,9 +208,9 @@ def plot_periodogram(diagnosed: Diagnosed) -> Figure:
     return figure
 
 
-def _spectrum(diagnosed: Diagnosed, baseline: ProjectedBaseline, joint: int) -> tuple[Array, Array]:
-    tangents = diagnosed.linearised.sensitivities
-    q = diagnosed.residuals.data.q[:, joint]
+def _spectrum(found: Diagnosis, baseline: ProjectedBaseline, joint: int) -> tuple[Array, Array]:
+    tangents = found.linearised.sensitivities
+    q = found.model.residuals.data.q[:, joint]
     cycles = CyclicError.grid(float(np.ptp(q)))
     return cycles, scan_frequencies(baseline, tangents.joints[joint], q, cycles)[0] / float(baseline.rss[0])
 

@@ -12,13 +12,14 @@ from matplotlib.figure import Figure
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.model.effects.cause import Abscissa, over_joint
 from posture_opt.numerics import Array
+from posture_opt.report.diagnosis_sizes import fitted_effects
 from posture_opt.report.figures.residual_trends import Binned
 from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes import Finding
-    from posture_opt.report.diagnosed import Diagnosed
+    from posture_opt.diagnosis.diagnosis import Diagnosis
 
 
 _MOST = 12  # effects
@@ -48,16 +49,16 @@ class Curve:
 
 
 @styled
-def plot_curves(diagnosed: Diagnosed) -> Figure:
+def plot_curves(found: Diagnosis) -> Figure:
     """The modelled effect, and what the data say of it once everything else is taken off."""
-    tangents = EffectSensitivities(diagnosed.residuals, diagnosed.diagnosis.model.x)
-    shown = diagnosed.effects[:_MOST]
+    tangents = EffectSensitivities(found.model.residuals, found.model.x)
+    shown = fitted_effects(found)[:_MOST]
     columns = min(len(shown), 2)
     rows = math.ceil(len(shown) / columns)
     figure = new_figure(9.6 if columns == 2 else 7.2, 0.8 + 2.9 * rows)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, (place, finding) in zip(grid, shown, strict=False):
-        _panel(axes, curve_of(diagnosed, tangents, place, finding))
+        _panel(axes, curve_of(found, tangents, place, finding))
         axes.set_title(finding.cause.label)
     for axes in grid[len(shown) :]:
         axes.set_visible(False)
@@ -100,9 +101,9 @@ def _look(rows: int) -> dict[str, Any]:
     return {"mew": 0, "rasterized": True, **size}
 
 
-def curve_of(diagnosed: Diagnosed, sensitivities: EffectSensitivities, place: int, finding: Finding) -> Curve:
+def curve_of(found: Diagnosis, sensitivities: EffectSensitivities, place: int, finding: Finding) -> Curve:
     """The curve of one effect over its abscissa; of one that depends on several things, as modelled against as seen."""
-    model, residuals = diagnosed.diagnosis.model, diagnosed.residuals
+    model, residuals = found.model, found.model.residuals
     shape = (len(residuals.data), residuals.block)
     modelled = (model.effect_columns(place) @ model.x[model.slices[place]]).reshape(shape)
     partial = modelled - model.whitened.reshape(shape)
@@ -147,11 +148,11 @@ def _size_curve(seen: Array, said: Array) -> Curve:
 
 
 @styled
-def plot_left(diagnosed: Diagnosed) -> Figure:
+def plot_left(found: Diagnosis) -> Figure:
     """What the model with its effects leaves, along the motion of each joint and over the rows."""
-    residuals = diagnosed.residuals
-    tangents = EffectSensitivities(residuals, diagnosed.diagnosis.model.x)
-    e = -diagnosed.diagnosis.model.whitened.reshape(len(residuals.data), residuals.block)
+    residuals = found.model.residuals
+    tangents = EffectSensitivities(residuals, found.model.x)
+    e = -found.model.whitened.reshape(len(residuals.data), residuals.block)
     moving = [k for k in range(residuals.robot.n) if np.ptp(residuals.data.q[:, k]) > 1e-6]
     rows = math.ceil((len(moving) + 1) / 2)
     figure = new_figure(9.6, 0.8 + 2.0 * rows)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, cast
 
+from posture_opt.report.diagnosis_sizes import fitted_effects, periodic_joints
 from posture_opt.report.figures import (
     plot_budget,
     plot_cloud,
@@ -132,7 +133,7 @@ def spread_check(shown: SpreadCheckPresenter) -> Drawings:
 
 def diagnosis(shown: DiagnosisPresenter) -> Drawings:
     """Each named effect with the errors behind it; errors by model, scores, and what is left."""
-    found = shown.diagnosed
+    found = shown.result
     drawings: Drawings = {
         "diagnosis_curves": partial(plot_curves, found),
         "diagnosis_scores": partial(plot_scores, found),
@@ -141,12 +142,12 @@ def diagnosis(shown: DiagnosisPresenter) -> Drawings:
         "diagnosis_left": partial(plot_left, found),
     }
     absent = {
-        "diagnosis_curves": not found.effects,
-        "diagnosis_periodogram": not found.periodic_joints,
-        "diagnosis_left": found.diagnosis.verdict != "unexplained",
+        "diagnosis_curves": not fitted_effects(found),
+        "diagnosis_periodogram": not periodic_joints(found),
+        "diagnosis_left": found.verdict != "unexplained",
     }
     drawn = {name: _settled(draw) for name, draw in drawings.items() if not absent.get(name)}
-    return {**drawn, **_landing(found.comparison)}
+    return {**drawn, **_landing(shown.comparison)}
 
 
 def _assessed(found: Assessment) -> Drawings:
