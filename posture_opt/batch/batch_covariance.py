@@ -12,6 +12,7 @@ import numpy as np
 from posture_opt.calibration.parameters import CalibrationProblem, Parameter
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.regions import NORMAL95
+from posture_opt.uncertainty.sources import Sources
 from posture_opt.validation.model_errors import holm
 
 _STEPS = 1000  # of EM; a batch that varies less than its members are known to needs the most
@@ -192,7 +193,8 @@ def pairs_of(
     parameters: Sequence[Parameter], spread: BatchCovariance, problem: CalibrationProblem
 ) -> tuple[CorrelatedPair, ...]:
     """Every pair, the surest first; which are significant, by Holm's (1979) rule over all of them."""
-    names, stated = [p.name for p in parameters], _stated_correlations(problem)
+    names = [p.name for p in parameters]
+    stated = {frozenset(pair): rho for pair, rho in stated_correlations(problem.sources).items()}
     k = len(names)
     indices = [(i, j) for i in range(k) for j in range(i + 1, k)]
     indices.sort(key=lambda ij: float(spread.p_correlation[ij]))
@@ -214,11 +216,10 @@ def stated_sigmas(parameters: Sequence[Parameter], problem: CalibrationProblem) 
     return np.array([np.sqrt(variances[place[p.name]]) if p.name in place else 0.0 for p in parameters])
 
 
-def _stated_correlations(problem: CalibrationProblem) -> dict[frozenset[str], float]:
-    sources = problem.sources
+def stated_correlations(sources: Sources) -> dict[tuple[str, str], float]:
+    """Every pair of sources that stay and are correlated, with its correlation."""
     sigma = np.sqrt(np.diag(sources.constant))
     pairs = np.argwhere(np.triu(sources.constant, 1) != 0)
     return {
-        frozenset((sources.names[i], sources.names[j])): float(sources.constant[i, j] / (sigma[i] * sigma[j]))
-        for i, j in pairs
+        (sources.names[i], sources.names[j]): float(sources.constant[i, j] / (sigma[i] * sigma[j])) for i, j in pairs
     }

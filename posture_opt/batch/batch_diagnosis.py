@@ -16,8 +16,7 @@ from posture_opt.diagnosis.diagnosis import Outcome
 from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.noise_candidates import standardised
 from posture_opt.diagnosis.noise_causes import NoiseCause, find_uneven_noise, in_stated_units
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.repeat_groups import repeat_of_row
+from posture_opt.measurements.measurements import Measurements, repeat_of_row
 from posture_opt.model.effects import CorrelatedLengths, Rows
 from posture_opt.numerics import Progress
 from posture_opt.result import Result
@@ -112,7 +111,7 @@ def _noise(problem: CalibrationProblem, batch: Batch, seed: int) -> list[NoiseCa
     columns = np.concatenate([p[1] for p in parts], axis=1)
     sigma = batch.calibrations[0].residuals.sigma
     first = np.cumsum([0, *(len(p[3]) for p in parts[:-1])])
-    visits = np.concatenate([start + p[3] for start, p in zip(first, parts, strict=True)])
+    repeats = np.concatenate([start + p[3] for start, p in zip(first, parts, strict=True)])
     return find_uneven_noise(
-        e, Rows(problem.robot, columns, np.concatenate([p[2] for p in parts]), sigma, visits), seed
+        e, Rows(problem.robot, columns, np.concatenate([p[2] for p in parts]), sigma, repeats), seed
     )

@@ -9,8 +9,7 @@ import numpy as np
 
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.score_tests import ProjectedBaseline, p_value_of_maximum
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.repeat_groups import repeat_of_row
+from posture_opt.measurements.measurements import Measurements, repeat_of_row
 from posture_opt.numerics import Array, Codes
 
 

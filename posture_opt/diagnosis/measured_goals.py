@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.diagnosis.diagnosis import Diagnosis
-from posture_opt.measurements.measurements import Measurements, arm_for
-from posture_opt.measurements.repeat_groups import rows_of
+from posture_opt.measurements.measurements import Measurements, arm_for, rows_of
 from posture_opt.selection.solution import HasTask
 from posture_opt.selection.task_target import Reach, TaskTarget
 from posture_opt.uncertainty.coverage_radius import central_radii

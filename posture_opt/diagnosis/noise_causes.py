@@ -22,7 +22,7 @@ from posture_opt.diagnosis.noise_candidates import (
     standardised,
 )
 from posture_opt.diagnosis.score_tests import ProjectedBaseline
-from posture_opt.measurements.repeat_groups import repeat_of_row
+from posture_opt.measurements.measurements import repeat_of_row
 from posture_opt.model.effects import Cause, NoiseEffect, Outliers, Rows
 from posture_opt.numerics import Array
 from posture_opt.validation.prediction import joint_errors

@@ -46,7 +46,7 @@ class GivenInformation:
 
 @dataclass(frozen=True, eq=False)
 class MeasurementModel:
-    """The measurement of all targets at one posture, visited ``repeats`` times, as a function of the posture."""
+    """The measurement of all targets at one posture, measured ``repeats`` times, as a function of the posture."""
 
     residuals: Residuals
     problem: CalibrationProblem
@@ -62,16 +62,16 @@ class MeasurementModel:
 
     @property
     def rows(self) -> int:
-        """Measurements at one posture, of one visit."""
+        """Measurements at one posture, of one repeat."""
         return max(len(self.targets), 1)
 
     @property
     def coordinates(self) -> int:
-        """Numbers measured at one posture, of one visit."""
+        """Numbers measured at one posture, of one repeat."""
         return self.residuals.block * self.rows
 
     def blocks(self, q: Array, x: Array) -> Array:
-        """(N, b, k) derivatives of the mean of all visits to the postures (N, n), in standard deviations of it."""
+        """(N, b, k) derivatives of the mean of all repeats of the postures (N, n), in standard deviations of it."""
         template = self.residuals.data
         data = planned_rows(self.residuals.robot, q, template.measured_axes, self.targets, self.residuals.oriented)
         _, J = self.residuals.of_data(data).both(x)

@@ -32,13 +32,13 @@ class Target:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeasurementPlan(Result):
-    """Postures to measure, in the order of their visit, and what is expected of them.
+    """Postures to measure, in the order of the tour, and what is expected of them.
 
     Args:
         problem: the arm that is to be measured, and its task.
         q: (count, n) the postures [rad, m], rounded to 0.01 deg and 0.01 mm.
         points: (count, 3) where the nominal tool point comes to lie, world [m].
-        repeats: how often each is visited.
+        repeats: how often each is measured.
         purpose: ``parameters`` or ``task``.
         parameters: the (k,) unknowns; ``settled`` (k,) which of them measurements with this instrument can determine.
         undetermined: what no measurement can tell, a sentence each.
@@ -94,14 +94,14 @@ class MeasurementPlan(Result):
 
     @property
     def postures(self) -> list[dict[str, float]]:
-        """Joint name -> value [rad, m], in the order of the visit."""
+        """Joint name -> value [rad, m], in the order of the tour."""
         return [dict(zip(self.robot.joint_names, map(float, row), strict=True)) for row in self.q]
 
     def to_csv(self) -> str:
-        """The postures in the order of their visit, in deg and mm; with what is measured added, ``read_measurements``
+        """The postures in the order of the tour, in deg and mm; with what is measured added, ``read_measurements``
         reads it.
 
-        With several targets every visit has a row for each; repeats are rounds of the whole tour.
+        With several targets every repeat has a row for each; repeats are rounds of the whole tour.
         """
         revolute = [joint.type == "revolute" for joint in self.robot.joints]
         heads = [f"{j.name} [{'deg' if turns else 'mm'}]" for j, turns in zip(self.robot.joints, revolute, strict=True)]

@@ -69,7 +69,7 @@ def plan_measurements(
         seed: of the candidates and starts; the same seed, the same plan.
         link_height: in place of the task's [m].
         within: lower and upper corner (3,) of where the tool point may go, world [m]: what the instrument sees, say.
-        repeats: visits to each posture, in rounds.
+        repeats: of each posture, in rounds.
         candidates: random postures to choose from.
         progress: called with (done, total) rounds of the search.
 
@@ -82,7 +82,7 @@ def plan_measurements(
         raise InputError(Issue(f"{count} postures are no plan", ("--count",), count, "plan at least 1"))
     if repeats < 1:
         raise InputError(
-            Issue(f"{repeats} visits are none", ("--repeats",), repeats, "visit each posture at least once")
+            Issue(f"{repeats} repeats are none", ("--repeats",), repeats, "measure each posture at least once")
         )
     if purpose not in get_args(Purpose):
         raise InputError(Issue(f"a plan for '{purpose}' is not known", ("--for",), purpose, "parameters or task"))

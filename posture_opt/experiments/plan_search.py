@@ -107,7 +107,7 @@ class PlanSearch:
 
 @dataclass(frozen=True, eq=False)
 class Tour:
-    """Postures in the order of their visit.
+    """Postures in the order of the tour.
 
     Args:
         order: (N,) indices of the postures.

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.batch.batch_calibration import Batch
+from posture_opt.batch.batch_covariance import stated_correlations
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.model.effects import NoiseEffect
@@ -66,14 +67,16 @@ def batch_uncertainty(problem: Problem, batch: Batch) -> dict[str, Any]:
     }
     rho = {(p.a, p.b): p.correlation for p in batch.pairs if p.significant and p.a in sigma and p.b in sigma}
     others = {name: s for name, s in _stated(problem).items() if name not in sigma}
-    rho |= {pair: r for pair, r in _stated_correlations(problem).items() if pair[0] in others and pair[1] in others}
+    rho |= {
+        pair: r for pair, r in stated_correlations(problem.sources).items() if pair[0] in others and pair[1] in others
+    }
     sigma |= others
     texts = {name: _text(s, parameters[name]) for name, s in sigma.items()}
     pairs = [[a, b, r] for (a, b), r in _definite(list(sigma), rho).items()]
     kept = {key: former[key] for key in _KEPT if former.get(key) is not None}
     if "repeatability" in kept and set(sigma) & set(joint_errors(problem.robot)):
         # Beside a σ of a joint's value the file takes scatter in place of a repeatability: the same, joint by joint.
-        kept = {"scatter": _visits(problem)} | {key: kept[key] for key in kept if key == "measurement"}
+        kept = {"scatter": _scatter(problem)} | {key: kept[key] for key in kept if key == "measurement"}
     return {"sigma": texts, **({"correlation": pairs} if pairs else {}), **kept}
 
 
@@ -137,7 +140,7 @@ def _doubts(problem: Problem, batch: Batch) -> list[str]:
     ]
 
 
-def _visits(problem: Problem) -> dict[str, str]:
+def _scatter(problem: Problem) -> dict[str, str]:
     """All that the file says of scatter from repeat to repeat, parameter by parameter."""
     variances, parameters = np.diag(problem.sources.scatter), problem.robot.parameters
     return {
@@ -151,14 +154,6 @@ def _stated(problem: Problem) -> dict[str, float]:
     sources = problem.sources
     variances = np.diag(sources.constant)
     return {name: math.sqrt(v) for name, v in zip(sources.names, variances, strict=True) if v > 0}
-
-
-def _stated_correlations(problem: Problem) -> dict[tuple[str, str], float]:
-    sources, sigma = problem.sources, np.sqrt(np.diag(problem.sources.constant))
-    return {
-        (sources.names[i], sources.names[j]): float(sources.constant[i, j] / (sigma[i] * sigma[j]))
-        for i, j in np.argwhere(np.triu(sources.constant, 1) != 0)
-    }
 
 
 def _definite(names: list[str], rho: dict[tuple[str, str], float]) -> dict[tuple[str, str], float]:

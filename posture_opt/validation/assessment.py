@@ -11,8 +11,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.instrument import position_sigma
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals, matrices, rotation_vectors
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.repeat_groups import repeat_groups
+from posture_opt.measurements.measurements import Measurements, repeat_groups
 from posture_opt.numerics import Array, Codes
 from posture_opt.result import Result
 from posture_opt.uncertainty.regions import Ellipsoid, hotelling_factor
@@ -72,7 +71,7 @@ class Assessment(Result):
         instrument: σ of a coordinate that the problem states [m]; 0 where it states none.
         block_axes: name and unit, m or rad, of what the blocks of the tests are cut along.
         residual_scatter: ``None`` where the poses are too few for a region.
-        repeats, goals: ``None`` where nothing was visited twice.
+        repeats, goals: ``None`` where nothing was repeated.
         trends, sides: how the calibrated model's errors move with inputs, and with the side of arrival.
         notes: sentences for the report.
     """
@@ -209,7 +208,7 @@ def _turned(residuals: Residuals, x: Array, codes: Codes) -> Array | None:
         return None
     if residuals.oriented:
         return -residuals.rotation_error(residuals.walk(x))
-    # The model's orientation is not fitted: each posture is set against its own first visit, which tells the scatter.
+    # The model's orientation is not fitted: each posture is set against its own first repeat, which tells the scatter.
     _, first, own = np.unique(codes, return_index=True, return_inverse=True)
     R = matrices(rotation)
     return rotation_vectors(R @ np.swapaxes(R[first][own], -1, -2))

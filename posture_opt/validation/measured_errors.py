@@ -20,6 +20,7 @@ from posture_opt.selection.target_map import TargetMap
 from posture_opt.uncertainty.coverage_radius import central_radii
 from posture_opt.uncertainty.regions import coverage_factor
 from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.validation.coverage import distances
 
 _ELSEWHERE = 20  # times the predicted distance: no spread is that much understated
 
@@ -149,5 +150,4 @@ def _inside(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Arr
     C = np.broadcast_to(moments.covariance, (len(data), 3, 3)) + instrument**2 * np.eye(3)
     axes = np.flatnonzero(data.measured_axes) if data.position is not None else np.arange(3)
     C, e = C[:, axes][:, :, axes], errors[:, axes]
-    squared = np.einsum("ni,ni->n", e, np.linalg.solve(C, e[..., None])[..., 0])
-    return np.asarray(squared <= coverage_factor(0.95, len(axes)) ** 2)
+    return np.asarray(distances(e, C) <= coverage_factor(0.95, len(axes)) ** 2)

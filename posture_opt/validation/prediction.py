@@ -50,10 +50,10 @@ def stated_scatter(problem: CalibrationProblem) -> JointScatter:
     """What the problem states of the joints' scatter, without that of its effects."""
     sources, own = problem.sources, scatter_of_effects(problem.robot, problem.effects)
     total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.scatter))), strict=True))
-    visit = {name: s for name, s in total.items() if s > 0}
-    if visit:
+    scatter = {name: s for name, s in total.items() if s > 0}
+    if scatter:
         return JointScatter(
-            JointScatter(visit, of_effects=own).beside,
+            JointScatter(scatter, of_effects=own).beside,
             note="scatter of the joints as stated: the data do not tell it",
         )
     joints, staying = joint_errors(problem.robot), np.sqrt(np.diag(sources.constant))
@@ -85,8 +85,8 @@ def plus(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, floa
 
 def scatter_beside(problem: CalibrationProblem, name: str, own: float, said: float) -> float:
     """The σ of a joint of which effects say ``said``, ``own`` of it part of what the problem states."""
-    visit = dict(zip(problem.sources.names, np.diag(problem.sources.scatter), strict=True)).get(name, 0.0)
-    return math.sqrt(max(float(visit) - own**2, 0.0) + said**2)
+    variance = dict(zip(problem.sources.names, np.diag(problem.sources.scatter), strict=True)).get(name, 0.0)
+    return math.sqrt(max(float(variance) - own**2, 0.0) + said**2)
 
 
 def joint_errors(robot: Robot) -> tuple[str, ...]:
@@ -96,7 +96,7 @@ def joint_errors(robot: Robot) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class ErrorSources:
-    """Errors that stay and errors drawn anew at every visit, by the parameters of the arm that err.
+    """Errors that stay and errors drawn anew at every repeat, by the parameters of the arm that err.
 
     Args:
         names: (k,) of the parameters of the arm.
@@ -119,7 +119,7 @@ class ErrorSources:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Predicted errors of N rows: ``e_i = A_i δ + v_i``, δ common to all rows and v_i of each visit its own.
+    """Predicted errors of N rows: ``e_i = A_i δ + v_i``, δ common to all rows and v_i of each repeat its own.
 
     Args:
         common: (N, d, k) A, each column for a δ of variance one [m].
@@ -150,7 +150,7 @@ def nominal_prediction(
 ) -> Prediction:
     """The errors that the model as it stands predicts for rows that its free frames were not fitted to.
 
-    With the errors δ that stay, v_i of a visit and F the columns of what is free (frames, touched points), fitting
+    With the errors δ that stay, v_i of a repeat and F the columns of what is free (frames, touched points), fitting
     takes ``F (F_t⁺ (B_t δ + v_t))`` off, t the rows of the other folds, so that
 
     ``e_i = (B_i − F_i F_t⁺ B_t) δ + v_i − F_i F_t⁺ v_t``.
@@ -167,7 +167,7 @@ def nominal_prediction(
     V = B @ errors.scatter @ np.swapaxes(B, -1, -2)
     V[:, range(block), range(block)] += np.where(np.arange(block) < d, (instrument / residuals.sigma) ** 2, 1.0)
     root = _root(errors.constant)
-    common, visit = np.zeros((N, d, root.shape[1])), np.zeros((N, d, d))
+    common, scatter = np.zeros((N, d, root.shape[1])), np.zeros((N, d, d))
     for left_out in folds:
         train = kept.copy()
         train[left_out] = False
@@ -176,8 +176,8 @@ def nominal_prediction(
         A = B[left_out][:, :d] - Fi @ np.einsum("pnb,nbk->pk", G, B[train])
         fitted = np.einsum("pnb,nbc,qnc->pq", G, V[train], G, optimize=True)
         common[left_out] = A @ root
-        visit[left_out] = V[left_out][:, :d, :d] + Fi @ fitted @ np.swapaxes(Fi, -1, -2)
-    return Prediction(residuals.sigma * common, residuals.sigma**2 * _about_points(residuals.data, visit))
+        scatter[left_out] = V[left_out][:, :d, :d] + Fi @ fitted @ np.swapaxes(Fi, -1, -2)
+    return Prediction(residuals.sigma * common, residuals.sigma**2 * _about_points(residuals.data, scatter))
 
 
 def calibrated_prediction(
@@ -193,8 +193,8 @@ def calibrated_prediction(
     J = residuals.both(x)[1][: N * residuals.block].reshape(N, residuals.block, -1)[:, :d] * residuals.sigma
     J = residuals.data.about_points(J)
     S = joint_columns(residuals, x) * scatter
-    visit = S @ np.swapaxes(S, -1, -2) + max(instrument, _LEAST) ** 2 * np.eye(d)
-    return Prediction(J @ _even_root(covariance / taught), _about_points(residuals.data, visit))
+    own = S @ np.swapaxes(S, -1, -2) + max(instrument, _LEAST) ** 2 * np.eye(d)
+    return Prediction(J @ _even_root(covariance / taught), _about_points(residuals.data, own))
 
 
 def _root(covariance: Array) -> Array:

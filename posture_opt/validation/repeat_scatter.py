@@ -1,4 +1,4 @@
-"""Scatter between visits of one posture, and what a problem predicts of it."""
+"""Scatter between repeats of one posture, and what a problem predicts of it."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.residuals import Residuals
-from posture_opt.measurements.repeat_groups import outlying_groups, repeat_groups, rows_of
+from posture_opt.measurements.measurements import outlying_groups, repeat_groups, rows_of
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.validation.model_errors import holm
 from posture_opt.validation.prediction import ErrorSources, joint_columns, joint_errors
 from posture_opt.validation.scatter_model import Scatter
 
-COPY = 1e-9  # m: visits that agree to less are one row written twice
+COPY = 1e-9  # m: repeats that agree to less are one row written twice
 _ENOUGH = 2  # freedom per dimension: with less the likelihood ratio is not χ² even with Bartlett's factor
 
 
@@ -24,7 +24,7 @@ class RepeatScatter:
     """Scatter between repeats, and what the problem predicts of it.
 
     Args:
-        scatter: of the postures visited more than once.
+        scatter: of the postures commanded more than once.
         covariances: (G, d, d) predicted there [m²], and their ``test``; ``None`` where the problem says nothing of it.
         by: ``visit`` or ``joints``, see `repeat_errors`.
         stated_sigma: (n,) of each joint from repeat to repeat, as stated [rad, m].
@@ -49,12 +49,12 @@ class RepeatScatter:
     def of(cls, used: Residuals, calibration: Calibration, errors: ErrorSources) -> RepeatScatter:
         """Of the rows that a calibration kept."""
         data = used.data
-        visit, by = repeat_errors(errors, used)
+        between, by = repeat_errors(errors, used)
         driven = joint_errors(used.robot)
         stated = np.zeros(len(driven))
         for k, name in enumerate(driven):
             if name in errors.names:
-                stated[k] = np.sqrt(visit[errors.names.index(name), errors.names.index(name)])
+                stated[k] = np.sqrt(between[errors.names.index(name), errors.names.index(name)])
         codes = np.arange(len(data)) if data.touches else repeat_groups(data, slides(used))
         scatter = Scatter.of(used.error(calibration.x)[:, used.axes], joint_columns(used, calibration.x), codes)
         firsts = np.array([rows[0] for rows in rows_of(codes) if len(rows) > 1], dtype=np.intp)
@@ -68,14 +68,14 @@ class RepeatScatter:
             return cls(scatter, None, None, by, stated, outlying)
         first = used.take(firsts)
         B = first.sensitivities(errors.names, calibration.x)[:, : len(used.axes)] * used.sigma
-        C = B @ visit @ np.swapaxes(B, -1, -2) + used.sigma**2 * np.eye(len(used.axes))
-        if not visit.any():
+        C = B @ between @ np.swapaxes(B, -1, -2) + used.sigma**2 * np.eye(len(used.axes))
+        if not between.any():
             return cls(scatter, None, None, by, stated, outlying)
         return cls(scatter, C, scatter_test(scatter, C, data.line[firsts]), by, stated, outlying)
 
 
 def repeat_errors(errors: ErrorSources, residuals: Residuals) -> tuple[Array, str]:
-    """The covariance of what changes between visits; where the problem says nothing of it, σ's of joint values."""
+    """The covariance of what changes between repeats; where the problem says nothing of it, σ's of joint values."""
     if errors.scatter.any():
         return errors.scatter, "visit"
     driven = np.isin(errors.names, joint_errors(residuals.robot))
@@ -92,10 +92,10 @@ class PoseScatter:
     """The scatter about the mean at one posture.
 
     Args:
-        line: of the first visit; ``n`` visits.
+        line: of the first repeat; ``n`` repeats.
         measured, predicted: standard deviation of a coordinate, root of the mean over the axes [m].
         factor: measured over predicted, in the metric of the prediction.
-        p_size, p_shape: probabilities of scatter so different in size, or in shape too (NaN with too few visits), were
+        p_size, p_shape: probabilities of scatter so different in size, or in shape too (NaN with too few repeats), were
             the prediction true; ``true`` whether nothing speaks against it, all postures tested together.
     """
 
@@ -122,7 +122,7 @@ class ScatterTest:
         rows, groups: rows that repeat a posture, and how many postures.
         factor: measured over predicted standard deviation, pooled; ``interval`` holds it with 95 %.
         p_size, p_shape: as of a posture, over all of them.
-        poses: those with most visits first.
+        poses: those with most repeats first.
     """
 
     rows: int
@@ -158,7 +158,7 @@ def scatter_test(scatter: Scatter, covariances: Array, lines: Codes) -> ScatterT
     Postures are judged together by Holm's (1979) rule.
 
     Args:
-        lines: (G,) the line of each posture's first visit.
+        lines: (G,) the line of each posture's first repeat.
     """
     from scipy.special import chdtrc, chdtri
 

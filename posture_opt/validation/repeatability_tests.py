@@ -1,4 +1,4 @@
-"""What repeated measurements say: ISO 9283 at every pose, scatter of visits, and one goal in several postures."""
+"""What repeated measurements say: ISO 9283 at every pose, scatter of repeats, and one goal in several postures."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.measurements.measurements import Measurements
-from posture_opt.measurements.repeat_groups import outlying_groups
+from posture_opt.measurements.measurements import Measurements, outlying_groups, rows_of
 from posture_opt.numerics import Array, Codes
 from posture_opt.uncertainty.iso9283 import (
     OrientationPerformance,
@@ -32,7 +31,7 @@ class PosePerformance:
     """ISO 9283 at one pose: AP of the model as it stands and calibrated, RP of the arm.
 
     Args:
-        line: of the first visit in the file.
+        line: of the first repeat in the file.
         nominal, calibrated: their accuracies differ, repeatability is the arm's.
         orientation: of small rotations about x, y and z of the world against the calibrated model; empty where
             no orientation was measured. Their accuracy counts only where the model's orientation was fitted.
@@ -46,18 +45,18 @@ class PosePerformance:
 
 @dataclass(frozen=True, eq=False)
 class Repeats:
-    """Repeated visits of commanded postures.
+    """Postures that were commanded repeatedly.
 
     Args:
         rows: in groups of two or more; ``groups`` how many groups.
-        covariance: (d, d) of one visit about the mean of its pose, pooled over the groups [m²].
-        dof: visits minus groups.
+        covariance: (d, d) of one repeat about the mean of its pose, pooled over the groups [m²].
+        dof: repeats minus groups.
         sigma: standard deviation of a coordinate, pooled over the axes; ``interval`` holds it with 95 % [m].
         repeatability: RP of the pooled scatter [m].
-        poses: those with three visits or more, the most visited first.
+        poses: those with three repeats or more, the most repeated first.
         left_out: poses with as many that are not listed, for there are too many.
         oriented: whether the orientations' accuracy counts.
-        outlying: lines of the first visits to postures that were left out, as slips.
+        outlying: lines of the first repeats of postures that were left out, as slips.
     """
 
     rows: int
@@ -123,16 +122,16 @@ def repeats_of(
     data: Measurements, codes: Codes, moved: Array, deviations: dict[str, Array], rotations: Array | None = None,
     oriented: bool = False,
 ) -> Repeats | None:  # fmt: skip
-    """What repeats say, or ``None`` where no posture was visited twice.
+    """What repeats say, or ``None`` where no posture was repeated.
 
     Args:
-        codes: (N,) rows of one code revisit one posture.
-        moved: (N, d) measured minus one model for all rows, which tells how visits differ [m].
+        codes: (N,) rows of one code repeat one posture.
+        moved: (N, d) measured minus one model for all rows, which tells how repeats differ [m].
         deviations: ``nominal`` and ``calibrated``, (N, d) measured minus model [m].
         rotations: (N, 3) measured minus model as small rotations [rad].
         oriented: whether the model's orientation was fitted.
     """
-    every = [group for group in _grouped(codes) if len(group) > 1]
+    every = [group for group in rows_of(codes) if len(group) > 1]
     about = [moved[r] - moved[r].mean(axis=0) for r in every]
     freedom = np.array([(len(r) - 1) * moved.shape[1] for r in every], dtype=float)
     slipped = outlying_groups(np.array([np.sum(a**2) for a in about]), freedom)
@@ -179,15 +178,10 @@ def goals_of(data: Measurements, errors: dict[str, Array]) -> Goals | None:
 
 def _pairs(data: Measurements) -> Iterator[tuple[Codes, Codes]]:
     """Rows of two postures of one goal and target; of very many postures some, evenly over the file."""
-    for rows in _grouped(data.goal * (data.target.max(initial=0) + 1) + data.target):
-        postures = [rows[mine] for mine in _grouped(data.pose[rows])]
+    for rows in rows_of(data.goal * (data.target.max(initial=0) + 1) + data.target):
+        postures = [rows[mine] for mine in rows_of(data.pose[rows])]
         some = np.unique(np.linspace(0, len(postures) - 1, min(len(postures), _POSTURES)).round().astype(int))
         yield from combinations([postures[k] for k in some], 2)
-
-
-def _grouped(codes: Codes) -> list[Codes]:
-    order = np.argsort(codes, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
 
 
 def _performance(

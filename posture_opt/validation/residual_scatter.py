@@ -39,8 +39,8 @@ def residual_scatter(
     """The joints' scatter that explains best what a calibration and the instrument leave unexplained.
 
     It is sought in the errors of rows by arms that have not seen them: scatter from repeat to repeat and whatever the
-    model lacks, both to be met again at the next visit, beside the uncertainty of the fit, which is known. One standard
-    deviation for all turning joints is taken unless the likelihood speaks clearly for one each (Schwarz 1978).
+    model lacks, both to be met again at the next repeat, beside the uncertainty of the fit, which is known. One
+    standard deviation for all turning joints is taken unless the likelihood speaks clearly for one each (Schwarz 1978).
 
     Where the data cannot tell the scatter from none, and do not speak against it, the problem's own is returned: its
     repeatability, the σ's of its joints, or what the robot's data sheet says.

@@ -39,7 +39,7 @@ class SpreadCheck(Result):
             what the problem states, around the nominal arm with its free frames fitted; ``calibrated`` by what is
             still uncertain of the parameters and the scatter that the calibration leaves.
         stated: whether the problem states any uncertainty of the arm; else its region is the instrument's alone.
-        repeats: scatter between repeats against what the problem says of visits; ``None`` without repeats or
+        repeats: scatter between repeats against what the problem says of them; ``None`` without repeats or
             where it says nothing.
         repeats_by: ``visit`` where the problem states scatter from repeat to repeat, ``joints`` where its σ's of joint
             values are taken for it.
@@ -51,8 +51,8 @@ class SpreadCheck(Result):
             others do, or more.
         stated_sigma: (n,) what the problem states of the joints' scatter [rad, m].
         scatter_predictions: models of the scatter fitted at some postures and judged at others.
-        outlying: lines of postures whose visits differ far more than those of the others; they are left out.
-        joint_scatter: the scatter that the calibrated model takes; ``instrument`` the σ of a coordinate [m].
+        outlying: lines of postures whose repeats differ far more than those of the others; they are left out.
+        instrument: the σ of a coordinate [m].
         notes: sentences on what these data cannot tell.
     """
 
@@ -69,7 +69,6 @@ class SpreadCheck(Result):
     stated_sigma: Array
     scatter_predictions: tuple[ScatterPrediction, ...]
     outlying: tuple[int, ...]
-    joint_scatter: JointScatter
     instrument: float
     notes: tuple[str, ...] = ()
 
@@ -98,8 +97,8 @@ def check_spread(
 ) -> SpreadCheck:
     """Whether the predicted spread is true: between repeats, and over all postures.
 
-    Between repeats only what is drawn anew at every visit shows: the problem's ``scatter`` or ``repeatability``, and
-    the instrument; a wrong link length is the same at every visit. Over postures everything shows. ``data`` and
+    Between repeats only what is drawn anew at every repeat shows: the problem's ``scatter`` or ``repeatability``, and
+    the instrument; a wrong link length is the same at every repeat. Over postures everything shows. ``data`` and
     ``folds`` are those that ``calibration`` was made with; its outliers are left out.
 
     Source of the joints' part: J.-F. Brethé, E. Vasselin, D. Lefebvre, B. Dakyo, Modelling of repeatability phenomena
@@ -129,7 +128,6 @@ def check_spread(
         stated_sigma=between.stated_sigma,
         scatter_predictions=predicted,
         outlying=between.outlying,
-        joint_scatter=scatter,
         instrument=residuals.sigma,
         notes=_unknowable(problem),
     )
