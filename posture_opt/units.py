@@ -225,7 +225,6 @@ if TYPE_CHECKING:
     Length = float
     Angle = float
     Mass = float
-    Temperature = float
     Time = float
     LengthPerLength = float
 else:
@@ -235,6 +234,5 @@ else:
     Length = _quantity("length")
     Angle = _quantity("angle")
     Mass = _quantity("mass")
-    Temperature = _quantity("temperature")
     Time = _quantity("time")
     LengthPerLength = _quantity("length per length")

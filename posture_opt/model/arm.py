@@ -63,7 +63,9 @@ class Arm:
 
     ``parameters`` fixes the order of ``p``: geometry and frames from the base to the tool, then those of the effects.
     Every parameter is a deviation: from the nominal value of the geometry, from the estimate of an effect.
-    All methods take CasADi expressions, numbers, or arrays (N,) of them, and return the like.
+    All methods take CasADi expressions, numbers, or arrays (N,) of them, and return the like, in m, rad and world axes.
+    The pose is the product of the chain's factors, ``T_world_tool = Π_i F_i(nominal_i + p_i + q_i)``, each a rotation
+    about an axis or a shift along one, changed by what the effects add to joints, lengths and the tool.
 
     Args:
         effects: with their estimates; none for a plain chain.
@@ -128,13 +130,21 @@ class Arm:
         return self.reach(split(q, self.robot.n, "posture"), named).walk
 
     def pose(self, q: Any, p: Any = None) -> Any:
-        """``T_world_tool`` (4, 4) [m], a CasADi expression where ``q`` or ``p`` is one, else an array."""
+        """``T_world_tool`` (4, 4) [m], a CasADi expression where ``q`` or ``p`` is one, else an array.
+
+        Args:
+            q: (n,) or (N, n) commanded joints [rad or m].
+            p: (k,) deviations in the order of `parameters` [SI]; none for the nominal arm.
+
+        Raises:
+            ValueError: vectors of another length.
+        """
         reached = self.walk(q, p)
         (r0, r1, r2), x = reached.columns, reached.position
         return stack([(r0[k], r1[k], r2[k], x[k]) for k in range(3)] + [(0.0, 0.0, 0.0, 1.0)])
 
     def position(self, q: Any, p: Any = None) -> Any:
-        """The tool point (3,) in the world [m]."""
+        """The tool point (3,) in the world [m]; ``q`` and ``p`` as of `pose`."""
         return stack(self.walk(q, p).position)
 
     def jacobian(self, q: Any, p: Any = None) -> Any:
@@ -143,7 +153,7 @@ class Arm:
         return self._stacked(self.twists(driven, split(q, self.robot.n, "posture"), self.walk(q, p)))
 
     def parameter_jacobian(self, q: Any, p: Any = None) -> Any:
-        """``∂(x, φ)/∂p`` (6, k): tool-point shift and small rotation per parameter, world-aligned axes."""
+        """``∂(x, φ)/∂p`` (6, k): tool-point shift and small rotation per parameter [SI], world-aligned axes."""
         joints = split(q, self.robot.n, "posture")
         return self._stacked(self.twists(self.parameters, joints, self.walk(q, p)))
 

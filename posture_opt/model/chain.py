@@ -156,11 +156,6 @@ def rotation_column(walk: Walk, i: int) -> Vector:
     return screw.axis if screw.rotates else ZERO
 
 
-def twist_column(walk: Walk, i: int) -> tuple[Scalar, ...]:
-    """The (6,) twist ``(v, ω)`` of the tool point per unit of factor i, world-aligned axes."""
-    return (*position_column(walk, i), *rotation_column(walk, i))
-
-
 def _symbolic(x: Scalar) -> bool:
     return isinstance(x, ca.SX | ca.MX)
 

@@ -34,12 +34,6 @@ def corrected(robot: Robot, corrections: Mapping[str, Any]) -> Robot:
     return deviated(robot, values)
 
 
-def offsets_of(robot: Robot, corrections: Mapping[str, Any]) -> dict[str, float]:
-    """What corrections that fit the robot add to its parameters [rad or m]."""
-    dimensions = {name: "angle" if f.kind == "rotate" else "length" for name, f in robot.parameters.items()}
-    return {name: parse_quantity(given, dimensions[name]) for name, given in corrections.items()}
-
-
 def deviated(robot: Robot, values: Mapping[str, float], former: Mapping[str, float] | None = None) -> Robot:
     """The arm whose named parameters lie off their values in ``robot`` by ``values`` [rad or m].
 

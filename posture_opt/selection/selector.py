@@ -226,6 +226,10 @@ def select_posture(
 ) -> Solution:
     """The posture whose spread hurts the task least, with alternatives and evidence.
 
+    By the criterion ``worst`` it is ``min_q λ_max(Bᵀ C(q) B)``, the largest variance in the directions that the task
+    minds: C (3, 3) [m²] the covariance of the tool point, B (3, m) a basis of those directions, both world; subject to
+    the target, the tool axis, the limits of the joints and what the task adds.
+
     Args:
         problem: with a task and uncertain parameters.
         seed: of the random starts; the same seed gives the same answer. Default: the problem's.

@@ -10,7 +10,6 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
@@ -23,23 +22,18 @@ from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.budget import Share, budgets
 from posture_opt.uncertainty.clearance import within_clearance
 from posture_opt.uncertainty.coverage_radius import coverage_radius
-from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.spread import Spread, propagate
+from posture_opt.uncertainty.spread import HasSources, Spread, propagate
 
 Status = Literal["optimal", "feasible", "infeasible"]
 
 
-class HasTask(Protocol):
+class HasTask(HasSources, Protocol):
     """What a selection needs of a ``Problem``."""
 
     @property
     def name(self) -> str: ...
     @property
     def robot(self) -> Robot: ...
-    @property
-    def arm(self) -> Arm: ...
-    @property
-    def sources(self) -> Sources: ...
     @property
     def task(self) -> Task | None: ...
     @property
@@ -198,7 +192,7 @@ class Solution(Result):
         return lower_bound(self.optimisation_problem.tool_point, self.target, self.basis)
 
     def gain_over(self, sigma: float) -> float:
-        """Relative reduction of σ_max against ``sigma``: 0.1 means 10 % smaller."""
+        """Relative reduction of σ_max against ``sigma`` [m], ``1 − σ_max/sigma``: 0.1 means 10 % smaller."""
         return 1.0 - self.critical.sigma_max / sigma if sigma > 0 else 0.0
 
     def to_json(self) -> dict[str, Any]:

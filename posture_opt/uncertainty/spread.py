@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.model.arm import Arm
+from posture_opt.model.arm import HasArm
 from posture_opt.model.chain import Walk
 from posture_opt.numerics import Array
 from posture_opt.result import Result
@@ -22,11 +22,9 @@ from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.tool_point import ToolPoint
 
 
-class HasSources(Protocol):
+class HasSources(HasArm, Protocol):
     """Anything that names an arm and its sources of error, such as a ``Problem``."""
 
-    @property
-    def arm(self) -> Arm: ...
     @property
     def sources(self) -> Sources: ...
 
@@ -138,6 +136,10 @@ class Spread(Result):
 
 def propagate(problem: HasSources, posture: PostureLike) -> Spread:
     """Mean and covariance of the tool pose at one posture, in closed form.
+
+    With errors ``p ~ N(0, Σ)`` of the parameters the covariance of the tool point is ``C = Cov f(q, p)`` (3, 3) [m²],
+    world: exact for independent errors and for planar arms, else exact for the variances and complete to fourth order
+    in σ in what the correlations add. Effects enter to first order; ``J Σ Jᵀ`` of everything stands beside C.
 
     Args:
         problem: names ``arm`` and ``sources``.

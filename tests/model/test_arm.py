@@ -11,7 +11,7 @@ import pinocchio
 import pytest
 
 from posture_opt.model.arm import Arm
-from posture_opt.model.chain import factor_values, twist_column, walk
+from posture_opt.model.chain import factor_values, position_column, rotation_column, walk
 from posture_opt.robot import UrdfRobot
 from posture_opt.robot.preset import load_preset, preset_names
 from tests.helpers.factors import pose, random_postures
@@ -127,8 +127,11 @@ def test_arrays_of_postures_are_walked_at_once():
     for row, q in enumerate(Q):
         one = arm.walk(q)
         for i in range(len(arm.robot.factors)):
-            many = [np.broadcast_to(entry, 5)[row] for entry in twist_column(reached, i)]
-            np.testing.assert_allclose(many, twist_column(one, i), atol=ROUNDING)
+            many = [
+                np.broadcast_to(entry, 5)[row] for entry in (*position_column(reached, i), *rotation_column(reached, i))
+            ]
+            alone = (*position_column(one, i), *rotation_column(one, i))
+            np.testing.assert_allclose(many, alone, atol=ROUNDING)
     np.testing.assert_allclose(arm.pose(Q), [arm.pose(q) for q in Q], atol=ROUNDING)
 
 

@@ -43,6 +43,6 @@ class Ipopt(Solver):
             stats = function.stats()
             x = np.clip(np.asarray(found["x"]).ravel(), lower, upper)
             status = str(stats["return_status"])
-            return Outcome(x, status == "Solve_Succeeded", int(stats["iter_count"]), status)
+            return Outcome(x, status == "Solve_Succeeded", status)
 
         return polish

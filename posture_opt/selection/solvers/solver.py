@@ -16,11 +16,10 @@ from posture_opt.spec import Spec
 
 @dataclass(frozen=True)
 class Outcome:
-    """One local solve: the point (n,), whether the solver calls it optimal, its iterations and its own words."""
+    """One local solve: the point (n,), whether the solver calls it optimal, and its own words."""
 
     x: np.ndarray
     optimal: bool
-    iterations: int
     message: str
 
 
