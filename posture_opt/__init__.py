@@ -16,6 +16,7 @@
     problem, data, calibration ─ assess ─> assessment  what the model gets wrong, and whether the rest is scatter
     problem, data, calibration ─ check_spread ─> check  is the predicted spread true?
     problem, data ─ map_accuracy ─────> map          bias and spread over a grid of targets, beside what was measured
+    {name: problem} ─ compare_plans ──> comparison   what models of one arm choose for its task
     problem, calibration ─ calibrated_problem ─> problem  the calibrated arm, to be planned with
 
 Inside everything is SI and radians. Wrong input raises ``errors.InputError``, an unsolvable problem
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from posture_opt.model.arm import Arm
     from posture_opt.problem.fitted_problem import calibrated_problem, extended_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
+    from posture_opt.selection.plan_comparison import Comparison, compare_plans
     from posture_opt.selection.selector import PostureSelector, select_posture
     from posture_opt.selection.solution import Solution
     from posture_opt.selection.target_map import TargetMap, map_targets
@@ -61,6 +63,7 @@ __all__ = [
     "BatchDiagnosis",
     "Calibration",
     "Cloud",
+    "Comparison",
     "Diagnosis",
     "MeasurementPlan",
     "Measurements",
@@ -76,6 +79,7 @@ __all__ = [
     "calibrate_batch",
     "calibrated_problem",
     "check_spread",
+    "compare_plans",
     "diagnose",
     "diagnose_batch",
     "errors",
@@ -100,6 +104,7 @@ _HOMES = {
     "BatchDiagnosis": "batch.batch_diagnosis",
     "Calibration": "calibration.calibration",
     "Cloud": "uncertainty.cloud",
+    "Comparison": "selection.plan_comparison",
     "Diagnosis": "diagnosis.diagnosis",
     "MeasurementPlan": "experiments.measurement_plan",
     "Measurements": "measurements.measurements",
@@ -114,6 +119,7 @@ _HOMES = {
     "calibrate_batch": "batch.batch_calibration",
     "calibrated_problem": "problem.fitted_problem",
     "check_spread": "validation.spread_check",
+    "compare_plans": "selection.plan_comparison",
     "diagnose": "diagnosis.diagnosis",
     "diagnose_batch": "batch.batch_diagnosis",
     "extended_problem": "problem.fitted_problem",

@@ -31,6 +31,13 @@ def calibrated() -> tuple[Any, Any, po.Calibration]:
     return problem, data, po.calibrate(problem, data)
 
 
+def compared() -> po.Comparison:
+    problem, _, calibration = calibrated()
+    found = po.compare_plans({"nominal": problem, "calibrated": po.calibrated_problem(problem, calibration)})
+    assert found is not None
+    return found
+
+
 MADE: dict[str, Callable[[], Result]] = {
     "Solution": lambda: po.select_posture(po.load_problem("insert_planar_2r_fixed_hole")),
     "Spread": lambda: po.propagate(po.load_problem("insert_planar_2r"), [0.3, 0.5]),
@@ -38,6 +45,7 @@ MADE: dict[str, Callable[[], Result]] = {
     "TargetMap": lambda: po.map_targets(po.load_problem("insert_planar_2r_fixed_hole"), counts=(3, 3)),
     "AccuracyMap": lambda: po.map_accuracy(po.load_problem("insert_planar_2r_calibrated"), counts=(3, 3)),
     "MeasurementPlan": lambda: po.plan_measurements(po.load_problem(MEASURED), 10, candidates=100),
+    "Comparison": compared,
     "Calibration": lambda: calibrated()[2],
     "Assessment": lambda: po.assess(*calibrated()),
     "SpreadCheck": lambda: po.check_spread(*calibrated()),

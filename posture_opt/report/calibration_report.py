@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from posture_opt.calibration.instrument import position_sigma
+from posture_opt.report.assessment_report import assessment_blocks
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.comparison_blocks import comparison_blocks, comparison_lead
-from posture_opt.report.parameter_blocks import parameters_block, undetermined_block
+from posture_opt.report.calibration_parameters import parameters_block, undetermined_block
+from posture_opt.report.comparison_report import comparison_blocks, comparison_lead
 from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.presenter import Columns, Presenter
-from posture_opt.report.residual_blocks import residual_blocks
 from posture_opt.report.save import Files
-from posture_opt.report.truth_blocks import truth_blocks, truth_lead
+from posture_opt.report.spread_check_report import spread_check_blocks, spread_check_lead
 from posture_opt.report.units_text import count, decimals_of, stated_length
 from posture_opt.report.words import MODEL_NAMES
 from posture_opt.units import fixed, number
@@ -48,15 +48,15 @@ def calibration_report(shown: CalibrationPresenter) -> Report:
     blocks = (
         data_block(shown.problem, found),
         errors_block(shown.problem, found),
-        *residual_blocks(shown.assessment),
-        *truth_blocks(shown.spread_check),
+        *assessment_blocks(shown.assessment),
+        *spread_check_blocks(shown.spread_check),
         parameters_block(found),
         undetermined_block(found),
         outliers_block(found),
         *([test_block(found, request.test)] if request.test is not None else []),
         *comparison_blocks(shown.comparison),
     )
-    lead = (_answer(found), *comparison_lead(shown.comparison), truth_lead(shown.spread_check))
+    lead = (_answer(found), *comparison_lead(shown.comparison), spread_check_lead(shown.spread_check))
     return Report(shown.problem.name or "Calibration", lead, blocks)
 
 

@@ -12,9 +12,10 @@ from posture_opt.calibration.instrument import position_sigma
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
 from posture_opt.report.blocks import Block, Facts, Report, Summary
-from posture_opt.report.comparison_blocks import comparison_blocks, comparison_lead
+from posture_opt.report.comparison_report import comparison_blocks, comparison_lead
 from posture_opt.report.diagnosis_causes import causes_block, confusion_block, cyclic_block, finding_words
 from posture_opt.report.diagnosis_errors import elsewhere_lead, errors_block, mm, test_block
+from posture_opt.report.diagnosis_goals import goals_block, goals_lead
 from posture_opt.report.diagnosis_open import (
     FILE,
     absorbed_block,
@@ -25,7 +26,6 @@ from posture_opt.report.diagnosis_open import (
     unknowable_block,
 )
 from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, headline_of, noise_floor
-from posture_opt.report.goal_blocks import goals_block, goals_lead
 from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.save import Files

@@ -47,7 +47,7 @@ CAPTIONS = {
 }
 Files = dict[str, bytes]
 
-_JSON = ("solution", "spread", "calibration", "diagnosis", "plan", "map", "assessment", "spread_check")
+_JSON = ("solution", "spread", "calibration", "diagnosis", "plan", "map", "assessment", "spread_check", "comparison")
 DOCUMENTS = frozenset((*(f"{name}.json" for name in _JSON), "report.txt", "report.html"))
 OWN_FILES = DOCUMENTS | frozenset(
     (

@@ -13,6 +13,7 @@ from posture_opt.errors import InputError, NoSolutionError, SolverError
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
+from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.selector import select_posture
 from posture_opt.selection.solution import HasTask, Solution
@@ -72,15 +73,17 @@ class PlannedPosture:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Result):
     """One task planned with several models of an arm, every posture judged by the last of them, the reference.
 
     Args:
         plans: what each model chooses, by its name.
+        problem: the reference.
     """
 
     plans: Mapping[str, PlannedPosture]
+    problem: HasTask
 
     @property
     def reference(self) -> str:
@@ -124,10 +127,11 @@ def compare_plans(
         return None
     chosen = _planned(known, seed, workers, hint)
     if chosen.solution is None:
-        return Comparison({**dict.fromkeys(others, PlannedPosture()), reference: chosen})
+        return Comparison({**dict.fromkeys(others, PlannedPosture()), reference: chosen}, known)
     basis = chosen.solution.basis
     plans = {name: _planned(_scattering(models[name], known.sources), seed, workers, hint) for name in others}
-    return Comparison({name: _judged(plan, known, basis) for name, plan in (plans | {reference: chosen}).items()})
+    judged = {name: _judged(plan, known, basis) for name, plan in (plans | {reference: chosen}).items()}
+    return Comparison(judged, known)
 
 
 @dataclass(frozen=True, eq=False)

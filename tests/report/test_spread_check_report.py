@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from posture_opt.report.blocks import Report
+from posture_opt.report.spread_check_report import spread_check_blocks, spread_check_lead
 from posture_opt.report.style import image
 from posture_opt.report.text import render
-from posture_opt.report.truth_blocks import truth_blocks, truth_lead
 from posture_opt.validation.spread_check import SpreadCheck
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
@@ -29,7 +29,7 @@ uncertainty:
 
 
 def text_of(found: SpreadCheck) -> str:
-    return render(Report("Spread", (truth_lead(found),), truth_blocks(found)))
+    return render(Report("Spread", (spread_check_lead(found),), spread_check_blocks(found)))
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def understated() -> SpreadCheck:
 
 
 def test_the_line_that_a_person_understands(understated: SpreadCheck) -> None:
-    line = truth_lead(understated)
+    line = spread_check_lead(understated)
     share = round(100 * understated.coverage95["nominal"])
     assert f"the predicted 95 % ellipse contains {share} % of the measured points" in line
     assert "the spread is understated by a factor of " in line

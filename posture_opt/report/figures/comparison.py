@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from posture_opt.report.comparison_blocks import distinct_columns
+from posture_opt.report.comparison_report import distinct_columns
 from posture_opt.report.figures.cloud import clearance_lines, view_basis
 from posture_opt.report.style import BLUE, GREEN, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.units_text import length_unit

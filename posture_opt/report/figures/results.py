@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from posture_opt.report.batch_report import BatchPresenter
     from posture_opt.report.calibration_report import CalibrationPresenter
     from posture_opt.report.cloud_report import CloudPresenter
+    from posture_opt.report.comparison_report import ComparisonPresenter
     from posture_opt.report.diagnosis_report import DiagnosisPresenter
     from posture_opt.report.measurement_plan_report import MeasurementPlanPresenter
     from posture_opt.report.presenter import Drawings
@@ -131,6 +132,11 @@ def spread_check(shown: SpreadCheckPresenter) -> Drawings:
     return _checked(shown.result)
 
 
+def comparison(shown: ComparisonPresenter) -> Drawings:
+    """Where the tool lands in the posture of each model."""
+    return _landing(shown.result)
+
+
 def diagnosis(shown: DiagnosisPresenter) -> Drawings:
     """Each named effect with the errors behind it; errors by model, scores, and what is left."""
     found = shown.result
@@ -171,11 +177,11 @@ def _checked(found: SpreadCheck) -> Drawings:
     return {"truth_coverage": partial(plot_reliability, found), **joints}
 
 
-def _landing(comparison: Comparison | None) -> Drawings:
+def _landing(found: Comparison | None) -> Drawings:
     """A comparison in which the model before calibration and the reference have a posture."""
-    if comparison is None or not {"nominal", comparison.reference} <= set(comparison.answered):
+    if found is None or not {"nominal", found.reference} <= set(found.answered):
         return {}
-    return {"landing": partial(plot_landing, comparison)}
+    return {"landing": partial(plot_landing, found)}
 
 
 def _settled(draw: Callable[[], Figure | None]) -> Callable[[], Figure | None]:

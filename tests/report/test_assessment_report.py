@@ -13,6 +13,7 @@ from matplotlib.quiver import Quiver
 
 import posture_opt as po
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.report.assessment_report import assessment_blocks
 from posture_opt.report.blocks import Report
 from posture_opt.report.figures.residual_trends import Binned, plot_residuals_over_joints
 from posture_opt.report.figures.residuals import (
@@ -21,7 +22,6 @@ from posture_opt.report.figures.residuals import (
     exaggeration,
     plot_residual_vectors,
 )
-from posture_opt.report.residual_blocks import residual_blocks
 from posture_opt.report.save import OWN_FILES
 from posture_opt.report.text import render
 from tests.helpers.command_line import invoke
@@ -84,7 +84,7 @@ def figures(visited: tuple[Any, po.Assessment]) -> dict[str, Any]:
 
 
 def said(found: po.Assessment) -> str:
-    return render(Report("", (), residual_blocks(found)))
+    return render(Report("", (), assessment_blocks(found)))
 
 
 def words(found: po.Assessment) -> str:
@@ -122,7 +122,7 @@ def test_nobody_knows_an_instrument_of_which_nothing_is_stated(once: Any) -> Non
     problem = po.problem_from_dict(document)
     data = found.calibration.request.data.take(np.arange(40))
     again = po.assess(problem, data, po.calibrate(problem, data, folds=2))
-    report = render(Report("", (), residual_blocks(again)))
+    report = render(Report("", (), assessment_blocks(again)))
     assert "measurement: {position: 0.05 mm}" in report
     assert again.to_json()["instrument"] == {"sigma": None}
 

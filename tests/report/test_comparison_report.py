@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.report.comparison_blocks import comparison_blocks, comparison_lead, comparison_table, distinct_columns
+from posture_opt.report.comparison_report import comparison_blocks, comparison_lead, comparison_table, distinct_columns
 from posture_opt.selection.plan_comparison import Comparison, Landing, PlannedPosture
 
 
@@ -22,11 +22,16 @@ def planned(degrees: float, sigma: float, error: float, odds: float | None = Non
     return PlannedPosture(solution, Landing(miss, miss[:1], sigma, error, odds, np.eye(3) * sigma**2))
 
 
+def compared(plans: dict[str, PlannedPosture]) -> Comparison:
+    problem: Any = SimpleNamespace(name="one joint")
+    return Comparison(plans, problem)
+
+
 BEFORE, CALIBRATED = planned(1.0, 1e-3, 2e-3, 0.25), planned(2.0, 1e-4, 2e-4, 0.99999)
 
 
 def test_every_model_has_a_column() -> None:
-    table = comparison_table(Comparison({"nominal": BEFORE, "calibrated": CALIBRATED}).answered)
+    table = comparison_table(compared({"nominal": BEFORE, "calibrated": CALIBRATED}).answered)
     assert table.headers == ("planned with the model", "before calibration", "calibrated")
     assert table.rows == (
         ("joint1", "1.00 deg", "2.00 deg"),
@@ -39,9 +44,9 @@ def test_every_model_has_a_column() -> None:
 
 
 def test_a_model_that_repeats_another_has_no_column() -> None:
-    again = Comparison({"nominal": BEFORE, "calibrated": CALIBRATED, "extended": CALIBRATED})
+    again = compared({"nominal": BEFORE, "calibrated": CALIBRATED, "extended": CALIBRATED})
     assert list(distinct_columns(again)) == ["nominal", "calibrated"]
-    other = Comparison({"nominal": BEFORE, "calibrated": CALIBRATED, "extended": planned(2.01, 1e-4, 2e-4)})
+    other = compared({"nominal": BEFORE, "calibrated": CALIBRATED, "extended": planned(2.01, 1e-4, 2e-4)})
     assert list(distinct_columns(other)) == ["nominal", "calibrated", "extended"]
     (block,) = comparison_blocks(other, {"nominal": "a", "calibrated": "b", "extended": "c"})
     table: Any = block.items[-1]
@@ -49,19 +54,19 @@ def test_a_model_that_repeats_another_has_no_column() -> None:
 
 
 def test_the_lead_tells_both_errors_and_whether_the_gain_is_small() -> None:
-    (lead,) = comparison_lead(Comparison({"nominal": BEFORE, "calibrated": CALIBRATED}))
+    (lead,) = comparison_lead(compared({"nominal": BEFORE, "calibrated": CALIBRATED}))
     assert "planned before calibration, the tool would have come within 2.00 mm" in lead
     assert "planned with the calibrated model, it comes within 0.200 mm." in lead
-    (small,) = comparison_lead(Comparison({"nominal": BEFORE, "calibrated": planned(2.0, 1e-3, 1.9e-3)}))
+    (small,) = comparison_lead(compared({"nominal": BEFORE, "calibrated": planned(2.0, 1e-3, 1.9e-3)}))
     assert small.endswith("What is left is scatter, and what these data do not tell of the arm.")
 
 
 def test_a_model_without_a_posture_says_why() -> None:
     reason = PlannedPosture(reasons=("the target is out of reach",))
-    (block,) = comparison_blocks(Comparison({"nominal": PlannedPosture(), "calibrated": reason}))
+    (block,) = comparison_blocks(compared({"nominal": PlannedPosture(), "calibrated": reason}))
     assert block.items == ("The calibrated model has no posture for this task.", "The target is out of reach.")
     assert not block.figure
-    (half,) = comparison_blocks(Comparison({"nominal": reason, "calibrated": CALIBRATED}))
+    (half,) = comparison_blocks(compared({"nominal": reason, "calibrated": CALIBRATED}))
     assert half.items[:2] == (
         "The model before calibration has no posture for this task.",
         "The target is out of reach.",

@@ -1,4 +1,4 @@
-"""What the report says of repeats: ISO 9283, and one tool pose reached in several postures."""
+"""What an assessment says of repeats and the instrument: ISO 9283, one tool pose in several postures."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.blocks import Block, Table
-from posture_opt.report.units_text import count, length, lengths
+from posture_opt.report.units_text import count, length, lengths, stated_length
 from posture_opt.report.words import MODEL_NAMES
 from posture_opt.units import fixed, number
+from posture_opt.validation.assessment import TEN_TIMES
 from posture_opt.validation.repeatability_tests import CYCLES
 
 if TYPE_CHECKING:
@@ -107,3 +108,22 @@ def _performance_texts(repeats: Repeats) -> list[str]:
                 f"The calibrated model's orientation is off by up to {number(float(off))} deg about an axis (AP)."
             )
     return texts
+
+
+def instrument_block(found: Assessment) -> Block:
+    """The third rule: an instrument ten times better than what it judges."""
+    rule = "An instrument should be ten times more accurate than the errors it measures."
+    if not found.instrument:
+        mend = "add uncertainty: {measurement: {position: 0.05 mm}} to the problem file."
+        return Block("The instrument", (f"{rule} The accuracy of this one is not stated: {mend}",))
+    texts = [f"{rule} The σ of this one is {stated_length(found.instrument)} per coordinate."]
+    for name, words in (("nominal", "The error before calibration"), ("calibrated", "The error after calibration")):
+        ratio, size = found.ratios[name], length(getattr(found, name).coordinate)
+        if ratio >= TEN_TIMES:
+            texts.append(f"{words} is {size} per coordinate, {ratio:.0f} times that: good enough.")
+        else:
+            texts.append(
+                f"Warning: {words[0].lower()}{words[1:]} is {size} per coordinate, only {number(ratio, 2)} times that: "
+                "part of it is the error of the instrument."
+            )
+    return Block("The instrument", tuple(texts))

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
-from posture_opt.report.blocks import Block, Table
+from posture_opt.report.blocks import Block, Report, Summary, Table
 from posture_opt.report.parts import sentence
+from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.units_text import joint_value, length, percent
 from posture_opt.report.words import MODEL_NAMES, PARTS
 
 if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
     from posture_opt.selection.plan_comparison import Comparison, Landing
     from posture_opt.selection.solution import Solution
 
-FIGURE = "landing"
 _TITLE = "Comparison of plans"
 _FIRST = "nominal"
+_TOLD = 4  # reasons
 _HARDLY = 0.7  # of the error before: a gain that hardly shows at the task
 _NOTHING = 1e-7  # m: a miss that the plan corrected for is rounding
 _MODELS = {
@@ -26,7 +28,7 @@ _MODELS = {
     "extended": "the extended model",
     "delivered": "the delivered model",
 }
-Columns = dict[str, "tuple[Solution, Landing]"]
+Answers = dict[str, "tuple[Solution, Landing]"]
 
 
 def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
@@ -61,12 +63,12 @@ def comparison_blocks(comparison: Comparison | None, names: Mapping[str, str] = 
         *reasons,
         comparison_table(columns, names),
     )
-    return (Block(_TITLE, items, FIGURE if _FIRST in columns else ""),)
+    return (Block(_TITLE, items, "landing" if _FIRST in columns else ""),)
 
 
-def distinct_columns(comparison: Comparison) -> Columns:
+def distinct_columns(comparison: Comparison) -> Answers:
     """The answers by the name of the model; one that repeats the one before it in the table is left out."""
-    columns: Columns = {}
+    columns: Answers = {}
     for name, answer in comparison.answered.items():
         former = next(reversed(columns.values()), None)
         if former is None or _cells(former, [former[1].critical_error]) != _cells(answer, [former[1].critical_error]):
@@ -74,7 +76,7 @@ def distinct_columns(comparison: Comparison) -> Columns:
     return columns
 
 
-def comparison_table(columns: Columns, names: Mapping[str, str] = MODEL_NAMES) -> Table:
+def comparison_table(columns: Answers, names: Mapping[str, str] = MODEL_NAMES) -> Table:
     """A column a model: joints, σ as itself and as the reference predicts it, errors, probability of success."""
     sizes = [landing.critical_error for _, landing in columns.values()]
     cells = [_cells(answer, sizes) for answer in columns.values()]
@@ -97,7 +99,7 @@ def _cells(answer: tuple[Solution, Landing], sizes: list[float]) -> tuple[str, .
     return (*joints, *(_length(value, sizes) for value in errors), "" if odds is None else _odds(odds))
 
 
-def _sentences(columns: Columns, reference: str) -> tuple[str, ...]:
+def _sentences(columns: Answers, reference: str) -> tuple[str, ...]:
     judge = _MODELS[reference]
     if _FIRST not in columns:
         return (f"{_capital(_MODELS[_FIRST])} has no posture for this task.",)
@@ -122,3 +124,36 @@ def _length(metres: float, among: list[float]) -> str:
 
 def _odds(p: float) -> str:
     return percent(p) if p < 0.9995 else "> 99.9 %"
+
+
+class ComparisonPresenter(Presenter["Comparison"]):
+    """One task planned with several models of an arm."""
+
+    document = "comparison"
+
+    @property
+    def problem(self) -> Problem:
+        return cast("Problem", self.result.problem)
+
+    def summary(self) -> Summary:
+        chosen = self.result.answered
+        facts = [
+            (MODEL_NAMES[name].capitalize(), f"95 of 100 visits within {length(landing.critical_error)} of the target")
+            for name, (_, landing) in chosen.items()
+        ]
+        why = [("No posture", sentence(reason)) for reason in self.result.reasons[:_TOLD]]
+        return Summary(f"{_TITLE}: {self.problem.name}", (*facts, *why))
+
+    def report(self) -> Report:
+        return Report(self.problem.name or _TITLE, comparison_lead(self.result), comparison_blocks(self.result))
+
+    def columns(self) -> Columns:
+        """The posture of each model, and where it lands as the reference predicts, SI units."""
+        chosen = self.result.answered.values()
+        names = [joint.name for joint in self.problem.robot.joints]
+        return {
+            "model": list(self.result.answered),
+            **{f"{name} [rad or m]": [solution.posture[name] for solution, _ in chosen] for name in names},
+            "sigma_max [m]": [landing.sigma_max for _, landing in chosen],
+            "critical error [m]": [landing.critical_error for _, landing in chosen],
+        }
