@@ -12,11 +12,9 @@ from posture_opt.calibration.residuals import Residuals
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.experiments.information import planned_rows
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.model.chain import Vector, Walk, factor_values, walk
+from posture_opt.model.chain import Walk, factor_values, stack, walk
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Joint, Robot
-
-Mask = Mask
 
 Box = tuple[tuple[float, ...], tuple[float, ...]]
 ANYWHERE: Box = ((-math.inf,) * 3, (math.inf,) * 3)
@@ -60,7 +58,7 @@ class Workspace:
         """
         ranges = [_range(joint, margin) for joint in robot.joints]
         lower, upper = np.array(ranges, dtype=float).T
-        return cls(robot, lower, upper, height, box, _OWN * length(robot))
+        return cls(robot, lower, upper, height, box, _OWN * robot.length)
 
     @property
     def bounded(self) -> bool:
@@ -115,11 +113,6 @@ def _range(joint: Joint, margin: float) -> tuple[float, float]:
     return lower + inward, upper - inward
 
 
-def length(robot: Robot) -> float:
-    """All links laid in one line, without strokes [m]."""
-    return sum(abs(f.nominal) for link in (*robot.links, robot.tool) for f in link if f.kind == "translate")
-
-
 def reach(robot: Robot, q: Array) -> Walk:
     """The nominal chain at the postures (N, n)."""
     return walk(robot.factors, factor_values(robot.factors, [np.ascontiguousarray(column) for column in q.T]))
@@ -130,11 +123,7 @@ def skeleton(robot: Robot, reached: Walk, count: int) -> Array:
     ends = np.cumsum([len(robot.base), *(len(link) for link in robot.links)])
     origins = [screw.origin for screw in reached.screws] + [reached.position]
     corners = [origins[k] for k in ends] + [reached.position]
-    return np.stack([_stacked(corner, count) for corner in corners], axis=1)
-
-
-def _stacked(vector: Vector, count: int) -> Array:
-    return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (count,)) for entry in vector], axis=-1)
+    return np.stack([np.broadcast_to(stack(corner), (count, 3)) for corner in corners], axis=1)
 
 
 def own_distance(points: Array, near: float) -> Array:

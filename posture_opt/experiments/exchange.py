@@ -81,7 +81,6 @@ class Design:
 
     chosen: Codes
     value: float
-    starts: int
 
 
 def exchange(
@@ -129,7 +128,7 @@ def exchange(
             best, best_value = chosen, value
         if progress is not None:
             progress(k + 1, rounds)
-    return Design(best, best_value, rounds)
+    return Design(best, best_value)
 
 
 def _normed(A: Array, information: Array, count: int) -> tuple[Array, Array, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.errors import InputError, InsufficientDataError, Issue, NoSolutionError
-from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Workspace, length
+from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Workspace
 from posture_opt.experiments.expected_errors import ExpectedErrors, PriorInformation, Unknowns
 from posture_opt.experiments.information import (
     GivenInformation,
@@ -200,5 +200,5 @@ def _check(unknowns: Unknowns, measuring: MeasurementModel, count: int) -> None:
 
 def _unit_travel(workspace: Workspace) -> Array:
     """Joint travel that counts as one radian: of a slide the length of the arm."""
-    size = max(length(workspace.robot), 1e-3)
+    size = max(workspace.robot.length, 1e-3)
     return np.array([1.0 if joint.type == "revolute" else size for joint in workspace.robot.joints])

@@ -123,8 +123,7 @@ def touch_misfit(robot: Robot, q: Array, point: Codes) -> float:
 def reach(robot: Robot) -> float:
     """The length of the stretched chain [m]."""
     strokes = sum(max(abs(j.lower), abs(j.upper)) for j in robot.joints if j.type == "prismatic")
-    fixed = [f for link in (*robot.links, robot.tool) for f in link if f.kind == "translate"]
-    return strokes + sum(abs(f.nominal) for f in fixed)
+    return strokes + robot.length
 
 
 def _centred(values: Array) -> Array:

@@ -73,7 +73,7 @@ def _assemble(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Fa
     return Measurements(
         joint_names=robot.joint_names,
         q=q,
-        position=_position(cells, measured, q, robot, faults) if measured.any() else None,
+        position=_position(cells, q, robot, faults) if measured.any() else None,
         measured_axes=measured,
         rotation=_rotation(cells, line, faults) if QUATERNION[0] in columns else None,
         pose=poses,
@@ -127,7 +127,7 @@ def _codes_of_rows(values: Array) -> Codes:
     return np.fromiter((known.setdefault(key, len(known)) for key in keys), dtype=np.intp, count=len(keys))
 
 
-def _position(cells: Cells, measured: object, q: Array, robot: Robot, faults: Faults) -> Array:
+def _position(cells: Cells, q: Array, robot: Robot, faults: Faults) -> Array:
     """(N, 3) measured points; a coordinate may be left out in which the tool cannot move."""
     position = np.zeros((len(q), 3))
     still = still_axes(robot)

@@ -13,11 +13,7 @@ from posture_opt.errors import Issue, KeyPath
 from posture_opt.measurements.measurements import DataSpec
 from posture_opt.model.arm import Arm
 from posture_opt.model.effects import Effect
-from posture_opt.problem.effects_section import (
-    arm_with,
-    moving_effects,
-    noisy_sources,
-)
+from posture_opt.problem.effects_section import arm_with, moving_effects, noisy_sources
 from posture_opt.problem.fitting import (
     commented,
     corrections_of,
@@ -205,10 +201,7 @@ class Problem:
         return (self.folder / Path(name).expanduser()).read_bytes()
 
 
-def build_problem(
-    document: Document, folder: Path, name: str, *, attached: Mapping[str, str] | None = None,
-    header: tuple[str, ...] = (),
-) -> Problem:  # fmt: skip
+def build_problem(document: Document, folder: Path, name: str, *, attached: Mapping[str, str] | None = None) -> Problem:
     """The problem of a document; ``name`` serves where the document has none, ``attached`` for files that it names.
 
     Raises:
@@ -232,5 +225,4 @@ def build_problem(
         document=document.data,
         origin=document,
         attached=texts,
-        header=header,
     )

@@ -123,6 +123,11 @@ class Robot:
         return tuple(joint.upper for joint in self.joints)
 
     @property
+    def length(self) -> float:
+        """All links and the tool laid in one line, without strokes [m]."""
+        return sum(abs(f.nominal) for link in (*self.links, self.tool) for f in link if f.kind == "translate")
+
+    @property
     def driven(self) -> tuple[int, ...]:
         """(n,) where in ``factors`` the one of each joint variable stands."""
         at = {factor.joint: i for i, factor in enumerate(self.factors) if factor.joint is not None}

@@ -31,8 +31,6 @@ class JointVariances:
         instrument, instrument_std: the instrument's standard deviation of a coordinate [m], error 0 where it was
             given; ``instrument_interval`` as above.
         log_likelihood: at the maximum; of the contrasts within groups where there are groups.
-        freedom: independent measured coordinates that it is made of.
-        restricted: whether group means were unknown.
     """
 
     names: tuple[str, ...]
@@ -43,8 +41,6 @@ class JointVariances:
     instrument_std: float
     instrument_interval: tuple[float, float]
     log_likelihood: float
-    freedom: int
-    restricted: bool
 
     def covariance(self, columns: Array) -> Array:
         """``s² I + J diag(σ²) Jᵀ`` (N, d, d) [m²] at the postures of ``columns`` (N, d, n) [m/rad, m/m]."""
@@ -66,7 +62,6 @@ def estimate_joint_variances(
     equal: bool = False,
     names: Sequence[str] = (),
     known: Array | None = None,
-    intervals: bool = True,
 ) -> JointVariances:
     """Standard deviations of the joints that make measured errors likeliest.
 
@@ -83,7 +78,6 @@ def estimate_joint_variances(
         equal: one standard deviation for all joints whose name does not end in ``.d``.
         names: (n,) the joints' errors.
         known: (N, d, d) covariance of the errors besides [m²], as that of a prediction; not with ``groups``.
-        intervals: whether these are wanted; they take longer than all the rest.
 
     Raises:
         InsufficientDataError: no group has two rows, or fewer coordinates than unknowns.
@@ -92,7 +86,7 @@ def estimate_joint_variances(
     scatter = Scatter.of(np.asarray(errors, dtype=float), np.asarray(columns, dtype=float), groups, known)
     if not len(scatter.freedom):
         raise InsufficientDataError("no posture was measured twice: repeat some postures to see their scatter")
-    return fit_joint_variances(scatter, named, instrument, fit_instrument, equal, groups is not None, intervals)
+    return fit_joint_variances(scatter, named, instrument, fit_instrument, equal)
 
 
 def fit_joint_variances(
@@ -101,10 +95,9 @@ def fit_joint_variances(
     instrument: float,
     fit_instrument: bool = False,
     equal: bool = False,
-    restricted: bool = True,
     intervals: bool = True,
 ) -> JointVariances:
-    """As :func:`estimate_joint_variances`, from sums of squares; without ``intervals`` these are left open."""
+    """As :func:`estimate_joint_variances`, from sums of squares; ``intervals`` are left open where not asked for."""
     model = Components.of(scatter, names, instrument, fit_instrument, equal)
     freedom = int(scatter.freedom.sum()) * scatter.squares.shape[1]
     if freedom < model.size:
@@ -133,8 +126,6 @@ def fit_joint_variances(
         instrument_std=fitted[1],
         instrument_interval=(float(low), float(high)),
         log_likelihood=best,
-        freedom=freedom,
-        restricted=restricted,
     )
 
 

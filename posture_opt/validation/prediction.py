@@ -199,19 +199,23 @@ def calibrated_prediction(
 
 def _root(covariance: Array) -> Array:
     """``R`` (k, r) with ``R Rᵀ`` the covariance, of rank r."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    safe = np.where(scale > 0, scale, 1.0)
-    values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
+    scale, values, vectors = _principal(covariance)
     kept = values > 1e-12
     return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
 
 
 def _even_root(covariance: Array) -> Array:
     """The ``R`` (k, k), ``R Rᵀ`` the covariance, that hardly changes with it: symmetric in correlations."""
+    scale, values, vectors = _principal(covariance)
+    return np.asarray(scale[:, None] * ((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T))
+
+
+def _principal(covariance: Array) -> tuple[Array, Array, Array]:
+    """Standard deviations (k,), and the eigenvalues (k,) and vectors (k, k) of the correlations."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     safe = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
-    return np.asarray(scale[:, None] * ((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T))
+    return scale, values, vectors
 
 
 def _free_columns(residuals: Residuals, x: Array) -> Array:

@@ -135,7 +135,7 @@ def observed_variances(
     coordinates = float(scatter.freedom.sum()) * scatter.squares.shape[1]
     equal = coordinates < _FEW * (len(names) + 1)
     try:
-        noise = fit_joint_variances(scatter, names, used.sigma, True, equal, bool(len(between.scatter.freedom)))
+        noise = fit_joint_variances(scatter, names, used.sigma, True, equal)
     except InsufficientDataError:
         return None, ()
     return noise, predict_scatter(scatter, names, codes, stated, used.sigma)
