@@ -17,7 +17,7 @@ from posture_opt.model.chain import (
     Vector,
     Walk,
     add,
-    cross,
+    displaced,
     factor_values,
     position_column,
     rotation_column,
@@ -178,7 +178,7 @@ class Arm:
             v, w = one.twist
             shift = shift if v is ZERO else add(shift, scale(size, v))
             turn = turn if w is ZERO else add(turn, scale(size, w))
-        return Reached(_displaced(walk(robot.factors, values), shift, turn), values, shift)
+        return Reached(displaced(walk(robot.factors, values), shift, turn), values, shift)
 
     def twists(
         self, names: Iterable[str | int], q: Sequence[Scalar], reached: Walk, p: Mapping[str, Scalar] | None = None
@@ -241,19 +241,3 @@ class Arm:
     @staticmethod
     def _stacked(twists: Sequence[Twist]) -> Any:
         return stack(list(zip(*((*v, *w) for v, w in twists), strict=True)))
-
-
-def _displaced(reached: Walk, shift: Vector, turn: Vector) -> Walk:
-    """The walk with its tool shifted and turned behind the chain."""
-    if shift is ZERO and turn is ZERO:
-        return reached
-    a, b, c = reached.columns
-    if turn is not ZERO:
-        a, b, c = _turned(turn, a), _turned(turn, b), _turned(turn, c)
-    return Walk((a, b, c), add(reached.position, shift), reached.screws)
-
-
-def _turned(turn: Vector, column: Vector) -> Vector:
-    """A column of a rotation after a small turn, to second order: ``c + ω × c + ½ ω × (ω × c)``."""
-    first = cross(turn, column)
-    return add(add(column, first), scale(0.5, cross(turn, first)))

@@ -144,6 +144,22 @@ def split(values: Any, size: int, what: str) -> Sequence[Any]:
     return entries
 
 
+def displaced(reached: Walk, shift: Vector, turn: Vector) -> Walk:
+    """The walk with its tool shifted and turned behind the chain."""
+    if shift is ZERO and turn is ZERO:
+        return reached
+    a, b, c = reached.columns
+    if turn is not ZERO:
+        a, b, c = _turned(turn, a), _turned(turn, b), _turned(turn, c)
+    return Walk((a, b, c), add(reached.position, shift), reached.screws)
+
+
+def _turned(turn: Vector, column: Vector) -> Vector:
+    """A column of a rotation after a small turn, to second order: ``c + ω × c + ½ ω × (ω × c)``."""
+    first = cross(turn, column)
+    return add(add(column, first), scale(0.5, cross(turn, first)))
+
+
 def position_column(walk: Walk, i: int) -> Vector:
     """``∂x/∂i`` [m/rad or m/m], world frame."""
     screw = walk.screws[i]

@@ -188,14 +188,14 @@ def test_masses_that_are_missing_are_asked_for() -> None:
 def test_masses_of_a_table_reach_the_torque() -> None:
     robot = problem_from_dict(yaml.safe_load(RR)).robot
     q = (0.3, 0.5)
-    site = ArmState(robot, q, Inputs(payload=1.5))
+    state = ArmState(robot, q, Inputs(payload=1.5))
     # By hand: levers along x of the middle of link 1, of the centre of link 2, and of the tool point.
     c1, c12 = np.cos(0.3), np.cos(0.8)
     second = -9.81 * (2 * 0.25 * c12 + 1.5 * 0.4 * c12)
     first = -9.81 * (3 * 0.25 * c1 + 3.5 * 0.5 * c1) + second
-    assert site.torque(0) == pytest.approx(first, abs=1e-12)
-    assert site.torque(1) == pytest.approx(second, abs=1e-12)
-    assert site.payload_torque(1) == pytest.approx(-9.81 * 1.5 * 0.4 * c12, abs=1e-12)
+    assert state.torque(0) == pytest.approx(first, abs=1e-12)
+    assert state.torque(1) == pytest.approx(second, abs=1e-12)
+    assert state.payload_torque(1) == pytest.approx(-9.81 * 1.5 * 0.4 * c12, abs=1e-12)
 
 
 def test_inertials_of_a_urdf_give_pinocchios_torques(sites: Any) -> None:
@@ -204,8 +204,8 @@ def test_inertials_of_a_urdf_give_pinocchios_torques(sites: Any) -> None:
     yaw, pitch, roll = (f.value for f in simulated.arm.base[3:])
     R_world_base = pinocchio.rpy.rpyToMatrix(roll, pitch, yaw)
     tool = np.array([f.value for f in simulated.arm.tool[:3]])
-    site = ArmState(robot, list(simulated.session.q.T), inputs)
-    found = np.stack([site.torque(j) for j in range(7)], axis=1)
+    state = ArmState(robot, list(simulated.session.q.T), inputs)
+    found = np.stack([state.torque(j) for j in range(7)], axis=1)
     for q, load, tau in zip(simulated.session.q, simulated.session.payload, found, strict=True):
         loaded = model.copy()
         loaded.gravity.linear = R_world_base.T @ np.array(robot.gravity)

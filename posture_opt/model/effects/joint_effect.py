@@ -17,6 +17,8 @@ from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
 from posture_opt.robot.robot import Robot
 from posture_opt.units import fixed, number, shown
 
+_ARCSEC = math.degrees(1.0) * 3600
+
 
 class EffectOfJoint(Effect):
     """An effect of one joint, or of the link behind it."""
@@ -65,9 +67,6 @@ class JointEffect(EffectOfJoint):
     def index(self, state: ArmState) -> int:
         """Place of the joint in the arm."""
         return state.robot.joint_names.index(self.joint)
-
-
-_ARCSEC = math.degrees(1.0) * 3600
 
 
 class Harmonic(JointEffect):
