@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.effect_facts import input_facts
 from posture_opt.report.parts import frame_notes, note_facts, robot_facts, source_facts
-from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
 from posture_opt.report.target_map_report import grid_words, map_csv, place_columns, posture_columns, served_sentence
 from posture_opt.report.units_text import count, length, length_unit, percent, place
@@ -186,19 +186,10 @@ def columns(found: AccuracyMap) -> dict[str, list[float]]:
     return {**place_columns(found.targets), **lengths, **posture_columns(found.targets)}
 
 
-def problem_of(found: AccuracyMap) -> Problem:
-    """The problem, as reports need it: whole."""
-    return cast("Problem", found.problem)
-
-
 class AccuracyMapPresenter(Presenter["AccuracyMap"]):
     """Mean error and scatter over a grid of targets."""
 
     document = "map"
-
-    @property
-    def problem(self) -> Problem:
-        return problem_of(self.result)
 
     def summary(self) -> Summary:
         found = self.result

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.report.assessment_repeats import MODELS, goals_block, instrument_block, repeats_block
 from posture_opt.report.blocks import Block, Report, Summary, Table
 from posture_opt.report.parts import sentence
-from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.units_text import count, length, lengths, percent, shift
 from posture_opt.report.words import MODEL_NAMES, REGIONS, direction_words, line_words
 from posture_opt.units import fixed, number
@@ -226,7 +226,7 @@ class AssessmentPresenter(Presenter[Assessment]):
 
     @property
     def problem(self) -> Problem:
-        return cast("Problem", self.result.calibration.request.problem)
+        return problem_of(self.result.calibration.request)
 
     def summary(self) -> Summary:
         found = self.result

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from posture_opt.model.effects.cause import FittedSizes
 from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.fitted_problem import batch_yaml
-from posture_opt.report.batch_report import batch_facts, batch_report, problem_of
+from posture_opt.report.batch_report import batch_facts, batch_report
 from posture_opt.report.blocks import Block, Report, Summary, Table
 from posture_opt.report.diagnosis_causes import finding_words
-from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
 from posture_opt.report.words import p_value
 

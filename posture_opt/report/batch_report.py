@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.calibration_report import statistics_table
+from posture_opt.report.error_table import error_table
 from posture_opt.report.parts import note_facts, robot_facts
-from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
 from posture_opt.report.units_text import count, decimals_of, percent
 from posture_opt.report.words import source_words
@@ -76,7 +76,7 @@ def _data_block(problem: Problem, found: Batch) -> Block:
 def _errors_block(found: Batch) -> Block:
     """Errors of the whole batch, and robot by robot."""
     how = "Every row is predicted by a calibration of its own robot that was fitted without its group of rows."
-    whole = statistics_table({"before calibration": found.nominal, "calibrated": found.calibrated})
+    whole = error_table({"before calibration": found.nominal, "calibrated": found.calibrated})
     texts = [_coverage_text(name, found) for name in found.coverage]
     rows = [
         (name, str(len(mine)), number(1e3 * c.nominal.rms), number(1e3 * c.calibrated.rms), str(len(c.outliers)))
@@ -153,11 +153,6 @@ def _section_block() -> Block:
     return Block("For the problem file", (text,))
 
 
-def problem_of(found: Batch) -> Problem:
-    """The problem, as reports need it: whole."""
-    return cast("Problem", found.problem)
-
-
 def batch_facts(found: Batch) -> tuple[tuple[str, str], ...]:
     """Robots, errors and what varies together, in a few lines."""
     before, after = (number(1e3 * s.rms) for s in (found.nominal, found.calibrated))
@@ -175,10 +170,6 @@ class BatchPresenter(Presenter["Batch"]):
     """Several robots of one type, calibrated."""
 
     document = "calibration"
-
-    @property
-    def problem(self) -> Problem:
-        return problem_of(self.result)
 
     def summary(self) -> Summary:
         return Summary(f"Calibration of several robots of one type: {self.problem.name}", batch_facts(self.result))

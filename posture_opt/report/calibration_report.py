@@ -4,29 +4,27 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.calibration.instrument import position_sigma
 from posture_opt.report.assessment_report import assessment_blocks
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.calibration_parameters import parameters_block, undetermined_block
 from posture_opt.report.comparison_report import comparison_blocks, comparison_lead
+from posture_opt.report.error_table import ELSEWHERE, error_table, held_out_sentence, instrument_words, mm
 from posture_opt.report.parts import note_facts, robot_facts
-from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
 from posture_opt.report.spread_check_report import spread_check_blocks, spread_check_lead
-from posture_opt.report.units_text import count, decimals_of, stated_length
+from posture_opt.report.units_text import count
 from posture_opt.report.words import MODEL_NAMES
-from posture_opt.units import fixed, number
 from posture_opt.validation.assessment import assess
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
 from posture_opt.validation.spread_check import check_spread
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
-    from posture_opt.calibration.error_statistics import Statistics
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.problem.problem import Problem
     from posture_opt.selection.plan_comparison import Comparison
@@ -34,12 +32,6 @@ if TYPE_CHECKING:
     from posture_opt.validation.spread_check import SpreadCheck
 
 _LISTED = 20
-_ELSEWHERE = 20  # times the errors at home: no arm drifts that far
-_LEFT_OUT = {
-    "pose": "its pose",
-    "block": "its block of the workspace",
-    "place": "the place that it touches",
-}
 
 
 def calibration_report(shown: CalibrationPresenter) -> Report:
@@ -61,7 +53,7 @@ def calibration_report(shown: CalibrationPresenter) -> Report:
 
 
 def _answer(found: Calibration) -> str:
-    before, after = (_mm(s.rms) for s in (found.nominal, found.calibrated))
+    before, after = (mm(s.rms) for s in (found.nominal, found.calibrated))
     if found.calibrated.rms >= found.nominal.rms:
         return f"Calibration does not help: position errors of {before} mm RMS become {after} mm."
     return f"Calibration takes the position errors from {before} mm to {after} mm RMS where it has not seen the data."
@@ -74,47 +66,21 @@ def data_block(problem: Problem, found: Calibration) -> Block:
         ("File", Path(data.file).name or "table"),
         ("Rows", f"{len(data)} in {count(len(np.unique(data.pose)), 'pose')}"),
         *([("Targets", ", ".join(data.target_names))] if len(data.target_names) > 1 else []),
-        ("Instrument", _instrument(problem, data)),
+        ("Instrument", instrument_words(problem, data)),
     ]
     notes = note_facts((*data.warnings, *problem.notes, *found.notes))
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
 
 
-def _instrument(problem: Problem, data: Measurements) -> str:
-    if data.position is None:
-        return f"none: the arm touches {count(len(data.point_names), 'fixed point')}"
-    sigma = position_sigma(problem, data)
-    return f"{stated_length(sigma)} (one standard deviation of a coordinate)" if sigma else "no accuracy is stated"
-
-
 def errors_block(problem: Problem, found: Calibration) -> Block:
     """Position errors before and after, cross-validated."""
-    how = f"Every row is predicted by an arm that was fitted without {_LEFT_OUT[found.by]}"
-    rounds = min(found.request.folds, len(np.unique(found.request.data.pose)))
-    how += "." if found.by == "place" else f", in {rounds} rounds."
+    how = held_out_sentence(found.by, min(found.request.folds, len(np.unique(found.request.data.pose))))
     free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
     frames = f" Before calibration, the arm has only its free {' and '.join(free)} fitted." if free else ""
     gone = f" {count(len(found.outliers), 'outlier is', 'outliers are')} not counted." if found.outliers else ""
-    table = statistics_table({MODEL_NAMES["nominal"]: found.nominal, MODEL_NAMES["calibrated"]: found.calibrated})
+    table = error_table({MODEL_NAMES["nominal"]: found.nominal, MODEL_NAMES["calibrated"]: found.calibrated})
     text = f"{how}{frames} The interval holds the RMS with 95 % confidence.{gone}"
     return Block("What the simulation gets wrong", (text, table))
-
-
-def statistics_table(rows: dict[str, Statistics]) -> Table:
-    """Lengths of position errors in mm."""
-    headers = ("position error [mm]", "RMS", "interval of RMS", "mean", "95 % below", "max")
-    texts = tuple((name, _mm(s.rms), _interval(s), _mm(s.mean), _mm(s.p95), _mm(s.max)) for name, s in rows.items())
-    return Table(headers, texts)
-
-
-def _interval(s: Statistics) -> str:
-    low, high = (value * 1e3 for value in s.interval)
-    decimals = decimals_of(high, 3)
-    return f"{fixed(low, decimals)} to {fixed(high, decimals)}"
-
-
-def _mm(metres: float) -> str:
-    return number(metres * 1e3)
 
 
 def outliers_block(found: Calibration) -> Block:
@@ -122,7 +88,7 @@ def outliers_block(found: Calibration) -> Block:
     if not found.outliers:
         return Block("Outliers", ("No row stands out.",))
     sizes = np.linalg.norm(found.errors[list(found.outliers)], axis=1)
-    rows = tuple((str(line), _mm(float(size))) for line, size in zip(found.lines, sizes, strict=True))
+    rows = tuple((str(line), mm(float(size))) for line, size in zip(found.lines, sizes, strict=True))
     more = [f"and {len(rows) - _LISTED} more"] if len(rows) > _LISTED else []
     gone = "1 row was left out of the fit" if len(rows) == 1 else f"{len(rows)} rows were left out of the fit"
     text = f"{gone} of {Path(found.request.data.file).name or 'the table'}: far more off than the others explain."
@@ -134,9 +100,9 @@ def test_block(found: Calibration, other: Measurements) -> Block:
     again = found.request.refit_frames
     how = "base and tool fitted again to it" if again else "nothing fitted to it"
     text = f"{Path(other.file).name or 'table'}, {count(len(other), 'row')}: {how}."
-    table = statistics_table({MODEL_NAMES[name]: statistics for name, statistics in found.test.items()})
+    table = error_table({MODEL_NAMES[name]: statistics for name, statistics in found.test.items()})
     test, own = found.test["calibrated"].rms, found.calibrated.rms
-    moved = not again and test > _ELSEWHERE * own
+    moved = not again and test > ELSEWHERE * own
     hint = "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."
     return Block("Test file", (text, table, *([hint] if moved else [])))
 
@@ -148,7 +114,7 @@ class CalibrationPresenter(Presenter["Calibration"]):
 
     @property
     def problem(self) -> Problem:
-        return cast("Problem", self.result.request.problem)
+        return problem_of(self.result.request)
 
     @cached_property
     def assessment(self) -> Assessment:
@@ -191,7 +157,7 @@ class CalibrationPresenter(Presenter["Calibration"]):
             ("Rows", f"{len(found.request.data)}, {count(len(found.outliers), 'outlier')}"),
             (
                 "Position error",
-                f"{_mm(found.nominal.rms)} mm RMS before calibration, {_mm(found.calibrated.rms)} mm after",
+                f"{mm(found.nominal.rms)} mm RMS before calibration, {mm(found.calibrated.rms)} mm after",
             ),
             ("", "(cross-validated)"),
             ("Parameters", f"{known} of {len(found.parameters)} determined, rank {found.identifiability.rank}"),

@@ -10,9 +10,9 @@ import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.parts import validity_sentence
-from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
-from posture_opt.report.spread_report import arm_block, covariance_table, posture_block, problem_of, spread_facts
+from posture_opt.report.spread_report import arm_block, covariance_table, posture_block, spread_facts
 from posture_opt.report.units_text import length_unit, lengths
 from posture_opt.report.words import line_words
 from posture_opt.uncertainty.regions import coverage_factor

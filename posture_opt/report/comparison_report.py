@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Block, Report, Summary, Table
 from posture_opt.report.parts import sentence
@@ -13,7 +13,6 @@ from posture_opt.report.units_text import joint_value, length, percent
 from posture_opt.report.words import MODEL_NAMES, PARTS
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
     from posture_opt.selection.plan_comparison import Comparison, Landing
     from posture_opt.selection.solution import Solution
 
@@ -130,10 +129,6 @@ class ComparisonPresenter(Presenter["Comparison"]):
     """One task planned with several models of an arm."""
 
     document = "comparison"
-
-    @property
-    def problem(self) -> Problem:
-        return cast("Problem", self.result.problem)
 
     def summary(self) -> Summary:
         chosen = self.result.answered

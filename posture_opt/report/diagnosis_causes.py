@@ -16,10 +16,11 @@ from posture_opt.report.diagnosis_sizes import (
     periodic_joints,
     place_of,
 )
+from posture_opt.report.error_table import mm
 from posture_opt.report.parts import sentence
 from posture_opt.report.units_text import length, percent
 from posture_opt.report.words import p_value, p_words
-from posture_opt.units import number, plus_minus
+from posture_opt.units import plus_minus
 
 if TYPE_CHECKING:
     from posture_opt.calibration.fitted_arm import FittableProblem
@@ -118,12 +119,12 @@ def _gain(found: Diagnosis, finding: Finding) -> str:
             return ""  # its gain is that of all of them, which is said of the first
         return (
             f"{'all geometry together' if len(geometry) > 1 else 'calibration'} reduces the RMS by "
-            f"{percent(finding.gain)}: {_mm(found.errors['nominal'].rms)} mm before, "
-            f"{_mm(found.errors['calibrated'].rms)} mm after"
+            f"{percent(finding.gain)}: {mm(found.errors['nominal'].rms)} mm before, "
+            f"{mm(found.errors['calibrated'].rms)} mm after"
         )
     rms = found.errors["extended"].rms
     without = rms / max(1 - finding.gain, 1e-9)
-    text = f"reduces the RMS by {percent(finding.gain)}: {_mm(without)} mm without it, {_mm(rms)} mm with it"
+    text = f"reduces the RMS by {percent(finding.gain)}: {mm(without)} mm without it, {mm(rms)} mm with it"
     if finding.interval is not None and finding.interval[0] <= 0:
         text += "; not significant"
     return text
@@ -188,7 +189,3 @@ def confusion_block(found: Diagnosis) -> tuple[Block, ...]:
 
 def _listed(pairs: list[str]) -> str:
     return "; ".join(pairs[:_PAIRS]) + (f"; and {len(pairs) - _PAIRS} more" if len(pairs) > _PAIRS else "")
-
-
-def _mm(metres: float) -> str:
-    return number(metres * 1e3)

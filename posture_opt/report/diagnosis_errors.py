@@ -9,36 +9,27 @@ import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, noise_floor
-from posture_opt.report.units_text import count, decimals_of, percent
-from posture_opt.units import fixed, number
+from posture_opt.report.error_table import ELSEWHERE, ERROR_HEADERS, error_cells, error_table, held_out_sentence, mm
+from posture_opt.report.units_text import count, percent
 
 if TYPE_CHECKING:
-    from posture_opt.calibration.error_statistics import Statistics
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.sessions import Gain
 
 _CHOSEN = "Their sizes were refitted in each round; the effects themselves were selected on all rows."
-_LEFT_OUT = {
-    "pose": "its pose",
-    "block": "its block of the workspace",
-    "place": "the point that it touches",
-}
-_ELSEWHERE = 20  # times the errors at home: no arm drifts that far
 
 
 def errors_block(found: Diagnosis) -> Block:
     """Position errors of the three models, cross-validated, with the noise floor."""
     rounds = min(found.request.folds, len(np.unique(found.groups)))
-    how = f"Every row is predicted by an arm that was fitted without {_LEFT_OUT[found.by]}"
-    how += "." if found.by == "place" else f", in {rounds} rounds."
     rows = [
-        _cells(words, found.errors[name], float(found.held[name].inside.mean()))
+        (words, *error_cells(found.errors[name]), percent(float(found.held[name].inside.mean())))
         for name, words in models_of(found).items()
     ]
     noises = noise_of(found)
     rows += [(name, mm(rms), "", "", "", "", "") for name, rms in noises.items()]
-    headers = ("position error [mm]", "RMS", "interval of RMS", "mean", "95 % below", "max", "in its 95 % region")
-    texts = [f"{how} The interval holds the RMS with 95 % confidence."]
+    headers = (*ERROR_HEADERS, "in its 95 % region")
+    texts = [f"{held_out_sentence(found.by, rounds)} The interval holds the RMS with 95 % confidence."]
     if fitted_effects(found):
         texts.append(_gain_text(found))
     if noises:
@@ -99,20 +90,6 @@ def _gain_text(found: Diagnosis) -> str:
     return f"{text} {_CHOSEN}"
 
 
-def _cells(name: str, s: Statistics, inside: float) -> tuple[str, ...]:
-    return (name, *figures_of(s), percent(inside))
-
-
-def figures_of(s: Statistics) -> tuple[str, ...]:
-    low, high = (value * 1e3 for value in s.interval)
-    decimals = decimals_of(high, 3)
-    return (mm(s.rms), f"{fixed(low, decimals)} to {fixed(high, decimals)}", mm(s.mean), mm(s.p95), mm(s.max))
-
-
-def mm(metres: float) -> str:
-    return number(metres * 1e3)
-
-
 def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:
     """Whether the effects help on the test file, in a sentence; nothing without one, or without effects."""
     test = found.test
@@ -138,14 +115,13 @@ def test_block(found: Diagnosis) -> Block:
     assert test is not None
     how = "base and tool fitted again to it" if test.refitted else "nothing fitted to it"
     text = f"{Path(test.data.file).name or 'table'}, {count(len(test.data), 'row')}: {how}."
-    headers = ("position error [mm]", "RMS", "interval of RMS", "mean", "95 % below", "max")
     models = models_of(found)
     if "extended" in models and not any(test.gains):
         models["extended"] = "fitted beside its effects"  # none of which is in this prediction
-    table = Table(headers, tuple((words, *figures_of(test.models[name])) for name, words in models.items()))
+    table = error_table({words: test.models[name] for name, words in models.items()})
     items: list[str | Facts | Table] = [text, table]
     own = found.errors["calibrated"].rms
-    if not test.refitted and test.models["calibrated"].rms > _ELSEWHERE * own:
+    if not test.refitted and test.models["calibrated"].rms > ELSEWHERE * own:
         items.append(
             "Errors this large suggest that base or instrument were moved: --refit-frames fits base and tool again."
         )

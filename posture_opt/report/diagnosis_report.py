@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from posture_opt.calibration.instrument import position_sigma
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
 from posture_opt.report.blocks import Block, Facts, Report, Summary
 from posture_opt.report.comparison_report import comparison_blocks, comparison_lead
 from posture_opt.report.diagnosis_causes import causes_block, confusion_block, cyclic_block, finding_words
-from posture_opt.report.diagnosis_errors import elsewhere_lead, errors_block, mm, test_block
+from posture_opt.report.diagnosis_errors import elsewhere_lead, errors_block, test_block
 from posture_opt.report.diagnosis_goals import goals_block, goals_lead
 from posture_opt.report.diagnosis_open import (
     FILE,
@@ -26,15 +25,15 @@ from posture_opt.report.diagnosis_open import (
     unknowable_block,
 )
 from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, headline_of, noise_floor
+from posture_opt.report.error_table import instrument_words, mm
 from posture_opt.report.parts import note_facts, robot_facts
-from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
-from posture_opt.report.units_text import count, stated_length
+from posture_opt.report.units_text import count
 from posture_opt.validation.calibrated_arm import compare_models
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes import Finding
-    from posture_opt.problem.problem import Problem
     from posture_opt.selection.plan_comparison import Comparison
 
 _MOST_NAMES = 3
@@ -60,7 +59,7 @@ def diagnosis_report(
         unknowable_block(found),
         data_block(found),
     )
-    title = cast("Problem", found.problem).name or "Diagnosis"
+    title = problem_of(found).name or "Diagnosis"
     return Report(title, answer(found, comparison, goals), blocks)
 
 
@@ -117,15 +116,12 @@ def _these(n: int) -> str:
 
 def data_block(found: Diagnosis) -> Block:
     """The file, its rows, the instrument, and what looks odd."""
-    problem, data = cast("Problem", found.problem), found.request.data
-    sigma = position_sigma(problem, data)
-    stated = f"{stated_length(sigma)} (one standard deviation of a coordinate)" if sigma else "no accuracy is stated"
-    touched = f"none: the arm touches {count(len(data.point_names), 'fixed point')}"
+    problem, data = problem_of(found), found.request.data
     gone = found.calibration.lines
     facts = [
         ("File", Path(data.file).name or "table"),
         ("Rows", f"{len(data)} in {count(len(np.unique(data.pose)), 'pose')}"),
-        ("Instrument", touched if data.position is None else stated),
+        ("Instrument", instrument_words(problem, data)),
         ("Geometry", f"{found.model.directions.shape[1]} combinations of parameters are fitted in every model"),
         *([("Outliers", f"left out, lines {', '.join(map(str, gone[:10]))}{' …' * (len(gone) > 10)}")] if gone else []),
     ]
@@ -137,10 +133,6 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
     """A diagnosis with the task planned again by the arm that was found."""
 
     document = "diagnosis"
-
-    @property
-    def problem(self) -> Problem:
-        return cast("Problem", self.result.problem)
 
     @cached_property
     def comparison(self) -> Comparison | None:

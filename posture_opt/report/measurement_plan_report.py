@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.parts import note_facts, robot_facts, sentence
-from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
 from posture_opt.report.units_text import angle, count, joint_unit, length, percent, stated_angle, stated_length
 from posture_opt.units import fixed, number
@@ -228,11 +228,6 @@ def _sides(plan: MeasurementPlan) -> str:
     return f"Every joint arrives from both sides, from below on {percent(low)} to {percent(high)} of the legs."
 
 
-def problem_of(plan: MeasurementPlan) -> Problem:
-    """The problem, as reports need it: whole."""
-    return cast("Problem", plan.problem)
-
-
 def points_csv(plan: MeasurementPlan) -> str:
     """Where the nominal tool point comes to lie, world [mm], for the eye and for the instrument."""
     rows = [f"{k}, {', '.join(fixed(1e3 * float(v)) for v in point)}" for k, point in enumerate(plan.points, start=1)]
@@ -243,10 +238,6 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
     """Which postures to measure next."""
 
     document = "plan"
-
-    @property
-    def problem(self) -> Problem:
-        return problem_of(self.result)
 
     def summary(self) -> Summary:
         plan = self.result

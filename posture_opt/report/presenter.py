@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, cast
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array, Mask
@@ -32,6 +32,11 @@ Columns = Mapping[str, Sequence[Any] | Array | Mask]
 """Head of a column with its unit -> its cells."""
 
 
+def problem_of(result: Any) -> Problem:
+    """What was asked, as reports need it: whole, and not only a robot with its sources."""
+    return cast("Problem", result.problem)
+
+
 class Presenter(ABC, Generic[R]):
     """One result with what only its report needs, worked out when it is asked for.
 
@@ -45,9 +50,9 @@ class Presenter(ABC, Generic[R]):
         self.result = result
 
     @property
-    @abstractmethod
     def problem(self) -> Problem:
         """What was asked; its file stands at the end of the page."""
+        return problem_of(self.result)
 
     @abstractmethod
     def summary(self) -> Summary:

@@ -260,11 +260,6 @@ class SolutionPresenter(Presenter["Solution"]):
 
     document = "solution"
 
-    @property
-    def problem(self) -> Problem:
-        problem: Problem = self.result.problem
-        return problem
-
     def summary(self) -> Summary:
         return _summary(self.result)
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from posture_opt.report.assessment_repeats import MODELS
 from posture_opt.report.assessment_report import p_value
 from posture_opt.report.blocks import Block, Report, Summary, Table
 from posture_opt.report.parts import sentence
-from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.units_text import angle, count, length, percent, stated_angle, stated_length
 from posture_opt.report.words import MODEL_NAMES, REGIONS
 from posture_opt.units import fixed, number
@@ -262,7 +262,7 @@ class SpreadCheckPresenter(Presenter[SpreadCheck]):
 
     @property
     def problem(self) -> Problem:
-        return cast("Problem", self.result.calibration.request.problem)
+        return problem_of(self.result.calibration.request)
 
     def summary(self) -> Summary:
         found = self.result

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from posture_opt.report.parts import (
     tool_facts,
     validity_sentence,
 )
-from posture_opt.report.presenter import Columns, Presenter
+from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.units_text import length, length_unit, lengths, percent, place
 from posture_opt.report.words import line_words, source_words
 from posture_opt.units import number
@@ -109,11 +109,6 @@ def budget_block(problem: Problem, spread: Spread) -> Block:
     return Block("Error budget", (text, table), figure="budget")
 
 
-def problem_of(spread: Spread) -> Problem:
-    """What was asked, as reports need it: a whole problem, and not only a robot with its sources."""
-    return cast("Problem", spread.problem)
-
-
 def spread_facts(spread: Spread) -> tuple[tuple[str, str], ...]:
     """The posture and how far its tool point scatters, in four lines."""
     first = spread.budget[0]
@@ -132,10 +127,6 @@ class SpreadPresenter(Presenter["Spread"]):
     """The spread at one posture in closed form."""
 
     document = "spread"
-
-    @property
-    def problem(self) -> Problem:
-        return problem_of(self.result)
 
     def summary(self) -> Summary:
         return Summary("Spread of the tool point at one posture", spread_facts(self.result))

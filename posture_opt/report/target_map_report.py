@@ -191,11 +191,6 @@ class TargetMapPresenter(Presenter["TargetMap"]):
 
     document = "map"
 
-    @property
-    def problem(self) -> Problem:
-        problem: Problem = self.result.problem
-        return problem
-
     def summary(self) -> Summary:
         found, best = self.result, self.result.best
         facts = (

@@ -80,11 +80,15 @@ def plot_cross_section(solution: Solution, n: int = _SAMPLES, seed: int = 0) -> 
     if len(solution.critical.covariance) == 1:
         _band(axes, solution, B, scale, half)
     clearance_lines(axes, solution, B, scale, half)
-    axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
-    names = [f"{line_words(b)}, off the target [{unit}]" for b in B]
-    axes.set(xlabel=names[0], ylabel=names[1])
+    frame_target(axes, B, half, unit)
     legend_below(axes, 2)
     return figure
+
+
+def frame_target(axes: Any, B: Array, half: float, unit: str) -> None:
+    """The square about the target that is shown, with its axes named."""
+    names = [f"{line_words(b)}, off the target [{unit}]" for b in B]
+    axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xlabel=names[0], ylabel=names[1])
 
 
 def view_basis(solution: Solution) -> Array:

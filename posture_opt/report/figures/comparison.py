@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.report.comparison_report import distinct_columns
-from posture_opt.report.figures.cloud import clearance_lines, view_basis
+from posture_opt.report.figures.cloud import clearance_lines, frame_target, view_basis
 from posture_opt.report.style import BLUE, GREEN, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.units_text import length_unit
-from posture_opt.report.words import MODEL_NAMES, line_words
+from posture_opt.report.words import MODEL_NAMES
 from posture_opt.uncertainty.regions import Ellipsoid
 
 if TYPE_CHECKING:
@@ -50,8 +50,6 @@ def plot_landing(comparison: Comparison) -> Figure:
     axes.plot(0, 0, "x", color="black", ms=6, mew=1.2, zorder=6, label="target")
     half *= scale
     clearance_lines(axes, chosen, B, scale, half)
-    axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
-    names = [f"{line_words(b)}, off the target [{unit}]" for b in B]
-    axes.set(xlabel=names[0], ylabel=names[1])
+    frame_target(axes, B, half, unit)
     legend_below(axes, 1)
     return figure
