@@ -9,8 +9,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.effect_facts import input_facts
-from posture_opt.report.parts import frame_notes, note_facts, robot_facts, source_facts
+from posture_opt.report.parts import frame_notes, input_facts, note_facts, robot_facts, source_facts
 from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
 from posture_opt.report.target_map_report import grid_words, map_csv, place_columns, posture_columns, served_sentence

@@ -1,4 +1,4 @@
-"""Blocks and facts that several reports share: sources, joint table, tool point, ellipse, budget, validity."""
+"""Blocks and facts that several reports share: effects, sources, joint table, tool point, ellipse, budget, validity."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.model.arm import Arm
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.report.blocks import Table
-from posture_opt.report.effect_facts import effect_facts
 from posture_opt.report.units_text import joint_value, length, lengths, percent, place, shift
 from posture_opt.report.words import (
     METHODS,
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from posture_opt.uncertainty.spread import Spread
 
 _LISTED = 8  # sources named one by one
+_EFFECTS = 6  # named one by one
 _SMALL_SHARE = 0.01  # of the variance: what lies below is lumped
 _MOST_SHARES = 12
 _NEGLIGIBLE = 1e-3  # of the largest standard deviation of its kind
@@ -44,6 +45,41 @@ def robot_facts(problem: Problem) -> list[tuple[str, str]]:
     name = f"{robot.name}, {size}" if robot.name and robot.name != f"{robot.n}-joint arm" else robot.name or size
     source = [("Robot data", f"{group}: {source}") for group, source in robot.sources if group == "geometry"]
     return [("Robot", name), *source, *effect_facts(problem)]
+
+
+def effect_facts(problem: Problem) -> list[tuple[str, str]]:
+    """The effects that the arm is computed with; nothing for a plain arm."""
+    effects = problem.effects
+    if not effects:
+        return []
+    shown = [effect.stated_words for effect in effects[:_EFFECTS]]
+    if len(effects) > _EFFECTS:
+        shown.append(f"and {len(effects) - _EFFECTS} more")
+    return [("Effects", ", ".join(shown))]
+
+
+def input_facts(problem: Problem) -> list[tuple[str, str]]:
+    """What the task says, or leaves open, of the inputs that the effects depend on."""
+    texts = _inputs(problem.arm) if problem.arm.effects else []
+    return [("Computed for", ", ".join(texts))] if texts else []
+
+
+def _inputs(arm: Arm) -> list[str]:
+    asked = {need for effect in arm.effects for need in (*effect.asks, *effect.needs)}
+    inputs, texts = arm.inputs, []
+    if asked & {"masses", "payload"}:
+        texts.append(f"a payload of {inputs.payload:.6g} kg")
+    for joint in dict.fromkeys(e.target for e in arm.effects if "approach" in e.needs):
+        if joint in inputs.stated:
+            sense = "upwards" if inputs.side(arm.robot.joint_names.index(joint)) > 0 else "downwards"
+            texts.append(f"{joint} approached {sense}")
+        else:
+            texts.append(f"{joint} approached from either side")
+    if "temperature" in asked:
+        texts.append(f"{REFERENCE_TEMPERATURE + inputs.temperature:.6g} degC")
+    if "time" in asked:
+        texts.append(f"{inputs.time:.6g} s after the first measurement")
+    return texts
 
 
 def source_facts(problem: Problem) -> list[tuple[str, str]]:

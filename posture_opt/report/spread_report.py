@@ -9,12 +9,12 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.effect_facts import input_facts
 from posture_opt.report.parts import (
     budget_table,
     ellipse_facts,
     first_order_fact,
     frame_notes,
+    input_facts,
     joint_table,
     joint_values,
     mean_fact,

@@ -6,8 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.effect_facts import input_facts
-from posture_opt.report.parts import frame_notes, joint_values, note_facts, robot_facts, source_facts
+from posture_opt.report.parts import frame_notes, input_facts, joint_values, note_facts, robot_facts, source_facts
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.save import Files
 from posture_opt.report.units_text import count, joint_unit, length, length_unit, percent, place

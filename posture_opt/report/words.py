@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from posture_opt.model.arm import Arm
-from posture_opt.report.effect_facts import source_of_effect, spread_of_effect
 from posture_opt.report.units_text import stated_angle, stated_length
-from posture_opt.units import fixed
+from posture_opt.units import fixed, shown
 
 Vector: TypeAlias = Sequence[float] | NDArray[np.float64]
 
@@ -59,7 +58,7 @@ METHODS = {
 
 def source_words(name: str, arm: Arm) -> str:
     """A named source of error in words: ``joint1.theta`` is the joint1 angle."""
-    if said := source_of_effect(name, arm):
+    if said := _source_of_effect(name, arm):
         return said
     owner, _, parameter = name.rpartition(".")
     prismatic = any(joint.name == owner and joint.type == "prismatic" for joint in arm.robot.joints)
@@ -72,10 +71,30 @@ def source_words(name: str, arm: Arm) -> str:
 
 def source_size(name: str, sigma: float, arm: Arm) -> str:
     """The standard deviation of a source with its unit."""
-    if said := spread_of_effect(name, sigma, arm):
+    if said := _spread_of_effect(name, sigma, arm):
         return said
     factor = arm.robot.parameters.get(name)
     return stated_length(sigma) if factor is not None and factor.kind == "translate" else stated_angle(sigma)
+
+
+def _source_of_effect(name: str, arm: Arm) -> str:
+    """A parameter of an effect, or a side that is not known, as a source of error; empty for other sources."""
+    if name in arm.unknown_sides:
+        return f"{name.removesuffix('.side')} side of approach"
+    for effect in arm.effects:
+        if name in effect.parameter_names:
+            parameter = name.removeprefix(f"{effect.name}.")
+            what = effect.title if len(effect.dimensions) == 1 else f"{effect.title}, {parameter}"
+            return f"{effect.target} {what}"
+    return ""
+
+
+def _spread_of_effect(name: str, sigma: float, arm: Arm) -> str:
+    """The standard deviation of a parameter of an effect with its unit; empty for other sources."""
+    if name in arm.unknown_sides:
+        return "either side"
+    dimension = arm.dimensions.get(name)
+    return "" if dimension is None else shown(sigma, dimension)
 
 
 def p_words(p: float) -> str:
