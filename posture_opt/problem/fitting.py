@@ -107,6 +107,8 @@ def fitted_effects(former: Sequence[CatalogueEntry], fit: FittedArm) -> tuple[Ca
     for found in fit.effects:
         known = effects.get(found.name)
         plain = known if isinstance(known, Effect) else found.with_estimate([0.0] * len(found.values))
+        if found.smooth_shape:  # the stated size was fitted in the shape that was found
+            plain = plain.with_shape(float(getattr(found, found.smooth_shape)))
         total = [a + b for a, b in zip(plain.values, found.values, strict=True)]
         effects[found.name] = plain.with_estimate(total)
     for noise in fit.noises:

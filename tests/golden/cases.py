@@ -122,8 +122,8 @@ def document(case: Case) -> Any:
 
 
 def strip(value: Any) -> Any:
-    """Without times and versions; of long lists of candidates the first thirty."""
+    """Without times and versions, and without the lists of all candidates: those far down change places by rounding."""
     if isinstance(value, dict):
         kept = {k: strip(v) for k, v in value.items() if k not in ("seconds", "posture_opt", "version")}
-        return {k: v[:30] if k in ("candidates", "absorbed") else v for k, v in kept.items()}
+        return {k: v[:5] if k == "candidates" else v for k, v in kept.items() if k != "absorbed"}
     return [strip(v) for v in value] if isinstance(value, list) else value

@@ -10,10 +10,15 @@ WORDS = frozenset({"notes", "words", "undetermined", "reason", "mend", "label"})
 """Keys whose text is for people: how a thing is said may change, what is found may not."""
 
 
+_HALF_TURN = 1e-6  # of w: such a quaternion has no sign of its own
+_ROUNDING = 1e-18  # rad, m: what is meant to be zero and is not, a thousandth of a proton
+
+
 def differences(old: Any, new: Any, rtol: float, place: str = "") -> Iterator[str]:
     """A line for every value of ``old`` that ``new`` does not have; what is only in ``new`` is no difference.
 
-    Lists of numbers are compared as vectors: each entry to ``rtol`` of the largest among them.
+    Lists of numbers are compared as vectors: each entry to ``rtol`` of the largest among them; p-values by their
+    logarithm.
     """
     if isinstance(old, dict) and isinstance(new, dict):
         for key in old:
@@ -24,6 +29,8 @@ def differences(old: Any, new: Any, rtol: float, place: str = "") -> Iterator[st
             else:
                 yield from differences(old[key], new[key], rtol, f"{place}.{key}")
     elif isinstance(old, list) and isinstance(new, list):
+        if place.endswith("quaternion_wxyz") and abs(old[0]) < _HALF_TURN:
+            new = [-v for v in new] if sum(a * b for a, b in zip(old, new, strict=True)) < 0 else new
         if len(old) != len(new):
             yield f"{place}: {len(old)} entries, now {len(new)}"
         elif numbers(old) and numbers(new):
@@ -34,6 +41,11 @@ def differences(old: Any, new: Any, rtol: float, place: str = "") -> Iterator[st
         else:
             for i, (a, b) in enumerate(zip(old, new, strict=True)):
                 yield from differences(a, b, rtol, f"{place}[{i}]")
+    elif place.endswith("p_value") and number(old) and number(new):
+        # Its logarithm is what a statistic moves: of a p-value of 1e-200 rounding changes some digits.
+        a, b = (math.log(max(float(p), 1e-300)) for p in (old, new))
+        if not close(a, b, rtol, max(abs(a), 1.0)):
+            yield f"{place}: {old!r}, now {new!r}"
     elif number(old) and number(new):
         if not close(float(old), float(new), rtol, abs(float(old))):
             yield f"{place}: {old!r}, now {new!r}"
@@ -43,7 +55,7 @@ def differences(old: Any, new: Any, rtol: float, place: str = "") -> Iterator[st
 
 def close(a: float, b: float, rtol: float, scale: float) -> bool:
     """Whether two numbers agree to ``rtol`` of a scale, and what is smaller than rounding of 1 in either."""
-    return a == b or (math.isnan(a) and math.isnan(b)) or abs(a - b) <= rtol * max(scale, 1e-300) + 1e-300
+    return a == b or (math.isnan(a) and math.isnan(b)) or abs(a - b) <= rtol * max(scale, 1e-300) + _ROUNDING
 
 
 def number(value: Any) -> bool:

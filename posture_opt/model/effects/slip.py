@@ -59,6 +59,11 @@ class Slip(Effect):
         return tuple((name, "angle" if name in _TURNS else "length") for name in _WAYS[self.way])
 
     @property
+    def name(self) -> str:
+        """``slip(TARGET at MOMENT s)``: a joint may slip several times."""
+        return f"{self.kind}({self.target} at {self.moment:.6g} s)"
+
+    @property
     def moved_joint(self) -> str:
         return "" if self.of == "base" else self.of
 
