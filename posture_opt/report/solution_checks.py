@@ -105,7 +105,9 @@ def _search(solution: Solution) -> list[tuple[str, str]]:
     )
     rows = [("Search", text)]
     optima = count(e.distinct, "distinct optimum", "distinct optima")
-    rows.append(("", f"{optima}; the best one was found by {e.hits} of {count(e.polished, 'local search')}"))
+    rows.append(
+        ("", f"{optima}; the best one was found by {e.hits} of {count(e.polished, 'local search', 'local searches')}")
+    )
     if e.sweep is not None:
         rows.append(("Sweep", _sweep(solution, e.sweep)))
     return rows

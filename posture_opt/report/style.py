@@ -23,6 +23,8 @@ VERMILLION = "#D55E00"
 PURPLE = "#CC79A7"
 GREY = "#767676"
 LIGHT = "#D9D9D9"
+MODEL_COLOURS = {"nominal": ORANGE, "calibrated": BLUE, "extended": GREEN, "delivered": PURPLE}
+"""Of named models, the same in every figure."""
 COLOUR_MAP = "cividis"  # even in lightness, the same to colour-blind eyes
 
 DPI = 150

@@ -121,7 +121,8 @@ def served_sentence(found: TargetMap) -> str:
     if fates.count("feasible") == 1:
         text = f"1 of {count(len(fates), 'target')} has a posture"
     away, kept = fates.count("not reached"), fates.count("requirement not met")
-    why = [f"{away} cannot be reached with the required tool orientation"] * (away > 0)
+    how = "" if found.optimisation_problem.alignment == "free" else " with the required tool orientation"
+    why = [f"{away} cannot be reached{how}"] * (away > 0)
     why += [f"{kept} can be reached, but not with all requirements met"] * (kept > 0)
     unsure = sum(map_point.feasible and not map_point.optimal for map_point in found.map_points)
     note = f" At {count(unsure, 'target')} the solver did not confirm an optimum." if unsure else ""

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from posture_opt.report.comparison_report import distinct_columns
 from posture_opt.report.figures.cloud import clearance_lines, frame_target, view_basis
-from posture_opt.report.style import BLUE, GREEN, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.style import MODEL_COLOURS, legend_below, new_figure, styled
 from posture_opt.report.units_text import length_unit
 from posture_opt.report.words import MODEL_NAMES
 from posture_opt.uncertainty.regions import Ellipsoid
@@ -17,7 +17,6 @@ from posture_opt.uncertainty.regions import Ellipsoid
 if TYPE_CHECKING:
     from posture_opt.selection.plan_comparison import Comparison
 
-_COLOURS = {"nominal": VERMILLION, "calibrated": ORANGE, "extended": BLUE, "delivered": GREEN}
 _SEEN = 0.03  # of the picture: an ellipse that is smaller hides behind the mark of its centre
 
 
@@ -33,7 +32,7 @@ def plot_landing(comparison: Comparison) -> Figure:
     figure = new_figure(6.2, 6.4)
     axes = figure.add_subplot()
     regions = [
-        (Ellipsoid(B @ landing.miss, B @ landing.covariance @ B.T), _COLOURS[name], MODEL_NAMES[name])
+        (Ellipsoid(B @ landing.miss, B @ landing.covariance @ B.T), MODEL_COLOURS[name], MODEL_NAMES[name])
         for name, (_, landing) in distinct_columns(comparison).items()
     ]
     every = np.vstack([region.points(0.95) for region, *_ in regions])

@@ -15,7 +15,7 @@ from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import Array
 from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, noise_floor, periodic_joints
 from posture_opt.report.figures.residuals import chosen_rows
-from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, legend_below, new_figure, styled
+from posture_opt.report.style import BLUE, GREEN, GREY, MODEL_COLOURS, PURPLE, legend_below, new_figure, styled
 from posture_opt.units import number
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.score_tests import NullDistribution, ProjectedBaseline
 
 
-COLOURS = {"nominal": ORANGE, "calibrated": BLUE, "extended": GREEN}
 _MOST = 25  # candidates
 _SAME = 0.3  # cycles per revolution
 _DOTS = 1500
@@ -54,10 +53,10 @@ def plot_errors(found: Diagnosis) -> Figure:
         rms = 1e3 * found.errors[name].rms
         smallest = min(smallest, float(np.quantile(lengths, 0.02)))
         size = 6 if len(rows) < _MANY else 3
-        over.plot(rows + 1, lengths[rows], ".", color=COLOURS[name], ms=size, alpha=0.55, mew=0)
-        over.plot(*_course(lengths), color=COLOURS[name], lw=2)
+        over.plot(rows + 1, lengths[rows], ".", color=MODEL_COLOURS[name], ms=size, alpha=0.55, mew=0)
+        over.plot(*_course(lengths), color=MODEL_COLOURS[name], lw=2)
         below.step(
-            100 * np.arange(1, len(lengths) + 1) / len(lengths), np.sort(lengths), color=COLOURS[name],
+            100 * np.arange(1, len(lengths) + 1) / len(lengths), np.sort(lengths), color=MODEL_COLOURS[name],
             label=f"{MODELS[name]}: RMS {number(rms)} mm",
         )  # fmt: skip
     floor = 1e3 * noise_floor(found)[0]

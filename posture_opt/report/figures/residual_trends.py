@@ -11,8 +11,19 @@ from matplotlib.figure import Figure
 
 from posture_opt.measurements.measurements import group_means
 from posture_opt.numerics import Array
-from posture_opt.report.figures.residuals import COLOURS, TITLES, chosen_rows
-from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.figures.residuals import TITLES, chosen_rows
+from posture_opt.report.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    MODEL_COLOURS,
+    ORANGE,
+    PURPLE,
+    VERMILLION,
+    legend_below,
+    new_figure,
+    styled,
+)
 
 if TYPE_CHECKING:
     from posture_opt.report.figures.residuals import Shown
@@ -76,7 +87,7 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
     for name, column in zip(shown.errors, grid.T, strict=True):
         sizes = []
         for axes, joint, x, along in zip(column, robot.joints, *_along(shown, shown.errors[name]), strict=True):
-            _panel(axes, x, along, COLOURS[name])
+            _panel(axes, x, along, MODEL_COLOURS[name])
             sizes.append(float(np.quantile(np.abs(along), 0.995)))
             axes.set_xlabel(f"{joint.name} [{'deg' if joint.type == 'revolute' else 'mm'}]", labelpad=1)
         limit = 1.1 * max(sizes, default=1.0)

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array, Codes
-from posture_opt.report.style import BLUE, ORANGE, new_figure, styled
+from posture_opt.report.style import MODEL_COLOURS, new_figure, styled
 from posture_opt.report.words import MODEL_NAMES
 from posture_opt.units import number
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 
 TITLES = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
-COLOURS = {"nominal": ORANGE, "calibrated": BLUE}
 _ARROWS = 400  # more of them hide each other
 _LONG = 0.16  # of the workspace: the arrow of a large error
 _FLAT = 0.02  # of the workspace: measured points that leave a plane by less are drawn in it
@@ -124,7 +123,7 @@ def plot_residual_vectors(shown: Shown) -> Figure:
     drawn = []
     for line, view, box in zip(grid, views, boxes, strict=True):
         for axes, (name, errors) in zip(line, shown.errors.items(), strict=True):
-            drawn.append(_arrows(axes, shown, errors, view, rows, factor, COLOURS[name]))
+            drawn.append(_arrows(axes, shown, errors, view, rows, factor, MODEL_COLOURS[name]))
             (left, low), (right, high) = box
             margin = 0.03 * max(right - left, high - low)
             axes.set(xlim=(left - margin, right + margin), ylim=(low - margin, high + margin))

@@ -8,14 +8,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from posture_opt.report.style import BLUE, GREY, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.style import (
+    BLUE,
+    GREY,
+    LIGHT,
+    MODEL_COLOURS,
+    VERMILLION,
+    legend_below,
+    new_figure,
+    styled,
+)
 from posture_opt.report.words import MODEL_NAMES, REGIONS
 from posture_opt.validation.coverage import LEVELS
 
 if TYPE_CHECKING:
     from posture_opt.validation.spread_check import SpreadCheck
 
-_COLOURS = {"nominal": ORANGE, "calibrated": BLUE}
 _CLIP = 1.15  # times the largest value that is well told: beyond, a bar says nothing but that
 
 
@@ -34,11 +42,11 @@ def plot_reliability(found: SpreadCheck) -> Figure:
         n = len(c.probability)
         shares = 100 * np.arange(1, n + 1) / n
         label = MODEL_NAMES[name] + ("" if name != "nominal" or found.stated else " (the instrument alone)")
-        axes.step(100 * c.probability, shares, where="post", color=_COLOURS[name], label=label)
+        axes.step(100 * c.probability, shares, where="post", color=MODEL_COLOURS[name], label=label)
         ends = 100 * np.array(c.interval)
         off = {"nominal": -0.6, "calibrated": 0.6}[name]
-        axes.plot([95 + off] * 2, ends, color=_COLOURS[name], lw=3, solid_capstyle="butt", zorder=4)
-        axes.plot(95 + off, 100 * c.share, "o", color=_COLOURS[name], mec="white", ms=7, zorder=5)
+        axes.plot([95 + off] * 2, ends, color=MODEL_COLOURS[name], lw=3, solid_capstyle="butt", zorder=4)
+        axes.plot(95 + off, 100 * c.share, "o", color=MODEL_COLOURS[name], mec="white", ms=7, zorder=5)
     region = REGIONS[nominal.dimension].removeprefix("95 % ")
     axes.axvline(95, color=GREY, lw=0.8, ls=":")
     axes.set(xlim=(0, 101), ylim=(0, 101), aspect="equal")
