@@ -8,6 +8,7 @@ imported when a result is first looked at, so computing needs none of it.
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from functools import cached_property
 from importlib import import_module
 from os import PathLike
@@ -15,15 +16,15 @@ from pathlib import Path
 from typing import Any
 
 
-class Result:
+class Result(ABC):
     """A frozen answer that prints in a few lines, reports, draws and saves itself.
 
     Subclasses are dataclasses with ``repr=False``, add ``to_json``, and carry what their report tells of.
     """
 
+    @abstractmethod
     def to_json(self) -> dict[str, Any]:
         """The JSON document of this result: SI units and radians."""
-        raise NotImplementedError
 
     def summary(self) -> str:
         """What this is and its most important numbers, with units: at most 12 lines."""

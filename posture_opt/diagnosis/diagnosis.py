@@ -46,8 +46,8 @@ class Diagnosis(Result):
         verdict: in a word; ``insufficient_data`` is an exception instead.
         effects: the causes that were found, non-geometric causes first, the weightiest first.
         request: the arm as stated, the measurements, and what else was asked.
-        errors: cross-validated position errors [m] of the arm as it stands (``nominal``), ``calibrated``, and with
-            the effects (``extended``).
+        errors: cross-validated position errors [m] of the arm before calibration (``nominal``), ``calibrated``, and
+            with the effects (``extended``).
         held: those errors row by row, by model.
         model: the fitted arm with its effects; ``persistent`` the one to plan with, without those of time
             unless they were asked for.
@@ -204,55 +204,72 @@ def diagnose(
         InsufficientDataError: fewer measurements than unknowns.
     """
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
-    seed = seed or 0
     stages = Stages(progress, 20, 55, 5, 20)
     calibration = calibrate(problem, data, folds=folds, by=by, progress=stages.next())
     draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
+    calibration, linearised, found = _searched(calibration, draws, seed or 0, stages)
+    names = prefer_named(linearised, found) if not all(s.named for s in found.chosen) else found
+    unnamed = tuple(s.what for s in remaining_unnamed(linearised, found, names) if isinstance(s.what, UnnamedComponent))
+    residuals, frames = linearised.sensitivities.residuals, frame_directions(calibration)
+    model = calibration.fit_effects(residuals, [s.what for s in names.chosen if isinstance(s.what, Effect)])
+    everything = linearised.baseline(found.chosen)
+    left = assess_adequacy(everything, residuals.data, tool_points(linearised), residuals.block)
+    closed = 0.0 if unnamed else left.p_value
+    noise = noise_causes(problem, calibration, model, everything, closed, seed or 0)
+    full = _of_data(model, calibration)
+    geometry = geometry_causes(residuals, calibration.x_nominal, frames, full, full.effects)
+    models = {
+        "nominal": fit_with_effects(residuals, calibration.x_nominal, frames, []),
+        "calibrated": calibration.fit_effects(residuals, []),
+        "extended": model,
+    }
+    groups_by: By = by or calibration.by
+    groups = groups_of(residuals.data, groups_by, folds)
+    parts = folds_of(groups, folds, groups_by)
+    shapes = {"extended": noise_shape(model, noise)}
+    held = {name: held_out(fitted, parts, shape=shapes.get(name)) for name, fitted in models.items()}
+    findings = (
+        *effect_findings(names, model, held["extended"], parts, groups, stages.next()),
+        *(noise_finding(n) for n in noise),
+        *(geometry_finding(g, held) for g in geometry),
+    )
+    other = None
+    if test is not None:
+        base = models["calibrated"]
+        other = second_session(problem, test, calibration.x_nominal, base, model, frames, refit_frames=refit_frames)
+    stages.end()
+    return Diagnosis(
+        verdict="unexplained" if closed < levels.LACK_OF_FIT else "effects_found" if findings else "none_found",
+        effects=findings,
+        request=request,
+        calibration=calibration,
+        errors={name: Statistics.of(h.errors, groups) for name, h in held.items()},
+        held=held,
+        model=model,
+        persistent=persistent(model, frames, with_time),
+        search=found,
+        unexplained=unnamed,
+        adequacy=left,
+        by=groups_by,
+        groups=groups,
+        rivals=names.confusable,
+        test=other,
+        notes=(*calibration.notes, *(() if other is None else other.notes)),
+    )
+
+
+def _searched(
+    calibration: Calibration, draws: int, seed: int, stages: Stages
+) -> tuple[Calibration, LinearisedData, SearchResult]:  # fmt: skip
+    """What the residuals hold, once more where it explains rows that looked like outliers."""
     linearised = linearise(calibration, draws, seed)
     found = search(linearised, calibration.design > 1, stages.rounds(stages.next()))
     stages.next()
     wider = reinclude_outliers(calibration, found)
-    if len(wider.outliers) < len(calibration.outliers):
-        calibration, linearised = wider, linearise(wider, draws, seed)
-        found = search(linearised, calibration.design > 1)
-    residuals = linearised.sensitivities.residuals
-    names = prefer_named(linearised, found) if not all(s.named for s in found.chosen) else found
-    unnamed = tuple(s.what for s in remaining_unnamed(linearised, found, names) if isinstance(s.what, UnnamedComponent))
-    named = [s.what for s in names.chosen if isinstance(s.what, Effect)]
-    model = calibration.fit_effects(residuals, named)
-    everything = linearised.baseline(found.chosen)
-    left = assess_adequacy(everything, residuals.data, tool_points(linearised), residuals.block)
-    closed = 0.0 if unnamed else left.p_value
-    unclear = closed < levels.LACK_OF_FIT
-    noise = noise_causes(problem, calibration, model, everything, closed, seed)
-    known = frame_directions(calibration)
-    full = _of_data(model, calibration)
-    geometry = geometry_causes(residuals, calibration.x_nominal, known, full, full.effects)
-    groups_by: By = by or calibration.by
-    groups = groups_of(residuals.data, groups_by, folds)
-    parts = folds_of(groups, folds, groups_by)
-    base = calibration.fit_effects(residuals, [])
-    tell = stages.next()
-    stands = fit_with_effects(residuals, calibration.x_nominal, known, [])
-    models = {"nominal": stands, "calibrated": base, "extended": model}
-    shapes = {"extended": noise_shape(model, noise)}
-    held = {name: held_out(fitted, parts, shape=shapes.get(name)) for name, fitted in models.items()}
-    findings = (
-        *effect_findings(names, model, held["extended"], parts, groups, tell),
-        *(noise_finding(n) for n in noise),
-        *(geometry_finding(g, held) for g in geometry),
-    )
-    outcome: Outcome = "unexplained" if unclear else "effects_found" if findings else "none_found"
-    statistics = {name: Statistics.of(h.errors, groups) for name, h in held.items()}
-    other = None
-    if test is not None:
-        other = second_session(problem, test, calibration.x_nominal, base, model, known, refit_frames=refit_frames)
-    stages.end()
-    return Diagnosis(
-        outcome, findings, request, calibration, statistics, held, model, persistent(model, known, with_time),
-        found, unnamed, left, groups_by, groups, names.confusable, other,
-        (*calibration.notes, *(() if other is None else other.notes)),
-    )  # fmt: skip
+    if len(wider.outliers) == len(calibration.outliers):
+        return calibration, linearised, found
+    linearised = linearise(wider, draws, seed)
+    return wider, linearised, search(linearised, wider.design > 1)
 
 
 def _of_data(model: Fit, calibration: Calibration) -> Fit:

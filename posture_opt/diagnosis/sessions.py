@@ -54,7 +54,7 @@ class SecondSession:
 
     Args:
         data: the other file; ``errors`` by model (N, 3) model minus measured [m].
-        models: position errors of the arm as it stands, calibrated, and with the effects that can be planned with.
+        models: position errors before calibration, calibrated, and with the effects that can be planned with.
         gain: of the effects over the calibrated arm.
         gains: (effects) of each effect over the model without it; None for one that changes with time.
         refitted: whether base and tool were fitted again.

@@ -1,4 +1,4 @@
-"""``assess``: what a model gets wrong, as it stands and calibrated, and whether what remains is mere scatter."""
+"""``assess``: what a model gets wrong, before calibration and after, and whether what remains is mere scatter."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class ResidualScatter:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Assessment(Result):
-    """What a model gets wrong, as it stands and calibrated; deviations are measured minus model.
+    """What a model gets wrong, before calibration and after; deviations are measured minus model.
 
     Args:
         calibration: what is assessed.
@@ -120,7 +120,7 @@ class Assessment(Result):
 
 
 def assess(problem: AssessedProblem, data: Measurements, calibration: Calibration) -> Assessment:
-    """What the model gets wrong, as it stands and calibrated, and what two rules of measuring say of it.
+    """What the model gets wrong, before calibration and after, and what two rules of measuring say of it.
 
     The deviations by direction are cross-validated. The means are tested on those of the arm fitted to all rows,
     group by group of rows of one pose; fitted parameters have taken a share of them, so that the tests err on

@@ -148,7 +148,7 @@ def joint_columns(residuals: Residuals, x: Array) -> Array:
 def nominal_prediction(
     residuals: Residuals, x: Array, errors: ErrorSources, instrument: float, folds: Sequence[Codes], kept: Mask
 ) -> Prediction:
-    """The errors that the model as it stands predicts for rows that its free frames were not fitted to.
+    """The errors that the model predicts before calibration for rows that its free frames were not fitted to.
 
     With the errors δ that stay, v_i of a repeat and F the columns of what is free (frames, touched points), fitting
     takes ``F (F_t⁺ (B_t δ + v_t))`` off, t the rows of the other folds, so that

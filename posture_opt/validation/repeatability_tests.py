@@ -28,7 +28,7 @@ _MOST_ROWS = 2000  # whose tests are simulated for their intervals: a second or 
 
 @dataclass(frozen=True, eq=False)
 class PosePerformance:
-    """ISO 9283 at one pose: AP of the model as it stands and calibrated, RP of the arm.
+    """ISO 9283 at one pose: AP of the model before calibration and after, RP of the arm.
 
     Args:
         line: of the first repeat in the file.

@@ -70,7 +70,7 @@ def plot_errors(found: Diagnosis) -> Figure:
     _decimals(over)
     over.set(
         xlabel="row, in the order of measuring (lines: RMS of neighbours)",
-        ylabel="position error where it was not seen [mm]",
+        ylabel="position error of held-out rows [mm]",
     )
     below.set(xlabel="share of the rows below [%]", xlim=(0, 100))
     legend_below(below, 2)
