@@ -164,8 +164,8 @@ def test_ten_thousand_rows_and_seven_joints_take_seconds() -> None:
     J = 0.5 * rng.normal(size=(10_000, 3, 7))
     sigma = 1e-4 * np.array([1, 2, 1.5, 3, 1, 0.5, 0.2])
     errors = np.einsum("ndk,nk->nd", J, sigma * rng.normal(size=(10_000, 7))) + 2e-5 * rng.normal(size=(10_000, 3))
-    began = time.perf_counter()
+    began = time.process_time()
     found = estimate_joint_variances(errors, J, instrument=1e-4, fit_instrument=True)
     # 2 s on an idle core; a busy machine may need three times that.
-    assert time.perf_counter() - began < 8
+    assert time.process_time() - began < 8
     assert np.all(np.abs(found.sigma - sigma) < 5 * found.std)
