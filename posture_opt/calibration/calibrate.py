@@ -20,10 +20,14 @@ from posture_opt.calibration.frames import compare, fit_frames, held_length
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array, Codes, Progress
+from posture_opt.numerics import Array, Codes, Mask, Progress
 
 _ROUNDS = 3  # of fitting and judging the noise anew
 SIZE = "touched points alone do not tell the size of the arm: {} is held; state a distance under data.distances"
+RECOUNTED = (
+    "{} that the calibration leaves out as {} here, as effects explain it: RMS errors are of all rows that count "
+    "(without {}, {:.3g} mm calibrated)"
+)
 
 
 def calibrate(
@@ -65,8 +69,8 @@ def calibrate(
     tell = _teller(progress, 2 * len(parts) + 1)
     fitted = _fit(problem, chart.fitted, len(np.unique(groups)), priors)
     tell()
-    nominal = refitted(chart.fitted, parts, fitted.found, None, tell)
-    calibrated = refitted(chart.fitted, parts, fitted.found, fitted.known, tell)
+    nominal = refitted(chart.fitted, parts, fitted.found, tell, frames=True)
+    calibrated = refitted(chart.fitted, parts, fitted.found, tell)
     again = ("base and tool are fitted again to the test file",) * (test is not None and refit_frames)
     told = _restless(calibrated.unsettled, len(parts))
     notes = (*notes, *fitted.notes, *again, *still_notes(problem.robot, data), *fitted.found_notes, *told)
@@ -147,16 +151,31 @@ def _assembled(
         identifiability=known.identifiability,
         nominal=Statistics.of(nominal.errors[kept], groups[kept]),
         calibrated=Statistics.of(calibrated.errors[kept], groups[kept]),
-        errors_nominal=nominal.errors,
-        errors=calibrated.errors,
+        held={"nominal": nominal, "calibrated": calibrated},
         errors_fitted=position_errors(residuals, found.x),
-        coverage={"calibrated": float(calibrated.inside[kept].mean())},
         by=by,
         test=test,
         prior=known.stated,
         unseen=chart.told_size(found.x, unseen(residuals, known, found, fitted.held)),
         notes=notes,
     )
+
+
+def recounted(calibration: Calibration, kept: Mask) -> Calibration:
+    """The same estimate with other rows (N,) that count: the errors of both models are predicted anew, fold by fold.
+
+    The estimate itself stays the one that did without them.
+    """
+    request, by, fit = calibration.request, calibration.by, replace(calibration.fit, kept=kept)
+    groups = groups_of(request.data, by, request.folds)
+    parts = folds_of(groups, request.folds, by)
+    held = {name: refitted(fit.residuals, parts, fit, frames=name == "nominal") for name in calibration.held}
+    nominal, calibrated = (Statistics.of(held[n].errors[kept], groups[kept]) for n in ("nominal", "calibrated"))
+    more = int(kept.sum()) - len(calibration.kept_rows)
+    words = ("1 row", "an outlier counts", "it") if more == 1 else (f"{more} rows", "outliers count", "them")
+    note = RECOUNTED.format(*words, calibration.calibrated.rms * 1e3)
+    notes = (*calibration.notes, note) if more else calibration.notes
+    return replace(calibration, fit=fit, held=held, nominal=nominal, calibrated=calibrated, notes=notes)
 
 
 def _teller(progress: Progress | None, total: int) -> Callable[[], None]:

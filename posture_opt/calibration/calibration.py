@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import erfc, isfinite, nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from posture_opt.calibration.cross_validation import HeldOut
 from posture_opt.calibration.error_statistics import By, Statistics
 from posture_opt.calibration.fit import Fit, fit_with_effects
 from posture_opt.calibration.fitted_arm import FitRequest
@@ -35,9 +36,8 @@ class Calibration(Result):
         fixed: (k,) whether the data, or a prior, determine the parameter.
         identifiability: rank, observability and the undetermined combinations in words.
         nominal, calibrated: position errors by cross-validation [m], nominal with free frames fitted.
-        errors_nominal, errors: (N, 3) those errors row by row; ``calibrated`` leaves the outliers out.
+        held: those errors row by row, of all N rows, by model.
         errors_fitted: (N, 3) position errors of the arm fitted to all rows [m].
-        coverage: share of rows inside the predicted 95 % region.
         by: the groups that the cross-validation left out together.
         test: another file predicted by what this one taught.
         prior: (k,) the stated σ of each parameter that counts as knowledge [rad, m]; NaN where there is none.
@@ -52,10 +52,8 @@ class Calibration(Result):
     identifiability: Identifiability
     nominal: Statistics
     calibrated: Statistics
-    errors_nominal: Array
-    errors: Array
+    held: Mapping[str, HeldOut]
     errors_fitted: Array
-    coverage: dict[str, float]
     by: By
     test: dict[str, Statistics]
     prior: Array
@@ -91,6 +89,21 @@ class Calibration(Result):
     def design(self) -> float:
         """How many rows tell as much as one alone would, as neighbouring postures err alike."""
         return self.fit.design
+
+    @property
+    def errors_nominal(self) -> Array:
+        """(N, 3) position errors by cross-validation [m], with only free frames fitted."""
+        return self.held["nominal"].errors
+
+    @property
+    def errors(self) -> Array:
+        """(N, 3) position errors by cross-validation [m], calibrated."""
+        return self.held["calibrated"].errors
+
+    @property
+    def coverage(self) -> dict[str, float]:
+        """Share of the rows that count inside the 95 % region that other rows lead one to expect."""
+        return {"calibrated": float(self.held["calibrated"].inside[self.fit.kept].mean())}
 
     @property
     def outliers(self) -> tuple[int, ...]:

@@ -8,12 +8,11 @@ repeated, which flatters the gain of effects near the level by three or four poi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from posture_opt.calibration.fit import Fit, estimate
-from posture_opt.calibration.fit_setup import FitSetup
 from posture_opt.calibration.frames import check_other, fit_frames, frames_again
 from posture_opt.calibration.linear_model import LinearModel
 from posture_opt.calibration.residuals import Residuals
@@ -44,15 +43,21 @@ class HeldOut:
         """Root mean square of the lengths [m]."""
         return float(np.sqrt(np.mean(np.sum(self.errors**2, axis=1))))
 
+    def take(self, rows: Codes) -> HeldOut:
+        """Those of ``rows``, indices."""
+        shape = None if self.shape is None else self.shape[rows]
+        return replace(self, errors=self.errors[rows], inside=self.inside[rows], shape=shape)
+
 
 def refitted(
-    residuals: Residuals, folds: Folds, found: Fit, known: FitSetup | None, tell: Callable[[], None]
+    residuals: Residuals, folds: Folds, found: Fit, tell: Callable[[], None] = lambda: None, *, frames: bool = False
 ) -> HeldOut:
-    """Every row by an arm that was fitted to the other folds: all that is known to be fitted, or free frames alone.
+    """Every row by an arm that was fitted to the other folds: all that was fitted to all rows, or free frames alone.
 
     Args:
         found: the estimate from all rows: its outliers teach nothing, and the fits start near it.
         tell: is called after each fit.
+        frames: fit free frames and nothing else.
     """
     data = residuals.data
     errors, inside, restless = np.zeros((len(data), 3)), np.zeros(len(data), dtype=bool), 0
@@ -61,16 +66,17 @@ def refitted(
         learn[left_out] = False
         training = residuals.take(np.flatnonzero(learn))
         x = fit_frames(training)
-        if known is not None:
+        again = None
+        if not frames:
             again = estimate(
-                training, x, known.directions, known.prior, robust=False, near=found.minimum.x,
-                weight=float(np.sqrt(known.design * found.variance)), design=known.design,
+                training, x, found.directions, found.prior, robust=False, near=found.minimum.x,
+                weight=float(np.sqrt(found.design * found.variance)), design=found.design,
             )  # fmt: skip
             x, restless = again.x, restless + (not again.at_rest)
         rest = residuals.take(left_out)
         errors[left_out] = position_errors(rest, x)
         taught = position_errors(training, x)[:, residuals.axes]
-        inside[left_out] = _inside(rest, errors[left_out], taught, x, None if known is None else again)
+        inside[left_out] = _inside(rest, errors[left_out], taught, x, again)
         tell()
     return HeldOut(errors, inside, unsettled=restless)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, cast
 
@@ -218,16 +218,10 @@ def diagnose(
     noise = noise_causes(problem, calibration, model, everything, closed, seed or 0)
     full = _of_data(model, calibration)
     geometry = geometry_causes(residuals, calibration.x_nominal, frames, full, full.effects)
-    models = {
-        "nominal": fit_with_effects(residuals, calibration.x_nominal, frames, []),
-        "calibrated": calibration.fit_effects(residuals, []),
-        "extended": model,
-    }
-    groups_by: By = by or calibration.by
-    groups = groups_of(residuals.data, groups_by, folds)
-    parts = folds_of(groups, folds, groups_by)
-    shapes = {"extended": noise_shape(model, noise)}
-    held = {name: held_out(fitted, parts, shape=shapes.get(name)) for name, fitted in models.items()}
+    groups, parts = _folds(calibration)
+    held = {name: errors.take(calibration.kept_rows) for name, errors in calibration.held.items()}
+    extended = held_out(model, parts, shape=noise_shape(model, noise))
+    held["extended"] = extended if model.effects else replace(extended, errors=held["calibrated"].errors)
     findings = (
         *effect_findings(names, model, held["extended"], parts, groups, stages.next()),
         *(noise_finding(n) for n in noise),
@@ -235,8 +229,8 @@ def diagnose(
     )
     other = None
     if test is not None:
-        base = models["calibrated"]
-        other = second_session(problem, test, calibration.x_nominal, base, model, frames, refit_frames=refit_frames)
+        known = calibration.fit, model
+        other = second_session(problem, test, calibration.x_nominal, *known, frames, refit_frames=refit_frames)
     stages.end()
     return Diagnosis(
         verdict="unexplained" if closed < levels.LACK_OF_FIT else "effects_found" if findings else "none_found",
@@ -250,12 +244,22 @@ def diagnose(
         search=found,
         unexplained=unnamed,
         adequacy=left,
-        by=groups_by,
+        by=calibration.by,
         groups=groups,
         rivals=names.confusable,
         test=other,
         notes=(*calibration.notes, *(() if other is None else other.notes)),
     )
+
+
+def _folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:
+    """Groups (M,) and folds of the calibration, of the rows that count."""
+    request, by, kept = calibration.request, calibration.by, calibration.kept_rows
+    groups = groups_of(request.data, by, request.folds)
+    place = np.full(len(groups), -1)
+    place[kept] = np.arange(len(kept))
+    parts = (place[part][place[part] >= 0] for part in folds_of(groups, request.folds, by))
+    return groups[kept], [part for part in parts if len(part)]
 
 
 def _searched(

@@ -55,13 +55,14 @@ def extended_arm(
 
 def _calibration(calibration: Calibration, model: Fit, held_out: Array) -> Calibration:
     """The calibration with the geometry of the extended arm, and the errors that it leaves."""
-    errors = calibration.errors.copy()
+    before = calibration.held["calibrated"]
+    errors = before.errors.copy()
     errors[calibration.kept_rows] = held_out
     # Sums over blocks hold what each row makes of the estimate, and no model of single rows may stand in for them.
     design = max(calibration.design, model.design)
     former = calibration.fit
     fit = replace(model.keeping([]), residuals=former.residuals, kept=former.kept, design=design)
-    return replace(calibration, fit=fit, errors=errors)
+    return replace(calibration, fit=fit, held={**calibration.held, "calibrated": replace(before, errors=errors)})
 
 
 def _sources(problem: CalibrationProblem, calibration: Calibration, model: Fit) -> Sources:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
+from posture_opt.calibration.calibrate import recounted
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.least_squares import outlying
@@ -39,7 +39,7 @@ def reinclude_outliers(calibration: Calibration, found: SearchResult) -> Calibra
         Z = [tangents.columns(s.what)[:m] for s in explanation if isinstance(s.what, Effect)]
         gross = _gross(r, np.concatenate([G, *Z], axis=1), tangents.residuals.block)
         left = min(left, before & gross, key=np.count_nonzero)
-    return calibration if left is before else replace(calibration, fit=replace(calibration.fit, kept=~left))
+    return calibration if left is before else recounted(calibration, ~left)
 
 
 def _explanations(found: SearchResult) -> Iterator[Sequence[Candidate]]:
