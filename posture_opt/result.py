@@ -30,9 +30,9 @@ class Result(ABC):
         """What this is and its most important numbers, with units: at most 12 lines."""
         return str(self._presenter.summary_text())
 
-    def report(self) -> str:
-        """The whole report as plain text, as the command line prints it."""
-        return str(self._presenter.report_text())
+    def report(self, *, full: bool = True) -> str:
+        """The report as plain text, as the command line prints it: the whole, or what fits on one screen."""
+        return str(self._presenter.report_text(full))
 
     def figures(self) -> dict[str, Any]:
         """Name -> matplotlib ``Figure``, the most important one first; they belong to no window."""

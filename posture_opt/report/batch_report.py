@@ -10,7 +10,8 @@ import numpy as np
 
 from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.error_table import error_table
+from posture_opt.report.calibration_brief import MORE, on_a_screen
+from posture_opt.report.error_table import error_table, mm
 from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 _LISTED = 20
 _PAIRS = 8
+_NAMED = 4  # parameters on the first screen
 _MANY = 10  # robots: with fewer, a correlation is hardly told
 
 
@@ -166,6 +168,37 @@ def batch_facts(found: Batch) -> tuple[tuple[str, str], ...]:
     )
 
 
+def batch_brief(found: Batch) -> Report:
+    """The lead of the whole report and a line on each of its parts, on one screen."""
+    worst = max(range(len(found.robots)), key=lambda i: found.calibrations[i].calibrated.rms)
+    left = found.undetermined
+    names = ", ".join(left[:_PAIRS]) + (f" and {len(left) - _PAIRS} more" if len(left) > _PAIRS else "")
+    plan = "plan for the type with uncertainty.yaml, which --out DIR writes."
+    many = "measure more robots: ten or more determine correlations better."
+    facts = [
+        ("Measured", f"{count(len(found.data), 'row')} of {count(len(found.robots), 'robot')}"),
+        ("Errors", f"the largest calibrated RMS is {mm(found.calibrations[worst].calibrated.rms)} mm, of "
+                   f"{found.robots[worst]}"),
+        ("Varying", _varying(found)),
+        *([("Undetermined", names)] if left else []),
+        ("Next", many if len(found.robots) < _MANY else plan),
+        ("More", MORE.format("uncertainty.yaml")),
+    ]  # fmt: skip
+    problem = problem_of(found)
+    return on_a_screen(Report(problem.name or "Batch", (_answer(problem, found), _errors(found)), ()), facts)
+
+
+def _varying(found: Batch) -> str:
+    """The parameters that vary from robot to robot, each with its σ."""
+    sizes = []
+    for k, p in enumerate(found.parameters):
+        unit, factor = ("deg", math.degrees(1.0)) if p.unit == "rad" else ("mm", 1e3)
+        if found.spread.interval[k][0] > 0:
+            sizes.append(f"{p.name} by {number(factor * float(found.spread.sigma[k]), 2)} {unit}")
+    more = f" and {len(sizes) - _NAMED} more" if len(sizes) > _NAMED else ""
+    return f"{', '.join(sizes[:_NAMED])}{more} (σ from robot to robot)" if sizes else "no parameter, beyond chance"
+
+
 class BatchPresenter(Presenter["Batch"]):
     """Several robots of one type, calibrated."""
 
@@ -176,6 +209,9 @@ class BatchPresenter(Presenter["Batch"]):
 
     def report(self) -> Report:
         return batch_report(self.result)
+
+    def brief(self) -> Report:
+        return batch_brief(self.result)
 
     def columns(self) -> Columns:
         """Mean and standard deviation of each parameter across the batch, SI units."""

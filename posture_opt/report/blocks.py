@@ -28,7 +28,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Block:
-    """A titled part of a report; ``figure`` names the picture that belongs to it."""
+    """A part of a report, mostly with a title; ``figure`` names the picture that belongs to it."""
 
     title: str
     items: tuple[str | Facts | Table, ...]

@@ -35,7 +35,7 @@ def parameters_block(found: Calibration) -> Block:
     text = (
         f"Estimates with one standard error, without bounds{priors}. 'In errors': the change over its standard error."
     )
-    words = [*extra, *_significance(found, shown), *_far(found, shown)]
+    words = [*extra, *_significance(found), *_far(found, shown)]
     return Block("Parameters", (text, table, *words, *_correlations(found, shown)))
 
 
@@ -60,14 +60,53 @@ def _unit(parameter: Parameter) -> tuple[str, float]:
     return ("deg", math.degrees(1.0)) if parameter.unit == "rad" else ("mm", 1e3)
 
 
-def _significance(found: Calibration, shown: list[int]) -> list[str]:
+def _significance(found: Calibration) -> list[str]:
     """How many parameters of the arm itself differ from the drawing by more than chance."""
-    judged = [i for i in shown if found.parameters[i].group == "geometry" and math.isfinite(found.z[i])]
+    judged = _judged(found)
     if not judged:
         return []
     sure = [i for i in judged if found.p_values[i] < _SURE]
     of = f"{len(sure)} of {count(len(judged), 'determined parameter')} of the arm"
     return [f"{of} differ from nominal by more than chance (p below 5 %, each by itself: more than 1.96 errors)."]
+
+
+def determined_words(found: Calibration) -> str:
+    """How many unknowns are determined by themselves, and how many together."""
+    alone, rank, all_of = int(found.fixed.sum()), found.identifiability.rank, len(found.parameters)
+    if alone == all_of:
+        return f"all {all_of} unknowns are determined"
+    more = f", {rank - alone} more in combination" if rank > alone else ""
+    return f"{alone} of {all_of} unknowns are determined by themselves{more}"
+
+
+def differing(found: Calibration, most: int) -> str:
+    """The parameters of the arm that surely differ from the file, the surest first; empty where none does."""
+    sure = [i for i in _judged(found) if found.p_values[i] < _SURE]
+    if not sure:
+        return ""
+    sure.sort(key=lambda i: -abs(found.z[i]))
+    named = ", ".join(_deviation(found, i) for i in sure[:most])
+    if len(sure) == 1:
+        return f"One of the arm differs from the file: {named}"
+    return f"{len(sure)} of the arm differ from the file, {'most surely' if len(sure) > most else 'namely'} {named}"
+
+
+def undetermined_names(found: Calibration, most: int) -> str:
+    """The parameters that neither the data nor a prior determine by themselves."""
+    names = [p.name for p, fixed in zip(found.parameters, found.fixed, strict=True) if not fixed and p.group != "point"]
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _deviation(found: Calibration, i: int) -> str:
+    unit, factor = _unit(found.parameters[i])
+    error = float(found.std[i]) * factor
+    change, error_text = (fixed(v, decimals_of(error)) for v in (float(found.x[i]) * factor, error))
+    return f"{found.parameters[i].name} by {change} ± {error_text} {unit}"
+
+
+def _judged(found: Calibration) -> list[int]:
+    """Parameters of the arm itself whose deviation can be told from chance."""
+    return [i for i, p in enumerate(found.parameters) if p.group == "geometry" and math.isfinite(found.z[i])]
 
 
 def _far(found: Calibration, shown: list[int]) -> list[str]:
@@ -101,7 +140,7 @@ def _correlations(found: Calibration, shown: list[int]) -> list[str | Table]:
 def undetermined_block(found: Calibration) -> Block:
     """The combinations of parameters that no fit to these data can tell."""
     known = found.identifiability
-    size = f"The data determine {known.rank} of {count(len(found.parameters), 'unknown')}"
+    size = f"The data determine {known.rank} combinations of {count(len(found.parameters), 'unknown')}"
     words = [sentence(text) for text in known.words]
     helped = [p.name for p, k, d in zip(found.parameters, found.fixed, known.determined, strict=True) if k and not d]
     by_prior = [f"With the stated σ's as priors these are settled too: {', '.join(helped)}."] if helped else []

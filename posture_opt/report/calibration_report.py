@@ -10,10 +10,11 @@ import numpy as np
 
 from posture_opt.report.assessment_report import assessment_blocks
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.calibration_parameters import parameters_block, undetermined_block
+from posture_opt.report.calibration_brief import calibration_brief, stood_elsewhere
+from posture_opt.report.calibration_parameters import determined_words, parameters_block, undetermined_block
 from posture_opt.report.comparison_report import comparison_blocks, comparison_lead
-from posture_opt.report.error_table import ELSEWHERE, error_table, held_out_sentence, instrument_words, mm
-from posture_opt.report.parts import note_facts, robot_facts
+from posture_opt.report.error_table import error_table, held_out_sentence, instrument_words, mm
+from posture_opt.report.parts import note_facts, robot_facts, sentence
 from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
 from posture_opt.report.spread_check_report import spread_check_blocks, spread_check_lead
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from posture_opt.validation.spread_check import SpreadCheck
 
 _LISTED = 20
+_DOUBTS = 2  # in the lead
 
 
 def calibration_report(shown: CalibrationPresenter) -> Report:
@@ -48,8 +50,21 @@ def calibration_report(shown: CalibrationPresenter) -> Report:
         *([test_block(found, request.test)] if request.test is not None else []),
         *comparison_blocks(shown.comparison),
     )
-    lead = (_answer(found), *comparison_lead(shown.comparison), spread_check_lead(shown.spread_check))
-    return Report(shown.problem.name or "Calibration", lead, blocks)
+    return Report(shown.problem.name or "Calibration", calibration_lead(shown), blocks)
+
+
+def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
+    """The answer, what may be wrong with the data or the fit, what it means for the task, and for its spread."""
+    found = shown.result
+    doubts = [sentence(note) for note in dict.fromkeys((*found.request.data.warnings, *found.fit.notes))]
+    more = (f"{len(doubts) - _DOUBTS} more notes of this kind stand under Data.",) if len(doubts) > _DOUBTS else ()
+    return (
+        _answer(found),
+        *doubts[:_DOUBTS],
+        *more,
+        *comparison_lead(shown.comparison),
+        spread_check_lead(shown.spread_check),
+    )
 
 
 def _answer(found: Calibration) -> str:
@@ -68,7 +83,8 @@ def data_block(problem: Problem, found: Calibration) -> Block:
         *([("Targets", ", ".join(data.target_names))] if len(data.target_names) > 1 else []),
         ("Instrument", instrument_words(problem, data)),
     ]
-    notes = note_facts((*data.warnings, *problem.notes, *found.notes))
+    doubts = tuple(dict.fromkeys((*data.warnings, *found.fit.notes)))
+    notes = note_facts(n for n in (*data.warnings, *problem.notes, *found.notes) if n not in doubts[:_DOUBTS])
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
 
 
@@ -101,10 +117,8 @@ def test_block(found: Calibration, other: Measurements) -> Block:
     how = "base and tool fitted again to it" if again else "nothing fitted to it"
     text = f"{Path(other.file).name or 'table'}, {count(len(other), 'row')}: {how}."
     table = error_table({MODEL_NAMES[name]: statistics for name, statistics in found.test.items()})
-    test, own = found.test["calibrated"].rms, found.calibrated.rms
-    moved = not again and test > ELSEWHERE * own
     hint = "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."
-    return Block("Test file", (text, table, *([hint] if moved else [])))
+    return Block("Test file", (text, table, *([hint] if stood_elsewhere(found) else [])))
 
 
 class CalibrationPresenter(Presenter["Calibration"]):
@@ -152,7 +166,6 @@ class CalibrationPresenter(Presenter["Calibration"]):
 
     def summary(self) -> Summary:
         found = self.result
-        known = int(found.fixed.sum())
         facts = (
             ("Rows", f"{len(found.request.data)}, {count(len(found.outliers), 'outlier')}"),
             (
@@ -160,12 +173,15 @@ class CalibrationPresenter(Presenter["Calibration"]):
                 f"{mm(found.nominal.rms)} mm RMS before calibration, {mm(found.calibrated.rms)} mm after",
             ),
             ("", "(cross-validated)"),
-            ("Parameters", f"{known} of {len(found.parameters)} determined, rank {found.identifiability.rank}"),
+            ("Parameters", determined_words(found)),
         )
         return Summary(f"Calibration: {self.problem.name}", facts)
 
     def report(self) -> Report:
         return calibration_report(self)
+
+    def brief(self) -> Report:
+        return calibration_brief(self.problem, self.result, self.assessment, calibration_lead(self))
 
     def columns(self) -> Columns:
         """The parameters with their standard errors, SI units."""

@@ -62,6 +62,10 @@ class Presenter(ABC, Generic[R]):
     def report(self) -> Report:
         """The whole report."""
 
+    def brief(self) -> Report:
+        """Its first screen; the whole where that is no longer."""
+        return self.report()
+
     @abstractmethod
     def columns(self) -> Columns:
         """The main table."""
@@ -78,9 +82,9 @@ class Presenter(ABC, Generic[R]):
         """The summary as a small table for notebooks."""
         return summary_html(self.summary())
 
-    def report_text(self) -> str:
-        """The report as plain text, at most 100 columns wide."""
-        return render(self.report())
+    def report_text(self, full: bool = True) -> str:
+        """The report, or its first screen, as plain text, at most 100 columns wide."""
+        return render(self.report() if full else self.brief())
 
     def figures(self) -> dict[str, Figure]:
         """All figures by name, drawn."""

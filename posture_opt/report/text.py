@@ -40,7 +40,7 @@ def _block(block: Block) -> str:
     for before, item, text in zip(block.items, block.items[1:], texts[1:], strict=False):
         apart = isinstance(item, Table) or isinstance(before, Table)
         body += ("\n\n" if apart else "\n") + text
-    return f"{block.title}\n{'-' * len(block.title)}\n{body}"
+    return f"{block.title}\n{'-' * len(block.title)}\n{body}" if block.title else body
 
 
 def _item(item: str | Facts | Table) -> str:

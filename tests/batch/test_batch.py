@@ -277,3 +277,13 @@ def test_one_robot_does_not_tell_what_varies_together() -> None:
     data = read_measurements(columns, stated)
     found = po.check_spread(stated, data, calibrate(stated, data))
     assert any("cannot be known from one robot" in note for note in found.notes)
+
+
+def test_the_command_answers_on_one_screen_and_tells_the_rest_in_full() -> None:
+    data = problems_folder() / "planar_2r_batch.csv"
+    words = ["calibrate", data, "--problem", "insert_planar_2r_measured", "--no-plots"]
+    brief, whole = invoke(*words).stdout, invoke(*words, "--full").stdout
+    assert len(brief.splitlines()) <= 24 < len(whole.splitlines())
+    assert "joint1.a by 0.36 mm, joint2.a by 0.37 mm (σ from robot to robot)" in brief
+    assert brief.splitlines()[:6] == whole.splitlines()[:6]
+    assert "Correlations between parameters" in whole

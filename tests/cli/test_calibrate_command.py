@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def written(folder: Path) -> tuple[Path, Result]:
     out = folder / "out"
     words = ["--problem", folder / "problem.yaml", "--test", folder / "other.csv", "--out", out]
-    return out, run(folder / "data.csv", *words)
+    return out, run(folder / "data.csv", *words, "--full")
 
 
 def parameters(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -124,6 +125,52 @@ def test_the_report_says_so_in_words(written: tuple[Path, Result]) -> None:
     assert written_files >= {"calibration.json", "calibrated.yaml", "calibrated_covariance.csv", "report.html"}
 
 
+SCREEN = 24  # lines
+
+
+def test_the_answer_fits_on_one_screen(folder: Path, written: tuple[Path, Result]) -> None:
+    text = run(
+        folder / "data.csv", "--problem", folder / "problem.yaml", "--test", folder / "other.csv"
+    ).stdout.splitlines()
+    assert len(text) <= SCREEN
+    assert max(map(len, text)) <= 100
+    whole = written[1].stdout.splitlines()
+    assert len(whole) > 2 * SCREEN
+    assert text[:4] == whole[:4]  # the title and the answer
+    said = " ".join(" ".join(text).split())
+    assert "calibration reduces the RMS position error from 3.0" in text[3]
+    assert f"1 row left out: line {OUTLIER + 2}" in said
+    found = re.search(r"One of the arm differs from the file: joint2\.a by (\S+) ± (\S+) mm", said)
+    assert found is not None
+    assert abs(float(found[1]) - 1e3 * LONGER) < 4 * float(found[2])
+    assert "'plan-measurements' proposes postures that determine more" in said
+    assert "--full prints the whole report" in text[-1]
+
+
+@needs_real_arms
+@pytest.mark.parametrize(
+    ("data", "problem"),
+    [
+        ("jacobi_ur5/random.csv", "jacobi_ur5/problem.yaml"),
+        ("jacobi_wam/grid.csv", "jacobi_wam/problem.yaml"),
+        ("mukca_sockets/panda_4.csv", "mukca_sockets/problem_panda_4.yaml"),
+        ("ipa_ur10/series_d.csv", "ipa_ur10/problem.yaml"),
+    ],
+)
+def test_real_arms_fit_on_one_screen_too(data: str, problem: str) -> None:
+    result = run(DATA / data, "--problem", DATA / problem)
+    assert result.exit_code == 0, result.stderr
+    assert len(result.stdout.splitlines()) <= SCREEN
+
+
+def test_what_looks_wrong_with_the_data_stands_in_the_lead(folder: Path, tmp_path: Path) -> None:
+    rows = (folder / "data.csv").read_text(encoding="utf-8").splitlines()
+    (tmp_path / "twice.csv").write_text("\n".join([*rows, rows[5]]), encoding="utf-8")
+    text = run(tmp_path / "twice.csv", "--problem", folder / "problem.yaml").stdout
+    lead = " ".join(text.split("\n\n")[1].split())
+    assert "1 row repeats an earlier one to the last digit, as if copied: lines 62 (of 6)" in lead
+
+
 def test_json_is_the_document_alone_and_priors_can_be_turned_off(folder: Path) -> None:
     result = run(folder / "data.csv", "--problem", folder / "problem.yaml", "--no-priors", "--by", "block", "--json")
     assert result.exit_code == 0, result.stderr
@@ -139,7 +186,7 @@ def test_json_is_the_document_alone_and_priors_can_be_turned_off(folder: Path) -
 
 def test_frames_fitted_again_are_told(folder: Path) -> None:
     words = [folder / "data.csv", "--problem", folder / "problem.yaml", "--test", folder / "other.csv"]
-    told = run(*words, "--refit-frames")
+    told = run(*words, "--refit-frames", "--full")
     assert "--refit-frames" not in run(*words).stdout
     assert "base and tool fitted again to it" in told.stdout
     assert any("fitted again" in note for note in json.loads(run(*words, "--refit-frames", "--json").stdout)["notes"])
@@ -150,6 +197,7 @@ def test_an_instrument_that_was_moved_is_suspected(folder: Path, tmp_path: Path)
     write(tmp_path / "moved.csv", q, position(q, (1.0, 1.0 + LONGER)) + np.array([0.1, 0.0]))
     words = [folder / "data.csv", "--problem", folder / "problem.yaml", "--test", tmp_path / "moved.csv"]
     assert "--refit-frames fits base and tool again" in run(*words).stdout
+    assert "--refit-frames fits base and tool again" in run(*words, "--full").stdout
     again = json.loads(run(*words, "--refit-frames", "--json").stdout)
     assert again["test"]["calibrated"]["rms"] < NOISE  # the test file has no noise: what is left is the estimate's
 

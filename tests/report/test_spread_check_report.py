@@ -99,7 +99,7 @@ def test_calibrate_writes_it_all(tmp_path: Path) -> None:
     head = "j1 [rad],j2 [rad],x [m],y [m]"
     np.savetxt(tmp_path / "data.csv", np.column_stack([q, points]), delimiter=",", header=head, comments="")
     words = ["calibrate", str(tmp_path / "data.csv"), "--problem", str(tmp_path / "problem.yaml")]
-    result = invoke(*words, "--out", str(tmp_path / "out"))
+    result = invoke(*words, "--full", "--out", str(tmp_path / "out"))
     assert result.exit_code == 0, result.stderr
     assert "Is the predicted spread correct?" in result.stdout
     document = json.loads((tmp_path / "out" / "calibration.json").read_text(encoding="utf-8"))
