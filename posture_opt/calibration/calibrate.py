@@ -63,7 +63,7 @@ def calibrate(
     """
     given, notes = compare(problem, data)
     chart = Chart.of(given)
-    by = by or ("place" if data.position is None else "pose")
+    by = by or default_by(data)
     groups = groups_of(data, by, folds)
     parts = folds_of(groups, folds, by)
     tell = _teller(progress, 2 * len(parts) + 1)
@@ -78,6 +78,26 @@ def calibrate(
     seen = {name: _on_another_file(chart.fitted, x, test, refit_frames) for name, x in models.items()}
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     return _assembled(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
+
+
+def stated_errors(
+    problem: CalibrationProblem, data: Measurements, *, folds: int = 5, by: By | None = None
+) -> tuple[Array, Mask]:
+    """What `calibrate` finds of the arm as its file states it: position errors (N, 3) [m], and the rows that count.
+
+    Nothing is fitted but what the file leaves free, and the offsets of several targets and touched points, which no
+    file states; they are predicted without the group of each row. Outliers beside the calibrated arm do not count.
+    """
+    residuals = Chart.of(compare(problem, data)[0]).fitted
+    by = by or default_by(data)
+    groups = groups_of(data, by, folds)
+    found = _fit(problem, residuals, len(np.unique(groups)), priors=True).found
+    return refitted(residuals, folds_of(groups, folds, by), found, frames=True).errors, found.kept
+
+
+def default_by(data: Measurements) -> By:
+    """What a cross-validation leaves out together where nobody says it."""
+    return "place" if data.position is None else "pose"
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,6 +55,9 @@ class FittableProblem(CalibrationProblem, Protocol):
     def with_fit(self, fit: FittedArm) -> Any:
         """The same problem with the fitted arm."""
 
+    def reloaded(self) -> Any:
+        """The problem that its own files hold."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FitRequest:

@@ -9,7 +9,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from posture_opt.calibration.calibrate import calibrate
+from posture_opt.calibration.calibrate import calibrate, stated_errors
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, held_out
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
@@ -19,6 +19,7 @@ from posture_opt.calibration.progress import Stages
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.causes import Finding, effect_findings, geometry_finding, noise_finding, unknowable
+from posture_opt.diagnosis.delivery import Delivery, deliver
 from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_discrimination
 from posture_opt.diagnosis.extended_arm import extended_arm
 from posture_opt.diagnosis.geometry_causes import geometry_causes
@@ -27,7 +28,7 @@ from posture_opt.diagnosis.linearised_data import LinearisedData, frame_directio
 from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
 from posture_opt.diagnosis.outlier_reinclusion import reinclude_outliers
 from posture_opt.diagnosis.search import SearchResult, prefer_named, remaining_unnamed, search
-from posture_opt.diagnosis.sessions import Gain, SecondSession, persistent, second_session
+from posture_opt.diagnosis.sessions import Gain, SecondSession, second_session
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
@@ -47,10 +48,9 @@ class Diagnosis(Result):
         effects: the causes that were found, non-geometric causes first, the weightiest first.
         request: the arm as stated, the measurements, and what else was asked.
         errors: cross-validated position errors [m] of the arm before calibration (``nominal``), ``calibrated``, and
-            with the effects (``extended``).
+            with the effects (``extended``), and ``delivered``.
         held: those errors row by row, by model.
-        model: the fitted arm with its effects; ``persistent`` the one to plan with, without those of time
-            unless they were asked for.
+        model: the fitted arm with its effects; ``delivery`` the one to plan with, without those of the session.
         unexplained: unnamed components that the residuals need beside the effects.
         adequacy: the tests for anything left unexplained.
         groups: (N,) what the cross-validation left out together, of the rows that are no outliers.
@@ -65,7 +65,7 @@ class Diagnosis(Result):
     errors: Mapping[str, Statistics]
     held: Mapping[str, HeldOut]
     model: Fit
-    persistent: Fit
+    delivery: Delivery
     search: SearchResult
     unexplained: tuple[UnnamedComponent, ...]
     adequacy: Adequacy
@@ -87,11 +87,19 @@ class Diagnosis(Result):
 
     @cached_property
     def fitted_arm(self) -> FittedArm:
-        """The arm with its fitted geometry and persistent effects, as a problem takes it over."""
-        return extended_arm(
-            self.problem, self.calibration, self.model, self.persistent, self.effects, self.held["extended"].errors,
-            self.errors,
-        )  # fmt: skip
+        """The arm that is delivered, as a problem takes it over."""
+        return extended_arm(self.problem, self.calibration, self.model, self.delivery, self.effects, self.errors)
+
+    @cached_property
+    def delivered_rms(self) -> float:
+        """Root mean square [m] of the position errors of ``extended.yaml``, read again from what is written.
+
+        Rows that are outliers beside it do not count; nothing is fitted again but touched points and the offsets of
+        several targets, which no file states.
+        """
+        written: FittableProblem = self.extended.reloaded()
+        errors, kept = stated_errors(written, self.request.data, folds=self.request.folds, by=self.by)
+        return float(np.sqrt(np.mean(np.sum(errors[kept] ** 2, axis=1))))
 
     @cached_property
     def models(self) -> dict[str, Any]:
@@ -115,7 +123,11 @@ class Diagnosis(Result):
                 "p_value": p,
                 "place": [f"{u.kind}: {u.target}" for u in self.unexplained] or [self.adequacy.place],
             },
-            "residual_rms": {name: self.errors[name].rms for name in names},
+            "residual_rms": {
+                **{name: self.errors[name].rms for name in names},
+                "delivered": self.delivered_rms,
+                "delivered_heldout": self.errors["delivered"].rms,
+            },
             "residuals": {name: self.errors[name].to_json() for name in names},
             "coverage95": {name: float(self.held[name].inside.mean()) for name in names},
             "cross_validation": self.by,
@@ -222,6 +234,8 @@ def diagnose(
     held = {name: errors.take(calibration.kept_rows) for name, errors in calibration.held.items()}
     extended = held_out(model, parts, shape=noise_shape(model, noise))
     held["extended"] = extended if model.effects else replace(extended, errors=held["calibrated"].errors)
+    delivery = deliver(calibration, model, held, parts, noise, with_time=with_time)
+    held["delivered"] = delivery.held
     findings = (
         *effect_findings(names, model, held["extended"], parts, groups, stages.next()),
         *(noise_finding(n) for n in noise),
@@ -229,8 +243,8 @@ def diagnose(
     )
     other = None
     if test is not None:
-        known = calibration.fit, model
-        other = second_session(problem, test, calibration.x_nominal, *known, frames, refit_frames=refit_frames)
+        lasting = deliver(calibration, model, held, parts, noise) if with_time else delivery
+        other = second_session(test, calibration, model, lasting, refit_frames=refit_frames)
     stages.end()
     return Diagnosis(
         verdict="unexplained" if closed < levels.LACK_OF_FIT else "effects_found" if findings else "none_found",
@@ -240,7 +254,7 @@ def diagnose(
         errors={name: Statistics.of(h.errors, groups) for name, h in held.items()},
         held=held,
         model=model,
-        persistent=persistent(model, frames, with_time),
+        delivery=delivery,
         search=found,
         unexplained=unnamed,
         adequacy=left,

@@ -15,41 +15,41 @@ from posture_opt.calibration.fitted_arm import FittedArm, persistent_sources, pl
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import gravity_of
 from posture_opt.diagnosis.causes import Finding
-from posture_opt.diagnosis.sessions import covariance_at_shapes
+from posture_opt.diagnosis.delivery import Delivery, covariance_at_shapes
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.validation.residual_scatter import residual_scatter
 
 
 def extended_arm(
-    problem: CalibrationProblem, calibration: Calibration, model: Fit, persistent: Fit,
-    findings: Sequence[Finding], errors: Array, statistics: Mapping[str, Statistics],
+    problem: CalibrationProblem, calibration: Calibration, model: Fit, delivery: Delivery,
+    findings: Sequence[Finding], statistics: Mapping[str, Statistics],
 ) -> FittedArm:  # fmt: skip
     """The arm with its fitted geometry and effects, and what is uncertain of both together.
 
-    Effects that change with time are left out unless they were asked for: they belong to the session that was
-    measured. So is noise of the instrument or of the data; that of a joint is an effect of the arm.
+    Noise of the instrument or of the data is left out; that of a joint is an effect of the arm.
 
     Args:
-        model: everything that was fitted; ``persistent`` the part of it to plan with.
-        errors: (N, 3) of rows held out from the fit [m], outliers left out; ``statistics`` of every model.
+        model: everything that was fitted; ``delivery`` the arm to plan with.
+        statistics: of every model on held-out rows.
     """
-    fitted = _calibration(calibration, persistent, errors)
+    delivered = delivery.fit
+    fitted = _calibration(calibration, delivered, delivery.held.errors)
     noises = [f.noise for f in findings if f.noise is not None and f.noise.of_arm]
     scatter = residual_scatter(problem, fitted, noises)
     places = places_in_robot(calibration.parameters)
-    deviations = {name: float(persistent.x[i]) for name, i in places.items()}
+    deviations = {name: float(delivered.x[i]) for name, i in places.items()}
     base = {name: value for name, value in deviations.items() if name.startswith("base.")}
     gravity = gravity_of(problem.robot, base)
     return FittedArm(
         label="extended",
         deviations=deviations,
-        known=_sources(problem, fitted, persistent),
+        known=_sources(problem, fitted, delivered),
         scatter=scatter.beside,
-        effects=persistent.effects,
+        effects=delivered.effects,
         noises=tuple(noises),
         gravity=None if gravity == problem.robot.gravity else gravity,
-        header=_header(calibration, model, persistent, findings, statistics, scatter.note),
+        header=_header(calibration, model, delivery, findings, statistics, scatter.note),
     )
 
 
@@ -86,26 +86,29 @@ def _sources(problem: CalibrationProblem, calibration: Calibration, model: Fit) 
 
 
 def _header(
-    calibration: Calibration, model: Fit, persistent: Fit, findings: Sequence[Finding],
+    calibration: Calibration, model: Fit, delivery: Delivery, findings: Sequence[Finding],
     statistics: Mapping[str, Statistics], scatter: str,
 ) -> tuple[str, ...]:  # fmt: skip
     """What the file says of itself in its first lines."""
-    data = calibration.residuals.data
-    before, middle, after = (f"{statistics[n].rms * 1e3:.3g} mm" for n in ("nominal", "calibrated", "extended"))
-    named = [f for f in findings if f.effect is not None or (f.noise is not None and f.noise.of_arm)]
-    named_text = ", ".join(f"{f.kind} of {f.target}" for f in named) or "no effect"
-    stays = {effect.name for effect in persistent.effects}
-    left = [effect for effect in model.effects if effect.name not in stays]
-    read = [f.noise.name for f in findings if f.noise is not None and not f.noise.of_arm]
+    data, effects = calibration.residuals.data, model.effects
+    before, middle, after = (f"{statistics[n].rms * 1e3:.3g} mm" for n in ("nominal", "calibrated", "delivered"))
+    noises = [f.noise for f in findings if f.noise is not None]
+    named = [*(effects[i] for i in delivery.kept), *(noise for noise in noises if noise.of_arm)]
+    last = f", {after} with effects" if delivery.kept else ""
     lines = [
-        f"Extended by what {Path(data.file).name or 'a table'} ({len(data)} rows) says of the arm: {named_text}.",
-        f"RMS position error on held-out rows: {before} before calibration, {middle} calibrated, {after} with effects.",
+        f"Extended by what {Path(data.file).name or 'a table'} ({len(data)} rows) says of the arm: "
+        f"{', '.join(f'{cause.kind} of {cause.target}' for cause in named) or 'no effect'}.",
+        f"RMS position error on held-out rows: {before} before calibration, {middle} calibrated{last}.",
         "What is still uncertain of its parameters stands in extended_covariance.csv, in mm, mrad and SI units.",
         f"{scatter[:1].upper()}{scatter[1:]}.",
     ]
-    if left:
-        timed = "; the arm is as it was before" if any("time" in effect.needs for effect in left) else ""
-        lines.append(f"Left out, as it belongs to its session: {', '.join(e.name for e in left)}{timed}.")
+    for places, why in (
+        (delivery.session, "it belongs to its session; all else was fitted for it to be absent"),
+        (delivery.dropped, "held-out rows are predicted no worse without it"),
+    ):
+        if places:
+            lines.append(f"Left out, as {why}: {', '.join(effects[i].name for i in places)}.")
+    read = [noise.name for noise in noises if not noise.of_arm]
     if read:
         lines.append(f"Left out, as it is of the measurement and not of the arm: {', '.join(read)}.")
     return tuple(lines)

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import session_errors
 from posture_opt.calibration.error_statistics import Statistics
 from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.linear_model import LinearModel
-from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.diagnosis.delivery import Delivery
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.model.effects import Effect
@@ -20,7 +21,6 @@ from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
 _DRAWS = 500
-_PLACE = ("base.x", "base.y", "base.z")
 
 
 @dataclass(frozen=True)
@@ -92,35 +92,30 @@ class SecondSession:
 
 
 def second_session(
-    problem: CalibrationProblem, other: Measurements, x_nominal: Array, calibrated: Fit, extended: Fit,
-    frames: Array, *, refit_frames: bool = False,
-) -> SecondSession:  # fmt: skip
+    other: Measurements, calibration: Calibration, model: Fit, delivery: Delivery, *, refit_frames: bool = False
+) -> SecondSession:
     """Errors of three models on other measurements, nothing fitted to them, or base and tool alone.
 
-    Effects of time say nothing of another session and are left out; a free base stands where it was on average.
+    Effects of time say nothing of another session: the arm with effects is the one that is delivered without them.
 
     Raises:
         InputError: other targets, several robots, or too few poses to fit base and tool again.
     """
-    kept = [i for i, effect in enumerate(extended.effects) if effect.for_planning]
-    moved = mean_displacement(extended, frames)
-    stays = replace(extended, x=extended.x + moved).keeping(kept)
-    before = replace(calibrated, x=x_nominal)
-    errors = {
-        name: session_errors(fit.residuals, fit.x, other, refit_frames)
-        for name, fit in (("nominal", before), ("calibrated", calibrated), ("extended", stays))
-    }
-    gains: list[Gain | None] = [None] * len(extended.effects)
-    about = LinearModel.of(extended)
-    for i in kept:
-        without = replace(extended, x=extended.x + moved + about.refitted(i)).keeping([k for k in kept if k != i])
+    calibrated, kept = calibration.fit, delivery.kept
+    fits = {"nominal": replace(calibrated, x=calibration.x_nominal), "calibrated": calibrated, "extended": delivery.fit}
+    errors = {name: session_errors(fit.residuals, fit.x, other, refit_frames) for name, fit in fits.items()}
+    gains: list[Gain | None] = [None] * len(model.effects)
+    about = LinearModel.of(delivery.fit)
+    for place, i in enumerate(kept):
+        rest = [k for k in range(len(kept)) if k != place]
+        without = replace(delivery.fit, x=delivery.fit.x + about.refitted(place)).keeping(rest)
         gains[i] = Gain.of(
             errors["extended"], session_errors(without.residuals, without.x, other, refit_frames), other.pose
         )
-    models = {name: Statistics.of(e, other.pose) for name, e in errors.items()}
+    sizes = {name: Statistics.of(e, other.pose) for name, e in errors.items()}
     gain = Gain.of(errors["extended"], errors["calibrated"], other.pose)
-    unstated = _unstated(extended.residuals.data, other, [extended.effects[i] for i in kept], problem.robot)
-    return SecondSession(other, errors, models, gain, tuple(gains), refit_frames, unstated)
+    unstated = _unstated(calibration.request.data, other, delivery.fit.effects, calibration.residuals.robot)
+    return SecondSession(other, errors, sizes, gain, tuple(gains), refit_frames, unstated)
 
 
 def _unstated(mine: Measurements, other: Measurements, effects: Sequence[Effect], robot: Robot) -> tuple[str, ...]:
@@ -134,49 +129,3 @@ def _unstated(mine: Measurements, other: Measurements, effects: Sequence[Effect]
         load = f"{robot.payload:g} kg of the problem file"
         notes.append(f"the test file has no column payload [kg], on which an effect depends: the {load} are taken")
     return tuple(notes)
-
-
-def persistent(fit: Fit, frames: Array, with_time: bool = False) -> Fit:
-    """The estimate without the effects that belong to their session, those of time kept if ``with_time``.
-
-    Nothing is fitted again: what changed during the session is still in its data, and geometry and the other effects
-    would take it up. A joint that slipped is as it was before; a free base stands where it stood on average while it
-    drifted or slipped. All is as certain as it was estimated together.
-
-    Args:
-        frames: (k, f) steps of what is free in the arm.
-    """
-    stays = [i for i, e in enumerate(fit.effects) if e.for_planning or (with_time and "time" in e.needs)]
-    if len(stays) == len(fit.effects):
-        return fit
-    moved = np.zeros(len(fit.x)) if with_time else mean_displacement(fit, frames)
-    return replace(fit, x=fit.x + moved).keeping(stays)
-
-
-def mean_displacement(fit: Fit, frames: Array) -> Array:
-    """The step (k,) of a free base that stands for what drifts and slips of it did on average [m]."""
-    joints = fit.residuals.robot.joint_names
-    drifts = [i for i, e in enumerate(fit.effects) if "time" in e.needs and e.target not in joints]
-    names = [p.name for p in fit.residuals.parameters[: len(frames)]]
-    base = [i for i, name in enumerate(names) if name in _PLACE and np.any(frames[i])]
-    step = np.zeros(len(fit.x))
-    if drifts and base:
-        moved = np.sum([fit.effect_columns(i) @ fit.x[fit.slices[i]] for i in drifts], axis=0)
-        step[base] = np.linalg.lstsq(fit.jacobian[:, base], moved, rcond=None)[0]
-    return step
-
-
-def covariance_at_shapes(fit: Fit) -> Array:
-    """Covariance (k, k) of an estimate whose effects have their shapes held where they were found.
-
-    The covariance of the estimate lets the shapes go: sine and cosine then lean on cycles that may differ too, and are
-    less certain than their sum ever is in the data. Who holds the shape takes ``A C Aᵀ`` with ``A = [I, B⁺D]``: what an
-    error of the shape does to the data, D, as far as the columns B of the effect can express it.
-    """
-    A = np.eye(len(fit.x))
-    for i, shape in fit.shapes.items():
-        B, D = fit.effect_columns(i), fit.jacobian[:, shape]
-        A[shape, shape] = 0.0
-        if np.any(D):
-            A[fit.slices[i], shape] = np.linalg.lstsq(B, D, rcond=None)[0]
-    return np.asarray(A @ fit.covariance @ A.T)

@@ -6,6 +6,7 @@ import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from posture_opt.calibration.fitted_arm import FittedArm
@@ -25,7 +26,7 @@ from posture_opt.problem.fitting import (
 )
 from posture_opt.problem.parts import input_notes, parse_spec, problem_notes, read_parts
 from posture_opt.problem.schema import ProblemSpec
-from posture_opt.problem.yaml_source import Document
+from posture_opt.problem.yaml_source import Document, read_yaml
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
@@ -193,6 +194,17 @@ class Problem:
                 beside[name] = self._content(given)
                 effect["covariance"] = name
         return {f"{stem}.yaml": commented(self.header, document).encode(), **beside}
+
+    def reloaded(self) -> Problem:
+        """The problem that its own files hold: written to a folder, and read again.
+
+        Raises:
+            InputError: a file of this problem is gone.
+        """
+        with TemporaryDirectory() as folder:
+            for name, content in self.files("problem").items():
+                (Path(folder) / name).write_bytes(content)
+            return build_problem(read_yaml(Path(folder) / "problem.yaml"), Path(folder), self.name)
 
     def _content(self, name: str) -> bytes:
         """The content of a file that the document names."""

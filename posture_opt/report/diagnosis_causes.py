@@ -100,8 +100,12 @@ def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
 def _planning(found: Diagnosis, finding: Finding) -> str:
     """Whether tasks are planned with a cause, where that is not plain."""
     entry = finding.effect or finding.noise
-    kept = {effect.name for effect in found.persistent.effects}
-    return "" if entry is None else entry.planning_note(entry.name in kept)
+    if entry is None:
+        return ""
+    place = place_of(found, finding)
+    if place in found.delivery.dropped:
+        return "left out: held-out rows are predicted no worse without it"
+    return entry.planning_note(place in found.delivery.kept)
 
 
 def _at_tool(found: Diagnosis, place: int) -> tuple[str, str]:

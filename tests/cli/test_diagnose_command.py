@@ -162,9 +162,9 @@ def test_what_changes_with_time_is_left_out_of_another_session(folder: Path) -> 
     assert first.gain > 0.5
     assert found.test is not None
     assert found.test_gain(0) is None
-    # Nothing of the drift is left in the prediction, nor of what geometry would take of it: 0.1 mm.
-    assert found.test.models["extended"].rms < 1.3 * np.sqrt(2) * NOISE  # 100 numbers, and the fit of 90 rows
-    assert found.test.models["calibrated"].rms > 2 * found.test.models["extended"].rms
+    # Without the drift there is no effect: the arm that is delivered and tested is the calibrated one.
+    assert found.delivery.fit is not found.model
+    assert found.test.models["extended"] == found.test.models["calibrated"]
     assert any("effects of time are left out" in note for note in found.notes)
     text = " ".join(found.report().split())
     assert "The effect is not tested on the other file: it belongs to the first session." in text
@@ -273,11 +273,11 @@ def test_effects_of_time_are_planned_with_where_they_are_asked_for(folder: Path,
         posture = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))["posture"]["extended"]["posture"]
         landed[len(option)] = position(np.array([list(posture.values())]))[0, 0] + DRIFT  # an hour later, truly
         assert ("kept, as requested" in result.stdout) == bool(option)
-    assert landed[0] == pytest.approx(0.9 + DRIFT, abs=3e-5)  # geometry has taken nothing of it
+    assert landed[0] > 0.9 + DRIFT / 3  # geometry has taken up some of it, on average
     assert landed[1] == pytest.approx(0.9, abs=3e-5)
     assert [effect.kind for effect in po.load_problem(tmp_path / "out1" / "extended.yaml").effects] == ["drift"]
     header = (tmp_path / "out0" / "extended.yaml").read_text("utf-8")
-    assert "Left out, as it belongs to its session: drift(linear); the arm is as it was before." in header
+    assert "Left out, as it belongs to its session; all else was fitted for it to be absent: drift(linear)." in header
 
 
 def test_effects_that_lean_on_each_other_are_fitted_together(folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""The part of a fitted arm that outlasts its session: nothing of a drift gets into it, and it is as sure as it is."""
+"""The part of a fitted arm that outlasts its session: it is fitted for the rest to be absent, and as sure as it is."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 import posture_opt as po
+from posture_opt.calibration.cross_validation import held_out
+from posture_opt.calibration.error_statistics import folds_of, groups_of
 from posture_opt.calibration.fit import Fit, fit_with_effects
 from posture_opt.diagnosis.causes import _estimate
+from posture_opt.diagnosis.delivery import Delivery, deliver
 from posture_opt.diagnosis.linearised_data import linearise
-from posture_opt.diagnosis.sessions import persistent
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.drift import Drift
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
@@ -39,10 +42,6 @@ def measured(folder: Path, case: str) -> tuple[po.Problem, po.Measurements]:
     return problem, po.read_measurements(folder / "data.csv", problem)
 
 
-def first_of_effects(fit: Fit) -> int:
-    return min(part.start for part in fit.slices)
-
-
 def fitted(problem: po.Problem, data: po.Measurements, *effects: Effect) -> Fit:
     calibration = po.calibrate(problem, data, folds=2)
     sensitivities = linearise(calibration, flips=0).sensitivities
@@ -60,20 +59,45 @@ def test_the_constant_of_a_drift_is_told_with_its_error(tmp_path: Path) -> None:
     assert abs(value - 300) < 4 * std
 
 
+def delivered(problem: po.Problem, data: po.Measurements, *effects: Effect, with_time: bool = False) -> Delivery:
+    calibration = po.calibrate(problem, data, folds=5)
+    residuals = linearise(calibration, flips=0).sensitivities.residuals
+    model = calibration.fit_effects(residuals, effects)
+    parts = folds_of(groups_of(residuals.data, "pose", 5), 5, "pose")
+    held = {**calibration.held, "extended": held_out(model, parts)}
+    return deliver(calibration, model, held, parts, [], with_time=with_time)
+
+
 @pytest.mark.parametrize("case", list(TIMED))
-def test_what_is_kept_is_the_arm_before_it_changed(case: str, tmp_path: Path) -> None:
-    model = fitted(*measured(tmp_path, case), TIMED[case], ECCENTRIC)
-    kept = persistent(model, np.zeros((first_of_effects(model), 0)))
-    assert [e.name for e in kept.effects] == [ECCENTRIC.name]
-    assert np.all(
-        np.abs(kept.x[kept.sizes] - [SINE, 0.0]) < 4 * kept.std[kept.sizes]
-    )  # fitted without it, the drift makes 0.1 mrad more
-    assert np.all(kept.std[kept.sizes] < 6e-6)  # 150 rows of 20 µm at 1 m, and the geometry with them
-    deviations = np.abs(kept.x[[p.name.endswith(".a") for p in kept.residuals.parameters]])
-    assert np.all(deviations < 1e-5)  # m: of two links, 2 µm each; fitted without a drift they take up 25 µm
-    np.testing.assert_allclose(kept.std[kept.sizes], model.std[model.slices[1]], rtol=1e-12)
-    assert kept.variance == model.variance < 1.3
-    assert persistent(model, np.zeros((first_of_effects(model), 0)), with_time=True) is model
+def test_what_is_kept_is_fitted_for_the_rest_to_be_absent(case: str, tmp_path: Path) -> None:
+    """Against the least squares of offsets, lengths, sine and cosine of the arm by hand."""
+    problem, data = measured(tmp_path, case)
+    found = delivered(problem, data, TIMED[case], ECCENTRIC)
+    assert (found.kept, found.session, found.dropped) == ((1,), (0,), ())
+    assert data.position is not None
+
+    def errors(z: np.ndarray) -> np.ndarray:
+        return np.asarray((wavy(data.q, np.r_[z, 1.0]) - data.position[:, :2]).ravel())
+
+    expected = least_squares(errors, np.zeros(6), x_scale=1e-4, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    value = dict(zip((p.name for p in found.fit.residuals.parameters), found.fit.x, strict=True))
+    names = [f"joint{j}.{p}" for p in ("theta", "a") for j in (1, 2)]
+    names += [f"{ECCENTRIC.name}.{p}" for p in ("sin", "cos")]
+    np.testing.assert_allclose([value[name] for name in names], expected.x, atol=1e-9)
+    assert found.held.rms == pytest.approx(np.sqrt(np.mean(expected.fun**2) * 2), rel=0.1)
+    std = dict(zip(value, found.fit.std, strict=True))
+    C = np.linalg.inv(expected.jac.T @ expected.jac) * np.sum(expected.fun**2) / (300 - 6)
+    assert std[names[4]] == pytest.approx(np.sqrt(C[4, 4]), rel=0.25)  # neighbours in time err alike
+    whole = delivered(problem, data, TIMED[case], ECCENTRIC, with_time=True)
+    assert whole.kept == (0, 1)
+
+
+def test_what_the_rest_does_not_need_without_the_session_is_dropped(tmp_path: Path) -> None:
+    """An eccentricity of a joint that has none, beside a drift: neither is delivered, but the calibrated arm."""
+    problem, data = measured(tmp_path, "none")
+    found = delivered(problem, data, TIMED["drift"], GearEccentricity(joint="joint2"))
+    assert (found.session, found.dropped, found.kept) == ((0,), (1,), ())
+    assert not found.fit.effects
 
 
 def test_the_file_says_what_the_report_says(tmp_path: Path) -> None:
@@ -81,12 +105,10 @@ def test_the_file_says_what_the_report_says(tmp_path: Path) -> None:
     found = po.diagnose(problem, data, flips=99)
     assert "drift" in [f.kind for f in found.effects]
     (effect,) = found.extended.effects
-    (said,) = (f.estimate for f in found.effects if f.kind == "gear_eccentricity")
-    # Of many drifts and slips that say nearly the same one is named; a refit without it gives 0.01 and 0.10 mrad.
-    assert effect.values == pytest.approx([SINE, 0.0], abs=2e-5)
-    assert effect.values == pytest.approx([said["sin"][0], said["cos"][0]], abs=1e-12)
+    own = found.delivery.fit
+    assert effect.values == pytest.approx(own.x[own.sizes], abs=1e-12)
     sigma = dict(zip(found.extended.sources.names, found.extended.sources.sigma, strict=True))
-    assert sigma["gear_eccentricity(joint1).sin"] == pytest.approx(said["sin"][1], rel=1e-6)
+    assert sigma["gear_eccentricity(joint1).sin"] == pytest.approx(own.std[own.sizes][0], rel=1e-6)
 
 
 def wavy(q: np.ndarray, z: np.ndarray) -> np.ndarray:

@@ -74,8 +74,8 @@ class Slip(Effect):
     @property
     def omitted(self) -> str:
         if self.of == "base":
-            return "left out: set the base up again and measure anew; a free base is delivered as it stood on average"
-        return "left out: delivered is the arm as it was before; undo the slip, or measure anew, before you use it"
+            return "left out: delivered with the base as it stood on average; set it up again and measure anew"
+        return "left out: delivered with the joint as it stood on average; undo the slip, and measure anew"
 
     @property
     def smooth_shape(self) -> str:
