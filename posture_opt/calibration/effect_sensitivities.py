@@ -31,7 +31,8 @@ def case_of(data: Measurements, robot: Robot) -> Excitation:
         known.add("approach")
     known |= {"masses"} if state.weighed else set()
     span = tuple(float(v) for v in np.ptp(data.q, axis=0))
-    return Excitation(robot, frozenset(known), span, float(np.ptp(np.asarray(state.inputs.time))))
+    times = np.asarray(state.inputs.time, dtype=float)
+    return Excitation(robot, frozenset(known), span, float(np.ptp(times)), tuple(times.tolist()))
 
 
 @dataclass(frozen=True, eq=False)

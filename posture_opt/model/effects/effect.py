@@ -46,12 +46,14 @@ class Excitation:
         inputs: those that are known and vary: approach, payload, temperature, time.
         span: (n,) range of each joint in the data [rad or m].
         duration: of the measurements [s].
+        times: of the rows [s]; empty where nothing is measured.
     """
 
     robot: Robot
     inputs: frozenset[Input]
     span: tuple[float, ...]
     duration: float = 0.0
+    times: tuple[float, ...] = ()
 
     def moving(self, *types: str) -> tuple[str, ...]:
         """Names of the joints of these types that move in the data."""

@@ -14,12 +14,14 @@ from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO, at_least, cross, subtract
 from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size, over_time
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Time, number
 
 _Way = Literal["shift", "slide", "settle"]
 STEPS = 150  # moments at which a slip is looked for
+_SEEN = 10  # rows before a slip and as many behind it: a few rows that are off are outliers, or where the arm stood
+_SHARE = 4  # one part in so many of the rows is enough where they are few
 _AXES = np.eye(3)
 _WAYS: dict[_Way, tuple[str, ...]] = {
     "shift": ("x", "y", "z"),
@@ -85,7 +87,8 @@ class Slip(Effect):
         times = np.unique(np.asarray(state.inputs.time, dtype=float))
         step = float(np.ptp(times)) / STEPS
         near = (times[:-1] < self.moment + step) & (times[1:] > self.moment - step)
-        return np.asarray(((times[:-1] + times[1:]) / 2)[near])
+        between = ((times[:-1] + times[1:]) / 2)[near]
+        return np.asarray(between[_seen(between, state.inputs.time)])
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
         return over_time(state, timed)
@@ -116,6 +119,7 @@ class Slip(Effect):
         if not cls.needs <= case.inputs or case.duration <= 0:
             return []
         moments = case.duration * (np.arange(STEPS) + 0.5) / STEPS
+        moments = moments[_seen(moments, case.times)]
         joints = [cls(of=name, moment="0 s") for name in case.moving("revolute")]
         bases = [cls(of="base", moment="0 s", way=way) for way in _WAYS]
         return [one.model_copy(update={"moment": t}) for one in (*joints, *bases) for t in moments.tolist()]
@@ -124,3 +128,12 @@ class Slip(Effect):
         known = ("base", *robot.joint_names)
         if self.of not in known:
             raise BadValueError(f"the robot has no joint '{self.of}'", "write base or one of its joints")
+
+
+def _seen(moments: Array, times: Any) -> Mask:
+    """Which moments (k,) have enough rows of the ``times`` (N,) on either side; all, where nothing is measured."""
+    rows = np.sort(np.asarray(times, dtype=float))
+    if not len(rows):
+        return np.ones(len(moments), dtype=bool)
+    before = np.searchsorted(rows, moments, side="left")
+    return np.asarray(np.minimum(before, len(rows) - before) >= min(_SEEN, len(rows) // _SHARE))
