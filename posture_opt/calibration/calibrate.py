@@ -124,7 +124,7 @@ def _fit(problem: CalibrationProblem, residuals: Residuals, groups: int, priors:
     check_amount(residuals, known, groups)
     known, found = _settled(problem, residuals, x_nominal, known, held, priors)
     check_sense(residuals, position_errors(residuals, found.x)[found.kept])
-    check_geometry(residuals, known)
+    check_geometry(residuals, known, x_nominal)
     notes = () if held is None else (SIZE.format(residuals.parameters[held].name),)
     return _Fitted(x_nominal, known, found, held, notes)
 

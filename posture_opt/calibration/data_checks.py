@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.calibration.fit_setup import FitSetup
+from posture_opt.calibration.fit_setup import FitSetup, tolerances
 from posture_opt.calibration.frames import fit_frames
+from posture_opt.calibration.identifiability import identify
 from posture_opt.calibration.parameters import candidates
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.errors import InputError, InsufficientDataError, Issue
@@ -63,14 +64,19 @@ def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
         raise InsufficientDataError(f"{counted} cannot determine {unknowns}: {measure}")
 
 
-def check_geometry(residuals: Residuals, known: FitSetup) -> None:
-    """Refuses data that tell of frames alone.
+def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:
+    """Refuses data that tell of frames alone; ``x`` (k,) is where the free frames are.
 
     Raises:
-        InsufficientDataError: no parameter of the arm itself is determined.
+        InsufficientDataError: no parameter of the arm itself is determined, nor any combination of them.
     """
-    geometry = [p.group == "geometry" for p in residuals.parameters]
+    geometry = np.array([p.group == "geometry" for p in residuals.parameters])
     if known.identifiability.determined[geometry].any():
+        return
+    frames = [p for p in residuals.parameters if p.group != "geometry"]
+    J, scale = residuals.both(x)[1][:, ~geometry], tolerances(frames, [])
+    alone = identify([p.name for p in frames], J, len(residuals.data), scale=scale, noise=known.noise)
+    if alone.rank < known.identifiability.rank:
         return
     still = still_joints(residuals.robot, residuals.data)
     stood = f", as these joints stood still: {', '.join(still)}" if still else ""

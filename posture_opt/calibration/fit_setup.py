@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,9 @@ from posture_opt.calibration.identifiability import ANGLE, LENGTH, Identifiabili
 from posture_opt.calibration.least_squares import noise, unexplained
 from posture_opt.calibration.parameters import CalibrationProblem, Parameter, prior_covariance
 from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.starting_values import offset_of_tool, tool_sigma
 from posture_opt.numerics import Array, Mask
+from posture_opt.robot.robot import Robot
 
 FREE = 1.0  # m or rad: what nobody knows of a free frame or a touched point
 ALIKE = "neighbouring postures err alike: for standard errors, {:.2g} rows count as one"
@@ -75,7 +78,7 @@ def determine(
     known = Prior.of(indices, covariance).matrix(len(names))
     both = identify(names, np.concatenate([J / spread, known]), rows, held, scale=scale) if indices else alone
     fixed = both.determined | (np.isfinite(stated) & (np.arange(len(names)) != (-1 if held is None else held)))
-    prior = full_prior(parameters, scale, indices, covariance)
+    prior = full_prior(parameters, problem.robot, scale, indices, covariance)
     notes = (*_alike(design), *([NEAR.format(_vague(both))] if both.hardly.shape[1] else []))
     directions = np.concatenate([both.directions, both.hardly], axis=1)
     rest = scale[:, None] * both.vectors[:, directions.shape[1] :]
@@ -117,18 +120,21 @@ def _alike(design: float) -> tuple[str, ...]:
     return (ALIKE.format(design),) if design > 1 else ()
 
 
-def tolerances(parameters: tuple[Parameter, ...], stated: list[int]) -> Array:
+def tolerances(parameters: Sequence[Parameter], stated: list[int]) -> Array:
     """How far each unknown may be off beforehand [rad or m]: geometry, and frames of which a σ is stated, not far."""
     part = {"m": LENGTH, "rad": ANGLE}
     return np.array([part[p.unit] if p.group == "geometry" or i in stated else FREE for i, p in enumerate(parameters)])
 
 
-def full_prior(parameters: tuple[Parameter, ...], scale: Array, stated: list[int], covariance: Array) -> Prior:
-    """Stated σ's, and for the rest of the geometry its tolerance."""
-    rest = [i for i, p in enumerate(parameters) if p.group == "geometry" and i not in stated]
+def full_prior(
+    parameters: Sequence[Parameter], robot: Robot, scale: Array, stated: list[int], covariance: Array
+) -> Prior:
+    """Stated σ's, for the rest of the geometry its tolerance, and for the offsets of free tools the arm's size."""
+    sigma = np.where([offset_of_tool(p) for p in parameters], tool_sigma(robot), scale)
+    rest = [i for i, p in enumerate(parameters) if (p.group == "geometry" or offset_of_tool(p)) and i not in stated]
     both = np.zeros((len(stated) + len(rest),) * 2)
     both[: len(stated), : len(stated)] = covariance
-    both[len(stated) :, len(stated) :] = np.diag(scale[rest] ** 2)
+    both[len(stated) :, len(stated) :] = np.diag(sigma[rest] ** 2)
     return Prior.of([*stated, *rest], both)
 
 

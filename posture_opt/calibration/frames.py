@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.calibration.fit import Fit, estimate
+from posture_opt.calibration.fit import Fit, Prior, estimate
 from posture_opt.calibration.identifiability import identify
 from posture_opt.calibration.instrument import position_sigma, rotation_sigma
 from posture_opt.calibration.least_squares import noise
 from posture_opt.calibration.parameters import CalibrationProblem, Parameter, candidates, prior_covariance, tool_unknown
 from posture_opt.calibration.residuals import Distance, Residuals
-from posture_opt.calibration.starting_values import start
+from posture_opt.calibration.starting_values import offset_of_tool, start, tool_sigma
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
@@ -87,24 +87,38 @@ def fit_frames(residuals: Residuals) -> Array:
 
 
 def fit_groups(residuals: Residuals, x0: Array, groups: Collection[str]) -> Fit | None:
-    """The estimate of the parameters of some groups alone, or ``None`` where there are none."""
-    directions = _directions(residuals, x0, groups)
-    return None if directions is None else estimate(residuals, x0, directions)
+    """The estimate of the parameters of some groups alone, or ``None`` where there are none.
+
+    A tool stays as near to its start as the size of the arm asks: without that, tool and base would run away together
+    where the data hardly tell them apart.
+    """
+    found = _directions(residuals, x0, groups)
+    if found is None:
+        return None
+    directions, spread = found
+    tools = [i for i, p in enumerate(residuals.parameters) if offset_of_tool(p) and np.any(directions[i])]
+    if not tools:
+        return estimate(residuals, x0, directions)
+    near = Prior.of(tools, tool_sigma(residuals.robot) ** 2 * np.eye(len(tools)))
+    return estimate(residuals, x0, directions, near, weight=spread)
 
 
-def _directions(residuals: Residuals, x0: Array, groups: Collection[str]) -> Array | None:
-    """(k, rank) what the data determine of the parameters of some groups, or ``None`` where there are none."""
+def _directions(residuals: Residuals, x0: Array, groups: Collection[str]) -> tuple[Array, float] | None:
+    """(k, rank) what the data determine of the parameters of some groups, or ``None`` where there are none.
+
+    Beside it the standard deviation of what they leave, in units of the instrument's, at least 1.
+    """
     columns = [i for i, p in enumerate(residuals.parameters) if p.group in groups]
     if not columns:
         return None
     names = [residuals.parameters[i].name for i in columns]
     r, J = residuals.both(x0)
     rows = len(residuals.data) * residuals.block
-    spread = noise(r[:rows], J[:rows, columns], residuals.block)
-    part = identify(names, J[:, columns], len(residuals.data), scale=np.ones(len(columns)), noise=max(spread, 1.0))
+    spread = max(noise(r[:rows], J[:rows, columns], residuals.block), 1.0)
+    part = identify(names, J[:, columns], len(residuals.data), scale=np.ones(len(columns)), noise=spread)
     directions = np.zeros((len(x0), part.rank))
     directions[columns] = part.directions
-    return directions
+    return directions, spread
 
 
 def check_other(residuals: Residuals, other: Measurements) -> None:
@@ -132,9 +146,10 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     wide = replace(residuals, parameters=(*candidates(robot, data, orientation=residuals.oriented), *effects))
     value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
     start_at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
-    directions = _directions(wide, start_at, {"base", "tool"})
-    if directions is None:
+    told = _directions(wide, start_at, {"base", "tool"})
+    if told is None:
         return wide, start_at
+    directions, _ = told
     poses = len(np.unique(data.pose))
     if poses * wide.block <= directions.shape[1]:
         counted = "1 pose is" if poses == 1 else f"{poses} poses are"

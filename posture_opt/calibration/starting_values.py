@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.calibration.parameters import tool_unknown
+from posture_opt.calibration.parameters import Parameter, tool_unknown
 from posture_opt.calibration.residuals import Residuals, _stacked, matrices
+from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import group_means
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Codes
-from posture_opt.robot.robot import Factor
+from posture_opt.robot.robot import Factor, Robot
+
+_TOOL = 10.0  # a tool is some ten times shorter than its arm; one of twice that is twice its σ away
+_LEAST = 1e-9  # m: rounding
 
 
-def kabsch(a: Array, b: Array) -> tuple[Array, Array]:
+def kabsch(a: Array, b: Array, near: Array | None = None) -> tuple[Array, Array]:
     """The rotation and shift that take the points ``a`` (N, 3) best onto ``b``: ``b ≈ R a + t``.
 
+    ``near`` (3, 3), small beside the scatter of the points [m²], decides the turn that points on a line leave open.
     Source: Umeyama (1991), equations 39-42, without scale.
     """
     mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
-    R = nearest_rotation((b - mean_b).T @ (a - mean_a))
+    scatter = (b - mean_b).T @ (a - mean_a)
+    R = nearest_rotation(scatter if near is None else scatter + near)
     return R, mean_b - R @ mean_a
 
 
@@ -36,36 +43,88 @@ def start(residuals: Residuals) -> Array:
 
     With ``p_i``, ``R_i`` the flange in the base, ``t`` the tool offset and ``m_i`` the measured point,
     ``R_bᵀ m_i + u − R_i t = p_i`` is linear in ``R_bᵀ``, ``u = −R_bᵀ t_b`` and ``t``; the rotation is then made
-    one by projection and the rest solved again. Touched points are linear in ``t`` and themselves.
+    one by projection and the rest solved again. Touched points are linear in ``t`` and themselves. Where orientations
+    hardly change, base and tool cannot be told apart: the tool stays as near to its stated offset as the arm's size
+    asks, see `tool_sigma`.
     """
     robot, data = residuals.robot, residuals.data
     tool_free = tool_unknown(robot, data)
-    p, R = _flange(residuals)
-    tools = max(len(data.target_names), 1)
-    codes = data.target if tools > 1 else np.zeros(len(data), dtype=np.intp)
-    offset = np.array([[f.nominal for f in robot.tool if f.kind == "translate"] or [0.0] * 3] * tools)
+    flange = _Flange.of(residuals)
     values: dict[str, float] = {}
+    offset = flange.nominal
     if data.position is None:
-        offset, points = _sockets(p, R, codes, offset, data.point, len(data.point_names), tool_free)
+        offset, points = _sockets(flange, data.point, len(data.point_names), tool_free)
         R_b, t_b = _base(residuals)
         points = points @ R_b.T + t_b
         for k, name in enumerate(data.point_names):
             values |= {f"point[{name}].{a}": points[k, i] for i, a in enumerate("xyz")}
     elif robot.base_free or tool_free:
-        free = robot.base_free, tool_free
-        R_b, t_b, offset = _frames(p, R, codes, offset, data.position, free, _base(residuals))
+        R_b, t_b, offset = _frames(flange, data.position, (robot.base_free, tool_free), _base(residuals))
         if robot.base_free:
             values |= dict(zip((f"base.{a}" for a in "xyz"), t_b, strict=True)) | _angles(robot.base, R_b)
         if tool_free and residuals.oriented:
             assert data.rotation is not None
-            for k in range(tools):
-                turn = np.swapaxes(R_b @ R, -1, -2) @ matrices(data.rotation)
-                found = _angles(robot.tool, nearest_rotation(turn[codes == k].sum(axis=0)))
+            for k in range(len(offset)):
+                turn = np.swapaxes(R_b @ flange.R, -1, -2) @ matrices(data.rotation)
+                found = _angles(robot.tool, nearest_rotation(turn[flange.codes == k].sum(axis=0)))
                 values |= {name.replace("tool", _tool(residuals, k), 1): angle for name, angle in found.items()}
     if tool_free:
-        for k in range(tools):
+        for k in range(len(offset)):
             values |= {f"{_tool(residuals, k)}.{a}": offset[k, i] for i, a in enumerate("xyz")}
     return np.array([values.get(q.name, q.nominal) - q.nominal for q in residuals.parameters])
+
+
+def tool_sigma(robot: Robot) -> float:
+    """How far a free tool is from its start, or from the flange, as long as nothing tells it [m]: less than the arm."""
+    return reach(robot) / _TOOL
+
+
+def offset_of_tool(parameter: Parameter) -> bool:
+    """Whether an unknown is a coordinate of a tool's offset."""
+    return parameter.group == "tool" and parameter.unit == "m"
+
+
+@dataclass(frozen=True, eq=False)
+class _Flange:
+    """The nominal flange in the base at all rows: position p (N, 3), orientation R (N, 3, 3), and what it carries.
+
+    Args:
+        codes: (N,) the target of each row; ``nominal`` (tools, 3) their stated offsets [m], ``sigma`` how near to them
+            the offsets are [m].
+    """
+
+    p: Array
+    R: Array
+    codes: Codes
+    nominal: Array
+    sigma: float
+
+    @classmethod
+    def of(cls, residuals: Residuals) -> _Flange:
+        robot, data = residuals.robot, residuals.data
+        tools = max(len(data.target_names), 1)
+        codes = data.target if tools > 1 else np.zeros(len(data), dtype=np.intp)
+        stated = [f.nominal for f in robot.tool if f.kind == "translate"] or [0.0] * 3
+        return cls(*_flange(residuals), codes, np.array([stated] * tools), tool_sigma(robot))
+
+    def reached(self, offset: Array) -> Array:
+        """(N, 3) tool points in the base with some offsets (tools, 3)."""
+        return np.asarray(self.p + np.einsum("nij,nj->ni", self.R, offset[self.codes]))
+
+    def columns(self, A: Array, first: int) -> None:
+        """Puts what offsets take from the equations ``A`` (N, 3, k) into its columns from ``first`` on."""
+        for k in range(len(self.nominal)):
+            mine = self.codes == k
+            A[mine, :, first + 3 * k : first + 3 * k + 3] = -self.R[mine]
+
+    def solved(self, A: Array, b: Array, first: int, spread: float) -> Array:
+        """(k,) ``A x ≈ b`` with offsets from column ``first`` on that stay near the stated ones, rows off by spread."""
+        rows = np.zeros((3 * len(self.nominal), A.shape[-1]))
+        weight = max(spread, _LEAST) / self.sigma
+        rows[:, first:] = weight * np.eye(len(rows))
+        stacked = np.concatenate([A.reshape(-1, A.shape[-1]), rows])
+        wanted = np.concatenate([b.ravel(), weight * self.nominal.ravel()])
+        return np.asarray(np.linalg.lstsq(stacked, wanted, rcond=1e-9)[0])
 
 
 def _tool(residuals: Residuals, code: int) -> str:
@@ -88,59 +147,76 @@ def _base(residuals: Residuals) -> tuple[Array, Array]:
 
 
 def _frames(
-    p: Array, R: Array, codes: Codes, offset: Array, m: Array, free: tuple[bool, bool],
-    base: tuple[Array, Array],
-) -> tuple[Array, Array, Array]:  # fmt: skip
+    flange: _Flange, m: Array, free: tuple[bool, bool], base: tuple[Array, Array]
+) -> tuple[Array, Array, Array]:
+    """Rotation (3, 3) and place (3,) of the base and the offsets (tools, 3), of the stated ones those that are free.
+
+    Where base and tool are free, the start with the stated offsets is kept unless others explain enough.
+    """
     R_b, t_b = base
-    if all(free):
-        R_b = _rotation_of_base(p, R, codes, len(offset), m)
-        offset = _offsets(p, R, codes, len(offset), m @ R_b, shift=True)
-    if free[1] and not free[0]:
-        return R_b, t_b, _offsets(p, R, codes, len(offset), (m - t_b) @ R_b, shift=False)
-    reached = p + np.einsum("nij,nj->ni", R, offset[codes])
-    return *kabsch(reached, m), offset
+    if not free[0]:
+        off = _rms(flange.reached(flange.nominal) - (m - t_b) @ R_b)
+        return R_b, t_b, _offsets(flange, (m - t_b) @ R_b, off, shift=False)
+    starts = [flange.nominal]
+    off = _placed(flange, flange.nominal, m, R_b, 0.0)[1]
+    if free[1]:
+        turned = m @ _rotation_of_base(flange, m, off)
+        starts.append(_offsets(flange, turned, off, shift=True))
+    placed = [(_placed(flange, offset, m, R_b, off), offset) for offset in starts]
+
+    def cost(one: tuple[tuple[tuple[Array, Array], float], Array]) -> float:
+        (_, left), offset = one
+        far = (offset - flange.nominal) / flange.sigma
+        return m.size * math.log(max(left, _LEAST) ** 2) + float(np.sum(far**2))
+
+    (found, _), offset = min(placed, key=cost)
+    return *found, offset
 
 
-def _rotation_of_base(p: Array, R: Array, codes: Codes, tools: int, m: Array) -> Array:
-    n = len(p)
+def _placed(
+    flange: _Flange, offset: Array, m: Array, stated: Array, spread: float
+) -> tuple[tuple[Array, Array], float]:
+    """Rotation and place of the base for some offsets, and the RMS that they leave [m]."""
+    reached = flange.reached(offset)
+    R, t = kabsch(reached, m, spread**2 * stated)
+    return (R, t), _rms(reached @ R.T + t - m)
+
+
+def _rms(errors: Array) -> float:
+    return float(np.sqrt(np.mean(errors**2)))
+
+
+def _rotation_of_base(flange: _Flange, m: Array, spread: float) -> Array:
+    n = len(m)
     centre = m.mean(axis=0)  # far from the tracker, the columns of a coordinate and of the shift would be alike
-    A = np.zeros((n, 3, 12 + 3 * tools))
+    A = np.zeros((n, 3, 12 + flange.nominal.size))
     for i in range(3):
         A[:, i, 3 * i : 3 * i + 3] = m - centre
         A[:, i, 9 + i] = 1.0
-    _tool_columns(A, R, codes, 12)
-    solution = np.linalg.lstsq(A.reshape(3 * n, -1), p.ravel(), rcond=1e-9)[0]
+    flange.columns(A, 12)
+    solution = flange.solved(A, flange.p, 12, spread)
     return nearest_rotation(np.asarray(solution[:9].reshape(3, 3))).T
 
 
-def _offsets(p: Array, R: Array, codes: Codes, tools: int, turned: Array, *, shift: bool) -> Array:
-    n = len(p)
-    A = np.zeros((n, 3, 3 + 3 * tools))
+def _offsets(flange: _Flange, turned: Array, spread: float, *, shift: bool) -> Array:
+    A = np.zeros((len(turned), 3, 3 + flange.nominal.size))
     if shift:
         A[:, range(3), range(3)] = 1.0
-    _tool_columns(A, R, codes, 3)
-    solution = np.linalg.lstsq(A.reshape(3 * n, -1), (p - turned).ravel(), rcond=1e-9)[0]
-    return np.asarray(solution[3:].reshape(tools, 3))
+    flange.columns(A, 3)
+    return flange.solved(A, flange.p - turned, 3, spread)[3:].reshape(-1, 3)
 
 
-def _tool_columns(A: Array, R: Array, codes: Codes, first: int) -> None:
-    for k in range(int(codes.max(initial=0)) + 1):
-        mine = codes == k
-        A[mine, :, first + 3 * k : first + 3 * k + 3] = -R[mine]
-
-
-def _sockets(
-    p: Array, R: Array, codes: Codes, offset: Array, point: Codes, points: int, free: bool
-) -> tuple[Array, Array]:
+def _sockets(flange: _Flange, point: Codes, points: int, free: bool) -> tuple[Array, Array]:
+    offset = flange.nominal
     if free:
         # The points are means: without them, only how far each row strays from the mean of its point is left.
-        A = np.zeros((len(p), 3, 3 * len(offset)))
-        _tool_columns(A, R, codes, 0)
+        A = np.zeros((len(point), 3, offset.size))
+        flange.columns(A, 0)
         own = np.unique(point, return_inverse=True)[1]
-        A, b = A - group_means(A, own)[own], p - group_means(p, own)[own]
-        solution = np.linalg.lstsq(A.reshape(3 * len(p), -1), b.ravel(), rcond=1e-9)[0]
-        offset = np.asarray(solution.reshape(len(offset), 3))
-    reached = p + np.einsum("nij,nj->ni", R, offset[codes])
+        A, b = A - group_means(A, own)[own], flange.p - group_means(flange.p, own)[own]
+        off = _rms(b - A.reshape(len(point), 3, -1) @ offset.ravel())
+        offset = flange.solved(A, b, 0, off).reshape(-1, 3)
+    reached = flange.reached(offset)
     middle = np.zeros((points, 3))
     for k in np.unique(point):
         middle[k] = reached[point == k].mean(axis=0)

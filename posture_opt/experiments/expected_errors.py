@@ -69,7 +69,7 @@ class PriorInformation:
     def of(cls, problem: CalibrationProblem, parameters: tuple[Parameter, ...]) -> PriorInformation:
         rows, covariance = prior_covariance(problem, parameters)
         k, scale = len(parameters), tolerances(parameters, rows)
-        prior = full_prior(parameters, scale, rows, covariance).matrix(k)
+        prior = full_prior(parameters, problem.robot, scale, rows, covariance).matrix(k)
         names = tuple(p.name for p in parameters)
         return cls(names, scale, np.isin(np.arange(k), rows), Prior.of(rows, covariance).matrix(k), prior)
 
