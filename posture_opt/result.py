@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from functools import cached_property
 from importlib import import_module
 from os import PathLike
@@ -50,15 +51,18 @@ class Result(ABC):
         """
         return self._presenter.dataframe()
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> tuple[Path, ...]:
+    def save(
+        self, folder: str | PathLike[str], *, figures: bool = True, beside: Mapping[str, bytes] | None = None
+    ) -> tuple[Path, ...]:
         """Write the JSON document, the report as text and as a page, tables and figures: all of them, or nothing.
 
         Files of an earlier result of this package in ``folder`` are removed, measured or planned data are not.
+        ``beside`` are further files by name.
 
         Raises:
             InputError: the folder cannot be written to.
         """
-        written: tuple[Path, ...] = self._presenter.save(Path(folder), figures=figures)
+        written: tuple[Path, ...] = self._presenter.save(Path(folder), figures=figures, beside=beside or {})
         return written
 
     def __repr__(self) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial, wraps
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,10 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Command, Common, add_options, common_options, problem_options
-from posture_opt.cli.output import output, progress_bar, save_result, show, show_result
-from posture_opt.cli.request import placed, requested_problem
-from posture_opt.errors import InsufficientDataError
+from posture_opt.cli.output import output, progress_bar, save_result, show, show_result, write_text
+from posture_opt.cli.request import placed, problem_of_data, requested_problem
+from posture_opt.errors import InputError, InsufficientDataError, Issue
+from posture_opt.problem.problem import Problem
 from posture_opt.result import Result
 
 OfOne = Callable[[Any, po.Measurements, po.Measurements | None], Result]
@@ -68,7 +69,9 @@ def answer(
     """Reads the measurements and shows what they say, those of one robot or those of several."""
     if session.refit_frames and session.test is None:
         raise click.UsageError("--refit-frames goes with --test.")
-    problem = requested_problem(**given)
+    made = given["robot"] is not None and given["problem"] is None
+    problem = problem_of_data(session.data, **_without_problem(given)) if made else requested_problem(**given)
+    starter = StarterFile.of(common, session.data, problem) if made else StarterFile()
     with output(common), placed(problem):
         measured = po.read_measurements(session.data, problem)
         if len(measured.robot_names) > 1:
@@ -78,8 +81,52 @@ def answer(
         else:
             other = None if session.test is None else po.read_measurements(session.test, problem)
             found = of_one(problem, measured, other)
-        save_result(common, found)
+        save_result(common, found, starter.beside)
         show_result(common, found, full)  # what the report is held against is computed here
+        starter.write(common)
+
+
+def _without_problem(given: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in given.items() if key != "problem"}
+
+
+@dataclass(frozen=True)
+class StarterFile:
+    """The problem file that was made for measurements without one: ``beside`` the results, or ``alone``.
+
+    Without a folder for results it stands in the current one, and is written where the report is printed.
+    """
+
+    beside: Mapping[str, bytes] = field(default_factory=dict)
+    alone: Path | None = None
+    text: str = ""
+
+    @classmethod
+    def of(cls, common: Common, data: Path, problem: Problem) -> StarterFile:
+        """The file, not written yet.
+
+        Raises:
+            InputError: the folder for results has another one, which somebody may have edited.
+        """
+        if common.out is None:
+            return cls(alone=Path(f"{data.stem}_problem.yaml"), text=problem.to_yaml())
+        files = problem.files("problem")
+        for name, content in files.items():
+            there = common.out / name
+            if there.is_file() and there.read_bytes() != content:
+                mend = f"name it with --problem {there} in place of --robot, or choose another folder"
+                raise InputError(Issue(f"{there} exists and says something else", ("--out",), str(common.out), mend))
+        return cls(files)
+
+    def write(self, common: Common) -> None:
+        """Writes the file that stands alone, unless there is one, and says so."""
+        if self.alone is None or common.json or common.quiet:
+            return
+        if not self.alone.exists():
+            write_text(self.alone, self.text)
+            click.echo(f"{self.alone} is the problem file of this call: edit it, and name it with --problem.")
+        elif self.alone.read_text(encoding="utf-8") != self.text:
+            click.echo(f"{self.alone} exists and was left as it is: it is used with --problem {self.alone}.")
 
 
 @click.command("calibrate")

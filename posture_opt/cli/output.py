@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn, TextIO
@@ -38,10 +38,10 @@ def show_result(common: Common, result: Result, full: bool = True) -> None:
     show(common, result.to_json, lambda: result.report(full=full))
 
 
-def save_result(common: Common, result: Result) -> None:
-    """Save a result where that is asked for."""
+def save_result(common: Common, result: Result, beside: Mapping[str, bytes] | None = None) -> None:
+    """Save a result, and further files beside it, where that is asked for."""
     if common.out is not None:
-        result.save(common.out, figures=common.plots)
+        result.save(common.out, figures=common.plots, beside=beside)
 
 
 @contextmanager

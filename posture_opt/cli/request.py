@@ -14,6 +14,7 @@ from posture_opt.cli.quantities import entries, exact_note, height_of, joint_sig
 from posture_opt.errors import InputError, Issue, KeyPath, did_you_mean, nearest
 from posture_opt.files import nearest_file
 from posture_opt.problem.load import builtin_names, builtin_problem, load_problem, problem_from_dict
+from posture_opt.problem.measured_robot import problem_of_measured_robot
 from posture_opt.problem.problem import Problem
 from posture_opt.robot import preset_names
 
@@ -98,6 +99,23 @@ def _problem_of_robot(
     data["uncertainty"] = {"sigma": joint_sigmas(sigma, joints)}
     problem = problem_from_dict(data)
     return replace(problem, notes=(*problem.notes, *exact_note(joints, data["uncertainty"]["sigma"])))
+
+
+def problem_of_data(
+    data: Path, robot: str, base_link: str | None = None, tip_link: str | None = None, sigma: str | None = None
+) -> Problem:
+    """The problem that measurements of a robot without a problem file stand for: its frames are free.
+
+    Raises:
+        InputError: the options do not fit, or the file cannot be read.
+        UsageError: links of a preset.
+    """
+    section = _robot_section(robot, base_link, tip_link)
+    stated = {}
+    if sigma:
+        joints = _as_options(lambda: problem_from_dict({"robot": section})).robot.joints
+        stated["sigma"] = joint_sigmas(sigma, joints)
+    return _as_options(lambda: problem_of_measured_robot(section, data, stated))
 
 
 def _robot_section(robot: str, base_link: str | None, tip_link: str | None) -> dict[str, Any]:

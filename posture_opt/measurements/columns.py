@@ -110,7 +110,8 @@ def _unknown(
     near = {name: nearest(name, free) for name in unknown}
     joints = set(robot.joint_names)
     alike = {name.lower() for name in joints} & {name.lower() for name in unknown}
-    if len(unknown) >= len(joints) > 1 and not joints & set(found) and not alike:
+    others = len(unknown) >= len(joints) or (len(unknown) > 1 and not joints & set(near.values()))
+    if others and len(joints) > 1 and not joints & set(found) and not alike:
         ours, theirs = ", ".join(robot.joint_names), ", ".join(unknown[:20])
         message = f"no column is a joint of the problem's robot ({ours}), but there are {theirs}"
         mend = "is it another robot's file? name its problem file, or give the columns this robot's joint names"

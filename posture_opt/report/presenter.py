@@ -115,9 +115,9 @@ class Presenter(ABC, Generic[R]):
             raise InputError(Issue("to_dataframe needs the library pandas", mend=mend)) from None
         return pandas.DataFrame(dict(self.columns()))
 
-    def save(self, folder: Path, *, figures: bool = True) -> tuple[Path, ...]:
+    def save(self, folder: Path, *, figures: bool = True, beside: Mapping[str, bytes]) -> tuple[Path, ...]:
         """Writes document, reports, further files and figures into ``folder``, all or none; their paths."""
-        return save_files(folder, self.contents(figures=figures))
+        return save_files(folder, {**self.contents(figures=figures), **beside})
 
     def contents(self, *, figures: bool = True) -> Files:
         """File name -> content of all that `save` writes."""

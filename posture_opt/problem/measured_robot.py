@@ -1,0 +1,97 @@
+"""A problem for measurements that come without a problem file: the robot as it is drawn, its frames free."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import yaml
+
+from posture_opt.measurements.reading import read_measurements
+from posture_opt.measurements.repeated_readings import ENOUGH, repeated_readings
+from posture_opt.measurements.table import TableLike, open_table
+from posture_opt.problem.load import problem_from_dict
+from posture_opt.problem.problem import Problem
+from posture_opt.robot.preset import preset_text
+from posture_opt.robot.robot import Robot
+from posture_opt.units import number
+
+_COUNTED = re.compile(r"^\s*(?P<stem>[A-Za-z]+[ _-]?)(?P<number>\d+)\s*\[")
+FREE = "no problem file is given: base and tool are free, to be found from the data"
+_TASK = "task: {kind: insert, direction: [0, 0, -1], position: [0.5 m, 0.2 m, 0.2 m]}"
+
+
+def problem_of_measured_robot(
+    section: Mapping[str, Any], data: TableLike, uncertainty: Mapping[str, Any] | None = None
+) -> Problem:
+    """A problem to calibrate a robot with: base and tool free, the instrument's σ from repeats where there are enough.
+
+    Columns that count the joints of a preset, ``q1 … q6``, name them: the preset's table is then written out under
+    these names. The preset's repeatability is that of its data sheet.
+
+    Args:
+        section: the ``robot`` section of a problem file, ``{kind: preset, name: ur10}``.
+        uncertainty: the section of that name, where something is stated.
+
+    Raises:
+        InputError: the robot or the file cannot be used, or its columns are none of this robot's.
+    """
+    robot = dict(section)
+    plain = problem_from_dict({"robot": robot}).robot
+    if robot["kind"] == "preset":
+        robot = _named_as_counted(robot, plain, open_table(data).heads)
+    document = {"name": plain.name or "Measured robot", "robot": {**robot, "base": "free", "tool": "free"}}
+    free = problem_from_dict(document)
+    stated = dict(uncertainty or {})
+    if plain.repeatability is not None and not stated:
+        stated["repeatability"] = f"{plain.repeatability.value * 1e3:g} mm"
+    measured = read_measurements(data, free)
+    sigma, freedom = repeated_readings(measured, free.robot)
+    if freedom >= ENOUGH:
+        stated["measurement"] = {"position": f"{number(sigma * 1e3, 2)} mm"}
+    problem = problem_from_dict({**document, **({"uncertainty": stated} if stated else {})})
+    repeats = _from_repeats(sigma, freedom) if freedom >= ENOUGH else ""
+    notes = (*problem.notes, FREE, *([f"the {repeats}"] if repeats else []))
+    return replace(problem, notes=notes, header=_header(_instrument(repeats, measured.touches)))
+
+
+def _from_repeats(sigma: float, freedom: int) -> str:
+    size = f"{number(sigma * 1e3, 2)} mm"
+    return f"σ of the instrument, {size}, is the scatter of repeats ({freedom} degrees of freedom), the arm's included"
+
+
+def _instrument(repeats: str, touches: bool) -> tuple[str, str]:
+    """What is known of the instrument, and what could be stated."""
+    if touches:
+        return "Points are touched: a known distance tells the size of the arm,", "  data: {distances: [[a, b, 50 mm]]}"
+    if repeats:
+        return f"The {repeats}.", "State the instrument's own where it is known."
+    return "Too few postures are repeated to estimate the instrument's σ. Where it is known, state under uncertainty", (
+        "  measurement: {position: 0.02 mm}"
+    )
+
+
+def _header(instrument: tuple[str, str]) -> tuple[str, ...]:
+    """What the file says of itself in its first lines."""
+    return (
+        "A problem file of posture_opt, made for measurements of a robot. Edit it, and name it with --problem.",
+        "Base and tool are free: they are found from the data. Where one is known, write {xyz: [..], rpy: [..]}.",
+        *instrument,
+        "With a task, its posture is planned before and after calibration, in the frame of the measurements:",
+        f"  {_TASK}",
+    )
+
+
+def _named_as_counted(section: dict[str, Any], robot: Robot, heads: Sequence[str]) -> dict[str, Any]:
+    """The preset with its joints called as the columns count them; as it is where they do not."""
+    counted = [found for found in map(_COUNTED.match, heads) if found]
+    numbers = [int(found["number"]) for found in counted]
+    in_order = numbers in (list(range(robot.n)), list(range(1, robot.n + 1)))
+    names = [found["stem"] + found["number"] for found in counted]
+    if not in_order or len({found["stem"] for found in counted}) > 1 or set(names) & set(robot.joint_names):
+        return section
+    table = yaml.safe_load(preset_text(section["name"]))["robot"]
+    joints = [{**joint, "name": name} for joint, name in zip(table["joints"], names, strict=True)]
+    return {**table, "joints": joints}

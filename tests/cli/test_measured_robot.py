@@ -1,0 +1,146 @@
+"""``calibrate`` and ``diagnose`` of a robot without a problem file: one is made, and says the same when it is named."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.measurements.repeated_readings import repeated_readings
+from posture_opt.problem.load import problems_folder
+from tests.helpers.command_line import invoke
+from tests.helpers.real_arms import DATA, needs_real_arms
+
+LOADED = problems_folder() / "ur10_measured.csv"
+NOISE = 3e-5  # m, of each coordinate
+
+
+def document(result: Any) -> dict[str, Any]:
+    assert result.exit_code == 0, result.stderr
+    found = json.loads(result.stdout)
+    found.pop("notes")
+    return dict(found)
+
+
+def counted(file: Path, stem: str) -> Path:
+    """The measurements of the loaded arm with joints that are only counted."""
+    head, *rows = LOADED.read_text(encoding="utf-8").splitlines()
+    names = [f"{stem}{k + 1} [deg]" for k in range(6)]
+    file.write_text("\n".join([", ".join([*names, *head.split(", ")[6:]]), *rows]) + "\n", encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize("stem", ["", "q", "joint_"])
+def test_the_file_that_is_made_says_the_same(tmp_path: Path, stem: str) -> None:
+    data = counted(tmp_path / "data.csv", stem) if stem else LOADED
+    made = invoke("calibrate", data, "--robot", "ur10", "--out", tmp_path / "out", "--no-plots", "--json")
+    again = invoke("calibrate", data, "--problem", tmp_path / "out" / "problem.yaml", "--json")
+    assert document(made) == document(again)
+    problem = po.load_problem(tmp_path / "out" / "problem.yaml")
+    assert problem.robot.base_free
+    assert problem.robot.tool_free
+    assert problem.robot.joint_names[0] == (f"{stem}1" if stem else "shoulder_pan")
+    assert problem.robot.joints[0].mass == 7.1
+    # 110 postures, none of them twice: nothing tells the instrument from the arm.
+    assert problem.measurement is None
+    assert document(made)["residual_rms"]["calibrated"] < 0.25e-3 < document(made)["residual_rms"]["nominal"]
+
+
+def test_without_a_folder_it_stands_in_the_current_one_and_is_never_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "ur10_measured_problem.yaml"
+    invoke("calibrate", LOADED, "--robot", "ur10", "--json")
+    assert not file.exists()
+    first = invoke("calibrate", LOADED, "--robot", "ur10").stdout
+    assert "ur10_measured_problem.yaml is the problem file of this call" in first
+    assert len(first.splitlines()) <= 24
+    edited = file.read_text(encoding="utf-8") + "task: {kind: insert, direction: [0, 0, -1]}\n"
+    file.write_text(edited, encoding="utf-8")
+    assert "exists and was left as it is" in invoke("calibrate", LOADED, "--robot", "ur10").stdout
+    assert file.read_text(encoding="utf-8") == edited
+    assert po.load_problem(file).task is not None
+
+
+def test_an_edited_file_in_the_folder_of_results_is_not_replaced(tmp_path: Path) -> None:
+    words = ["calibrate", LOADED, "--robot", "ur10", "--out", tmp_path / "out", "--no-plots"]
+    assert invoke(*words).exit_code == 0
+    assert invoke(*words).exit_code == 0  # it says the same
+    (tmp_path / "out" / "problem.yaml").write_text("name: mine\n", encoding="utf-8")
+    result = invoke(*words)
+    assert result.exit_code == 2
+    assert "problem.yaml exists and says something else" in result.stderr
+    assert (tmp_path / "out" / "problem.yaml").read_text(encoding="utf-8") == "name: mine\n"
+
+
+def test_diagnose_does_the_same(tmp_path: Path) -> None:
+    result = invoke("diagnose", LOADED, "--robot", "ur10", "--out", tmp_path / "out", "--no-plots", "--json")
+    found = document(result)
+    assert ("joint_compliance", "elbow") in [(e["kind"], e["target"]) for e in found["effects"]]
+    assert {file.name for file in (tmp_path / "out").iterdir()} >= {"problem.yaml", "extended.yaml", "diagnosis.json"}
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ("A [deg], B [deg], C [deg], D [deg], E [deg], F [deg]", "shoulder_pan, shoulder_lift, elbow"),
+        ("q1 [deg], q2 [deg], q3 [deg], q4 [deg], q5 [deg]", "there are q1, q2, q3, q4, q5"),
+        ("q1 [deg], q2 [deg], q3 [deg], q5 [deg], q4 [deg], q6 [deg]", "no column is a joint"),
+    ],
+)
+def test_columns_of_no_joint_are_named(tmp_path: Path, columns: str, message: str) -> None:
+    cells = ", ".join("1" for _ in range(columns.count(",") + 4))
+    file = tmp_path / "data.csv"
+    file.write_text(f"{columns}, x [mm], y [mm], z [mm]\n{cells}\n", encoding="utf-8")
+    result = invoke("calibrate", file, "--robot", "ur10", "--out", tmp_path / "out")
+    assert result.exit_code in (2, 4)
+    assert message in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def table(rows: int, repeats: int) -> dict[str, np.ndarray]:
+    """Readings of a plane arm of two links of 1 m, each posture so many times."""
+    rng = np.random.default_rng(5)
+    q = np.repeat(rng.uniform(-2.5, 2.5, (rows, 2)), repeats, axis=0)
+    x = np.cos(q[:, 0]) + np.cos(q.sum(axis=1)), np.sin(q[:, 0]) + np.sin(q.sum(axis=1))
+    points = np.column_stack(x) + rng.normal(0, NOISE, q.shape)
+    return dict(zip(["joint1 [rad]", "joint2 [rad]", "x [m]", "y [m]"], np.hstack([q, points]).T, strict=True))
+
+
+def test_repeats_tell_the_noise_of_the_readings() -> None:
+    problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "planar_2r"}})
+    sigma, freedom = repeated_readings(po.read_measurements(table(30, 4), problem), problem.robot)
+    assert freedom == 30 * 3 * 2
+    assert abs(sigma / NOISE - 1) < 4 / math.sqrt(2 * freedom)
+    assert repeated_readings(po.read_measurements(table(30, 1), problem), problem.robot) == (0.0, 0)
+
+
+def test_a_slip_between_repeats_is_no_noise() -> None:
+    cells = table(30, 4)
+    cells["x [m]"][2] += 5e-3
+    problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "planar_2r"}})
+    sigma, freedom = repeated_readings(po.read_measurements(cells, problem), problem.robot)
+    assert freedom == 29 * 3 * 2
+    assert sigma < 1.3 * NOISE
+
+
+@needs_real_arms
+@pytest.mark.parametrize(
+    ("data", "robot", "problem"),
+    [
+        ("jacobi_ur5/grid.csv", "ur5", "jacobi_ur5/problem.yaml"),
+        ("ipa_ur10/series_d.csv", "ur10", "ipa_ur10/problem.yaml"),
+        ("mukca_sockets/panda_3.csv", "panda", "mukca_sockets/problem_panda.yaml"),
+    ],
+)
+def test_real_arms_are_calibrated_as_well_without_a_file(data: str, robot: str, problem: str) -> None:
+    made = document(invoke("calibrate", DATA / data, "--robot", robot, "--json", "--no-plan"))
+    stated = document(invoke("calibrate", DATA / data, "--problem", DATA / problem, "--json", "--no-plan"))
+    for name in ("nominal", "calibrated"):
+        assert made["residual_rms"][name] == pytest.approx(stated["residual_rms"][name], rel=0.02)
