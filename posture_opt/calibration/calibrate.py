@@ -9,7 +9,7 @@ from itertools import count
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted, session_errors
+from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted
 from posture_opt.calibration.data_checks import check_amount, check_frames, check_geometry, check_sense, still_notes
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.fit import Fit, clustered, estimate
@@ -17,6 +17,7 @@ from posture_opt.calibration.fit_setup import FitSetup, determine, unseen
 from posture_opt.calibration.fitted_arm import FitRequest
 from posture_opt.calibration.frame_chart import Chart
 from posture_opt.calibration.frames import compare, fit_frames, held_length
+from posture_opt.calibration.other_file import OtherFile, predicted
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements
@@ -74,8 +75,8 @@ def calibrate(
     again = ("base and tool are fitted again to the test file",) * (test is not None and refit_frames)
     told = _restless(calibrated.unsettled, len(parts))
     notes = (*notes, *fitted.notes, *again, *still_notes(problem.robot, data), *fitted.found_notes, *told)
-    models = {} if test is None else {"nominal": fitted.x_nominal, "calibrated": fitted.found.x}
-    seen = {name: _on_another_file(chart.fitted, x, test, refit_frames) for name, x in models.items()}
+    models = {"nominal": (chart.fitted, fitted.x_nominal), "calibrated": (chart.fitted, fitted.found.x)}
+    seen = None if test is None else predicted(models, data.take(fitted.found.kept), test, refit_frames)
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     return _assembled(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
 
@@ -154,7 +155,7 @@ def _assembled(
     predicted: tuple[HeldOut, HeldOut],
     groups: Codes,
     by: By,
-    test: dict[str, Statistics],
+    test: OtherFile | None,
     notes: tuple[str, ...],
 ) -> Calibration:
     """The calibration in the parameters of the file; ``predicted`` are the nominal and the calibrated arm's errors."""
@@ -202,11 +203,6 @@ def _teller(progress: Progress | None, total: int) -> Callable[[], None]:
     """Tells one more of ``total`` fits at each call."""
     done = count(1)
     return lambda: progress(next(done), total) if progress is not None else None
-
-
-def _on_another_file(residuals: Residuals, x: Array, test: Measurements | None, refit: bool) -> Statistics:
-    assert test is not None
-    return Statistics.of(session_errors(residuals, x, test, refit), test.pose)
 
 
 def _restless(fits: int, rounds: int) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from posture_opt.calibration.error_statistics import By, Statistics
 from posture_opt.calibration.fit import Fit, fit_with_effects
 from posture_opt.calibration.fitted_arm import FitRequest
 from posture_opt.calibration.identifiability import Identifiability
+from posture_opt.calibration.other_file import OtherFile
 from posture_opt.calibration.parameters import Parameter
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.numerics import Array, Codes, Mask
@@ -55,7 +56,7 @@ class Calibration(Result):
     held: Mapping[str, HeldOut]
     errors_fitted: Array
     by: By
-    test: dict[str, Statistics]
+    test: OtherFile | None
     prior: Array
     unseen: Array
     notes: tuple[str, ...] = ()
@@ -179,8 +180,8 @@ class Calibration(Result):
             "outlier_lines": list(self.lines),
             "notes": list(self.notes),
         }
-        if self.test:
-            document["test"] = {name: statistics.to_json() for name, statistics in self.test.items()}
+        if self.test is not None:
+            document["test"] = self.test.to_json()
         return document
 
     def _parameter(self, i: int) -> dict[str, Any]:

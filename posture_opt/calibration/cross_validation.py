@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.calibration.fit import Fit, estimate
-from posture_opt.calibration.frames import check_other, fit_frames, frames_again
+from posture_opt.calibration.frames import fit_frames
 from posture_opt.calibration.linear_model import LinearModel
 from posture_opt.calibration.residuals import Residuals
-from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 
 Folds = Sequence[Codes]
@@ -201,14 +200,3 @@ def position_errors(residuals: Residuals, x: Array) -> Array:
         return residuals.data.about_points(error)
     error[:, ~residuals.data.measured_axes] = 0.0
     return error
-
-
-def session_errors(residuals: Residuals, x: Array, other: Measurements, refit_frames: bool) -> Array:
-    """(N, 3) position errors [m] on another file, with base and tool fitted again to it if ``refit_frames``.
-
-    Raises:
-        InputError: other targets, several robots, or too few poses to fit base and tool again.
-    """
-    check_other(residuals, other)
-    there = residuals.of_data(other)
-    return position_errors(*(frames_again(there, x) if refit_frames else (there, x)))

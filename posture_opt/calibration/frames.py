@@ -121,21 +121,10 @@ def _directions(residuals: Residuals, x0: Array, groups: Collection[str]) -> tup
     return directions, spread
 
 
-def check_other(residuals: Residuals, other: Measurements) -> None:
-    """Refuses measurements that what was learned of ``residuals`` does not predict.
-
-    Raises:
-        InputError: of other targets, or of several robots.
-    """
-    mine = residuals.data
-    if len(other.robot_names) > 1:
-        raise InputError(Issue("the test file holds several robots", mend="test with one robot at a time"))
-    if other.target_names != mine.target_names or (other.position is None) != (mine.position is None):
-        raise InputError(Issue("the test file measures other targets", mend="test with the same points on the tool"))
-
-
 def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     """Base and tool fitted again, though the problem file may state them as known: the wider arm and its deviations.
+
+    Touched points, which nobody knows, are fitted with them.
 
     Raises:
         InputError: the frames would bend to any measurements.
@@ -146,7 +135,7 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     wide = replace(residuals, parameters=(*candidates(robot, data, orientation=residuals.oriented), *effects))
     value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
     start_at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
-    told = _directions(wide, start_at, {"base", "tool"})
+    told = _directions(wide, start_at, {"base", "tool", "point"})
     if told is None:
         return wide, start_at
     directions, _ = told

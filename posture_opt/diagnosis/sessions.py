@@ -1,4 +1,4 @@
-"""What outlasts the session of a fitted arm, and another session predicted by it: whether a gain holds there."""
+"""Another session predicted by the arm that is delivered: whether a gain holds there."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.cross_validation import session_errors
 from posture_opt.calibration.error_statistics import Statistics
 from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.linear_model import LinearModel
+from posture_opt.calibration.other_file import OtherFile, errors_on, predicted
 from posture_opt.diagnosis.delivery import Delivery
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
@@ -50,45 +50,35 @@ class Gain:
 
 @dataclass(frozen=True, eq=False)
 class SecondSession:
-    """Another file predicted by what one taught.
+    """Another file predicted by the arm that is delivered: whether a gain holds there.
 
     Args:
-        data: the other file; ``errors`` by model (N, 3) model minus measured [m].
-        models: position errors before calibration, calibrated, and with the effects that can be planned with.
+        file: the errors of the arm before calibration, ``calibrated``, and delivered, here ``extended``.
         gain: of the effects over the calibrated arm.
-        gains: (effects) of each effect over the model without it; None for one that changes with time.
-        refitted: whether base and tool were fitted again.
+        gains: of each effect of the diagnosis over the arm without it; None for one that is not delivered.
+        worse: the effects that make rows outside the measured joint ranges worse, by their places.
         unstated: what the file does not say of itself though an effect depends on it, in sentences.
     """
 
-    data: Measurements
-    errors: Mapping[str, Array]
-    models: Mapping[str, Statistics]
+    file: OtherFile
     gain: Gain
     gains: tuple[Gain | None, ...]
-    refitted: bool
+    worse: tuple[int, ...] = ()
     unstated: tuple[str, ...] = ()
+
+    @property
+    def models(self) -> Mapping[str, Statistics]:
+        """Position errors by model."""
+        return self.file.models
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What has to be said of these figures."""
-        notes = ["base and tool are fitted again to the test file"] if self.refitted else []
-        if any(gain is None for gain in self.gains):
-            notes.append(
-                "effects of time are left out of the prediction of the test file: they belong to their session"
-            )
-        if any(gain is not None for gain in self.gains) and self.gain.low <= 0:
-            sure = "no gain" if self.gain.value <= 0 else "no sure gain"
-            notes.append(
-                f"the effects bring {sure} on the test file: RMS {self.models['calibrated'].rms * 1e3:.4g} mm "
-                f"calibrated, {self.models['extended'].rms * 1e3:.4g} mm with them"
-            )
-        return (*notes, *self.unstated)
+        return ("base and tool are fitted again to the test file",) * self.file.refitted + self.unstated
 
     def to_json(self) -> dict[str, Any]:
         """The part ``test`` of ``diagnosis.json`` [m]."""
-        models = {name: statistics.to_json() for name, statistics in self.models.items()}
-        return {**models, "gain": self.gain.to_json(), "frames_refitted": self.refitted, "rows": len(self.data)}
+        return {**self.file.to_json(), "gain": self.gain.to_json()}
 
 
 def second_session(
@@ -99,23 +89,27 @@ def second_session(
     Effects of time say nothing of another session: the arm with effects is the one that is delivered without them.
 
     Raises:
-        InputError: other targets, several robots, or too few poses to fit base and tool again.
+        InputError: unknown targets, several robots, or too few poses to fit base and tool again.
     """
-    calibrated, kept = calibration.fit, delivery.kept
-    fits = {"nominal": replace(calibrated, x=calibration.x_nominal), "calibrated": calibrated, "extended": delivery.fit}
-    errors = {name: session_errors(fit.residuals, fit.x, other, refit_frames) for name, fit in fits.items()}
+    calibrated, extended = calibration.fit, delivery.fit
+    fits = {"nominal": (calibrated.residuals, calibration.x_nominal)}
+    fits |= {name: (fit.residuals, fit.x) for name, fit in (("calibrated", calibrated), ("extended", extended))}
+    learned = calibration.request.data.take(calibration.kept_rows)
+    file = predicted(fits, learned, other, refit_frames)
+    own, out, poses = file.errors["extended"], file.outside, file.data.pose
     gains: list[Gain | None] = [None] * len(model.effects)
-    about = LinearModel.of(delivery.fit)
-    for place, i in enumerate(kept):
-        rest = [k for k in range(len(kept)) if k != place]
-        without = replace(delivery.fit, x=delivery.fit.x + about.refitted(place)).keeping(rest)
-        gains[i] = Gain.of(
-            errors["extended"], session_errors(without.residuals, without.x, other, refit_frames), other.pose
-        )
-    sizes = {name: Statistics.of(e, other.pose) for name, e in errors.items()}
-    gain = Gain.of(errors["extended"], errors["calibrated"], other.pose)
-    unstated = _unstated(calibration.request.data, other, delivery.fit.effects, calibration.residuals.robot)
-    return SecondSession(other, errors, sizes, gain, tuple(gains), refit_frames, unstated)
+    worse: list[int] = []
+    about = LinearModel.of(extended)
+    for place, i in enumerate(delivery.kept):
+        rest = [k for k in range(len(delivery.kept)) if k != place]
+        fit = replace(extended, x=extended.x + about.refitted(place)).keeping(rest)
+        without = errors_on((fit.residuals, fit.x), file.data, refit_frames)
+        gains[i] = Gain.of(own, without, poses)
+        if out.any() and Gain.of(own[out], without[out], poses[out]).high < 0:
+            worse.append(i)
+    gain = Gain.of(own, file.errors["calibrated"], poses)
+    unstated = _unstated(learned, other, extended.effects, calibrated.residuals.robot)
+    return SecondSession(file, gain, tuple(gains), tuple(worse), unstated)
 
 
 def _unstated(mine: Measurements, other: Measurements, effects: Sequence[Effect], robot: Robot) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from posture_opt.calibration.instrument import position_sigma
 from posture_opt.report.blocks import Block, Facts, Report
 from posture_opt.report.calibration_parameters import determined_words, differing, undetermined_names
 from posture_opt.report.error_table import ELSEWHERE, mm
+from posture_opt.report.other_file_words import file_words
 from posture_opt.report.text import render
 from posture_opt.report.units_text import count, stated_length
 
@@ -34,7 +35,7 @@ def calibration_brief(problem: Problem, found: Calibration, seen: Assessment, le
     facts = [
         ("Measured", _measured(problem, found)),
         ("Errors", _errors(found)),
-        *([("Test file", _test(found))] if found.test else []),
+        *([("Test file", _test(found))] if found.test is not None else []),
         ("Parameters", _parameters(found)),
         *([("Undetermined", open_names)] if (open_names := undetermined_names(found, 2 * _NAMED)) else []),
         *([("Outliers", _outliers(found))] if found.outliers else []),
@@ -69,12 +70,13 @@ def _errors(found: Calibration) -> str:
 
 
 def _test(found: Calibration) -> str:
-    other = found.request.test
+    other = found.test
     assert other is not None
-    before, after = (mm(found.test[name].rms) for name in ("nominal", "calibrated"))
-    how = "base and tool fitted again to it" if found.request.refit_frames else "nothing fitted to it"
-    name = Path(other.file).name or "table"
-    return f"{before} mm RMS before calibration, {after} mm calibrated ({name}, {count(len(other), 'row')}, {how})"
+    before, after = (mm(other.models[name].rms) for name in ("nominal", "calibrated"))
+    out = int(other.outside.sum())
+    beyond = f"; {count(out, 'row')} outside the joint ranges measured" if out else ""
+    words = file_words(other).rstrip(".").replace(": ", ", ")
+    return f"{before} mm RMS before calibration, {after} mm calibrated ({words}{beyond})"
 
 
 def _parameters(found: Calibration) -> str:
@@ -88,9 +90,9 @@ def _outliers(found: Calibration) -> str:
 
 def stood_elsewhere(found: Calibration) -> bool:
     """Whether errors on the test file are so large that base or instrument may have been moved."""
-    if not found.test or found.request.refit_frames:
+    if found.test is None or found.request.refit_frames:
         return False
-    return found.test["calibrated"].rms > ELSEWHERE * found.calibrated.rms
+    return found.test.models["calibrated"].rms > ELSEWHERE * found.calibrated.rms
 
 
 def next_steps(found: Calibration, seen: Assessment) -> tuple[str, ...]:

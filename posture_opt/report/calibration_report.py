@@ -14,6 +14,7 @@ from posture_opt.report.calibration_brief import calibration_brief, stood_elsewh
 from posture_opt.report.calibration_parameters import determined_words, parameters_block, undetermined_block
 from posture_opt.report.comparison_report import comparison_blocks, comparison_lead
 from posture_opt.report.error_table import error_table, held_out_sentence, instrument_words, mm
+from posture_opt.report.other_file_words import calibration_words, file_words, range_items
 from posture_opt.report.parts import note_facts, robot_facts, sentence
 from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
@@ -26,7 +27,7 @@ from posture_opt.validation.spread_check import check_spread
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
-    from posture_opt.measurements.measurements import Measurements
+    from posture_opt.calibration.other_file import OtherFile
     from posture_opt.problem.problem import Problem
     from posture_opt.selection.plan_comparison import Comparison
     from posture_opt.validation.assessment import Assessment
@@ -38,7 +39,7 @@ _DOUBTS = 2  # in the lead
 
 def calibration_report(shown: CalibrationPresenter) -> Report:
     """Data, errors before and after, parameters, what is not determined, outliers, test file."""
-    found, request = shown.result, shown.result.request
+    found = shown.result
     blocks = (
         data_block(shown.problem, found),
         errors_block(shown.problem, found),
@@ -47,7 +48,7 @@ def calibration_report(shown: CalibrationPresenter) -> Report:
         parameters_block(found),
         undetermined_block(found),
         outliers_block(found),
-        *([test_block(found, request.test)] if request.test is not None else []),
+        *([test_block(found, found.test)] if found.test is not None else []),
         *comparison_blocks(shown.comparison),
     )
     return Report(shown.problem.name or "Calibration", calibration_lead(shown), blocks)
@@ -58,8 +59,10 @@ def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
     found = shown.result
     doubts = [sentence(note) for note in dict.fromkeys((*found.request.data.warnings, *found.fit.notes))]
     more = (f"{len(doubts) - _DOUBTS} more notes of this kind stand under Data.",) if len(doubts) > _DOUBTS else ()
+    fails = () if found.test is None or found.test.improves else (calibration_words(found.test),)
     return (
         _answer(found),
+        *fails,
         *doubts[:_DOUBTS],
         *more,
         *comparison_lead(shown.comparison),
@@ -111,14 +114,13 @@ def outliers_block(found: Calibration) -> Block:
     return Block("Outliers", (text, Table(("line", "off by [mm]"), rows[:_LISTED], text_columns=0), *more))
 
 
-def test_block(found: Calibration, other: Measurements) -> Block:
+def test_block(found: Calibration, other: OtherFile) -> Block:
     """Another file, predicted by what this one taught."""
-    again = found.request.refit_frames
-    how = "base and tool fitted again to it" if again else "nothing fitted to it"
-    text = f"{Path(other.file).name or 'table'}, {count(len(other), 'row')}: {how}."
-    table = error_table({MODEL_NAMES[name]: statistics for name, statistics in found.test.items()})
+    names = {name: MODEL_NAMES[name] for name in other.models}
+    table = error_table({names[name]: statistics for name, statistics in other.models.items()})
     hint = "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."
-    return Block("Test file", (text, table, *([hint] if stood_elsewhere(found) else [])))
+    items = (file_words(other), table, *range_items(other, names))
+    return Block("Test file", (*items, *([hint] if stood_elsewhere(found) else [])))
 
 
 class CalibrationPresenter(Presenter["Calibration"]):

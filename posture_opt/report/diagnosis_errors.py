@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +9,9 @@ import numpy as np
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, noise_floor
 from posture_opt.report.error_table import ELSEWHERE, ERROR_HEADERS, error_cells, error_table, held_out_sentence, mm
-from posture_opt.report.units_text import count, percent
+from posture_opt.report.other_file_words import calibration_words, effects_words, file_words, range_items
+from posture_opt.report.units_text import percent
+from posture_opt.report.words import MODEL_NAMES
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
@@ -91,37 +92,44 @@ def _gain_text(found: Diagnosis) -> str:
 
 
 def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:
-    """Whether the effects help on the test file, in a sentence; nothing without one, or without effects."""
+    """Whether what is delivered holds on the test file, in a sentence or two; nothing without one."""
     test = found.test
-    if test is None or not fitted_effects(found):
+    if test is None:
         return ()
-    if not any(test.gains):
-        one = len(fitted_effects(found)) == 1
-        whose = "it belongs" if one else "they belong"
-        return (
-            f"The {'effect is' if one else 'effects are'} not tested on the other file: {whose} to the first session.",
-        )
-    if test.gain.low > 0:
-        return (f"The gain holds on the test file: {percent(test.gain.value)} off the RMS.",)
-    if test.gain.value > 0:
-        off = f"the RMS drops by {percent(test.gain.value)}"
-        return (f"On the test file {off}, which is not significant with {count(len(test.data), 'row')}.",)
-    return ("On the test file there is no gain: the error with effects is as large as without, or larger.",)
+    if any(test.gains):
+        return (effects_words(test.file, test.gain, tested_models(found)["extended"]),)
+    one = len(fitted_effects(found)) == 1
+    which = "The effect is" if one else "The effects are"
+    why = f"{'it belongs' if one else 'they belong'} to the first session"
+    why = "the arm is delivered without" if found.delivery.dropped else why
+    untested = (f"{which} not tested on the other file: {why}.",) if fitted_effects(found) else ()
+    return (*untested, calibration_words(test.file))
+
+
+def tested_models(found: Diagnosis) -> dict[str, str]:
+    """The models that predict the test file: that with effects as it is delivered, if it has any."""
+    names = models_of(found)
+    if not found.delivery.kept:
+        names.pop("extended", None)
+    elif len(found.delivery.kept) < len(fitted_effects(found)):
+        names["extended"] = MODEL_NAMES["delivered"]
+    return names
 
 
 def test_block(found: Diagnosis) -> Block:
     """Another file, predicted by what this one taught; effect by effect."""
     test = found.test
     assert test is not None
-    how = "base and tool fitted again to it" if test.refitted else "nothing fitted to it"
-    text = f"{Path(test.data.file).name or 'table'}, {count(len(test.data), 'row')}: {how}."
-    models = models_of(found)
-    if "extended" in models and not any(test.gains):
-        models["extended"] = "fitted beside its effects"  # none of which is in this prediction
+    models = tested_models(found)
     table = error_table({words: test.models[name] for name, words in models.items()})
-    items: list[str | Facts | Table] = [text, table]
+    items: list[str | Facts | Table] = [file_words(test.file), table, *range_items(test.file, models)]
+    if test.worse:
+        labels = [f.cause.label for place, f in fitted_effects(found) if place in test.worse]
+        items.append(
+            f"These effects extrapolate badly, rows outside are predicted better without: {'; '.join(labels)}."
+        )
     own = found.errors["calibrated"].rms
-    if not test.refitted and test.models["calibrated"].rms > ELSEWHERE * own:
+    if not test.file.refitted and test.models["calibrated"].rms > ELSEWHERE * own:
         items.append(
             "Errors this large suggest that base or instrument were moved: --refit-frames fits base and tool again."
         )

@@ -149,7 +149,8 @@ def test_a_gain_that_does_not_hold_elsewhere_is_none(folder: Path) -> None:
     assert result.exit_code == 0, result.stderr
     found = json.loads(result.stdout)
     assert found["effects"][0]["test_gain"]["value"] < 0
-    assert any("no gain on the test file" in note for note in found["notes"])
+    assert found["test"]["improves"] is False
+    assert found["test"]["calibrated"]["rms"] < found["test"]["extended"]["rms"]
 
 
 def test_what_changes_with_time_is_left_out_of_another_session(folder: Path) -> None:
@@ -165,7 +166,6 @@ def test_what_changes_with_time_is_left_out_of_another_session(folder: Path) -> 
     # Without the drift there is no effect: the arm that is delivered and tested is the calibrated one.
     assert found.delivery.fit is not found.model
     assert found.test.models["extended"] == found.test.models["calibrated"]
-    assert any("effects of time are left out" in note for note in found.notes)
     text = " ".join(found.report().split())
     assert "The effect is not tested on the other file: it belongs to the first session." in text
     assert "not tested" in text

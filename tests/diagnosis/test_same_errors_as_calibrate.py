@@ -26,7 +26,7 @@ def assert_same(problem: po.Problem, data: po.Measurements, other: po.Measuremen
         assert theirs.interval == own.interval
         if other is not None:
             assert diagnosed.test is not None
-            assert diagnosed.test.models[name].rms == pytest.approx(calibrated.test[name].rms, rel=1e-9)
+            assert diagnosed.test.models[name].rms == pytest.approx(calibrated.test.models[name].rms, rel=1e-9)
     assert diagnosed.held["calibrated"].inside.mean() == calibrated.coverage["calibrated"]
 
 

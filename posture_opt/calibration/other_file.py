@@ -1,0 +1,120 @@
+"""Another file predicted by arms that it had no part in: its targets by name, its errors in and out of their ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from posture_opt.calibration.cross_validation import position_errors
+from posture_opt.calibration.error_statistics import Statistics
+from posture_opt.calibration.frames import frames_again
+from posture_opt.calibration.residuals import Residuals
+from posture_opt.errors import InputError, Issue, one_of
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.numerics import Array, Mask
+
+_ROUNDING = 1e-9  # rad or m
+
+Model = tuple[Residuals, Array]
+"""An arm against the file that it was fitted to, and its deviations (k,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class OtherFile:
+    """Position errors of several models on measurements that taught them nothing.
+
+    Args:
+        data: those measurements; ``errors`` by model (N, 3) model minus measured [m], the model in question last.
+        outside: (N,) rows with a joint outside the range in which the models were fitted; ``joints`` such joints.
+        refitted: whether base and tool were fitted again.
+    """
+
+    data: Measurements
+    errors: Mapping[str, Array]
+    outside: Mask
+    joints: tuple[str, ...] = ()
+    refitted: bool = False
+
+    @cached_property
+    def models(self) -> dict[str, Statistics]:
+        """The errors of all rows in figures."""
+        return {name: Statistics.of(errors, self.data.pose) for name, errors in self.errors.items()}
+
+    @property
+    def improves(self) -> bool:
+        """Whether the last model is better than every other one."""
+        *others, last = (statistics.rms for statistics in self.models.values())
+        return all(last < rms for rms in others)
+
+    def rms(self, model: str, rows: Mask) -> float:
+        """Root mean square of the errors of some rows [m]; NaN of none."""
+        squares = np.sum(self.errors[model][rows] ** 2, axis=1)
+        return float(np.sqrt(squares.mean())) if len(squares) else float("nan")
+
+    def to_json(self) -> dict[str, Any]:
+        """The part ``test`` of a document [m]."""
+        document: dict[str, Any] = {name: statistics.to_json() for name, statistics in self.models.items()}
+        if self.outside.any():
+            for name in self.models:
+                document[name]["rms_outside_training"] = self.rms(name, self.outside)
+        return {
+            **document,
+            "improves": self.improves,
+            "frames_refitted": self.refitted,
+            "rows": len(self.data),
+            "rows_outside_training": int(self.outside.sum()),
+        }
+
+
+def predicted(models: Mapping[str, Model], learned: Measurements, other: Measurements, refit_frames: bool) -> OtherFile:
+    """Errors of models on another file, nothing fitted to it, or base and tool alone if ``refit_frames``.
+
+    Args:
+        models: the one in question last; ``learned`` the rows that taught them.
+
+    Raises:
+        InputError: unknown targets, several robots, or too few poses to fit base and tool again.
+    """
+    other = matched(learned, other)
+    low, high = learned.q.min(axis=0) - _ROUNDING, learned.q.max(axis=0) + _ROUNDING
+    out = (other.q < low) | (other.q > high)
+    joints = tuple(name for name, beyond in zip(other.joint_names, out.any(axis=0), strict=True) if beyond)
+    errors = {name: errors_on(model, other, refit_frames) for name, model in models.items()}
+    return OtherFile(other, errors, out.any(axis=1), joints, refit_frames)
+
+
+def errors_on(model: Model, other: Measurements, refit_frames: bool) -> Array:
+    """(N, 3) position errors [m] of a model on matched measurements; of touched points, about the mean of each."""
+    residuals, x = model
+    kept = [i for i, p in enumerate(residuals.parameters) if p.group != "point"]  # points of a file are its own
+    there = residuals.of_data(other).with_parameters([residuals.parameters[i] for i in kept])
+    return position_errors(*(frames_again(there, x[kept]) if refit_frames else (there, x[kept])))
+
+
+def matched(learned: Measurements, other: Measurements) -> Measurements:
+    """Other measurements with the codes that their targets have in those that taught a model, matched by name.
+
+    Raises:
+        InputError: a target that those lack, targets without names, several robots, or points instead of positions.
+    """
+    known, file = learned.target_names, other.file
+    if len(other.robot_names) > 1:
+        raise InputError(Issue("the test file holds several robots", mend="test with one robot at a time", file=file))
+    if other.touches != learned.touches:
+        seen, taught = ("touched points", "positions")[:: 1 if other.touches else -1]
+        raise InputError(
+            Issue(f"the test file holds {seen}, the first file {taught}", mend="test with data of one kind", file=file)
+        )
+    for name in other.target_names:
+        if name not in known:
+            mend = f"{one_of(name, known)}" if known else "leave out the column: the first file names no targets"
+            raise InputError(Issue(f"the first file has no target '{name}'", ("target",), name, mend, file))
+    if len(known) > 1 and not other.target_names:
+        mend = f"add a column 'target' with one of: {', '.join(known)}"
+        raise InputError(Issue("the test file does not say which target it measures", mend=mend, file=file))
+    codes = np.array([known.index(name) for name in other.target_names] or [0], dtype=np.intp)
+    return replace(other, target=codes[other.target], target_names=known)
