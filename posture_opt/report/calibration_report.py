@@ -154,7 +154,7 @@ class CalibrationPresenter(Presenter["Calibration"]):
         request = self.result.request
         if not request.plan:
             return None
-        return compare_models(self.problem.robot, self.models, seed=request.seed)
+        return compare_models(self.problem.robot, self.models, seed=request.seed, measured=request.data.q)
 
     def further_json(self) -> dict[str, Any]:
         """The part of the document that the calibration itself does not know."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Block, Report, Summary, Table
+from posture_opt.report.comparison_parts import open_lead, parts_sentences
 from posture_opt.report.parts import sentence
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.units_text import joint_value, length, percent
@@ -38,11 +39,10 @@ def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
     before, now = (columns[name][1].critical_error for name in (_FIRST, comparison.reference))
     lead = (
         f"For the task: planned before calibration, the tool would have come within {_length(before, [before, now])} "
-        f"of the target in 95 of 100 visits; planned with {_MODELS[comparison.reference]}, it comes within "
+        f"of the target with 95 % probability; planned with {_MODELS[comparison.reference]}, it comes within "
         f"{_length(now, [before, now])}."
     )
-    left = "What is left is scatter, and what these data do not tell of the arm."
-    return (f"{lead} {left}",) if now > _HARDLY * before else (lead,)
+    return (lead, *open_lead(comparison, told=now > _HARDLY * before))
 
 
 def comparison_blocks(comparison: Comparison | None, names: Mapping[str, str] = MODEL_NAMES) -> tuple[Block, ...]:
@@ -59,6 +59,7 @@ def comparison_blocks(comparison: Comparison | None, names: Mapping[str, str] = 
     columns = distinct_columns(comparison)
     items: tuple[str | Table, ...] = (
         *_sentences(columns, comparison.reference),
+        *parts_sentences(comparison),
         *reasons,
         comparison_table(columns, names),
     )
@@ -82,7 +83,7 @@ def comparison_table(columns: Answers, names: Mapping[str, str] = MODEL_NAMES) -
     first = next(solution for solution, _ in columns.values())
     labels = [joint.name for joint in first.optimisation_problem.robot.joints]
     labels += ["largest σ, as planned", "largest σ, as judged", "mean off the target"]
-    labels += ["95 of 100 visits within", "fits (probability of success)"]
+    labels += ["within (95 % probability)", "scatter alone", "left open by the data", "fits (probability of success)"]
     rows = [row for row in zip(labels, *cells, strict=True) if any(row[1:])]
     return Table(("planned with the model", *(names[name] for name in columns)), tuple(rows))
 
@@ -94,8 +95,10 @@ def _cells(answer: tuple[Solution, Landing], sizes: list[float]) -> tuple[str, .
         for q, joint in zip(solution.q, solution.optimisation_problem.robot.joints, strict=True)
     ]
     errors = (solution.critical.sigma_max, landing.sigma_max, landing.distance, landing.critical_error)
-    odds = landing.success_probability
-    return (*joints, *(_length(value, sizes) for value in errors), "" if odds is None else _odds(odds))
+    parts, odds = landing.parts, landing.success_probability
+    of_it = ("", "") if parts is None else (parts.scatter_radius, parts.systematic_radius)
+    texts = (value if isinstance(value, str) else _length(value, sizes) for value in (*errors, *of_it))
+    return (*joints, *texts, "" if odds is None else _odds(odds))
 
 
 def _sentences(columns: Answers, reference: str) -> tuple[str, ...]:
@@ -106,7 +109,7 @@ def _sentences(columns: Answers, reference: str) -> tuple[str, ...]:
     part, before = PARTS[columns[_FIRST][0].critical.within], old.critical_error
     return (
         f"Planned before calibration, the tool would have missed the target by {length(old.distance, among=[before])} "
-        f"{part} and stayed within {length(before)} of it in 95 of 100 visits; planned with {judge}, it stays within "
+        f"{part} and stayed within {length(before)} of it with 95 % probability; planned with {judge}, it stays within "
         f"{length(new.critical_error)}. Every posture is judged by {judge}.",
     )
 
@@ -133,7 +136,10 @@ class ComparisonPresenter(Presenter["Comparison"]):
     def summary(self) -> Summary:
         chosen = self.result.answered
         facts = [
-            (MODEL_NAMES[name].capitalize(), f"95 of 100 visits within {length(landing.critical_error)} of the target")
+            (
+                MODEL_NAMES[name].capitalize(),
+                f"within {length(landing.critical_error)} of the target (95 % probability)",
+            )
             for name, (_, landing) in chosen.items()
         ]
         why = [("No posture", sentence(reason)) for reason in self.result.reasons[:_TOLD]]

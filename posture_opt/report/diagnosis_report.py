@@ -140,7 +140,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         request = self.result.request
         if self.problem.task is None or not request.plan:
             return None
-        return compare_models(self.problem.robot, self.result.models, seed=request.seed)
+        return compare_models(self.problem.robot, self.result.models, seed=request.seed, measured=request.data.q)
 
     @cached_property
     def goals(self) -> MeasuredGoals | None:

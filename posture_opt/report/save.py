@@ -29,7 +29,7 @@ CAPTIONS = {
     "map_bias": "How far off the target the arm lands without its corrections; arrows show which way (enlarged).",
     "map_spread": "The distance from its mean that the tool point keeps 95 of 100 times: dark is good.",
     "joint_map": "The scatter over both joints: dark is good.",
-    "landing": "Where the tool lands in the old posture and in the new one: ellipses hold 95 of 100 visits.",
+    "landing": "Where the tool lands in the old posture and in the new one: ellipses hold 95 %.",
     "residual_vectors": "Errors as arrows, from where the model says to where was measured (enlarged as stated).",
     "residual_joints": "Errors along the motion of each joint: a line that leaves zero is an error that repeats.",
     "residual_inputs": "Mean errors with their 95 % bands over time, other inputs, and the side a joint came from.",

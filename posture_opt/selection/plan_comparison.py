@@ -15,6 +15,7 @@ from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.posture_distance import PostureDistance
 from posture_opt.selection.selector import select_posture
 from posture_opt.selection.solution import HasTask, Solution
 from posture_opt.selection.solvers import Solver
@@ -23,6 +24,7 @@ from posture_opt.uncertainty.clearance import within_clearance
 from posture_opt.uncertainty.coverage_radius import coverage_radius
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.spread import propagate
+from posture_opt.uncertainty.spread_parts import SpreadParts, spread_parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,8 @@ class Landing:
         critical_error: distance from the target that 95 of 100 repeats stay within, in these components [m].
         success_probability: of staying within the clearance; None without one.
         covariance: (3, 3) of the tool point [m²], world.
+        parts: what of it is scatter and what is systematic, in the components that count.
+        from_measured: distance from the postures that the reference was learned from; None where nobody says which.
     """
 
     miss: Array
@@ -44,6 +48,8 @@ class Landing:
     critical_error: float
     success_probability: float | None
     covariance: Array
+    parts: SpreadParts | None = None
+    from_measured: PostureDistance | None = None
 
     @property
     def distance(self) -> float:
@@ -63,6 +69,7 @@ class PlannedPosture:
         """The posture, the σ that the model predicts, and what the reference predicts [m, rad]; None without one."""
         if self.solution is None or self.landing is None:
             return None
+        parts, distance = self.landing.parts, self.landing.from_measured
         return {
             "posture": self.solution.posture,
             "predicted_sigma_max": self.solution.critical.sigma_max,
@@ -70,6 +77,8 @@ class PlannedPosture:
             "miss": self.landing.miss.tolist(),
             "critical_error": self.landing.critical_error,
             "success_probability": self.landing.success_probability,
+            **({} if parts is None else {"spread": parts.to_json()}),
+            **({} if distance is None else {"from_measured": distance.to_json()}),
         }
 
 
@@ -110,8 +119,9 @@ class Comparison(Result):
 
 
 def compare_plans(
-    models: Mapping[str, HasTask], *, seed: int | None = None, workers: int = 1, hint: str = ""
-) -> Comparison | None:
+    models: Mapping[str, HasTask], *, seed: int | None = None, workers: int = 1, hint: str = "",
+    measured: Array | None = None,
+) -> Comparison | None:  # fmt: skip
     """The task planned with each model, every posture judged by the last of them; None without a task.
 
     A model that states no scatter takes that of the reference. Where the reference has no posture for the task, the
@@ -120,6 +130,7 @@ def compare_plans(
     Args:
         models: by name, the reference last.
         hint: told beside the reasons where a model has no posture.
+        measured: (N, n) postures that the reference was learned from [rad or m].
     """
     *others, reference = models
     known = models[reference]
@@ -130,7 +141,7 @@ def compare_plans(
         return Comparison({**dict.fromkeys(others, PlannedPosture()), reference: chosen}, known)
     basis = chosen.solution.basis
     plans = {name: _planned(_scattering(models[name], known.sources), seed, workers, hint) for name in others}
-    judged = {name: _judged(plan, known, basis) for name, plan in (plans | {reference: chosen}).items()}
+    judged = {name: _judged(plan, known, basis, measured) for name, plan in (plans | {reference: chosen}).items()}
     return Comparison(judged, known)
 
 
@@ -166,10 +177,10 @@ def _planned(problem: HasTask, seed: int | None, workers: int, hint: str) -> Pla
         return PlannedPosture(reasons=(*str(error).splitlines(), *told))
 
 
-def _judged(plan: PlannedPosture, reference: HasTask, basis: Array) -> PlannedPosture:
+def _judged(plan: PlannedPosture, reference: HasTask, basis: Array, measured: Array | None) -> PlannedPosture:
     if plan.solution is None:
         return plan
-    return PlannedPosture(plan.solution, _landing(reference, plan.solution, basis), plan.reasons)
+    return PlannedPosture(plan.solution, _landing(reference, plan.solution, basis, measured), plan.reasons)
 
 
 def _far_away(problem: HasTask) -> str:
@@ -190,7 +201,7 @@ def _far_away(problem: HasTask) -> str:
     )
 
 
-def _landing(problem: HasTask, solution: Solution, basis: Array) -> Landing:
+def _landing(problem: HasTask, solution: Solution, basis: Array, measured: Array | None) -> Landing:
     """As ``problem`` predicts it at the posture of a solution that another model may have chosen."""
     spread = propagate(problem, solution.q)
     wanted = np.clip(solution.spread.position, solution.target.lower, solution.target.upper)
@@ -203,4 +214,6 @@ def _landing(problem: HasTask, solution: Solution, basis: Array) -> Landing:
         critical_error=coverage_radius(0.95, C, across),
         success_probability=within_clearance(C, solution.target.clearance, across),
         covariance=spread.covariance,
+        parts=spread_parts(spread, basis),
+        from_measured=None if measured is None else PostureDistance.of(problem.robot, np.array(solution.q), measured),
     )

@@ -11,6 +11,7 @@ import numpy as np
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.fitted_arm import FittableProblem, FittedArm, persistent_sources, places_in_robot
 from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.plan_comparison import Comparison, compare_plans
 from posture_opt.selection.solution import HasTask
@@ -58,10 +59,16 @@ def calibrated_models(problem: FittableProblem, calibration: Calibration) -> dic
 
 
 def compare_models(
-    robot: Robot, models: Mapping[str, HasTask], *, seed: int | None = None, workers: int = 1
-) -> Comparison | None:
-    """The task planned with models that were fitted to the data of one ``robot``; None without a task."""
-    return compare_plans(models, seed=seed, workers=workers, hint=FREE_BASE if robot.base_free else "")
+    robot: Robot, models: Mapping[str, HasTask], *, seed: int | None = None, workers: int = 1,
+    measured: Array | None = None,
+) -> Comparison | None:  # fmt: skip
+    """The task planned with models that were fitted to the data of one ``robot``; None without a task.
+
+    Args:
+        measured: (N, n) postures of these data [rad or m].
+    """
+    hint = FREE_BASE if robot.base_free else ""
+    return compare_plans(models, seed=seed, workers=workers, hint=hint, measured=measured)
 
 
 def _header(calibration: Calibration, scatter: JointScatter) -> tuple[str, ...]:

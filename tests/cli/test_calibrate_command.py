@@ -227,6 +227,30 @@ def test_what_cannot_be_done_is_said_and_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
+def test_how_far_the_task_is_from_what_was_measured_is_told(tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    q = rng.uniform([-0.5, 1.0], [0.5, 2.0], (60, 2))
+    write(tmp_path / "data.csv", q, position(q, (1.0, 1.0 + LONGER)) + rng.normal(0, NOISE, q.shape))
+    task = "task: {kind: insert, direction: [0, -1, 0], position: [-1 m, 1 m, 0 m]}\n"  # joint1 90 deg, joint2 90 deg
+    (tmp_path / "problem.yaml").write_text(PROBLEM + task, encoding="utf-8")
+    result = run(tmp_path / "data.csv", "--problem", tmp_path / "problem.yaml", "--json")
+    planned = json.loads(result.stdout)["posture"]["calibrated"]
+    turned = np.array(list(planned["posture"].values()))
+    beyond = max(*(q.min(axis=0) - turned), *(turned - q.max(axis=0)))
+    assert planned["from_measured"]["joint"] == "joint1"
+    assert planned["from_measured"]["beyond"] == pytest.approx(beyond)
+    assert planned["from_measured"]["nearest"] == pytest.approx(np.abs(q - turned).max(axis=1).min())
+    assert planned["spread"]["systematic"]["sigma_max"] <= planned["sigma_max"]
+
+
+@needs_real_arms
+def test_a_task_outside_what_was_measured_is_told_first() -> None:
+    text = run(JACOBI / "grid.csv", "--problem", JACOBI / "problem.yaml").stdout
+    lead = " ".join(text.split("\n\n")[1].split())
+    assert "The task lies outside what was measured, shoulder_pan by 1" in lead
+    assert "'plan-measurements --for task' proposes what to measure." in lead
+
+
 @needs_real_arms
 def test_a_real_arm_predicts_another_session() -> None:
     words = ["--problem", JACOBI / "problem.yaml", "--test", JACOBI / "random.csv"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,6 +10,8 @@ import numpy as np
 
 from posture_opt.report.comparison_report import comparison_blocks, comparison_lead, comparison_table, distinct_columns
 from posture_opt.selection.plan_comparison import Comparison, Landing, PlannedPosture
+from posture_opt.selection.posture_distance import PostureDistance
+from posture_opt.uncertainty.spread_parts import SpreadParts
 
 
 def planned(degrees: float, sigma: float, error: float, odds: float | None = None) -> PlannedPosture:
@@ -23,7 +26,9 @@ def planned(degrees: float, sigma: float, error: float, odds: float | None = Non
 
 
 def compared(plans: dict[str, PlannedPosture]) -> Comparison:
-    problem: Any = SimpleNamespace(name="one joint")
+    joint = SimpleNamespace(name="joint1", type="revolute")
+    arm = SimpleNamespace(effects=())
+    problem: Any = SimpleNamespace(name="one joint", robot=SimpleNamespace(joints=(joint,)), arm=arm)
     return Comparison(plans, problem)
 
 
@@ -38,7 +43,7 @@ def test_every_model_has_a_column() -> None:
         ("largest σ, as planned", "1.00 mm", "0.100 mm"),
         ("largest σ, as judged", "1.00 mm", "0.100 mm"),
         ("mean off the target", "1.00 mm", "0.100 mm"),
-        ("95 of 100 visits within", "2.00 mm", "0.200 mm"),
+        ("within (95 % probability)", "2.00 mm", "0.200 mm"),
         ("fits (probability of success)", "25 %", "> 99.9 %"),
     )
 
@@ -57,8 +62,41 @@ def test_the_lead_tells_both_errors_and_whether_the_gain_is_small() -> None:
     (lead,) = comparison_lead(compared({"nominal": BEFORE, "calibrated": CALIBRATED}))
     assert "planned before calibration, the tool would have come within 2.00 mm" in lead
     assert "planned with the calibrated model, it comes within 0.200 mm." in lead
-    (small,) = comparison_lead(compared({"nominal": BEFORE, "calibrated": planned(2.0, 1e-3, 1.9e-3)}))
-    assert small.endswith("What is left is scatter, and what these data do not tell of the arm.")
+
+
+def with_parts(scatter: float, systematic: float, distance: PostureDistance | None = None) -> PlannedPosture:
+    """The calibrated arm's posture with what is known of its spread [m]."""
+    parts = SpreadParts(scatter / 2, scatter, systematic / 2, systematic, ("joint1.a",))
+    plan = planned(2.0, 1e-3, 1.9e-3)
+    assert plan.landing is not None
+    return replace(plan, landing=replace(plan.landing, parts=parts, from_measured=distance))
+
+
+def test_the_lead_tells_scatter_from_what_the_data_leave_open() -> None:
+    _, left = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(1.5e-3, 1e-3)}))
+    assert left == "What is left is 1.50 mm of scatter, and 1.00 mm that the data leave open of the arm."
+    far = PostureDistance(0.7, "joint1", 0.5)
+    _, open_ = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.1e-3, 1.8e-3, far)}))
+    assert open_ == (
+        "The task lies outside what was measured, joint1 by 29 deg: 1.80 mm of its error is what the data leave open, "
+        "mostly of joint1.a; scatter makes 0.100 mm. 'plan-measurements --for task' proposes what to measure."
+    )
+    near = PostureDistance(0.2, "", 0.0)
+    _, few = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.1e-3, 1.8e-3, near)}))
+    assert few.startswith("The task needs more measurements: 1.80 mm")
+
+
+def test_the_block_says_how_far_the_posture_is_from_those_measured() -> None:
+    found = compared({"nominal": BEFORE, "calibrated": with_parts(1.5e-3, 1e-3, PostureDistance(0.2, "", 0.0))})
+    (block,) = comparison_blocks(found)
+    words = " ".join(item for item in block.items if isinstance(item, str))
+    assert (
+        "The posture is within the measured range of every joint; the nearest measured one differs by up to 11" in words
+    )
+    assert "is the same at every repeat and stays within 1.00 mm; it comes mostly of joint1.a." in words
+    table: Any = block.items[-1]
+    assert ("scatter alone", "", "1.50 mm") in table.rows
+    assert ("left open by the data", "", "1.00 mm") in table.rows
 
 
 def test_a_model_without_a_posture_says_why() -> None:
