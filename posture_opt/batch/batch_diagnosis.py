@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from posture_opt.batch.batch_calibration import Batch, calibrate_batch
 from posture_opt.batch.batch_covariance import CorrelatedPair
 from posture_opt.calibration.error_statistics import By
@@ -14,10 +12,10 @@ from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.diagnosis.causes import Finding, noise_finding
 from posture_opt.diagnosis.diagnosis import Outcome
 from posture_opt.diagnosis.linearised_data import linearise
-from posture_opt.diagnosis.noise_candidates import standardised
-from posture_opt.diagnosis.noise_causes import NoiseCause, find_uneven_noise, in_stated_units
-from posture_opt.measurements.measurements import Measurements, repeat_of_row
-from posture_opt.model.effects import CorrelatedLengths, Rows
+from posture_opt.diagnosis.noise_causes import noise_samples
+from posture_opt.diagnosis.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.effects import CorrelatedLengths
 from posture_opt.numerics import Progress
 from posture_opt.result import Result
 
@@ -29,11 +27,12 @@ class BatchDiagnosis(Result):
     batch: Batch
     effects: tuple[Finding, ...]
     by: By
+    uneven: tuple[UnevenErrors, ...] = ()
 
     @property
     def verdict(self) -> Outcome:
-        """``effects_found`` or ``none_found``."""
-        return "effects_found" if self.effects else "none_found"
+        """``unexplained`` where errors are uneven and repeats do not show why."""
+        return "unexplained" if self.uneven else "effects_found" if self.effects else "none_found"
 
     def to_json(self) -> dict[str, Any]:
         """The document ``diagnosis.json`` of a batch."""
@@ -43,7 +42,10 @@ class BatchDiagnosis(Result):
         return {
             "verdict": self.verdict,
             "effects": [finding.to_json() for finding in self.effects],
-            "unexplained": {"p_value": 1.0, "place": []},
+            "unexplained": {
+                "p_value": min((u.p_value for u in self.uneven), default=1.0),
+                "place": [u.effect.target for u in self.uneven],
+            },
             "residual_rms": {**rms, "extended": self.batch.calibrated.rms},
             "coverage95": {**shares, "extended": calibrated},
             "cross_validation": self.by,
@@ -80,8 +82,9 @@ def diagnose_batch(
         for pair in batch.pairs
         if pair.significant and units[pair.a] == units[pair.b] == "m" and not _as_stated(pair.stated, pair.interval)
     ]
-    noise = [noise_finding(cause) for cause in _noise(problem, batch, seed)]
-    return BatchDiagnosis(batch, (*lengths, *noise), batch.calibrations[0].by)
+    noise, uneven = _noise(problem, batch, seed)
+    findings = (*lengths, *map(noise_finding, noise))
+    return BatchDiagnosis(batch, findings, batch.calibrations[0].by, tuple(uneven))
 
 
 def _correlated(pair: CorrelatedPair) -> Finding:
@@ -94,24 +97,14 @@ def _as_stated(stated: float, interval: tuple[float, float]) -> bool:
     return stated != 0 and interval[0] <= stated <= interval[1]
 
 
-def _noise(problem: CalibrationProblem, batch: Batch, seed: int) -> list[NoiseCause]:
+def _noise(
+    problem: CalibrationProblem, batch: Batch, seed: int
+) -> tuple[list[NoiseCause], list[UnevenErrors]]:  # fmt: skip
     """Uneven noise in the residuals of all robots."""
-    parts = []
+    samples = []
     for calibration in batch.calibrations:
         linearised = linearise(calibration, 0, seed)
-        baseline, residuals = linearised.baseline(), linearised.sensitivities.residuals
-        m, block = residuals.measured, residuals.block
-        Q = baseline.Q[:m].reshape(-1, block, baseline.Q.shape[1])
-        e = standardised(baseline.e[:m].reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
-        position = linearised.sensitivities.residuals.data.position
-        ranges = np.zeros(len(e)) if position is None else np.linalg.norm(position, axis=1)
-        e, columns, _ = in_stated_units(problem, linearised.sensitivities.residuals, e, linearised.sensitivities.joints)
-        parts.append((e, columns, ranges, repeat_of_row(linearised.sensitivities.residuals.data)))
-    e = np.concatenate([p[0] for p in parts])
-    columns = np.concatenate([p[1] for p in parts], axis=1)
-    sigma = batch.calibrations[0].residuals.sigma
-    first = np.cumsum([0, *(len(p[3]) for p in parts[:-1])])
-    repeats = np.concatenate([start + p[3] for start, p in zip(first, parts, strict=True)])
-    return find_uneven_noise(
-        e, Rows(problem.robot, columns, np.concatenate([p[2] for p in parts]), sigma, repeats), seed
-    )
+        sensitivities = linearised.sensitivities
+        samples.append(noise_samples(problem, sensitivities.residuals, linearised.baseline(), sensitivities.joints)[:2])
+    everything, repeats = (NoiseSample.together(parts) for parts in zip(*samples, strict=True))
+    return find_uneven_noise(everything, repeats, seed)

@@ -15,9 +15,9 @@ from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.linear_model import LinearModel
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.diagnosis.geometry_causes import GeometryCause
-from posture_opt.diagnosis.noise_causes import NoiseCause
 from posture_opt.diagnosis.search import SearchResult
 from posture_opt.diagnosis.sessions import Gain
+from posture_opt.diagnosis.uneven_noise import NoiseCause
 from posture_opt.model.effects import CATALOGUE, EFFECTS, INPUTS, Cause, Effect, Evidence, Limit, NoiseEffect
 from posture_opt.numerics import Codes, Progress
 from posture_opt.units import DIMENSIONS

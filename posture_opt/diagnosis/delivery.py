@@ -11,7 +11,8 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import Folds, HeldOut, held_out
 from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.linear_model import LinearModel
-from posture_opt.diagnosis.noise_causes import NoiseCause, noise_shape
+from posture_opt.diagnosis.noise_causes import noise_shape
+from posture_opt.diagnosis.uneven_noise import NoiseCause
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array
 

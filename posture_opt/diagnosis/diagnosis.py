@@ -27,14 +27,18 @@ from posture_opt.diagnosis.lack_of_fit import Adequacy, assess_adequacy
 from posture_opt.diagnosis.linearised_data import LinearisedData, frame_directions, linearise, tool_points
 from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
 from posture_opt.diagnosis.outlier_reinclusion import reinclude_outliers
+from posture_opt.diagnosis.repeat_plan import RepeatPlan, plan_repeats
 from posture_opt.diagnosis.search import SearchResult, prefer_named, remaining_unnamed, search
 from posture_opt.diagnosis.sessions import Gain, SecondSession, second_session
+from posture_opt.diagnosis.uneven_noise import UnevenErrors
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.repeats import Contrasts, repeat_groups
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Codes, Progress
 from posture_opt.result import Result
 from posture_opt.validation.calibrated_arm import calibrated_models
+from posture_opt.validation.repeat_scatter import slides
 
 Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_data"]
 
@@ -53,6 +57,7 @@ class Diagnosis(Result):
         model: the fitted arm with its effects; ``delivery`` the one to plan with, without those of the session.
         unexplained: unnamed components that the residuals need beside the effects.
         adequacy: the tests for anything left unexplained.
+        uneven: errors that look like a noisy joint, and that repeats do not show to be one.
         groups: (N,) what the cross-validation left out together, of the rows that are no outliers.
         rivals: by the place of an effect in ``model``, the candidates that could stand for it.
         test: another file predicted by what this one taught.
@@ -69,6 +74,7 @@ class Diagnosis(Result):
     search: SearchResult
     unexplained: tuple[UnnamedComponent, ...]
     adequacy: Adequacy
+    uneven: tuple[UnevenErrors, ...]
     by: By
     groups: Codes
     rivals: Mapping[int, Sequence[Candidate]]
@@ -115,13 +121,15 @@ class Diagnosis(Result):
         names = ("nominal", "calibrated", "extended")
         chosen = zip(self.search.chosen, self.search.p_values, strict=True)
         p = min(self.adequacy.p_value, *(p for candidate, p in chosen if not candidate.named), 1.0)
+        p = min(p, *(errors.p_value for errors in self.uneven), 1.0)
         test = {} if self.test is None else {"test": self.test.to_json()}
         return {
             "verdict": self.verdict,
             "effects": [self._effect_json(i) for i in range(len(self.effects))],
             "unexplained": {
                 "p_value": p,
-                "place": [f"{u.kind}: {u.target}" for u in self.unexplained] or [self.adequacy.place],
+                "place": list(self.unexplained_places),
+                **({"repeat": [plan.to_json() for plan in self.repeat_plans]} if self.repeat_plans else {}),
             },
             "residual_rms": {
                 **{name: self.errors[name].rms for name in names},
@@ -150,6 +158,27 @@ class Diagnosis(Result):
             "unknowable": [limit.to_json() for limit in unknowable(self.model.residuals)],
             "notes": list(self.notes),
         }
+
+    @cached_property
+    def contrasts(self) -> Contrasts:
+        """The differences between repeats of one posture and target, of the rows that are no outliers."""
+        residuals = self.model.residuals
+        return Contrasts.of(residuals.data, slides(residuals))
+
+    @cached_property
+    def repeat_plans(self) -> tuple[RepeatPlan, ...]:
+        """The postures to repeat where errors grow with a joint and too few repeats say whether it scatters."""
+        residuals = self.model.residuals
+        return plan_repeats(residuals.data, repeat_groups(residuals.data, slides(residuals)), self.uneven)
+
+    @property
+    def unexplained_places(self) -> tuple[str, ...]:
+        """Along what the unexplained is seen: unnamed components, else a variable; and joints that errors grow with."""
+        places = [f"{u.kind}: {u.target}" for u in self.unexplained]
+        grows = [errors.effect.target for errors in self.uneven]
+        if not places and not (grows and self.adequacy.p_value >= levels.LACK_OF_FIT):
+            places = [self.adequacy.place]
+        return tuple(dict.fromkeys([*places, *grows]))
 
     @cached_property
     def split(self) -> DiscriminationPlan | None:
@@ -225,9 +254,10 @@ def diagnose(
     residuals, frames = linearised.sensitivities.residuals, frame_directions(calibration)
     model = calibration.fit_effects(residuals, [s.what for s in names.chosen if isinstance(s.what, Effect)])
     everything = linearised.baseline(found.chosen)
-    left = assess_adequacy(everything, residuals.data, tool_points(linearised), residuals.block)
+    repeated = repeat_groups(residuals.data, slides(residuals))
+    left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block)
     closed = 0.0 if unnamed else left.p_value
-    noise = noise_causes(problem, calibration, model, everything, closed, seed or 0)
+    noise, uneven = noise_causes(problem, calibration, model, everything, closed, seed or 0)
     full = _of_data(model, calibration)
     geometry = geometry_causes(residuals, calibration.x_nominal, frames, full, full.effects)
     groups, parts = _folds(calibration)
@@ -246,8 +276,9 @@ def diagnose(
         lasting = deliver(calibration, model, held, parts, noise) if with_time else delivery
         other = second_session(test, calibration, model, lasting, refit_frames=refit_frames)
     stages.end()
+    open_ = closed < levels.LACK_OF_FIT or bool(uneven)
     return Diagnosis(
-        verdict="unexplained" if closed < levels.LACK_OF_FIT else "effects_found" if findings else "none_found",
+        verdict="unexplained" if open_ else "effects_found" if findings else "none_found",
         effects=findings,
         request=request,
         calibration=calibration,
@@ -258,6 +289,7 @@ def diagnose(
         search=found,
         unexplained=unnamed,
         adequacy=left,
+        uneven=tuple(uneven),
         by=calibration.by,
         groups=groups,
         rivals=names.confusable,

@@ -9,7 +9,8 @@ import numpy as np
 
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.score_tests import ProjectedBaseline, p_value_of_maximum
-from posture_opt.measurements.measurements import Measurements, repeat_of_row
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.repeats import repeat_of_row
 from posture_opt.numerics import Array, Codes
 
 
@@ -33,19 +34,22 @@ class Adequacy:
         return float(min(1.0, 2 * min(self.lack_of_fit, self.structure)))
 
 
-def assess_adequacy(baseline: ProjectedBaseline, data: Measurements, points: Array, block: int) -> Adequacy:
+def assess_adequacy(
+    baseline: ProjectedBaseline, data: Measurements, groups: Codes, points: Array, block: int
+) -> Adequacy:  # fmt: skip
     """Both tests on the residuals that a baseline leaves.
 
     Args:
+        groups: (N,) the rows that repeat one posture with one target, as in `repeat_groups`.
         points: (N, 3) tool points [m], world.
         block: residuals of one row.
     """
-    structure, place = _structure(baseline, data, points, block)
-    return Adequacy(_lack_of_fit(baseline, data, block), structure, place)
+    structure, place = _structure(baseline, data, groups, points, block)
+    return Adequacy(_lack_of_fit(baseline, data, groups, block), structure, place)
 
 
-def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, block: int) -> float:
-    """p-value of the F test of lack of fit: scatter about the model against that between repeats of a pose and target.
+def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, groups: Codes, block: int) -> float:
+    """p-value of the F test of lack of fit: scatter about the model against that between repeats of one posture.
 
     Readings of one repeat share the joints' scatter, so they count by their mean: against the instrument alone every
     arm would fail. A mean of more readings is more certain where the instrument scatters most, and not where the joints
@@ -56,8 +60,8 @@ def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, block: int) ->
     from scipy.special import fdtrc
 
     repeat = repeat_of_row(data)
-    cell, first, size = _groups(repeat, data.target)
-    code, _, repeats = _groups(data.pose[first], data.target[first])
+    cell, first, size = _alike(repeat, groups)
+    code, _, repeats = _alike(groups[first])
     # The targets of one repeat share its scatter too: so many residuals tell as much as one.
     shared = len(size) / (repeat[-1] + 1)
     pure_freedom = int((repeats - 1).sum()) * block / shared
@@ -73,7 +77,7 @@ def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, block: int) ->
     return float(fdtrc(freedom, pure_freedom, max(min(ratios), 0.0)))
 
 
-def _groups(*codes: Codes) -> tuple[Codes, Codes, Codes]:
+def _alike(*codes: Codes) -> tuple[Codes, Codes, Codes]:
     """(N,) the group of rows that agree in all codes, and of each group its first row and how many it has."""
     found = np.unique(np.column_stack(codes), axis=0, return_index=True, return_inverse=True, return_counts=True)
     return found[2].ravel(), found[1], found[3]
@@ -85,7 +89,9 @@ def _means(e: Array, code: Codes, weights: Array) -> Array:
     return np.stack([np.bincount(code, weights * column) / total for column in e.T], axis=1)
 
 
-def _structure(baseline: ProjectedBaseline, data: Measurements, points: Array, block: int) -> tuple[float, str]:
+def _structure(
+    baseline: ProjectedBaseline, data: Measurements, groups: Codes, points: Array, block: int
+) -> tuple[float, str]:  # fmt: skip
     """Whether residuals of neighbours are alike: the largest ``eᵀ K e`` of many kernels K against flipped signs.
 
     Moran's (1950) statistic with Gaussian weights; the null of the largest comes from the same flipped data sets.
@@ -100,8 +106,9 @@ def _structure(baseline: ProjectedBaseline, data: Measurements, points: Array, b
     names, values = [], []
     for name, K in _kernels(data, points, rows):
         np.fill_diagonal(K, 0.0)
-        # Repeats of one pose are alike: that is repeatability and no structure.
-        K[data.pose[rows][:, None] == data.pose[rows][None, :]] = 0.0
+        # Repeats of one posture, and several targets there, are alike: that is repeatability and no structure.
+        for codes in (groups[rows], data.pose[rows]):
+            K[codes[:, None] == codes[None, :]] = 0.0
         smooth = np.tensordot(K, series, axes=(1, 0))
         values.append(np.einsum("nbf,nbf->f", series, smooth))
         names.append(name)

@@ -136,7 +136,7 @@ FIELD_WAVELENGTHS = (0.2, 0.3, 0.45)
 
 # Lack of fit.
 REPEAT_FREEDOM = 12
-"""Degrees of freedom of repeats from which on the model is tested against them; chosen on simulated draws, ablation
+"""Degrees of freedom of repeats from which on they are a test of anything; chosen on simulated draws, ablation
 pending."""
 KERNEL_ROWS = 1200
 """Rows of a kernel: more are thinned out; chosen for time."""
@@ -149,6 +149,15 @@ INPUT_KERNEL = 0.15
 pending."""
 
 # Noise.
+NOISE_IN_REPEATS = 0.01
+"""p-value of the noise of one joint between repeats below which they confirm it; it was found in all rows before. A
+hundredth of the joints that structure accuses is then called noisy."""
+REPEATED_POSTURES = 5
+"""Postures to be repeated where repeats are asked for; with `REPEATS` of each they tell a σ to 16 %."""
+REPEATS = 5
+"""Measurements of each of them; a choice of taste."""
+REFUTED_BY_REPEATS = 6.63
+"""Twice the log likelihood that a size of noise may lose between repeats: the 99 % quantile of χ² (Wilks 1938)."""
 STATED_SIGMA_RATIO = 1.2
 """A stated σ is true enough within this factor: less is not worth a word; a choice of taste."""
 STRUCTURE_IN_DOUBT = 0.05

@@ -32,6 +32,7 @@ class NoiseCandidate:
         named: the same as an effect of a problem file, if its size is not zero.
         spread: (N, d) shift of the rows per standard deviation of it, in units of their other scatter; ``None`` of a
             range.
+        of_arm: whether it is drawn anew at every repeat.
     """
 
     kind: str
@@ -43,6 +44,12 @@ class NoiseCandidate:
     std: float
     named: Callable[[], NoiseEffect]
     spread: Array | None = None
+    of_arm: bool = False
+
+    @property
+    def who(self) -> tuple[str, str]:
+        """Kind and target."""
+        return self.kind, self.target
 
     @property
     def estimate(self) -> dict[str, tuple[float, float, str]]:
@@ -75,36 +82,105 @@ def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
     patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
     if not patterns:
         return []
-    found = [_ratio(sets, pattern) for pattern in patterns]
-    most = np.stack([ratios for ratios, _, _ in found])[:, 1:].max(axis=0)
-    candidates = []
-    for pattern, (ratios, value, s2) in zip(patterns, found, strict=True):
-        ratio, size = float(ratios[0]), pattern.size(value, s2)
-        p, std = p_value_of_maximum(most, ratio), pattern.error(value, s2)
-        named = partial(pattern.named, value, s2, std)
-        spread = None if pattern.unit is None else pattern.unit * np.sqrt(pattern.inflation(value) - 1)[:, None]
-        who = pattern.effect.kind_name(), pattern.target
-        candidates.append(NoiseCandidate(*who, ratio, p, pattern.quantity, size, std, named, spread))
+    found = [_Fit.of(sets, pattern) for pattern in patterns]
+    most = np.stack([fit.drawn for fit in found]).max(axis=0)
+    candidates = [fit.candidate(pattern, most) for fit, pattern in zip(found, patterns, strict=True)]
     return sorted(candidates, key=lambda s: -s.ratio)
 
 
-def _ratio(sets: Array, pattern: Pattern) -> tuple[Array, float, float]:
-    """(F,) twice the log likelihood ratio of noise of a pattern, and for the first set its best value with its s².
+@dataclass(frozen=True, eq=False)
+class RepeatedNoise:
+    """What the differences between repeats say of one kind of noise.
 
-    The ratio is the largest on the grid, in all sets alike; the best value lies on the parabola through its top.
+    Args:
+        candidate: the noise as the repeats alone have it, ``p_value`` of it alone.
+        loss: twice the log likelihood that they lose where its size is the one that was asked for.
     """
-    _, N, d = sets.shape
-    total = np.einsum("fnd,fnd->fn", sets, sets)
-    along = None if pattern.unit is None else np.einsum("fnd,nd->fn", sets, pattern.unit) ** 2
-    null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
-    best, first = np.full(len(sets), -np.inf), []
-    for value in map(float, pattern.grid):
-        likelihood, _ = _likelihood(pattern, value, total, along, d)
-        first.append(float(likelihood[0]))
-        best = np.maximum(best, likelihood)
-    top = float(np.interp(_summit(first), np.arange(len(first)), pattern.grid))
-    s2 = _likelihood(pattern, top, total[:1], None if along is None else along[:1], d)[1]
-    return 2 * (best - null), top, float(s2[0])
+
+    candidate: NoiseCandidate
+    loss: float
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the repeats scatter by another size."""
+        return self.loss > levels.REFUTED_BY_REPEATS
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether they scatter, and by that size."""
+        return not self.refuted and self.candidate.p_value < levels.NOISE_IN_REPEATS
+
+
+def score_repeats(e: Array, rows: Rows, asked: NoiseCandidate, seed: int) -> RepeatedNoise | None:
+    """The likelihood ratio test of one kind of noise on contrasts (C, d) of repeats; ``None`` where they are too few.
+
+    The null is that of `score_uneven_noise`; no other candidate competes, as this one was found elsewhere.
+    """
+    if e.size < levels.REPEAT_FREEDOM:
+        return None
+    patterns = (p for kind in NOISES for p in kind.patterns(rows))
+    pattern = next((p for p in patterns if (p.effect.kind_name(), p.target) == asked.who), None)
+    if pattern is None:
+        return None
+    sets = np.concatenate([e[None], null_sets(e, rows.visits, levels.NOISE_DRAWS, np.random.default_rng(seed))])
+    fit = _Fit.of(sets, pattern)
+    return RepeatedNoise(fit.candidate(pattern, fit.drawn), fit.loss(pattern, asked.size))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Noise of one pattern in a set of residuals, and in those of its null distribution.
+
+    Args:
+        ratio: twice the log likelihood ratio of the best size; ``drawn`` (F,) those of the null distribution.
+        value, s2: the likeliest, on the parabola through the top of the grid.
+        curve, variances: (grid,) twice the log likelihood ratio, and s², of every value of the grid.
+    """
+
+    ratio: float
+    drawn: Array
+    value: float
+    s2: float
+    curve: Array
+    variances: Array
+
+    @classmethod
+    def of(cls, sets: Array, pattern: Pattern) -> _Fit:
+        """Of residuals (1 + F, N, d), the first set the one that was measured.
+
+        The ratio is the largest on the grid, in all sets alike.
+        """
+        _, N, d = sets.shape
+        total = np.einsum("fnd,fnd->fn", sets, sets)
+        along = None if pattern.unit is None else np.einsum("fnd,nd->fn", sets, pattern.unit) ** 2
+        null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
+        best, first = np.full(len(sets), -np.inf), []
+        for value in map(float, pattern.grid):
+            likelihood, s2 = _likelihood(pattern, value, total, along, d)
+            first.append((float(likelihood[0]), float(s2[0])))
+            best = np.maximum(best, likelihood)
+        heights, variances = np.array(first).T
+        top = float(np.interp(_summit(list(heights)), np.arange(len(heights)), pattern.grid))
+        s2 = _likelihood(pattern, top, total[:1], None if along is None else along[:1], d)[1]
+        ratios = 2 * (best - null)
+        return cls(float(ratios[0]), ratios[1:], top, float(s2[0]), 2 * (heights - null[0]), variances)
+
+    def candidate(self, pattern: Pattern, most: Array) -> NoiseCandidate:
+        """The noise with its p-value by the largest ratios of draws (F,)."""
+        value, s2 = self.value, self.s2
+        p, std = p_value_of_maximum(most, self.ratio), pattern.error(value, s2)
+        named = partial(pattern.named, value, s2, std)
+        spread = None if pattern.unit is None else pattern.unit * np.sqrt(pattern.inflation(value) - 1)[:, None]
+        who = pattern.effect.kind_name(), pattern.target
+        of_arm = pattern.effect.of_arm
+        return NoiseCandidate(
+            *who, self.ratio, p, pattern.quantity, pattern.size(value, s2), std, named, spread, of_arm
+        )
+
+    def loss(self, pattern: Pattern, size: float) -> float:
+        """Twice the log likelihood that a size loses against the likeliest."""
+        sizes = [pattern.size(value, s2) for value, s2 in zip(map(float, pattern.grid), self.variances, strict=True)]
+        return float(self.curve.max() - np.interp(size, sizes, self.curve))
 
 
 def _likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,30 +12,15 @@ from posture_opt.calibration.instrument import position_sigma, relative
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.noise_candidates import (
-    GROSS,
-    NoiseCandidate,
-    fit_tails,
-    score_stated_sigma,
-    score_uneven_noise,
-    standardised,
-)
+from posture_opt.diagnosis.noise_candidates import GROSS, fit_tails, score_stated_sigma, standardised
 from posture_opt.diagnosis.score_tests import ProjectedBaseline
-from posture_opt.measurements.measurements import repeat_of_row
-from posture_opt.model.effects import Cause, NoiseEffect, Outliers, Rows
+from posture_opt.diagnosis.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
+from posture_opt.measurements.repeats import Contrasts, repeat_of_row
+from posture_opt.model.effects import Outliers, Rows
 from posture_opt.numerics import Array
 from posture_opt.validation.prediction import joint_errors
+from posture_opt.validation.repeat_scatter import slides
 from posture_opt.validation.scatter_model import whitened
-
-
-@dataclass(frozen=True)
-class NoiseCause:
-    """A kind of noise that is named, with its size."""
-
-    effect: NoiseEffect
-    estimate: Mapping[str, tuple[float, float, str]]
-    p_value: float
-    confounded_with: tuple[Cause, ...] = ()
 
 
 def noise_causes(
@@ -46,31 +30,48 @@ def noise_causes(
     baseline: ProjectedBaseline,
     closed: float,
     seed: int,
-) -> list[NoiseCause]:
+) -> tuple[list[NoiseCause], list[UnevenErrors]]:
     """Noisy joints or noise that grows with the range; gross outliers; a stated σ that is wrong.
+
+    The second list holds errors that look like a noisy joint, and that repeats do not show to be one.
 
     Args:
         closed: p-value that nothing is left beside the model, 0 where an unnamed component is.
     """
-    residuals = model.residuals
-    block = residuals.block
-    Q = baseline.Q[: residuals.measured].reshape(-1, block, baseline.Q.shape[1])
-    e = standardised(baseline.e[: residuals.measured].reshape(-1, block), Q @ np.swapaxes(Q, 1, 2))
-    columns = _joints(model)
-    e, columns, whole = in_stated_units(problem, residuals, e, columns)
+    everything, repeats, whole = noise_samples(problem, model.residuals, baseline, _joints(model))
     level = levels.NOISE_BESIDE_A_CAUSE if model.effects else levels.NOISE
-    rows = Rows(residuals.robot, columns, _ranges(residuals), residuals.sigma, repeat_of_row(residuals.data))
-    found = find_uneven_noise(e, rows, seed, level)
-    found += [] if closed < levels.LACK_OF_FIT else _outliers(calibration, model, bool(found))
-    if position_sigma(problem, residuals.data) and not found and closed >= levels.STRUCTURE_IN_DOUBT:
-        squares = e**2
+    found, uneven = find_uneven_noise(everything, repeats, seed, level)
+    other = bool(found or uneven)
+    found += [] if closed < levels.LACK_OF_FIT else _outliers(calibration, model, other)
+    if position_sigma(problem, model.residuals.data) and not (found or uneven) and closed >= levels.STRUCTURE_IN_DOUBT:
+        squares = everything.e**2
         kurtosis = float(np.mean(squares**2) / np.mean(squares) ** 2 - 3)
         # Standardised residuals have their leverage back already.
         variance = float(np.mean(squares)) if whole else float(baseline.rss[0]) / baseline.freedom
         candidate = score_stated_sigma(variance, baseline.freedom, kurtosis)
         if candidate.p_value < levels.NOISE and abs(np.log(candidate.size)) > np.log(levels.STATED_SIGMA_RATIO):
             found.append(NoiseCause(candidate.named(), candidate.estimate, candidate.p_value))
-    return found
+    return found, uneven
+
+
+def noise_samples(
+    problem: CalibrationProblem, residuals: Residuals, baseline: ProjectedBaseline, columns: Array
+) -> tuple[NoiseSample, NoiseSample, bool]:
+    """The residuals of all rows, and the contrasts of repeats, in units of what the file states of their scatter.
+
+    Contrasts have lost no freedom to the fit, which errs alike at every repeat: no leverage is given back to them. The
+    last of the three is that of `in_stated_units`.
+
+    Args:
+        columns: (n, N, block) whitened residual per unit of each joint.
+    """
+    m, block, data = residuals.measured, residuals.block, residuals.data
+    Q = baseline.Q[:m].reshape(-1, block, baseline.Q.shape[1])
+    raw = baseline.e[:m].reshape(-1, block)
+    e, levers, whole = in_stated_units(problem, residuals, standardised(raw, Q @ np.swapaxes(Q, 1, 2)), columns)
+    rows = Rows(residuals.robot, levers, _ranges(residuals), residuals.sigma, repeat_of_row(data))
+    plain = NoiseSample(in_stated_units(problem, residuals, raw, columns)[0], rows)
+    return NoiseSample(e, rows), plain.between(Contrasts.of(data, slides(residuals))), whole
 
 
 def noise_shape(model: Fit, causes: Sequence[NoiseCause]) -> Array | None:
@@ -92,41 +93,6 @@ def _ranges(residuals: Residuals) -> Array | None:
     """(N,) distances of the measured points from the instrument [m]."""
     position = residuals.data.position
     return None if position is None else np.asarray(np.linalg.norm(position, axis=1))
-
-
-def find_uneven_noise(e: Array, rows: Rows, seed: int, level: float = levels.NOISE) -> list[NoiseCause]:
-    """The joints, or the range, along which noise is larger than elsewhere, if any are.
-
-    The scatter of each joint that is named is whitened, as if it were stated, before the next test at a stricter level.
-
-    Args:
-        e: (N, d) residuals in units of their stated covariance.
-    """
-    named: list[tuple[NoiseCandidate, list[NoiseCandidate]]] = []
-    candidates = score_uneven_noise(e, rows, seed)
-    while candidates and candidates[0].p_value < (levels.NOISE_BESIDE_A_CAUSE if named else level):
-        first = candidates[0]
-        least = max(first.ratio - levels.RIVAL_CRITERION, 0.0)
-        named.append((first, [s for s in candidates[1:] if s.ratio > least]))
-        if first.spread is None or len(named) == len(rows.levers):
-            break
-        e, rows = _without(e, rows, first.spread)
-        taken = {(s.kind, s.target) for s, _ in named}
-        candidates = [s for s in score_uneven_noise(e, rows, seed) if (s.kind, s.target) not in taken]
-    taken = {(s.kind, s.target) for s, _ in named}
-    return [
-        NoiseCause(
-            s.named(), s.estimate, s.p_value, tuple(r.named() for r in rivals if (r.kind, r.target) not in taken)
-        )
-        for s, rivals in named
-    ]
-
-
-def _without(e: Array, rows: Rows, spread: Array) -> tuple[Array, Rows]:
-    """Residuals and rows in units of a covariance that a noisy joint, ``spread`` (N, d), is part of."""
-    visits = np.arange(len(e)) if rows.visits is None else rows.visits
-    e, levers = whitened(e, rows.levers, spread[:, :, None], visits, np.ones(e.shape))
-    return e, replace(rows, levers=levers)
 
 
 def in_stated_units(

@@ -1,4 +1,4 @@
-"""``Measurements``: what was commanded and what was measured, row by row, in SI units and radians; what repeats."""
+"""``Measurements``: what was commanded and what was measured, row by row, in SI units and radians."""
 
 from __future__ import annotations
 
@@ -19,8 +19,6 @@ from posture_opt.units import Length
 
 Distance = Annotated[tuple[str, str, Length], Field(examples=[["front/0", "front/1", "50 mm"]])]
 _STILL = 1e-9  # m; rounding of half turns at a reach of metres is 1e-15
-NEAR = 1e-3  # rad: commands that differ by less lead to one posture
-_SLIDE = 1e-4  # m: the same of a slide
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,43 +175,6 @@ def inputs_of(data: Measurements, robot: Robot) -> Inputs:
 def arm_for(arm: Arm, data: Measurements) -> Arm:
     """The arm under the inputs of every row."""
     return arm.under(replace(inputs_of(data, arm.robot), stated=data.joint_names))
-
-
-def repeat_groups(data: Measurements, slides: Mask) -> Codes:
-    """(N,) a code for each row: rows of one code repeat one posture with one target.
-
-    Rows of one pose do, and so do rows whose joint values agree within 1 mrad or 0.1 mm: joint values that were
-    read back never agree to the last digit. Rows strung out along a slow path are no repeats.
-
-    Args:
-        slides: (n,) which joints are prismatic.
-    """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    posture = np.column_stack([data.q / np.where(slides, _SLIDE, NEAR), data.target * 1e6, data.robot * 1e6])
-    pairs = cKDTree(posture).query_pairs(1.0, p=np.inf, output_type="ndarray")
-    n = len(data)
-    near = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    code = np.asarray(connected_components(near, directed=False)[1], dtype=np.intp)
-    own = np.unique(np.column_stack([data.pose, data.target, data.robot]), axis=0, return_inverse=True)[1].ravel()
-    strung = np.array([np.ptp(posture[rows], axis=0).max() > 1.0 for rows in rows_of(code)])
-    merged = np.where(strung[code], own + n, code)
-    # A pose keeps together whatever its joint values were.
-    first = np.full(own.max() + 1, -1)
-    first[own[::-1]] = merged[::-1]
-    return np.asarray(np.unique(first[own], return_inverse=True)[1], dtype=np.intp)
-
-
-def repeat_of_row(data: Measurements) -> Codes:
-    """(N,) the repeat of each row, counted from 0: rows that follow each other at one pose, whatever their target.
-
-    The arm has not moved between them, so that one draw of the joints' scatter is in all of them.
-    """
-    sides = data.approach if data.approach_given else np.zeros((len(data), 0))
-    place = np.column_stack([data.pose, data.robot, sides])
-    return np.asarray(np.cumsum(np.any(np.diff(place, axis=0, prepend=place[:1]) != 0, axis=1)), dtype=np.intp)
 
 
 def rows_of(codes: Codes) -> list[Codes]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from posture_opt.measurements.measurements import Measurements, outlying_groups, repeat_groups, rows_of
+from posture_opt.measurements.measurements import Measurements, outlying_groups, rows_of
+from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.robot.robot import Robot
 
 ENOUGH = 12  # degrees of freedom: a standard deviation is then known to a fifth

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Table
-from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, noise_floor
+from posture_opt.report.diagnosis_sizes import MODELS, NoiseFloor, fitted_effects, noise_floor
 from posture_opt.report.error_table import ELSEWHERE, ERROR_HEADERS, error_cells, error_table, held_out_sentence, mm
 from posture_opt.report.other_file_words import calibration_words, effects_words, file_words, range_items
 from posture_opt.report.units_text import percent
@@ -27,15 +27,14 @@ def errors_block(found: Diagnosis) -> Block:
         (words, *error_cells(found.errors[name]), percent(float(found.held[name].inside.mean())))
         for name, words in models_of(found).items()
     ]
-    noises = noise_of(found)
-    rows += [(name, mm(rms), "", "", "", "", "") for name, rms in noises.items()]
+    floor = noise_floor(found)
+    rows += [(floor.label, mm(floor.rms), "", "", "", "", "")] if floor.rms else []
     headers = (*ERROR_HEADERS, "in its 95 % region")
     texts = [f"{held_out_sentence(found.by, rounds)} The interval holds the RMS with 95 % confidence."]
     if fitted_effects(found):
         texts.append(_gain_text(found))
-    if noises:
-        source = noise_floor(found)[1]
-        texts.append(f"Measurement noise is {source}{_beside(found, noises, rounds, source)}")
+    if floor.rms:
+        texts.append(f"{floor.sentence}{_beside(found, floor, rounds)}")
     return Block("Gain from the causes found", (*texts, Table(headers, tuple(rows))), "diagnosis_errors")
 
 
@@ -44,35 +43,20 @@ def models_of(found: Diagnosis) -> dict[str, str]:
     return {name: words for name, words in MODELS.items() if name != "extended" or fitted_effects(found)}
 
 
-def noise_of(found: Diagnosis) -> dict[str, float]:
-    """RMS [m] of errors that are noise alone, and with the scatter of a joint where that is named; empty if unknown."""
-    floor, source = noise_floor(found)
-    if not floor:
-        return {}
-    joint = next((f.noise.moved_joint for f in found.effects if f.noise is not None and f.noise.moved_joint), "")
-    shape = found.held["extended"].shape
-    if not joint or shape is None or "instrument" not in source:  # repeats scatter by what the joint does already
-        return {"measurement noise": floor}
-    variance = found.model.residuals.sigma**2 * float(np.mean(np.trace(shape, axis1=1, axis2=2)))
-    return {"measurement noise": floor, f"noise with {joint}'s scatter": float(np.sqrt(variance))}
-
-
-def _beside(found: Diagnosis, noises: dict[str, float], rounds: int, source: str) -> str:
+def _beside(found: Diagnosis, noise: NoiseFloor, rounds: int) -> str:
     """How far noise, and what it costs to fit many parameters to few numbers, make up what is left."""
-    left = found.errors["extended"]
-    name, floor = list(noises.items())[-1]
+    left, floor, said = found.errors["extended"], noise.rms, ""
     fitted = found.model.count
     numbers = len(found.model.residuals.data) * len(found.model.residuals.axes)
     # Rows left out are predicted with the errors of a fit to the others: variance k/m more, of k parameters to m.
     cost = floor * float(np.sqrt(1 + fitted / (numbers * (1 - 1 / max(rounds, 2)))))
-    said = "" if len(noises) == 1 else f"; {name.removeprefix('noise ')} it accounts for {mm(floor)} mm"
     if floor > left.interval[1]:
-        return f"{said}: more than the residual error, so the noise must be smaller than that."
+        return ": more than the residual error, so the noise must be smaller than that."
     if floor < left.interval[0]:
-        said += f"; fitting {fitted} parameters to {numbers} numbers raises that to {mm(cost)} mm"
+        said = f"; fitting {fitted} parameters to {numbers} numbers raises that to {mm(cost)} mm"
     if cost < left.interval[0]:
-        own = "the scatter of the arm itself adds to that" if "instrument" in source else ""
-        return f"{said}; {own or 'no model does better'}."
+        own = "no model does better" if noise.repeated else "the scatter of the arm itself adds to that"
+        return f"{said}; {own}."
     if found.verdict == "unexplained":
         return f"{said}: about as large as the residual error, so the unexplained part is small on average."
     return f"{said}: about as large as the residual error, so nothing more can be gained."

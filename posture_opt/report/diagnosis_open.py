@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.causes import missing_inputs, unknowable
 from posture_opt.diagnosis.discrimination_design import detection_probability
 from posture_opt.measurements.columns import AXES, QUATERNION
@@ -20,6 +21,8 @@ from posture_opt.units import fixed
 if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.discrimination_plan import DiscriminatedPair, DiscriminationPlan
+    from posture_opt.diagnosis.repeat_plan import RepeatPlan
+    from posture_opt.diagnosis.uneven_noise import UnevenErrors
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.robot.robot import Robot
 
@@ -44,10 +47,12 @@ def left_block(found: Diagnosis) -> Block:
     if found.verdict != "unexplained":
         p = "p ≈ 1" if left.p_value > _SURE else p_words(left.p_value)
         return Block(title, (f"No unexplained structure remains ({p}).",))
-    items: list[str | Facts | Table] = ["Structure remains that is not noise, and no known cause explains it."]
+    items: list[str | Facts | Table] = []
     rows = [("Depends on", "; ".join(component.words for component in found.unexplained))]
+    if found.unexplained or left.p_value < levels.LACK_OF_FIT:
+        items.append("Structure remains that is not noise, and no known cause explains it.")
     if not found.unexplained:
-        rows = [("Seen along", left.place)]
+        rows = [("Seen along", left.place)] if items else []
     if left.structure < UNLIKELY:
         rows.append(
             ("Neighbours", f"errors of rows with a similar {left.place} are correlated: {p_words(left.structure)}")
@@ -56,13 +61,45 @@ def left_block(found: Diagnosis) -> Block:
         rows.append(
             ("Repeats", f"the model misses poses by more than they repeat (lack of fit): {p_words(left.lack_of_fit)}")
         )
-    items.append(Facts(tuple(rows)))
+    items += [Facts(tuple(rows))] if rows else []
+    items += [_uneven(errors) for errors in found.uneven]
+    items += [_to_repeat(plan) for plan in found.repeat_plans]
     items += [
         f"On {joint} the effects {', '.join(names)} add up to one curve: rather one unnamed shape than as many causes."
         for joint, names in _sums(found).items()
     ]
     items.append("The figure shows the remaining errors over each joint.")
     return Block(title, tuple(items), "diagnosis_left")
+
+
+def _uneven(errors: UnevenErrors) -> str:
+    """Errors that look like a noisy joint, and what repeats say of them."""
+    joint = errors.effect.target
+    text = f"The errors grow with {joint}, as if it scattered ({p_words(errors.p_value)})"
+    if errors.refuted:
+        return f"{text}, but repeats of one posture do not scatter so: the errors are the same at every repeat."
+    return f"{text}; too few postures are repeated to tell scatter from structure."
+
+
+def _to_repeat(plan: RepeatPlan) -> str:
+    lines = ", ".join(map(str, plan.rows.line))
+    return (
+        f"To tell whether {plan.target} scatters, measure the postures of lines {lines} {plan.times} times each, "
+        "moving away in between and returning from the same side."
+    )
+
+
+def unexplained_lead(found: Diagnosis) -> tuple[str, ...]:
+    """What to repeat where only that is missing to tell scatter from structure; nothing elsewhere."""
+    plans = found.repeat_plans
+    if not plans:
+        return ()
+    joints, one = " and ".join(plan.target for plan in plans[:2]), plans[0]
+    more = f" and {count(len(plans) - 2, 'more joint')}" if len(plans) > 2 else ""
+    return (
+        f"Errors grow with {joints}{more}: repeat {count(len(one.rows), 'posture')} {one.times} times each to tell "
+        "scatter from structure.",
+    )
 
 
 def _sums(found: Diagnosis) -> dict[str, list[str]]:

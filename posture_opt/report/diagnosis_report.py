@@ -22,6 +22,7 @@ from posture_opt.report.diagnosis_open import (
     scores_block,
     split_block,
     split_csv,
+    unexplained_lead,
     unknowable_block,
 )
 from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, headline_of, noise_floor
@@ -72,20 +73,26 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
     names = "; ".join(said) + (f"; and {count(more, 'more cause')}" if more else "")
     beside = " The geometry differs from the file, too." if geometry and causes is not geometry else ""
     if found.verdict == "none_found":
-        first = "The model explains these data: no cause of error is found beyond measurement noise."
+        first = f"The model explains these data: no cause of error is found{_beyond(found)}."
     elif found.verdict == "effects_found":
         first = f"{_counted(len(causes))} the errors: {names}.{beside}"
     elif said:
         first = f"{_counted(len(causes))} part of the error: {names}. The rest is unexplained.{beside}"
     else:
-        first = "The errors are more than measurement noise, and no cause of the catalogue explains them."
+        first = f"Errors remain{_beyond(found)} that no cause of the catalogue explains."
     return (
         first,
         _improvement(found),
+        *unexplained_lead(found),
         *elsewhere_lead(found),
         *comparison_lead(comparison),
         *goals_lead(goals),
     )
+
+
+def _beyond(found: Diagnosis) -> str:
+    """What the errors are compared with, where repeats tell it."""
+    return " beyond measurement noise" if noise_floor(found).repeated else ""
 
 
 def _named(found: Diagnosis, finding: Finding) -> str:
@@ -99,8 +106,8 @@ def _improvement(found: Diagnosis) -> str:
     text += f"{mm(sizes['calibrated'])} mm calibrated"
     if fitted_effects(found):
         text += f", and {mm(sizes['extended'])} mm with {_these(len(fitted_effects(found)))}"
-    floor, _ = noise_floor(found)
-    return text + (f"; measurement noise alone accounts for {mm(floor)} mm." if 0 < floor < sizes["extended"] else ".")
+    floor = noise_floor(found)
+    return text + (f"; {floor.clause}." if 0 < floor.rms < sizes["extended"] else ".")
 
 
 def _counted(n: int) -> str:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.calibration.instrument import position_sigma
+from posture_opt.diagnosis import levels
 from posture_opt.model.effects.cause import FittedSizes
 from posture_opt.numerics import Array
+from posture_opt.report.error_table import mm
 from posture_opt.report.words import MODEL_NAMES
 
 if TYPE_CHECKING:
@@ -15,7 +19,6 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
 
 MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated", "extended")}
-_REPEATS = 12  # degrees of freedom of repeats, from which on they tell the noise
 
 
 def fitted_effects(found: Diagnosis) -> tuple[tuple[int, Finding], ...]:
@@ -68,14 +71,42 @@ def periodic_joints(found: Diagnosis) -> list[int]:
     return [names.index(joint) for joint in dict.fromkeys(effect.moved_joint for effect in effects)]
 
 
-def noise_floor(found: Diagnosis) -> tuple[float, str]:
-    """RMS [m] of the length of an error that is noise alone, and where it is known from; 0 where it is not."""
-    residuals = found.model.residuals
+@dataclass(frozen=True)
+class NoiseFloor:
+    """RMS [m] of the length of an error that no model can explain, 0 where it is not known.
+
+    Args:
+        repeated: whether repeats of postures tell it; else it is that of the instrument as stated, and how far the
+            arm itself scatters is not known.
+    """
+
+    rms: float
+    repeated: bool
+
+    @property
+    def label(self) -> str:
+        """Its name in tables and figures."""
+        return "measurement noise" if self.repeated else "instrument as stated"
+
+    @property
+    def clause(self) -> str:
+        """What it accounts for, behind other errors."""
+        what = "measurement noise alone" if self.repeated else "the instrument as stated"
+        return f"{what} accounts for {mm(self.rms)} mm"
+
+    @property
+    def sentence(self) -> str:
+        """Where it is known from, without the full stop."""
+        if self.repeated:
+            return "Measurement noise is the scatter of repeated postures"
+        return "No posture was repeated often enough to tell the scatter; the instrument is as stated"
+
+
+def noise_floor(found: Diagnosis) -> NoiseFloor:
+    """Of the contrasts between repeats of one posture and target, else of the instrument."""
+    residuals, contrasts = found.model.residuals, found.contrasts
     e = found.model.whitened.reshape(-1, residuals.block)[:, : len(residuals.axes)] * residuals.sigma
-    code, count = np.unique(residuals.data.pose, return_inverse=True, return_counts=True)[1:]
-    freedom = len(code) - len(count)
-    if freedom * e.shape[1] >= _REPEATS:
-        means = np.stack([np.bincount(code, column) / count for column in e.T], axis=1)
-        return float(np.sqrt(np.sum((e - means[code]) ** 2) / freedom)), "the scatter of repeated postures"
-    measurement = residuals.sigma if not any("no σ of the instrument" in n for n in found.notes) else 0.0
-    return float(measurement * np.sqrt(e.shape[1])), "the instrument as stated"
+    if len(contrasts) * e.shape[1] >= levels.REPEAT_FREEDOM:
+        differences = contrasts.differences(e) / np.sqrt(contrasts.reading)[:, None]
+        return NoiseFloor(float(np.sqrt(np.mean(np.sum(differences**2, axis=1)))), True)
+    return NoiseFloor(position_sigma(found.problem, residuals.data) * float(np.sqrt(e.shape[1])), False)

@@ -11,7 +11,8 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.instrument import position_sigma
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals, matrices, rotation_vectors
-from posture_opt.measurements.measurements import Measurements, repeat_groups
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes
 from posture_opt.result import Result
 from posture_opt.uncertainty.regions import Ellipsoid, hotelling_factor

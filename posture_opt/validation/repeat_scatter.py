@@ -9,7 +9,8 @@ import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.residuals import Residuals
-from posture_opt.measurements.measurements import outlying_groups, repeat_groups, rows_of
+from posture_opt.measurements.measurements import outlying_groups, rows_of
+from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.validation.model_errors import holm
 from posture_opt.validation.prediction import ErrorSources, joint_columns, joint_errors

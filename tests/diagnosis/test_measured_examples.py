@@ -86,10 +86,26 @@ def test_no_cause_is_made_up_where_the_joints_scatter(seed: int) -> None:
 
 def test_an_arm_all_of_whose_joints_scatter_is_extended_by_that_scatter(tmp_path: Path) -> None:
     problem = load_builtin("insert_planar_2r_measured")
-    found = po.diagnose(problem, po.read_measurements(problems_folder() / "planar_2r_measured.csv", problem))
+    rng = np.random.default_rng(4)
+    q = rng.permutation(np.tile(rng.uniform(-2.5, 2.5, (30, 2)), (5, 1)))
+    points = shop.reached(q + rng.normal(0, shop.SCATTER, q.shape)) + rng.normal(0, shop.NOISE, q.shape)
+    table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": points[:, 0], "y [m]": points[:, 1]}
+    found = po.diagnose(problem, po.read_measurements(table, problem))
     noises = [finding.target for finding in found.effects if finding.noise is not None]
     assert sorted(noises) == ["joint1", "joint2"]
     extended = found.extended
     assert "scatter" not in extended.to_dict()["uncertainty"]
     assert np.all(np.diag(extended.sources.scatter)[[extended.sources.names.index(f"{j}.theta") for j in noises]] > 0)
     assert_same_numbers(written(extended, tmp_path), extended)
+
+
+def loaded_postures(rng: np.random.Generator) -> np.ndarray:
+    return rng.uniform(-2.5, 2.5, (30, 2))
+
+
+def test_sixty_postures_measured_once_do_not_tell_which_joint_scatters() -> None:
+    problem = load_builtin("insert_planar_2r_measured")
+    found = po.diagnose(problem, po.read_measurements(problems_folder() / "planar_2r_measured.csv", problem))
+    assert not [f for f in found.effects if f.noise is not None]
+    assert found.verdict == "unexplained"
+    assert set(found.to_json()["unexplained"]["place"]) == {"joint1", "joint2"}

@@ -14,6 +14,8 @@ from posture_opt.diagnosis.lack_of_fit import assess_adequacy
 from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.noise_candidates import score_stated_sigma, score_uneven_noise
 from posture_opt.diagnosis.score_tests import ProjectedBaseline
+from posture_opt.diagnosis.uneven_noise import NoiseSample, find_uneven_noise
+from posture_opt.measurements.repeats import Contrasts, repeat_groups
 from posture_opt.model.effects import Rows
 from posture_opt.validation.scatter_model import whitened
 from tests.helpers.planar_files import SHORT
@@ -31,7 +33,8 @@ def lack_of_fit(seed: int, passes: int, readings: int, targets: int, wrong: floa
     e = 5 * rng.normal(size=(visit.max() + 1, 2))[visit] + rng.normal(size=(len(q), 2))
     e += wrong * rng.normal(size=(40, 2))[order]
     baseline = ProjectedBaseline.of(e.ravel(), rng.normal(size=(e.size, 4)), np.repeat(order, 2), 19, 0)
-    return assess_adequacy(baseline, data, np.column_stack([q, order]), 2).lack_of_fit
+    groups = repeat_groups(data, np.zeros(2, dtype=bool))
+    return assess_adequacy(baseline, data, groups, np.column_stack([q, order]), 2).lack_of_fit
 
 
 @pytest.mark.parametrize(("readings", "targets"), [(3, 1), (1, 2), (2, 2)])
@@ -88,16 +91,58 @@ def test_stated_scatter_of_a_joint_is_taken_off_whole_visits() -> None:
     np.testing.assert_allclose(columns, np.stack([found, 2 * found]))
 
 
+def sample(rng: np.random.Generator, rows: int, sigma: tuple[float, float]) -> NoiseSample:
+    """Residuals of a planar arm whose joints scatter by ``sigma``, in units of its instrument."""
+    q = rng.uniform(-2.5, 2.5, (rows, 2))
+    elbow, tool = (np.stack([-np.sin(a), np.cos(a)], 1) / 2e-5 for a in (q[:, 0], q.sum(axis=1)))
+    c = np.stack([0.5 * elbow + 0.4 * tool, 0.4 * tool])
+    e = rng.normal(size=(rows, 2)) + np.einsum("nj,jnd->nd", rng.normal(size=(rows, 2)) * sigma, c)
+    robot = po.problem_from_dict(yaml.safe_load(SHORT)).robot
+    return NoiseSample(e, Rows(robot, c, None, 2e-5))
+
+
 @pytest.mark.parametrize(("sigma", "named"), [((1e-4, 1e-4), ["joint1", "joint2"]), ((2e-4, 0.0), ["joint1"])])
 def test_every_noisy_joint_is_named(sigma: tuple[float, float], named: list[str]) -> None:
     rng = np.random.default_rng(1)
-    q = rng.uniform(-2.5, 2.5, (150, 2))
-    elbow, tool = (np.stack([-np.sin(a), np.cos(a)], 1) / 2e-5 for a in (q[:, 0], q.sum(axis=1)))
-    c = np.stack([0.5 * elbow + 0.4 * tool, 0.4 * tool])
-    e = rng.normal(size=(150, 2)) + np.einsum("nj,jnd->nd", rng.normal(size=(150, 2)) * sigma, c)
-    robot = po.problem_from_dict(yaml.safe_load(SHORT)).robot
-    found = noise_causes.find_uneven_noise(e, Rows(robot, c, None, 2e-5), 0)
+    found, uneven = find_uneven_noise(sample(rng, 150, sigma), sample(rng, 100, sigma), 0)
+    assert not uneven
     assert [cause.effect.target for cause in found] == named
     assert not any(cause.confounded_with for cause in found)
     for cause, true in zip(found, sigma, strict=False):
         assert cause.effect.stated[0][1] == pytest.approx(true, rel=0.3)
+
+
+@pytest.mark.parametrize(("contrasts", "refuted"), [(0, False), (4, False), (100, True)])
+def test_a_joint_whose_repeats_do_not_scatter_is_not_named(contrasts: int, refuted: bool) -> None:
+    rng = np.random.default_rng(2)
+    found, uneven = find_uneven_noise(sample(rng, 150, (2e-4, 0.0)), sample(rng, contrasts, (0.0, 0.0)), 0)
+    assert not found
+    assert [(errors.effect.target, errors.refuted) for errors in uneven] == [("joint1", refuted)]
+    assert uneven[0].p_value < 1e-3
+
+
+def test_contrasts_are_what_repeats_differ_by() -> None:
+    """Helmert's contrasts of four repeats by hand; readings that follow each other count by their mean."""
+    order = [0, 1, 0, 2, 0, 0, 1, 0]
+    q = np.array([[0.1, 0.2], [0.5, -0.3], [1.0, 1.0]])[order]
+    x = np.array([1.0, 5.0, 2.0, 9.0, 3.0, 5.0, 8.0, 7.0])
+    table = {"joint1 [rad]": q[:, 0], "joint2 [rad]": q[:, 1], "x [m]": x, "y [m]": 0 * x}
+    data = po.read_measurements(table, po.problem_from_dict(yaml.safe_load(SHORT)))
+    contrasts = Contrasts.of(data, np.zeros(2, dtype=bool))
+    h = [np.sqrt(1 / 2) * (1 - 2), np.sqrt(2 / 3) * (1.5 - 4), np.sqrt(3 / 4) * (7 / 3 - 7), np.sqrt(1 / 2) * (5 - 8)]
+    np.testing.assert_allclose(contrasts.differences(x), h)
+    half = [1.0, 2 / 3 * (1 / 2 + 1 / 2), 3 / 4 * ((1 + 1 + 1 / 2) / 9 + 1), 1.0]
+    np.testing.assert_allclose(contrasts.reading, half)
+    # The same at every repeat, whatever it is from posture to posture: nothing is left.
+    np.testing.assert_allclose(contrasts.differences(q[:, 0] ** 2), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("column", ["target", "payload [kg]", "joint1.approach"])
+def test_what_was_measured_otherwise_is_no_repeat(column: str) -> None:
+    q = np.array([0.1, 0.5, 0.1, 0.5])
+    values = {"target": ["a", "a", "b", "b"], "payload [kg]": [0, 0, 5, 5], "joint1.approach": [1, 1, -1, -1]}[column]
+    table = {"joint1 [rad]": q, "joint2 [rad]": q, "x [m]": q, "y [m]": q}
+    problem = po.problem_from_dict(yaml.safe_load(SHORT))
+    still = np.zeros(2, dtype=bool)
+    assert len(Contrasts.of(po.read_measurements(table, problem), still)) == 2
+    assert len(Contrasts.of(po.read_measurements(table | {column: values}, problem), still)) == 0

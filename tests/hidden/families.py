@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.hidden.designs import Plan
 from tests.hidden.noise import NOISES
-from tests.hidden.outside import OUTSIDE
+from tests.hidden.outside import OUTSIDE, TANGLED
 from tests.hidden.sizes import KINDS
 
 GEOMETRY = ("joint_offset", "link_length", "link_offset", "link_twist", "axis_tilt")
@@ -87,13 +87,23 @@ def heavy(rng: np.random.Generator, kind: str) -> Setting:
     return Setting(kinds=kinds, plan=fit(FULL, kinds), freedom=4.0)
 
 
-def noisy(kind: str) -> Family:
-    return lambda rng, _: Setting(str(rng.choice(["ur10", "kr16"])), noise=kind)
+def noisy(kind: str, plan: Plan = FULL) -> Family:
+    return lambda rng, _: Setting(str(rng.choice(["ur10", "kr16"])), plan, noise=kind)
+
+
+def shaped(plan: Plan) -> Family:
+    """Structure without a name: what could pass for scatter where no posture is repeated."""
+    return lambda rng, kind: Setting(
+        str(rng.choice(["ur10", "kr16"])), plan, (kind or str(rng.choice([TANGLED, TANGLED, *OUTSIDE])),)
+    )
 
 
 NARROW = Plan(span=1.0)
+ONCE, OFTEN = Plan(repeated=0, visits=1), Plan(repeated=30, visits=4)
 BATCH = Plan(rows=10, repeated=3, visits=2, payloads=(0.0,), sides=False, logged=False)
 GRAVITY = ("joint_compliance", "link_bending", "base_compliance", "load_backlash")
+UNEXPLAINED = ("outside", "noise_once", "shape_once", "shape_often")
+"""Families whose data show that something is there, and cannot show its name."""
 FAMILIES: dict[str, Family] = {
     "full": one("ur10"),
     "full_100": one("ur10", replace(FULL, rows=100)),
@@ -113,6 +123,10 @@ FAMILIES: dict[str, Family] = {
     "exact": lambda rng, _: Setting(str(rng.choice(["ur10", "planar"])), geometry=0.0),
     "geometry": single,
     **{kind: noisy(kind) for kind in NOISES},
+    "noise_once": noisy("joint_noise", ONCE),
+    "noise_often": noisy("joint_noise", OFTEN),
+    "shape_once": shaped(ONCE),
+    "shape_often": shaped(OFTEN),
     "unknowable": lambda rng, _: Setting(kinds=("instrument_scale",), free=True),
     "batch": lambda rng, _: Setting("planar", BATCH, robots=int(rng.integers(25, 41)), geometry=0.4e-3, free=False),
     "batch_clean": lambda rng, _: Setting(

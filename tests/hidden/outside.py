@@ -1,4 +1,8 @@
-"""What the catalogue does not hold: a dent, a product of joints, the wrong joint's load, a waving field, a square."""
+"""What the catalogue does not hold: a dent, a product of joints, the wrong joint's load, a waving field, a square.
+
+A cable that tugs is told by no shape at all: its pull hangs on how all joints lie, and looks like scatter from posture
+to posture, yet it is the same at every repeat.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ from tests.hidden.effects import FORMS, Effect, Perturbation, Site, form, of_joi
 from tests.hidden.mechanics import Array
 
 OUTSIDE = ("dent", "product", "wrong_load", "waving_field", "square_wave")
+TANGLED = "cable"
 
 
 def _dent(site: Site, j: int, v: dict[str, float]) -> Array:
@@ -16,6 +21,13 @@ def _dent(site: Site, j: int, v: dict[str, float]) -> Array:
 
 of_joint("dent", _dent)
 of_joint("square_wave", lambda s, j, v: v["h"] * np.sign(np.sin(v["k"] * s.session.q[:, j] + v["phase"])))
+
+
+@form(TANGLED)
+def _cable(site: Site, e: Effect, out: Perturbation) -> None:
+    """The cable is caught or it is not, as a wave over all joints has it."""
+    k = np.array([e.shape[f"k{j}"] for j in range(site.arm.n)])
+    out.joint(site.joint(e.target), e.size["h"] * np.tanh(3 * np.sin(site.session.q @ k + e.shape["phase"])))
 
 
 @form("product")
@@ -39,4 +51,4 @@ def _waving(site: Site, e: Effect, out: Perturbation) -> None:
     out.shift = out.shift + e.size["h"] * wave[:, None] * v
 
 
-assert set(OUTSIDE) <= set(FORMS)
+assert {*OUTSIDE, TANGLED} <= set(FORMS)

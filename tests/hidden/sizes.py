@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.hidden.effects import Effect, Site
 from tests.hidden.mechanics import Array
-from tests.hidden.outside import OUTSIDE
+from tests.hidden.outside import OUTSIDE, TANGLED
 
 mrad, mm = 1e-3, 1e-3
 # kind: (least, most) of its largest error, in rad or m, unless said otherwise
@@ -36,8 +36,9 @@ TYPICAL = {
     "wrong_load": (0.1 * mrad, 0.5 * mrad),
     "waving_field": (0.05 * mm, 0.3 * mm),
     "square_wave": (0.1 * mrad, 0.4 * mrad),
+    TANGLED: (0.1 * mrad, 0.6 * mrad),
 }
-KINDS = tuple(kind for kind in TYPICAL if kind not in ("instrument_scale", *OUTSIDE))
+KINDS = tuple(kind for kind in TYPICAL if kind not in ("instrument_scale", TANGLED, *OUTSIDE))
 LOADED = 5.0  # N m: a joint that carries less, such as one about the vertical, is no target
 BENDING = 0.18  # m: what is shorter is stiff
 WIDER = 1.5  # a size may leave the typical range by this factor to reach a wanted strength
@@ -165,6 +166,10 @@ def _beyond(rng: np.random.Generator, site: Site, kind: str):
         return joint, {"h": _sign(rng)}, {"centre": centre, "width": float(rng.uniform(0.15, 0.4))}
     if kind == "square_wave":
         return joint, {"h": 1.0}, {"k": float(rng.integers(1, 7)), "phase": float(rng.uniform(0, 2 * np.pi))}
+    if kind == TANGLED:
+        k = rng.choice([-1.0, 1.0], site.arm.n) * rng.uniform(4.0, 12.0, site.arm.n)  # per rad: no two postures alike
+        waves = {f"k{j}": float(v) for j, v in enumerate(k)}
+        return joint, {"h": 1.0}, {**waves, "phase": float(rng.uniform(0, 2 * np.pi))}
     a, b = rng.choice(names, 2, replace=False)
     if kind == "product":
         first, second = rng.uniform(0, 2 * np.pi, 2)
@@ -181,7 +186,7 @@ _SPECIAL = {
     **dict.fromkeys(
         ("joint_compliance", "link_bending", "base_compliance", "load_backlash", "payload_error"), _per_load
     ),
-    **dict.fromkeys(("dent", "product", "wrong_load", "square_wave"), _beyond),
+    **dict.fromkeys(("dent", "product", "wrong_load", "square_wave", TANGLED), _beyond),
     **dict.fromkeys(("instrument_scale", "instrument_field", "waving_field"), _field),
     "hysteresis": _hysteresis,
     "joint_coupling": _coupling,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.hidden.families import UNEXPLAINED
 from tests.hidden.noise import NOISES
 from tests.hidden.strength import DETECTABLE
 
@@ -56,7 +57,7 @@ def _families(records: list[Record]) -> str:
     rows = []
     for family in dict.fromkeys(r["family"] for r in records):
         part = [r for r in records if r["family"] == family and detectable(r)]
-        if not part or family in (*QUIET, "outside"):
+        if not part or family in (*QUIET, *UNEXPLAINED):
             continue
         sizes, held = sum(r["sizes"] for r in part), sum(r["sizes_held"] for r in part)
         low, high = interval(held, sizes)
@@ -84,7 +85,7 @@ def _quiet(records: list[Record]) -> str:
 
 
 def _outside(records: list[Record]) -> str:
-    part = [r for r in records if r["family"] == "outside" and detectable(r)]
+    part = [r for r in records if r["family"] in UNEXPLAINED and detectable(r)]
     rows = []
     for kind in ("", *sorted({r["truth"][0][0] for r in part})):
         chosen = [r for r in part if kind in ("", r["truth"][0][0])]
@@ -123,7 +124,7 @@ def _timed(r: Record) -> bool:
 
 
 def _single(records: list[Record]) -> list[Record]:
-    special = (*QUIET, *NOISES, "outside", "two", "batch", "geometry")
+    special = (*QUIET, *NOISES, *UNEXPLAINED, "noise_often", "two", "batch", "geometry")
     return [r for r in records if len(r["truth"]) == 1 and r["family"] not in special]
 
 
@@ -157,7 +158,7 @@ def _confusions(records: list[Record], most: int = 15) -> str:
     """Truth → first name; ``*`` where the data themselves can hardly tell the two."""
     found: Counter[str] = Counter()
     for r in records:
-        if not r["truth"] or r.get("exact") or r["family"] == "outside":
+        if not r["truth"] or r.get("exact") or r["family"] in UNEXPLAINED:
             continue
         kind, target = r["truth"][0]
         if r["first"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,8 +12,9 @@ import pytest
 import posture_opt as po
 from posture_opt.calibration.fit import Fit
 from posture_opt.report.blocks import Table
-from posture_opt.report.diagnosis_errors import _beside, errors_block, noise_of
+from posture_opt.report.diagnosis_errors import _beside, errors_block
 from posture_opt.report.diagnosis_report import diagnosis_report
+from posture_opt.report.diagnosis_sizes import NoiseFloor, noise_floor
 from posture_opt.report.text import render
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write
@@ -25,9 +27,13 @@ PROBLEM = PLANAR + "uncertainty: {measurement: {position: 0.02 mm}}\n"
 @pytest.fixture(scope="module")
 def noisy(tmp_path_factory: pytest.TempPathFactory) -> po.Diagnosis:
     """The diagnosis of an arm with two wrong links and a joint that scatters."""
-    folder = tmp_path_factory.mktemp("noisy")
+    return diagnosed(tmp_path_factory.mktemp("noisy"), visits=4)
+
+
+def diagnosed(folder: Path, visits: int) -> po.Diagnosis:
+    """Of 120 rows, each posture measured so often."""
     rng = np.random.default_rng(3)
-    q = rng.uniform(-2.5, 2.5, (120, 2))
+    q = rng.permutation(np.tile(rng.uniform(-2.5, 2.5, (120 // visits, 2)), (visits, 1)))
     moved = q + np.outer(rng.normal(0, SCATTER, len(q)), [0, 1])
     write(folder / "data.csv", q, position(moved, (1.0007, 0.9991)) + rng.normal(0, NOISE, (120, 2)))
     (folder / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
@@ -47,18 +53,37 @@ def test_what_geometry_brings_is_said_once(noisy: po.Diagnosis) -> None:
     assert text.count("mm before, ") == 1
 
 
-def test_the_scatter_of_a_named_joint_stands_beside_what_is_left(noisy: po.Diagnosis) -> None:
-    name = "noise with joint2's scatter"
-    noises = noise_of(noisy)
-    # The second joint stands 1 m from the tool point in every posture; its σ is told to 7 % by 120 rows.
-    assert noises[name] == pytest.approx(np.hypot(np.sqrt(2) * NOISE, SCATTER), rel=0.2)
+def test_the_scatter_of_a_named_joint_is_that_of_repeats(noisy: po.Diagnosis) -> None:
+    floor = noise_floor(noisy)
+    # The second joint stands 1 m from the tool point in every posture; 90 differences between repeats tell it to 7 %.
+    assert floor.repeated
+    assert floor.rms == pytest.approx(np.hypot(np.sqrt(2) * NOISE, SCATTER), rel=0.2)
     text = text_of(noisy)
     assert "joint2 scatters from repeat to repeat by 0." in text.partition("On rows held out")[0]
     assert "which the file does not state" in text
     tables = [item for item in errors_block(noisy).items if isinstance(item, Table)]
-    assert name in [row[0] for table in tables for row in table.rows]
-    assert f"with joint2's scatter it accounts for {1e3 * noises[name]:.3f} mm" in text
+    assert "measurement noise" in [row[0] for table in tables for row in table.rows]
+    assert f"measurement noise alone accounts for {1e3 * floor.rms:.3f} mm" in text
+    assert "Measurement noise is the scatter of repeated postures" in text
     assert "so nothing more can be gained" in text
+
+
+def test_without_repeats_nothing_is_called_noise_and_repeats_are_asked_for(tmp_path: Path) -> None:
+    found = diagnosed(tmp_path, visits=1)
+    assert found.verdict == "unexplained"
+    assert not [f for f in found.effects if f.noise is not None]
+    answer = found.to_json()["unexplained"]
+    assert answer["place"] == ["joint2"]
+    assert answer["p_value"] < 0.001
+    (asked,) = answer["repeat"]
+    assert (asked["target"], asked["times"], len(asked["lines"])) == ("joint2", 5, 5)
+    assert asked["lines"] == [int(line) for line in found.repeat_plans[0].rows.line]
+    text = text_of(found)
+    assert "Errors grow with joint2: repeat 5 postures 5 times each to tell scatter from structure." in text
+    assert f"measure the postures of lines {', '.join(map(str, asked['lines']))} 5 times each" in text
+    assert "noise alone" not in text
+    assert "measurement noise" not in text
+    assert "the instrument as stated accounts for 0.0283 mm" in text
 
 
 @pytest.mark.parametrize(
@@ -78,8 +103,7 @@ def test_what_fitting_costs_is_no_scatter_of_the_arm(low: float, words: str) -> 
     model = SimpleNamespace(count=23, residuals=residuals)
     left = SimpleNamespace(interval=(1e-3 * low, 6.4e-5))
     found: Any = SimpleNamespace(errors={"extended": left}, model=model, verdict="effects_found")
-    noises = {"measurement noise": 3e-5 * np.sqrt(3)}
-    assert _beside(found, noises, 5, "the instrument as stated").startswith(words)
+    assert _beside(found, NoiseFloor(3e-5 * np.sqrt(3), repeated=False), 5).startswith(words)
 
 
 @pytest.mark.parametrize(("kept", "notes"), [([True, True], 0), ([True, False], 1)])

@@ -12,8 +12,8 @@ from scipy.stats import binom, chi2
 import posture_opt as po
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.frames import compare, fit_frames
-from posture_opt.measurements.measurements import repeat_groups
 from posture_opt.measurements.reading import read_measurements
+from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.validation.coverage import Coverage, share_interval
 from posture_opt.validation.prediction import ErrorSources, Prediction, calibrated_prediction, nominal_prediction
 from posture_opt.validation.repeat_scatter import scatter_test

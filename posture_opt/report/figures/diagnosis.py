@@ -59,11 +59,12 @@ def plot_errors(found: Diagnosis) -> Figure:
             100 * np.arange(1, len(lengths) + 1) / len(lengths), np.sort(lengths), color=MODEL_COLOURS[name],
             label=f"{MODELS[name]}: RMS {number(rms)} mm",
         )  # fmt: skip
-    floor = 1e3 * noise_floor(found)[0]
+    noise = noise_floor(found)
+    floor = 1e3 * noise.rms
     if floor:
         for axes in (over, below):
             axes.axhline(floor, color=GREY, lw=1.2, ls="--", zorder=1)
-        below.plot([], [], color=GREY, lw=1.2, ls="--", label=f"noise alone: RMS {number(floor)} mm")
+        below.plot([], [], color=GREY, lw=1.2, ls="--", label=f"{noise.label}: RMS {number(floor)} mm")
         smallest = min(smallest, _BELOW * floor)
     over.set_yscale("log")
     over.set_ylim(bottom=smallest if smallest > 0 else None)
@@ -172,7 +173,7 @@ def _handles(named: bool, nameless: bool, level: float) -> tuple[list[Any], list
         (Patch(color=BLUE), "a cause of the catalogue"),
         (Patch(color=PURPLE), "an unnamed component"),
         *([(Patch(fc=PURPLE, hatch="///", ec="white"), "an unnamed component of the final model")] if nameless else []),
-        (line, f"noise alone reaches this line in {100 * level:.1f} % of data sets"),
+        (line, f"by chance, {100 * level:.1f} % of data sets reach this line"),
     ]
     return [e[0] for e in entries], [e[1] for e in entries]
 
@@ -195,7 +196,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
         axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label="before its periodic errors are named", zorder=3)
         cycles, share = _spectrum(found, after, joint)
         axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all named effects", zorder=4)
-        null = f"noise alone reaches this line in {100 * FIRST_EFFECT:.1f} % of data sets"
+        null = f"by chance, {100 * FIRST_EFFECT:.1f} % of data sets reach this line"
         axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=null, zorder=5)
         for k, frequency in enumerate(sorted(s.what.spectral_line or 0.0 for s in mine)):
             _mark(axes, frequency, k)

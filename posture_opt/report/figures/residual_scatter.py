@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from posture_opt.measurements.measurements import repeat_groups, rows_of
+from posture_opt.measurements.measurements import rows_of
+from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes
 from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, VERMILLION, legend_below, new_figure, styled

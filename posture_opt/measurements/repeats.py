@@ -1,0 +1,118 @@
+"""What repeats: rows at one posture and target, measured again after the arm had moved away."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.measurements.measurements import Measurements, group_means, rows_of
+from posture_opt.numerics import Array, Codes, Mask
+
+NEAR = 1e-3  # rad: commands that differ by less lead to one posture
+_SLIDE = 1e-4  # m: the same of a slide
+_APART = 1e6  # so far apart are rows whose codes differ, in units of nearness
+
+
+def repeat_groups(data: Measurements, slides: Mask) -> Codes:
+    """(N,) a code for each row: rows of one code repeat one posture with one target.
+
+    Rows of one pose do, and so do rows whose joint values agree within 1 mrad or 0.1 mm: joint values that were
+    read back never agree to the last digit. Rows strung out along a slow path are no repeats.
+
+    Args:
+        slides: (n,) which joints are prismatic.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    posture = np.column_stack([data.q / np.where(slides, _SLIDE, NEAR), data.target * _APART, data.robot * _APART])
+    pairs = cKDTree(posture).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    n = len(data)
+    near = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    code = np.asarray(connected_components(near, directed=False)[1], dtype=np.intp)
+    own = np.unique(np.column_stack([data.pose, data.target, data.robot]), axis=0, return_inverse=True)[1].ravel()
+    strung = np.array([np.ptp(posture[rows], axis=0).max() > 1.0 for rows in rows_of(code)])
+    merged = np.where(strung[code], own + n, code)
+    # A pose keeps together whatever its joint values were.
+    first = np.full(own.max() + 1, -1)
+    first[own[::-1]] = merged[::-1]
+    return np.asarray(np.unique(first[own], return_inverse=True)[1], dtype=np.intp)
+
+
+def repeat_of_row(data: Measurements) -> Codes:
+    """(N,) the repeat of each row, counted from 0: rows that follow each other at one pose, whatever their target.
+
+    The arm has not moved between them, so that one draw of the joints' scatter is in all of them.
+    """
+    sides = data.approach if data.approach_given else np.zeros((len(data), 0))
+    place = np.column_stack([data.pose, data.robot, sides])
+    return np.asarray(np.cumsum(np.any(np.diff(place, axis=0, prepend=place[:1]) != 0, axis=1)), dtype=np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class Contrasts:
+    """Differences between the repeats of one posture and target: all that repeats say of scatter.
+
+    The means of V repeats have V − 1 orthonormal contrasts (Helmert's): the k-th is the mean of the first k less the
+    next one, times ``√(k / (k + 1))``. Where a model errs alike at every repeat, nothing of that is left in them.
+    Readings of one repeat, which the arm did not leave in between, count by their mean. Repeats carry the same payload,
+    and arrive from the same side where the file states sides (ISO 9283:1998, 7.2: repeatability is that of one
+    direction).
+
+    Args:
+        cell: (N,) the repeat and group of each row, groups in their order and within them repeats in time.
+        group: (cells,) the group of each cell.
+        order: (cells,) how many cells of its group come before.
+        shared: (C,) contrasts of one code share one draw of the joints' scatter: those of several targets do.
+    """
+
+    cell: Codes
+    group: Codes
+    order: Codes
+    shared: Codes
+
+    @classmethod
+    def of(cls, data: Measurements, slides: Mask) -> Contrasts:
+        """All contrasts of measurements; none of touched points, whose place nobody knows."""
+        n = len(data)
+        alike: list[Array | Codes] = [np.arange(n) if data.touches else repeat_groups(data, slides)]
+        alike += [] if data.payload is None else [data.payload]
+        alike += [*data.approach.T] if data.approach_given else []
+        groups = np.unique(np.column_stack(alike), axis=0, return_inverse=True)[1].ravel()
+        pairs, cell = np.unique(np.column_stack([groups, repeat_of_row(data)]), axis=0, return_inverse=True)
+        group, repeat = pairs.T
+        first = np.searchsorted(group, group)
+        order = np.arange(len(group)) - first
+        return cls(cell.ravel(), group, order, np.unique(repeat[order > 0], return_inverse=True)[1])
+
+    def __len__(self) -> int:
+        return len(self.shared)
+
+    def differences(self, values: Array) -> Array:
+        """(C, …) contrasts of the rows' values (N, …)."""
+        own, before, k = self._cells(values)
+        return np.asarray(np.sqrt(k / (k + 1)) * (before / k - own))
+
+    def means(self, values: Array) -> Array:
+        """(C, …) means of the rows' values (N, …) over the repeats that a contrast is of."""
+        own, before, k = self._cells(values)
+        return np.asarray((before + own) / (k + 1))
+
+    @property
+    def reading(self) -> Array:
+        """(C,) variance of a contrast of rows of independent variance 1."""
+        one = 1.0 / np.bincount(self.cell)
+        own, before, k = self._parts(one)
+        return np.asarray((before / k**2 + own) * k / (k + 1))
+
+    def _cells(self, values: Array) -> tuple[Array, Array, Array]:
+        return self._parts(group_means(values, self.cell))
+
+    def _parts(self, cells: Array) -> tuple[Array, Array, Array]:
+        """Of every cell but the first of its group: its value, the sum of those before, and how many these are."""
+        total = np.concatenate([np.zeros((1, *cells.shape[1:])), np.cumsum(cells, axis=0)])
+        at = np.flatnonzero(self.order > 0)
+        k = self.order[at].astype(float).reshape(-1, *[1] * (cells.ndim - 1))
+        return cells[at], total[at] - total[at - self.order[at]], k
