@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted
-from posture_opt.calibration.data_checks import check_amount, check_frames, check_geometry, check_sense, still_notes
+from posture_opt.calibration.data_checks import check_amount, check_geometry, check_sense, still_notes
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.fit import Fit, clustered, estimate
 from posture_opt.calibration.fit_setup import FitSetup, determine, unseen
@@ -20,6 +20,7 @@ from posture_opt.calibration.frames import compare, fit_frames, held_length
 from posture_opt.calibration.other_file import OtherFile, predicted
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.stated_knowledge import consistent
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask, Progress
 
@@ -47,7 +48,8 @@ def calibrate(
     """Estimate the parameters that the data determine, and what that brings where nothing was seen.
 
     Free frames and touched points start from a closed form; then everything is fitted together. Frames that are
-    neither free nor given a σ are taken as stated. What the data tell less well than to 10 mm and 1° counts as not
+    neither free nor given a σ are taken as stated, unless the data refute that, see `consistent`: then they are free,
+    and a stated σ that the data refute does not count. What the data tell less well than to 10 mm and 1° counts as not
     determined, and is held near its nominal value by these, unless ``priors`` is off: then it stays there. Errors are
     cross-validated: every row is predicted by an arm that has not seen its group (``by``: its pose, its block of the
     workspace, or the place that it touched).
@@ -62,6 +64,7 @@ def calibrate(
         InputError: several robots at once, or a test file with other targets.
         InsufficientDataError: fewer measurements than unknowns.
     """
+    problem, refuted = consistent(problem, data, priors)
     given, notes = compare(problem, data)
     chart = Chart.of(given)
     by = by or default_by(data)
@@ -78,7 +81,8 @@ def calibrate(
     models = {"nominal": (chart.fitted, fitted.x_nominal), "calibrated": (chart.fitted, fitted.found.x)}
     seen = None if test is None else predicted(models, data.take(fitted.found.kept), test, refit_frames)
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
-    return _assembled(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
+    found = _assembled(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
+    return replace(found, contradictions=refuted.told(found.fit))
 
 
 def stated_errors(
@@ -120,7 +124,6 @@ def _fit(problem: CalibrationProblem, residuals: Residuals, groups: int, priors:
     """The free frames, then everything that the data determine; ``groups`` counts what hangs together."""
     x_nominal = fit_frames(residuals)
     held = held_length(residuals)
-    check_frames(residuals, position_errors(residuals, x_nominal))
     known = determine(problem, residuals, x_nominal, held, priors)
     check_amount(residuals, known, groups)
     known, found = _settled(problem, residuals, x_nominal, known, held, priors)

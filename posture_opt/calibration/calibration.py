@@ -21,6 +21,7 @@ from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Result
 
 if TYPE_CHECKING:
+    from posture_opt.calibration.stated_knowledge import Contradiction
     from posture_opt.model.effects import Effect
 
 CORRELATED = 0.9  # from here on, one of two estimates leans on the other
@@ -44,6 +45,7 @@ class Calibration(Result):
         prior: (k,) the stated σ of each parameter that counts as knowledge [rad, m]; NaN where there is none.
         unseen: (k,) part of the standard errors that combinations leave which nothing tells [rad, m].
         notes: sentences for the report.
+        contradictions: what the problem file states as known and the data refute; ``request`` is without it.
     """
 
     request: FitRequest
@@ -60,6 +62,7 @@ class Calibration(Result):
     prior: Array
     unseen: Array
     notes: tuple[str, ...] = ()
+    contradictions: tuple[Contradiction, ...] = ()
 
     @property
     def residuals(self) -> Residuals:
@@ -179,6 +182,7 @@ class Calibration(Result):
             "outliers": list(self.outliers),
             "outlier_lines": list(self.lines),
             "notes": list(self.notes),
+            "contradictions": [contradiction.to_json() for contradiction in self.contradictions],
         }
         if self.test is not None:
             document["test"] = self.test.to_json()

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from posture_opt.calibration.fit_setup import FitSetup, tolerances
-from posture_opt.calibration.frames import fit_frames
 from posture_opt.calibration.identifiability import identify
-from posture_opt.calibration.parameters import candidates
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.measurements.affine_fit import reach
@@ -21,7 +18,6 @@ from posture_opt.robot.robot import Robot
 _STILL = 1e-3  # rad or m: a joint that moves less tells nothing of what lies before it
 _SPARE = 5  # poses beyond as many coordinates as unknowns: what errors are told from
 _LOST = 0.1  # of the reach: no drawing is that wrong
-_NEARER = 5.0  # times, with free frames: then it is they that are wrong
 _SENSE = 0.05  # of the measured motion, left by a calibrated arm
 _PLAN = "'optimize-posture plan-measurements' proposes postures"
 
@@ -93,31 +89,6 @@ def _counted(residuals: Residuals) -> str:
 def _measure(residuals: Residuals) -> str:
     need = math.ceil(len(residuals.parameters) / residuals.block) + _SPARE
     return f"measure at least {need} poses spread over the workspace, with every joint moving: {_PLAN}"
-
-
-def check_frames(residuals: Residuals, errors: Array) -> None:
-    """Refuses frames that are stated as known and that the measurements contradict.
-
-    ``errors`` (N, 3) are those of the arm as it stands.
-
-    Raises:
-        InputError: with free frames the arm comes near the measurements, with the stated ones it does not.
-    """
-    robot, data = residuals.robot, residuals.data
-    off = _rms(errors)
-    if data.position is None or off < _LOST * reach(robot):
-        return
-    for free in (("base",), ("tool",), ("base", "tool")):
-        freed = replace(robot, base_free=robot.base_free or "base" in free, tool_free=robot.tool_free or "tool" in free)
-        other = residuals.of_robot(freed, candidates(freed, data, orientation=residuals.oriented))
-        near = _rms(other.error(fit_frames(other))[:, residuals.axes])
-        if near < off / _NEARER:
-            mend = " and ".join(f"'{name}: free'" for name in free)
-            message = (
-                f"the measured points lie {off * 1e3:.4g} mm (RMS) off the arm as stated, and {near * 1e3:.3g} mm "
-                f"with another {' and '.join(free)}"
-            )
-            raise InputError(Issue(message, ("robot", free[0]), mend=f"state it as it stood, or write {mend}"))
 
 
 def check_sense(residuals: Residuals, errors: Array) -> None:

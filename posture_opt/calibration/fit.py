@@ -224,6 +224,17 @@ def estimate(
     )  # fmt: skip
 
 
+def minimum_of(residuals: Residuals, x0: Array, directions: Array, known: Array) -> tuple[Array, Array]:
+    """Where ``|r(x)|² + |known x|²`` is least (k,), on ``x0 + directions z``, and the residuals (m,) there.
+
+    Nothing is left out and nothing weighed anew; ``known`` (p, k) are the rows of a prior.
+    """
+    function = _with_known(residuals, x0, directions, known)
+    z = least_squares(function, np.zeros(directions.shape[1]), tolerance=_OFFSET, max_steps=30).x
+    x = x0 + directions @ z
+    return x, residuals.whitened(x)
+
+
 def clustered(fit: Fit) -> Fit:
     """The same estimate with the covariance that its residuals ask for where they hang together within blocks.
 
@@ -302,7 +313,10 @@ def variance_of(found: Minimum, known: Array) -> float:
 
 def _function(residuals: Residuals, x0: Array, directions: Array, prior: Prior | None, weight: float):  # type: ignore[no-untyped-def]
     known = weight * prior.matrix(len(x0)) if prior is not None else np.zeros((0, len(x0)))
+    return _with_known(residuals, x0, directions, known)
 
+
+def _with_known(residuals: Residuals, x0: Array, directions: Array, known: Array):  # type: ignore[no-untyped-def]
     def function(z: Array) -> tuple[Array, Array]:
         x = x0 + directions @ z
         r, J = residuals.both(x)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
@@ -39,6 +39,9 @@ class CalibrationProblem(Protocol):
     def measurement(self) -> Any: ...
     @property
     def data(self) -> DataSpec: ...
+
+    def released(self, frames: Sequence[str], parameters: Sequence[str]) -> Self:
+        """The same problem with frames free, and without the stated σ's of parameters."""
 
 
 @dataclass(frozen=True)

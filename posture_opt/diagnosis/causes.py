@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import Folds, HeldOut, held_out
 from posture_opt.calibration.effect_sensitivities import case_of
 from posture_opt.calibration.fit import Fit
@@ -114,6 +115,14 @@ def _unit(dimension: str) -> str:
 def noise_finding(cause: NoiseCause) -> Finding:
     """A kind of noise as a finding: it brings nothing to the errors themselves."""
     return Finding(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with)
+
+
+def contradiction_findings(calibration: Calibration) -> list[Finding]:
+    """What the file states as known and the data refute, as findings; the gain is that of setting it all aside."""
+    return [
+        Finding(c.cause, c.estimate, c.p_value, 1 - c.rms / max(c.rms_stated, 1e-300))
+        for c in calibration.contradictions
+    ]
 
 
 def geometry_finding(cause: GeometryCause, held: Mapping[str, HeldOut]) -> Finding:

@@ -18,7 +18,14 @@ from posture_opt.calibration.fitted_arm import FitRequest, FittableProblem, Fitt
 from posture_opt.calibration.progress import Stages
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.causes import Finding, effect_findings, geometry_finding, noise_finding, unknowable
+from posture_opt.diagnosis.causes import (
+    Finding,
+    contradiction_findings,
+    effect_findings,
+    geometry_finding,
+    noise_finding,
+    unknowable,
+)
 from posture_opt.diagnosis.delivery import Delivery, deliver
 from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_discrimination
 from posture_opt.diagnosis.extended_arm import extended_arm
@@ -244,9 +251,10 @@ def diagnose(
         InputError: as `calibrate`.
         InsufficientDataError: fewer measurements than unknowns.
     """
-    request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     stages = Stages(progress, 20, 55, 5, 20)
     calibration = calibrate(problem, data, folds=folds, by=by, progress=stages.next())
+    problem = cast(FittableProblem, calibration.request.problem)  # without what the data refute of it
+    request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
     calibration, linearised, found = _searched(calibration, draws, seed or 0, stages)
     names = prefer_named(linearised, found) if not all(s.named for s in found.chosen) else found
@@ -266,10 +274,12 @@ def diagnose(
     held["extended"] = extended if model.effects else replace(extended, errors=held["calibrated"].errors)
     delivery = deliver(calibration, model, held, parts, noise, with_time=with_time)
     held["delivered"] = delivery.held
+    refuted = {c.cause for c in calibration.contradictions}
     findings = (
         *effect_findings(names, model, held["extended"], parts, groups, stages.next()),
         *(noise_finding(n) for n in noise),
-        *(geometry_finding(g, held) for g in geometry),
+        *contradiction_findings(calibration),
+        *(geometry_finding(g, held) for g in geometry if g.deviation not in refuted),
     )
     other = None
     if test is not None:

@@ -165,3 +165,18 @@ def fitted_document(
     if fit.known is not None and (effects or former.get("effects")):
         document["effects"] = [effect.to_dict() for effect in effects]
     return document
+
+
+def released_document(former: Mapping[str, Any], frames: Sequence[str], parameters: Sequence[str]) -> dict[str, Any]:
+    """The plain data of a file with frames free, which start as they were stated, and without some σ's."""
+    section = former["robot"]
+    free = {frame: {**stated, "free": True} if (stated := section.get(frame)) else "free" for frame in frames}
+    document = {**former, "robot": {**section, **free}}
+    uncertainty = former.get("uncertainty") or {}
+    if set(parameters) & set(uncertainty.get("sigma") or {}):
+        sigma = {name: text for name, text in uncertainty["sigma"].items() if name not in parameters}
+        pairs = [p for p in uncertainty.get("correlation") or [] if not set(p[:2]) & set(parameters)]
+        rest = {key: value for key, value in uncertainty.items() if key not in ("sigma", "correlation")}
+        rest |= ({"sigma": sigma} if sigma else {}) | ({"correlation": pairs} if pairs else {})
+        document["uncertainty"] = rest
+    return document

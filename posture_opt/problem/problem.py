@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,6 +21,7 @@ from posture_opt.problem.fitting import (
     fitted_document,
     fitted_effects,
     fitted_robots,
+    released_document,
     rounded,
     sources_text,
 )
@@ -142,6 +143,15 @@ class Problem:
             document=document, header=fit.header, origin=Document(document), overridden=frozenset(),
         )  # fmt: skip
         return found if fit.known is None else found._with_known(fit.known, fit)
+
+    def released(self, frames: Sequence[str], parameters: Sequence[str]) -> Problem:
+        """The same problem with frames free that the file states, and without the σ's that it states of parameters."""
+        robot, nominal = self.robot.with_free(frames), self.nominal.with_free(frames)
+        return replace(
+            self, arm=replace(self.arm, robot=robot), nominal=nominal, stated=self.stated.without(parameters),
+            sources=self.sources.without(parameters), document=released_document(self.document, frames, parameters),
+            overridden=self.overridden | {("robot", frame) for frame in frames},
+        )  # fmt: skip
 
     def _with_known(self, known: Sources, fit: FittedArm) -> Problem:
         """The problem under the covariance and the scatter of a fit."""

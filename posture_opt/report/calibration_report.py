@@ -13,6 +13,7 @@ from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.calibration_brief import calibration_brief, stood_elsewhere
 from posture_opt.report.calibration_parameters import determined_words, parameters_block, undetermined_block
 from posture_opt.report.comparison_report import comparison_blocks, comparison_lead
+from posture_opt.report.contradictions import contradiction_lead
 from posture_opt.report.error_table import error_table, held_out_sentence, instrument_words, mm
 from posture_opt.report.other_file_words import calibration_words, file_words, range_items
 from posture_opt.report.parts import note_facts, robot_facts, sentence
@@ -61,6 +62,7 @@ def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
     more = (f"{len(doubts) - _DOUBTS} more notes of this kind stand under Data.",) if len(doubts) > _DOUBTS else ()
     fails = () if found.test is None or found.test.improves else (calibration_words(found.test),)
     return (
+        *contradiction_lead(found.contradictions),
         _answer(found),
         *fails,
         *doubts[:_DOUBTS],

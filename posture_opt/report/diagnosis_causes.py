@@ -8,6 +8,7 @@ import numpy as np
 
 from posture_opt.model.effects.cause import FittedSizes
 from posture_opt.report.blocks import Block, Facts, Table
+from posture_opt.report.contradictions import gain_words
 from posture_opt.report.diagnosis_sizes import (
     fitted_effects,
     fitted_sizes,
@@ -118,7 +119,10 @@ def _gain(found: Diagnosis, finding: Finding) -> str:
     if finding.noise is not None:
         return _covers(found) if finding.noise.uneven else ""
     if finding.effect is None:
-        geometry = [f for f in found.effects if f.effect is None and f.noise is None]
+        refuted = {c.cause: c for c in found.calibration.contradictions}
+        if finding.cause in refuted:
+            return gain_words(refuted[finding.cause])
+        geometry = [f for f in found.effects if f.effect is None and f.noise is None and f.cause not in refuted]
         if finding is not geometry[0]:
             return ""  # its gain is that of all of them, which is said of the first
         return (

@@ -12,6 +12,7 @@ from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
 from posture_opt.report.blocks import Block, Facts, Report, Summary
 from posture_opt.report.comparison_report import comparison_blocks, comparison_lead
+from posture_opt.report.contradictions import contradiction_lead
 from posture_opt.report.diagnosis_causes import causes_block, confusion_block, cyclic_block, finding_words
 from posture_opt.report.diagnosis_errors import elsewhere_lead, errors_block, test_block
 from posture_opt.report.diagnosis_goals import goals_block, goals_lead
@@ -81,6 +82,7 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
     else:
         first = f"Errors remain{_beyond(found)} that no cause of the catalogue explains."
     return (
+        *contradiction_lead(found.calibration.contradictions),
         first,
         _improvement(found),
         *unexplained_lead(found),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -96,6 +96,10 @@ class Robot:
     def n(self) -> int:
         """The number of joints."""
         return len(self.joints)
+
+    def with_free(self, frames: Collection[str]) -> Robot:
+        """The same robot with some of ``base`` and ``tool`` to be found from data, beside those that are already."""
+        return replace(self, base_free=self.base_free or "base" in frames, tool_free=self.tool_free or "tool" in frames)
 
     @property
     def factors(self) -> tuple[Factor, ...]:

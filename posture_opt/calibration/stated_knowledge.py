@@ -1,0 +1,331 @@
+"""What a problem file states as known, tested against the data before anything else: frames and standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+
+from posture_opt.calibration.effect_sensitivities import EffectSensitivities, case_of
+from posture_opt.calibration.fit import Fit, minimum_of
+from posture_opt.calibration.fit_setup import full_prior, tolerances
+from posture_opt.calibration.fitted_arm import NEGLIGIBLE
+from posture_opt.calibration.frame_chart import Chart
+from posture_opt.calibration.frames import compare, fit_frames
+from posture_opt.calibration.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.parameters import CalibrationProblem, prior_covariance, tool_unknown
+from posture_opt.calibration.residuals import Residuals
+from posture_opt.measurements.affine_fit import reach
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.effects import EFFECTS, Cause
+from posture_opt.numerics import Array
+
+FRAMES = ("base", "tool")
+_LARGE = 0.5  # evidence per residual: errors half as large again as without what is stated
+_SURE = 20.0  # evidence in all: odds of e²⁰
+_PRICE = 5.0  # of each statement that is set aside: the logarithm of how many there are (Chen, Chen 2008)
+_FREEDOM = 4.0  # of Student's t, by which a few gross errors decide nothing (Lange, Little, Taylor 1989)
+_FAR = 0.01  # of the reach: what a tangent leaves beyond that, only a fit of its own can judge
+_LEANS = {"m": 1e-3, "rad": 5e-3}  # farther off its drawing, a parameter of the first or last link stands for a frame
+_TOGETHER = 2  # so many of them: one alone is more likely wrong itself
+_CLEAR = 5.0  # standard errors that each of them is off
+_SPARE = 12  # residuals beyond the unknowns: with fewer, anything would fit
+_ROWS = 400  # that decide whether an effect explains as much
+
+_P = TypeVar("_P", bound=CalibrationProblem)
+
+
+@dataclass(frozen=True, eq=False)
+class Contradiction:
+    """Something that the file states as known and the data refute; it was set aside and fitted.
+
+    Args:
+        cause: what differs from the file.
+        estimate: parameter -> (deviation from the file, standard error, SI unit).
+        sigma: the stated standard deviation of a parameter [SI]; 0 of a frame, which is stated as exact.
+        p_value: of the likelihood ratio.
+        rms_stated: RMS position error [m] of the arm calibrated as stated; ``rms`` with all contradictions set aside.
+    """
+
+    cause: Cause
+    estimate: Mapping[str, tuple[float, float, str]]
+    sigma: float
+    p_value: float
+    rms_stated: float
+    rms: float
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry of ``contradictions`` in ``calibration.json``."""
+        return {
+            "kind": self.cause.kind,
+            "target": self.cause.target,
+            "estimate": {name: {"value": v, "std": s, "unit": u} for name, (v, s, u) in self.estimate.items()},
+            "sigma": self.sigma,
+            "p_value": self.p_value,
+            "rms": {"as_stated": self.rms_stated, "set_aside": self.rms},
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Refuted:
+    """Statements that the data refute: frames, and names of parameters whose σ is wrong.
+
+    Args:
+        sigma: parameter -> its stated σ [SI]; none of frames.
+        evidence: logarithm of the likelihood ratio of all of them.
+        freedom: how many parameters they hold.
+        rms_stated, rms: RMS position error [m] of the arm calibrated with and without them.
+    """
+
+    names: tuple[str, ...] = ()
+    sigma: Mapping[str, float] | None = None
+    evidence: float = 0.0
+    freedom: int = 1
+    rms_stated: float = 0.0
+    rms: float = 0.0
+
+    def told(self, fit: Fit) -> tuple[Contradiction, ...]:
+        """The contradictions with the sizes that the fit without them found."""
+        from scipy.special import gammaincc
+
+        p = float(gammaincc(self.freedom / 2, max(self.evidence, 0.0)))
+        found = []
+        for name in self.names:
+            mine = [
+                (i, q)
+                for i, q in enumerate(fit.residuals.parameters)
+                if (q.group == name if name in FRAMES else q.name == name)
+            ]
+            if not mine:
+                continue
+            moves = [(i, q) for i, q in mine if fit.std[i] > NEGLIGIBLE[q.unit]] or mine
+            sizes = {q.name.rpartition(".")[2]: (float(fit.x[i]), float(fit.std[i]), q.unit) for i, q in moves}
+            cause = GeometricDeviation.of(mine[0][1])
+            sigma = 0.0 if name in FRAMES else (self.sigma or {}).get(name, 0.0)
+            found.append(Contradiction(cause, sizes, sigma, p, self.rms_stated, self.rms))
+        return tuple(found)
+
+
+def consistent(problem: _P, data: Measurements, priors: bool = True) -> tuple[_P, Refuted]:
+    """The problem without the statements that the data refute, and which those are.
+
+    Frames that are stated, and σ's of parameters, are set aside as long as that makes the errors of the calibrated arm
+    much smaller, and smaller than any single effect of the catalogue would. Geometry is fitted within its tolerance in
+    every comparison: what a joint's zero explains as well is no error of a frame.
+
+    Source: likelihood ratios of Student's t (Lange, Little, Taylor 1989) at the scale of the widest model.
+    """
+    stated = _Statements(problem, data, priors)
+    if not stated.statements or not stated.worthwhile:
+        return problem, Refuted()
+    found = stated.found
+    if not found.released:
+        return problem, Refuted()
+    before = stated.trial(())
+    return _released(problem, found.released), Refuted(
+        found.released, stated.sigma, stated.cost(before) - stated.cost(found), max(found.count - before.count, 1),
+        before.rms, found.rms,
+    )  # fmt: skip
+
+
+def _released(problem: _P, names: Sequence[str]) -> _P:
+    """The problem without some statements."""
+    return (
+        problem.released([n for n in names if n in FRAMES], [n for n in names if n not in FRAMES]) if names else problem
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """The arm calibrated with some statements ``released``: residuals e (N, block) at the estimate x (k,)."""
+
+    released: tuple[str, ...]
+    residuals: Residuals
+    x: Array
+    e: Array
+    known: Array
+
+    @property
+    def count(self) -> int:
+        """How many parameters were fitted."""
+        return len(self.x)
+
+    @cached_property
+    def scale(self) -> float:
+        """The residuals' standard deviation in units of the instrument's, at least 1, whatever a few outliers say."""
+        from scipy.special import gammaincinv
+
+        N, block = self.e.shape
+        squared = float(np.median(np.sum(self.e**2, axis=1))) / (2 * float(gammaincinv(block / 2, 0.5)))
+        return max(float(np.sqrt(squared * N * block / max(N * block - self.count, 1))), 1.0)
+
+    @property
+    def rms(self) -> float:
+        """RMS position error [m]."""
+        e = self.e[:, : len(self.residuals.axes)] * self.residuals.sigma
+        return float(np.sqrt(np.mean(np.sum(e**2, axis=1))))
+
+
+def _cost(e: Array, scale: float) -> float:
+    """Minus the logarithm of the likelihood of residuals (N, block) under Student's t of a ``scale``."""
+    squared = np.sum(e**2, axis=1) / scale**2
+    return float(np.sum(np.log1p(squared / _FREEDOM)) * (_FREEDOM + e.shape[1]) / 2)
+
+
+class _Statements:
+    """The statements of one problem against one file, each combination of them fitted once."""
+
+    def __init__(self, problem: CalibrationProblem, data: Measurements, priors: bool) -> None:
+        self.problem, self.data, self.priors = problem, data, priors
+        self._trials: dict[tuple[str, ...], _Trial] = {}
+        robot = problem.robot
+        free = {"base": robot.base_free or data.position is None, "tool": tool_unknown(robot, data)}
+        frames = tuple(name for name in FRAMES if not free[name])
+        residuals = compare(problem, data)[0]
+        rows, covariance = prior_covariance(problem, residuals.parameters) if priors else ([], np.zeros((0, 0)))
+        names = [residuals.parameters[i] for i in rows]
+        self.sigma = {p.name: float(np.sqrt(covariance[k, k])) for k, p in enumerate(names) if p.group == "geometry"}
+        self.statements = (*frames, *self.sigma)
+        self._frames = frames
+
+    def trial(self, released: Sequence[str]) -> _Trial:
+        """The arm calibrated without some of the statements."""
+        key = tuple(name for name in self.statements if name in released)
+        if key not in self._trials:
+            self._trials[key] = _trial(_released(self.problem, key), self.data, key, self.priors)
+        return self._trials[key]
+
+    @cached_property
+    def worthwhile(self) -> bool:
+        """Whether setting everything aside could bring much, to first order; or the arm is far off."""
+        stated = self.trial(())
+        if stated.e.size < stated.count + 6 * len(self._frames) + _SPARE:
+            return False
+        if stated.scale <= 1.0:
+            return False
+        wide = compare(_released(self.problem, self.statements), self.data)[0]
+        value = dict(zip((p.name for p in stated.residuals.parameters), stated.x, strict=True))
+        x = np.array([value.get(p.name, 0.0) for p in wide.parameters])
+        r, J = wide.both(x)
+        known = _prior_rows(self.problem, wide, [])
+        step = np.linalg.lstsq(np.concatenate([J, known]), -np.concatenate([r, known @ x]), rcond=1e-12)[0]
+        e = (r + J @ step)[: wide.measured].reshape(len(self.data), -1)
+        left = _Trial(self.statements, wide, x, e, known)
+        gain = _cost(stated.e, left.scale) - _cost(e, left.scale)
+        if any(self._imitated(stated, frame) for frame in self._frames):
+            return True
+        return gain > max(_SURE, _LARGE * e.size) or left.rms > _FAR * reach(self.problem.robot)
+
+    @cached_property
+    def _scale(self) -> float:
+        return min(self.trial(self.statements).scale, self.trial(()).scale)
+
+    def cost(self, trial: _Trial) -> float:
+        """Minus the log-likelihood of a trial at the scale of the widest."""
+        return _cost(trial.e, self._scale)
+
+    def _better(self, one: _Trial, other: _Trial) -> bool:
+        """Whether the other explains much more, and surely so."""
+        gain = self.cost(one) - self.cost(other) - (other.count - one.count)
+        return gain > max(_SURE, _LARGE * one.e.size)
+
+    @cached_property
+    def found(self) -> _Trial:
+        """The arm without the statements that are refuted: one after the other, and none that is not needed."""
+        now = self.trial(())
+        while True:
+            options = [self.trial((*now.released, *more)) for more in self._options(now)]
+            priced = {self.cost(o) + o.count + _PRICE * len(o.released): o for o in options}
+            if not priced:
+                return now
+            best = priced[min(priced)]
+            imitated = tuple(frame for frame in self._frames if self._imitated(now, frame))
+            if imitated and not self._better(now, best):
+                return self.trial((*now.released, *imitated))
+            if not self._better(now, best) or self._explained(now, best):
+                return now
+            for name in best.released:
+                less = self.trial([n for n in best.released if n != name])
+                best = best if self._better(less, best) else less
+            if len(best.released) <= len(now.released):
+                return now
+            now = best
+
+    def _imitated(self, now: _Trial, frame: str) -> bool:
+        """Whether parameters of the link beside a frame, which move the tool as it does, are off in its place.
+
+        What lies before the first joint moves all as the base does, and what lies behind the last as the tool: the fit
+        cannot choose, and one wrong frame is likelier than several errors of one link.
+        """
+        robot, parameters = now.residuals.robot, now.residuals.parameters
+        place = {factor.parameter: i for i, factor in enumerate(robot.factors)}
+        first, last = robot.driven[0], robot.driven[-1]
+        beside = [
+            i
+            for i, p in enumerate(parameters)
+            if p.group == "geometry"
+            and p.name not in self.sigma
+            and (place[p.source] < first if frame == "base" else place[p.source] > last)
+            and abs(now.x[i]) > _LEANS[p.unit]
+        ]
+        if frame in now.released or len(beside) < _TOGETHER:
+            return False
+        J = np.concatenate([now.residuals.both(now.x)[1], now.known])
+        std = now.scale * np.sqrt(np.diag(np.linalg.pinv(J.T @ J, rcond=1e-15, hermitian=True)))
+        return int(np.sum(np.abs(now.x[beside]) > _CLEAR * std[beside])) >= _TOGETHER
+
+    def _options(self, now: _Trial) -> list[tuple[str, ...]]:
+        """Statements to set aside next: each frame, both, and the σ that is farthest off."""
+        frames = [name for name in self._frames if name not in now.released]
+        found: list[tuple[str, ...]] = [(name,) for name in frames]
+        found += [tuple(frames)] if len(frames) > 1 else []
+        sigmas = [name for name in self.sigma if name not in now.released]
+        if sigmas:
+            at = {p.name: i for i, p in enumerate(now.residuals.parameters)}
+            found.append((max(sigmas, key=lambda name: self._pulled(now, at[name])),))
+        return found
+
+    def _pulled(self, now: _Trial, i: int) -> float:
+        """How many of its stated σ's a parameter is off where the others share what it cannot take."""
+        return abs(float(now.x[i])) / self.sigma[now.residuals.parameters[i].name]
+
+    def _explained(self, now: _Trial, best: _Trial) -> bool:
+        """Whether one effect of the catalogue, at what is stated, explains as much as setting it aside."""
+        rows = np.unique(np.linspace(0, len(self.data) - 1, min(len(self.data), _ROWS)).round().astype(np.intp))
+        some = now.residuals.take(rows)
+        r, J = some.both(now.x)
+        columns = np.concatenate([J, now.known])
+        Q = np.linalg.qr(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))[0]
+        r = np.concatenate([r, now.known @ now.x])
+        r = r - Q @ (Q.T @ r)
+        sensitivities, wanted = EffectSensitivities(some, now.x), _cost(best.e[rows], self._scale) + best.count
+        below = np.zeros((len(now.known), 1))
+        for effect in (e for kind in EFFECTS for e in kind.candidates(case_of(some.data, some.robot))):
+            Z = sensitivities.columns(effect)
+            Z = np.concatenate([Z, np.repeat(below, Z.shape[1], axis=1)])
+            Z = Z - Q @ (Q.T @ Z)
+            e = r - Z @ np.linalg.lstsq(Z, r, rcond=1e-9)[0]
+            e = e[: some.measured].reshape(len(rows), -1)
+            if _cost(e, self._scale) + now.count + Z.shape[1] <= wanted:
+                return True
+        return False
+
+
+def _trial(problem: CalibrationProblem, data: Measurements, released: tuple[str, ...], priors: bool) -> _Trial:
+    residuals = Chart.of(compare(problem, data)[0]).fitted
+    known = _prior_rows(problem, residuals, prior_covariance(problem, residuals.parameters)[0] if priors else [])
+    scale = tolerances(residuals.parameters, [])
+    found = minimum_of(residuals, fit_frames(residuals), np.diag(scale), known)
+    x = found[0]
+    return _Trial(released, residuals, x, found[1][: residuals.measured].reshape(len(data), -1), known)
+
+
+def _prior_rows(problem: CalibrationProblem, residuals: Residuals, stated: list[int]) -> Array:
+    """Stated σ's and tolerances as further rows (p, k) of the Jacobian."""
+    parameters = residuals.parameters
+    covariance = prior_covariance(problem, parameters)[1] if stated else np.zeros((0, 0))
+    prior = full_prior(parameters, problem.robot, tolerances(parameters, stated), stated, covariance)
+    return prior.matrix(len(parameters))

@@ -1,0 +1,112 @@
+"""Frames and σ's that the file takes for known and the data refute: named, set aside, and the search goes on.
+
+Seeds below 200 and 1000 to 1160 were used while the method was chosen; those here were not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from tests.helpers.free_arms import SIX, TOOL, problem_of, rows, simulated_points
+from tests.hidden.draw import Draw, draw
+from tests.hidden.files import write
+
+
+def stated_draw(seed: int, family: str, kind: str = "", weakest: float = 400.0) -> Draw:
+    """The first case of a family whose frames are stated, and right."""
+    return next(case for i in range(20) if not (case := draw(seed, family, i, kind=kind, weakest=weakest)).free)
+
+
+def moved(case: Draw, base: Any = (0, 0, 0), tool: Any = (0, 0, 0), turn: Any = (0, 0, 0)) -> Draw:
+    """The case with frames stated that far off, in mm and mrad."""
+    values = [np.array([f.value for f in part]) for part in (case.nominal.base, case.nominal.tool)]
+    values[0][:3] += np.array(base) * 1e-3
+    values[0][3:] += np.array(turn) * 1e-3
+    values[1][:3] += np.array(tool) * 1e-3
+    return replace(case, nominal=case.nominal.with_frames(*values))
+
+
+def loaded(case: Draw, folder: Path) -> tuple[Any, Any]:
+    problem = po.load_problem(write(case, folder))
+    return problem, po.read_measurements(folder / "data.csv", problem)
+
+
+@pytest.mark.parametrize(
+    ("seed", "family", "kind", "off"),
+    [
+        (401, "full", "joint_compliance", {"base": (1.4, -1.2, 0.8)}),
+        (402, "kr16", "gear_eccentricity", {"base": (-4, 2, 3), "turn": (1, 1, -1)}),
+        (403, "planar", "backlash", {"base": (2, 1, 0)}),
+        (404, "planar", "joint_compliance", {"base": (-6, 7, 0), "turn": (2, 0, 0)}),
+        (405, "scara", "gear_eccentricity", {"base": (3, -5, 1)}),
+    ],
+)
+def test_a_base_that_is_off_is_named_and_what_is_hidden_beside_it_is_found(
+    seed: int, family: str, kind: str, off: Any, tmp_path: Path
+) -> None:
+    case = moved(stated_draw(seed, family, kind), **off)
+    found = po.diagnose(*loaded(case, tmp_path), plan=False)
+    effect = case.truth["effects"][0]
+    named = [(f.kind, f.target) for f in found.effects]
+    rivals = [(r.kind, r.target) for f in found.effects for r in f.confounded_with]
+    assert (effect["kind"], effect["target"]) in named + rivals
+    assert "base_frame" in [kind for kind, _ in named]
+    assert not any(kind in ("slip", "drift", "tool_frame") for kind, _ in named)
+    # With the geometric causes, behind all others, and in the first line of the report.
+    assert named.index(("base_frame", "base")) > named.index((effect["kind"], effect["target"])) or rivals
+    assert found.report().splitlines()[3].startswith("The data contradict the base frame")
+    (told,) = found.calibration.contradictions
+    for name, wanted in zip("xy", off["base"], strict=False):
+        value, std, _ = told.estimate[name]
+        assert abs(value + wanted * 1e-3) < 6 * std + 0.3e-3  # geometry of 0.4 mm beside it
+    assert found.errors["extended"].rms < 1.25 * case.truth["noise_rms"]
+    # The file that is written has the base where it is.
+    assert not found.extended.robot.base_free
+    assert (
+        abs(found.extended.robot.parameters["base.x"].nominal - case.nominal.base[0].value + off["base"][0] * 1e-3)
+        < 1e-3
+    )
+
+
+@pytest.mark.parametrize(("seed", "family"), [(411, "full"), (412, "kr16")])
+def test_a_tool_that_is_off_is_named_and_not_the_link_before_it(seed: int, family: str, tmp_path: Path) -> None:
+    case = moved(stated_draw(seed, family), tool=(4, -5, 3))
+    found = po.calibrate(*loaded(case, tmp_path))
+    assert [c.cause.kind for c in found.contradictions] == ["tool_frame"]
+    assert found.to_json()["contradictions"][0]["target"] == "tool"
+
+
+@pytest.mark.parametrize("seed", range(421, 425))
+@pytest.mark.parametrize("family", ["full", "kr16", "planar", "scara", "seven", "clean", "outside", "geometry", "two"])
+def test_right_frames_are_not_named_whatever_is_hidden(seed: int, family: str, tmp_path: Path) -> None:
+    case = stated_draw(seed, family, weakest=100.0)
+    assert not po.calibrate(*loaded(case, tmp_path)).contradictions
+
+
+@pytest.mark.parametrize(("seed", "name"), [(431, "j2.theta"), (432, "j4.theta")])
+def test_a_sigma_that_the_data_refute_is_set_aside(seed: int, name: str) -> None:
+    """A zero stated to 5 µrad and 8 mrad off; the others are right."""
+    rng = np.random.default_rng(seed)
+    base, tool, off = np.eye(4), TOOL, 8e-3
+    sigma = {f"{joint}.theta": "5 urad" for joint, *_ in SIX}
+    frames = {"base": None, "tool": {"xyz": [f"{v} m" for v in tool[:3, 3]]}}
+    problem = problem_of(SIX, robot=frames, uncertainty={"measurement": {"position": "0.02 mm"}, "sigma": sigma})
+    q = rng.uniform(-2.5, 2.5, (80, 6))
+    points = simulated_points(SIX, q, base, tool, {name: off}) + rng.normal(0, 2e-5, (80, 3))
+    found = po.calibrate(problem, rows(problem, q, points))
+    ((told),) = found.contradictions
+    assert (told.cause.kind, told.cause.target) == ("joint_offset", name.partition(".")[0])
+    value, std, _ = told.estimate["theta"]
+    assert abs(value - off) < 5 * std
+    assert told.sigma == pytest.approx(5e-6)
+    assert "0.00500 mrad" in found.report().splitlines()[3]
+    assert found.calibrated.rms < 2e-5 * np.sqrt(3) * 1.2
+    # Without the error nothing is set aside.
+    right = simulated_points(SIX, q, base, tool, {}) + rng.normal(0, 2e-5, (80, 3))
+    assert not po.calibrate(problem, rows(problem, q, right)).contradictions
