@@ -93,6 +93,7 @@ def stated_errors(
     Nothing is fitted but what the file leaves free, and the offsets of several targets and touched points, which no
     file states; they are predicted without the group of each row. Outliers beside the calibrated arm do not count.
     """
+    problem, _ = consistent(problem, data, priors=True)
     residuals = Chart.of(compare(problem, data)[0]).fitted
     by = by or default_by(data)
     groups = groups_of(data, by, folds)

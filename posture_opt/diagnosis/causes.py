@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,12 +15,13 @@ from posture_opt.calibration.effect_sensitivities import case_of
 from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.linear_model import LinearModel
 from posture_opt.calibration.residuals import Residuals
+from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.geometry_causes import GeometryCause
 from posture_opt.diagnosis.search import SearchResult
 from posture_opt.diagnosis.sessions import Gain
 from posture_opt.diagnosis.uneven_noise import NoiseCause
 from posture_opt.model.effects import CATALOGUE, EFFECTS, INPUTS, Cause, Effect, Evidence, Limit, NoiseEffect
-from posture_opt.numerics import Codes, Progress
+from posture_opt.numerics import Array, Codes, Progress
 from posture_opt.units import DIMENSIONS
 
 
@@ -35,6 +36,9 @@ class Finding:
         gain: relative drop of the cross-validated RMS that it brings.
         confounded_with: causes that could stand for it.
         interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
+        determined: whether the data tell the size, beside the geometry and the other effects, from none.
+        place: of an effect among those of the model.
+        stated: the effect as the problem file has it; ``estimate`` is its total then.
     """
 
     cause: Cause
@@ -43,6 +47,14 @@ class Finding:
     gain: float
     confounded_with: tuple[Cause, ...] = ()
     interval: tuple[float, float] | None = None
+    determined: bool = True
+    place: int | None = None
+    stated: Effect | None = None
+
+    @property
+    def status(self) -> Literal["determined", "size_undetermined"]:
+        """Whether the data tell the size, in a word of the document."""
+        return "determined" if self.determined else "size_undetermined"
 
     @property
     def kind(self) -> str:
@@ -67,10 +79,15 @@ class Finding:
     def to_json(self) -> dict[str, Any]:
         """The entry of ``effects`` in ``diagnosis.json``."""
         interval = {} if self.interval is None else {"gain_interval95": list(self.interval)}
+        of_file = {} if self.stated is None else _values(self.stated)
+        stated = {name: {"stated": value} for name, value in of_file.items()}
         return {
             "kind": self.kind,
             "target": self.target,
-            "estimate": {n: {"value": v, "std": s, "unit": u} for n, (v, s, u) in self.estimate.items()},
+            "status": self.status,
+            "estimate": {
+                n: {"value": v, "std": s, "unit": u, **stated.get(n, {})} for n, (v, s, u) in self.estimate.items()
+            },
             "p_value": self.p_value,
             "gain": self.gain,
             **interval,
@@ -88,23 +105,55 @@ def effect_findings(
     for place, i in enumerate(named):
         gain = Gain.of(whole.errors, held_out(model, parts, place, about=about).errors, groups)
         rivals = tuple(r.what for r in found.rivals[i])
-        fitted = model.effects[place]
-        findings.append(
-            Finding(fitted, _estimate(model, place), found.p_values[i], gain.value, rivals, (gain.low, gain.high))
+        part = model.slices[place]
+        told = determined(model.x[part], model.covariance[part, part])
+        finding = Finding(
+            model.effects[place], _estimate(model, place), found.p_values[i], gain.value, rivals, (gain.low, gain.high)
         )
+        findings.append(replace(finding, determined=told, place=place, stated=_stated(model, place)))
         tell(place + 1, len(named))
     return findings
 
 
+def determined(values: Array, covariance: Array) -> bool:
+    """Whether a size is told from none: its 95 % confidence region keeps clear of zero.
+
+    ``χ² = θᵀ C⁻¹ θ`` of all linear parameters θ (k,) with their covariance C (k, k) [SI]: of a sine and a cosine the
+    amplitude counts, in whatever phase. What has no standard error is no estimate.
+    """
+    from scipy.special import chdtrc
+
+    sigma = np.sqrt(np.diag(covariance))
+    if not len(values) or not np.all(sigma > 0):
+        return True
+    inverse = np.linalg.pinv(covariance / np.outer(sigma, sigma), rcond=1e-10, hermitian=True)
+    z = values / sigma
+    return bool(chdtrc(len(z), float(z @ inverse @ z)) < levels.SIZE)
+
+
+def _stated(model: Fit, place: int) -> Effect | None:
+    """The effect in the file that a fitted one adds to."""
+    name = model.residuals.parameters[model.slices[place].start].name
+    own = next(e for e in model.residuals.arm.effects if name in e.parameter_names)
+    return own if any(own.values) else None
+
+
+def _values(effect: Effect) -> dict[str, float]:
+    names = (name for name, _ in effect.dimensions)
+    return dict(zip(names, effect.values, strict=True))
+
+
 def _estimate(model: Fit, place: int) -> dict[str, tuple[float, float, str]]:
-    """Parameter, or shape, -> (value, standard error, SI unit)."""
-    effect, part = model.effects[place], model.slices[place]
+    """Parameter, or shape, -> (value, standard error, SI unit), with what the file states of it."""
+    effect, part, own = model.effects[place], model.slices[place], _stated(model, place)
+    known = {} if own is None else _values(own)
     rows = zip(effect.dimensions, model.x[part], model.std[part], strict=True)
-    estimate = {name: (float(v), float(s), _unit(dimension)) for (name, dimension), v, s in rows}
+    estimate = {n: (known.get(n, 0.0) + float(v), float(s), _unit(dimension)) for (n, dimension), v, s in rows}
     for name in effect.shape:
         value = float(getattr(effect, name))
         error = float(model.std[model.shapes[place]]) if place in model.shapes else math.nan
-        estimate[name] = (value, value * error if effect.relative_shape else error, "")
+        unit = effect.shape_units.get(name, "1")
+        estimate[name] = (value, value * error if effect.relative_shape else error, unit)
     return estimate
 
 
@@ -114,7 +163,8 @@ def _unit(dimension: str) -> str:
 
 def noise_finding(cause: NoiseCause) -> Finding:
     """A kind of noise as a finding: it brings nothing to the errors themselves."""
-    return Finding(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with)
+    clear = _clear(cause.estimate)
+    return Finding(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with, determined=clear)
 
 
 def contradiction_findings(calibration: Calibration) -> list[Finding]:
@@ -128,7 +178,14 @@ def contradiction_findings(calibration: Calibration) -> list[Finding]:
 def geometry_finding(cause: GeometryCause, held: Mapping[str, HeldOut]) -> Finding:
     """A geometric cause as a finding; the gain is that of all calibrated geometry."""
     gain = 1 - held["calibrated"].rms / held["nominal"].rms
-    return Finding(cause.deviation, cause.estimate, cause.p_value, gain, cause.confounded_with)
+    clear = _clear(cause.estimate)
+    return Finding(cause.deviation, cause.estimate, cause.p_value, gain, cause.confounded_with, determined=clear)
+
+
+def _clear(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
+    """Whether one of independent estimates is told from none, at least."""
+    told = [determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values()]
+    return any(told) or not told
 
 
 def unknowable(residuals: Residuals) -> tuple[Limit, ...]:

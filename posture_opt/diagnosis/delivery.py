@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
@@ -34,6 +35,19 @@ class Delivery:
     kept: tuple[int, ...]
     session: tuple[int, ...] = ()
     dropped: tuple[int, ...] = ()
+
+    @property
+    def model(self) -> Literal["extended", "without_session", "calibrated"]:
+        """Which arm it is: with all effects, with those that are not of the session, or with none of them."""
+        if not self.kept and (self.session or self.dropped):
+            return "calibrated"
+        return "without_session" if self.session else "extended"
+
+    def to_json(self, effects: Sequence[Effect]) -> dict[str, Any]:
+        """The part ``delivered`` of ``diagnosis.json``; ``effects`` are those of the model."""
+        reasons = {"session": self.session, "no_gain": self.dropped}
+        left = [(effects[i], reason) for reason, places in reasons.items() for i in places]
+        return {"model": self.model, "left_out": [{"kind": e.kind, "target": e.target, "reason": r} for e, r in left]}
 
 
 def deliver(

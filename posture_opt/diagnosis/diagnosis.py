@@ -104,15 +104,15 @@ class Diagnosis(Result):
         return extended_arm(self.problem, self.calibration, self.model, self.delivery, self.effects, self.errors)
 
     @cached_property
-    def delivered_rms(self) -> float:
+    def delivered(self) -> tuple[float, int]:
         """Root mean square [m] of the position errors of ``extended.yaml``, read again from what is written.
 
-        Rows that are outliers beside it do not count; nothing is fitted again but touched points and the offsets of
-        several targets, which no file states.
+        Rows that are outliers beside it do not count; their number stands behind it. Nothing is fitted again but
+        touched points and the offsets of several targets, which no file states.
         """
         written: FittableProblem = self.extended.reloaded()
         errors, kept = stated_errors(written, self.request.data, folds=self.request.folds, by=self.by)
-        return float(np.sqrt(np.mean(np.sum(errors[kept] ** 2, axis=1))))
+        return float(np.sqrt(np.mean(np.sum(errors[kept] ** 2, axis=1)))), int(np.count_nonzero(~kept))
 
     @cached_property
     def models(self) -> dict[str, Any]:
@@ -140,9 +140,10 @@ class Diagnosis(Result):
             },
             "residual_rms": {
                 **{name: self.errors[name].rms for name in names},
-                "delivered": self.delivered_rms,
+                "delivered": self.delivered[0],
                 "delivered_heldout": self.errors["delivered"].rms,
             },
+            "delivered": {**self.delivery.to_json(self.model.effects), "outliers": self.delivered[1]},
             "residuals": {name: self.errors[name].to_json() for name in names},
             "coverage95": {name: float(self.held[name].inside.mean()) for name in names},
             "cross_validation": self.by,
@@ -206,15 +207,14 @@ class Diagnosis(Result):
 
     def test_gain(self, finding: int) -> Gain | None:
         """What an effect brings on the other file; None where there is none, or where it is not asked."""
-        if self.test is None or self.effects[finding].effect is None:
-            return None
-        return self.test.gains[sum(f.effect is not None for f in self.effects[:finding])]
+        place = self.effects[finding].place
+        return None if self.test is None or place is None else self.test.gains[place]
 
     def _effect_json(self, i: int) -> dict[str, Any]:
         gain, split = self.test_gain(i), self.split
         document = self.effects[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
-        place = sum(f.effect is not None for f in self.effects[:i])
-        if self.effects[i].effect is not None and split is not None and place in split.pairs:
+        place = self.effects[i].place
+        if place is not None and split is not None and place in split.pairs:
             document["split"] = split.to_json(place)
         return document
 
@@ -276,8 +276,9 @@ def diagnose(
     held["delivered"] = delivery.held
     refuted = {c.cause for c in calibration.contradictions}
     findings = (
-        *effect_findings(names, model, held["extended"], parts, groups, stages.next()),
-        *(noise_finding(n) for n in noise),
+        *_determined_first(
+            *effect_findings(names, model, held["extended"], parts, groups, stages.next()), *map(noise_finding, noise)
+        ),
         *contradiction_findings(calibration),
         *(geometry_finding(g, held) for g in geometry if g.deviation not in refuted),
     )
@@ -306,6 +307,11 @@ def diagnose(
         test=other,
         notes=(*calibration.notes, *(() if other is None else other.notes)),
     )
+
+
+def _determined_first(*findings: Finding) -> list[Finding]:
+    """The findings, those behind whose size the data do not tell."""
+    return sorted(findings, key=lambda finding: not finding.determined)
 
 
 def _folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:

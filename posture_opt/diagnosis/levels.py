@@ -13,6 +13,8 @@ FIRST_EFFECT = 0.015
 """Family-wise level of the first effect of a search; chosen on simulated draws, ablation pending."""
 FURTHER_EFFECT = 0.006
 """Family-wise level of every effect after the first; chosen on simulated draws, ablation pending."""
+SIZE = 0.05
+"""Level at which a size is none: the confidence region of the parameters holds zero; the usual 95 %."""
 LACK_OF_FIT = 0.006
 """Level of both tests for anything left unexplained; chosen on simulated draws, ablation pending."""
 GEOMETRY = 0.01

@@ -15,7 +15,6 @@ from posture_opt.report.diagnosis_sizes import (
     headline_of,
     moved_at_tool,
     periodic_joints,
-    place_of,
 )
 from posture_opt.report.error_table import mm
 from posture_opt.report.parts import sentence
@@ -69,7 +68,7 @@ def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
     """Effects of less weight, one a line."""
     rows = []
     for finding in findings:
-        place = place_of(found, finding)
+        place = finding.place
         assert place is not None
         most = length(float(moved_at_tool(found, place).max()))
         size = headline_of(found, finding)
@@ -78,13 +77,17 @@ def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
 
 
 def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
-    place = place_of(found, finding)
+    place = finding.place
     name = finding.kind if finding.target == "all" else f"{finding.kind} of {finding.target}"
     rows = [("Name", name)]
     sizes = finding.cause.sizes(fitted_sizes(found, finding))
     rows += [(size.label[:1].upper() + size.label[1:], str(size)) for size in sizes]
     if finding.effect is None and finding.noise is None and not finding.estimate:
         rows += _geometry(found)
+    if not finding.determined:
+        rows.append(("Open", "these data do not determine the size: its 95 % region holds zero"))
+    if finding.stated is not None:
+        rows.append(("In the file", f"{finding.stated.stated_size}; the size here is the total"))
     if place is not None:
         rows.append(_at_tool(found, place))
     rows.append(("Evidence", f"{p_words(finding.p_value)}, corrected for the whole search"))
@@ -103,7 +106,7 @@ def _planning(found: Diagnosis, finding: Finding) -> str:
     entry = finding.effect or finding.noise
     if entry is None:
         return ""
-    place = place_of(found, finding)
+    place = finding.place
     if place in found.delivery.dropped:
         return "left out: held-out rows are predicted no worse without it"
     return entry.planning_note(place in found.delivery.kept)

@@ -10,7 +10,7 @@ from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosis_sizes import MODELS, NoiseFloor, fitted_effects, noise_floor
 from posture_opt.report.error_table import ELSEWHERE, ERROR_HEADERS, error_cells, error_table, held_out_sentence, mm
 from posture_opt.report.other_file_words import calibration_words, effects_words, file_words, range_items
-from posture_opt.report.units_text import percent
+from posture_opt.report.units_text import count, percent
 from posture_opt.report.words import MODEL_NAMES
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def errors_block(found: Diagnosis) -> Block:
     rounds = min(found.request.folds, len(np.unique(found.groups)))
     rows = [
         (words, *error_cells(found.errors[name]), percent(float(found.held[name].inside.mean())))
-        for name, words in models_of(found).items()
+        for name, words in {**models_of(found), **_as_delivered(found)}.items()
     ]
     floor = noise_floor(found)
     rows += [(floor.label, mm(floor.rms), "", "", "", "", "")] if floor.rms else []
@@ -33,9 +33,15 @@ def errors_block(found: Diagnosis) -> Block:
     texts = [f"{held_out_sentence(found.by, rounds)} The interval holds the RMS with 95 % confidence."]
     if fitted_effects(found):
         texts.append(_gain_text(found))
+    texts.append(delivered_words(found))
     if floor.rms:
         texts.append(f"{floor.sentence}{_beside(found, floor, rounds)}")
     return Block("Gain from the causes found", (*texts, Table(headers, tuple(rows))), "diagnosis_errors")
+
+
+def _as_delivered(found: Diagnosis) -> dict[str, str]:
+    """The arm that is delivered, where it is neither the calibrated one nor that with all effects."""
+    return {"delivered": MODEL_NAMES["delivered"]} if found.delivery.model == "without_session" else {}
 
 
 def models_of(found: Diagnosis) -> dict[str, str]:
@@ -73,6 +79,39 @@ def _gain_text(found: Diagnosis) -> str:
             f"({span})."
         )
     return f"{text} {_CHOSEN}"
+
+
+def delivery_lead(found: Diagnosis) -> tuple[str, ...]:
+    """Which arm is delivered where it is not the one with all effects, and how well it explains these data."""
+    delivery, effects = found.delivery, found.model.effects
+    if delivery.model == "extended":
+        return ()
+    session, others = (", ".join(effects[i].label for i in places) for places in (delivery.session, delivery.dropped))
+    one = len(delivery.session) == 1
+    it, belongs = ("it", "belongs") if one else ("them", "belong")
+    if delivery.model == "without_session":
+        arm = f"the arm fitted without {session}, which {belongs} to this session"
+        arm += f", nor {others}, which held-out rows do not need then" if others else ""
+    else:
+        arm = f"the calibrated arm: {session} {belongs} to this session" if session else "the calibrated arm"
+        arm += f", and without {it} no other effect improves held-out rows" if session and others else ""
+        arm += "" if session else ": held-out rows are predicted no better with effects"
+    moved = any("time" in effects[i].needs for i in delivery.session)
+    average = " What moved during the measurements stands where it did on average." if moved else ""
+    return (
+        f"Delivered in extended.yaml is {arm}. Its RMS error on held-out rows is {mm(delivery.held.rms)} mm.{average}",
+    )
+
+
+def delivered_words(found: Diagnosis) -> str:
+    """How far the written file is off on the data that it was learned from."""
+    rms, gone = found.delivered
+    free = "but touched points" if found.request.data.touches else ""
+    free = "but the offsets of the targets" if len(found.request.data.target_names) > 1 else free
+    outliers = f" ({count(gone, 'outlier')} beside it left out)" if gone else ""
+    return f"extended.yaml, loaded again with nothing fitted {free}".rstrip() + (
+        f", is off by {mm(rms)} mm RMS on the data that it was learned from{outliers}."
+    )
 
 
 def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from posture_opt.report.blocks import Block, Facts, Report, Summary
 from posture_opt.report.comparison_report import comparison_blocks, comparison_lead
 from posture_opt.report.contradictions import contradiction_lead
 from posture_opt.report.diagnosis_causes import causes_block, confusion_block, cyclic_block, finding_words
-from posture_opt.report.diagnosis_errors import elsewhere_lead, errors_block, test_block
+from posture_opt.report.diagnosis_errors import delivery_lead, elsewhere_lead, errors_block, test_block
 from posture_opt.report.diagnosis_goals import goals_block, goals_lead
 from posture_opt.report.diagnosis_open import (
     FILE,
@@ -68,24 +68,28 @@ def diagnosis_report(
 def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals | None) -> tuple[str, ...]:
     """The causes in one sentence, and what knowing them brings in another."""
     geometry = [f for f in found.effects if f.effect is None and f.noise is None]
-    causes = [f for f in found.effects if f not in geometry] or geometry
+    causes = [f for f in found.effects if f not in geometry and f.determined] or geometry
+    vague = [f for f in found.effects if f not in geometry and not f.determined]
     said = [_named(found, f) for f in causes[:_MOST_NAMES]]
     more = len(causes) - len(said)
     names = "; ".join(said) + (f"; and {count(more, 'more cause')}" if more else "")
     beside = " The geometry differs from the file, too." if geometry and causes is not geometry else ""
+    beside += f" {_vague(found, vague)}" if vague else ""
     if found.verdict == "none_found":
         first = f"The model explains these data: no cause of error is found{_beyond(found)}."
-    elif found.verdict == "effects_found":
+    elif found.verdict == "effects_found" and said:
         first = f"{_counted(len(causes))} the errors: {names}.{beside}"
     elif said:
         first = f"{_counted(len(causes))} part of the error: {names}. The rest is unexplained.{beside}"
     else:
-        first = f"Errors remain{_beyond(found)} that no cause of the catalogue explains."
+        cause = "cause of known size" if vague else "cause of the catalogue"
+        first = f"Errors remain{_beyond(found)} that no {cause} explains.{beside}"
     return (
         *contradiction_lead(found.calibration.contradictions),
         first,
         _improvement(found),
         *unexplained_lead(found),
+        *delivery_lead(found),
         *elsewhere_lead(found),
         *comparison_lead(comparison),
         *goals_lead(goals),
@@ -100,6 +104,13 @@ def _beyond(found: Diagnosis) -> str:
 def _named(found: Diagnosis, finding: Finding) -> str:
     size, words = headline_of(found, finding), finding_words(finding, found.problem)
     return f"{words} ({size})" if size and size not in words else words
+
+
+def _vague(found: Diagnosis, findings: list[Finding]) -> str:
+    """Causes whose size the data do not determine."""
+    names = "; ".join(finding_words(f, found.problem) for f in findings[:_MOST_NAMES])
+    more = f"; and {count(len(findings) - _MOST_NAMES, 'more cause')}" if len(findings) > _MOST_NAMES else ""
+    return f"Of a size that these data do not determine: {names}{more}."
 
 
 def _improvement(found: Diagnosis) -> str:

@@ -23,12 +23,7 @@ MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated", "extende
 
 def fitted_effects(found: Diagnosis) -> tuple[tuple[int, Finding], ...]:
     """(place among the effects of the model, finding) of every named effect."""
-    return tuple(enumerate(f for f in found.effects if f.effect is not None))
-
-
-def place_of(found: Diagnosis, finding: Finding) -> int | None:
-    """Where in the model an effect stands."""
-    return next((place for place, f in fitted_effects(found) if f is finding), None)
+    return tuple((f.place, f) for f in found.effects if f.place is not None)
 
 
 def moved_at_tool(found: Diagnosis, place: int) -> Array:
@@ -40,7 +35,7 @@ def moved_at_tool(found: Diagnosis, place: int) -> Array:
 
 def fitted_sizes(found: Diagnosis, finding: Finding) -> FittedSizes:
     """What the fit says of a finding."""
-    model, place = found.model, place_of(found, finding)
+    model, place = found.model, finding.place
     timed = model.residuals.data.time is not None
     if place is None:
         return FittedSizes(finding.estimate, timed=timed)
