@@ -37,7 +37,7 @@ def accuracy_map_report(found: AccuracyMap) -> Report:
 def lead(found: AccuracyMap) -> tuple[str, ...]:
     """What is off without corrections, and what scatters with them."""
     spread = (
-        f"95 of 100 times the tool point stays within {_range(found.radius95)} of its mean, depending on the target."
+        f"The tool point stays within {_range(found.radius95)} of its mean (95 % probability), depending on the target."
     )
     if not found.corrected:
         return ("The file states no corrections of the arm: on average it reaches its targets.", spread)
@@ -95,10 +95,10 @@ def bias_block(found: AccuracyMap) -> Block:
 
 def spread_block(found: AccuracyMap) -> Block:
     """How far the arm scatters about its mean."""
-    rows = [("95 of 100 times within", found.radius95), ("longest semi-axis of the 95 % region", _longest(found))]
+    rows = [("within (95 % probability)", found.radius95), ("longest semi-axis of the 95 % region", _longest(found))]
     own = []
     if found.own is not None:
-        own = [f"At the position in the problem it is {length(found.own[1])} (95 of 100 times)."]
+        own = [f"At the position in the problem it is {length(found.own[1])} (95 % probability)."]
     text = "Distance of the tool point from its mean: the uncertainty of the arm and its scatter."
     return Block("Spread", (text, _table(found, rows), *own), figure="map_spread")
 
@@ -198,7 +198,7 @@ class AccuracyMapPresenter(Presenter["AccuracyMap"]):
             ("Targets", grid_words(found.grid)),
             ("Served", served_sentence(found.targets)),
             *off,
-            ("95 % of visits within", f"{_range(found.radius95)} of their mean"),
+            ("Scatter (95 %)", f"within {_range(found.radius95)} of their mean"),
             *seen,
         )
         return Summary(f"Map of accuracy: {found.problem.name}", facts)

@@ -50,7 +50,7 @@ def comparison_block(cloud: Cloud) -> Block:
 
 def _verdict(inside: bool, coverage: float) -> str:
     if inside:
-        return "95 % lies in that interval: the closed form holds what it promises"
+        return "95 % lies in that interval: the samples agree with the closed form"
     side = "fewer" if coverage < 0.95 else "more"
     return f"{side} than 95 %: the cloud is not quite normally distributed, see below"
 

@@ -34,6 +34,7 @@ _LISTED = 8  # sources named one by one
 _EFFECTS = 6  # named one by one
 _SMALL_SHARE = 0.01  # of the variance: what lies below is lumped
 _MOST_SHARES = 12
+_ZERO = 5e-4  # of the variance: less below zero is none
 _NEGLIGIBLE = 1e-3  # of the largest standard deviation of its kind
 _AT_LIMIT = 1e-6
 
@@ -227,11 +228,24 @@ def budget_table(arm: Arm, shares: Sequence[Share], sigma: dict[str, float]) -> 
         total += share.share
         size = source_size(share.parameter, sigma.get(share.parameter, math.nan), arm)
         words = source_words(share.parameter, arm)
-        rows.append((words, share.parameter, size, percent(share.share), percent(total)))
+        rows.append((words, share.parameter, size, _share(share.share), percent(total)))
     if rest:
         lumped = sum(s.share for s in rest)
-        rows.append((f"{len(rest)} others", "", "", percent(lumped), percent(total + lumped)))
+        rows.append((f"{len(rest)} others", "", "", _share(lumped), percent(total + lumped)))
     return Table(("source", "in the file", "standard deviation", "share", "together"), tuple(rows), text_columns=2)
+
+
+def negative_shares(shares: Sequence[Share]) -> tuple[str, ...]:
+    """What a negative share means, where one is shown."""
+    shown, rest = main_shares(shares)
+    values = [*(s.share for s in shown), sum(s.share for s in rest)]
+    words = "A source has a negative share where its correlation with the others makes the variance smaller."
+    return (words,) if min(values, default=0.0) <= -_ZERO else ()
+
+
+def _share(share: float) -> str:
+    """A share of a variance; what is below zero by rounding or next to nothing is zero."""
+    return percent(0.0 if -_ZERO < share < 0 else share)
 
 
 def sigma_of(problem: Problem) -> dict[str, float]:

@@ -20,30 +20,30 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CAPTIONS = {
-    "arm": "The arm in its posture, with the region that holds 95 of 100 tool points (enlarged as stated).",
-    "cloud": "Simulated tool points and the ellipse that holds 95 of 100 of them.",
+    "arm": "The arm in its posture, with the region that holds 95 % of the tool points (enlarged as stated).",
+    "cloud": "Simulated tool points and the ellipse that holds 95 % of them.",
     "budget": "Which source the scatter comes from.",
     "plan_points": "Where the tool point goes to be measured, over all places that it may reach.",
     "plan_errors": "How well each parameter will be known: the further left the better.",
     "map": "The best posture at every target of the grid: dark is good, hatched targets have none.",
     "map_bias": "How far off the target the arm lands without its corrections; arrows show which way (enlarged).",
-    "map_spread": "The distance from its mean that the tool point keeps 95 of 100 times: dark is good.",
+    "map_spread": "The distance from its mean that the tool point keeps with 95 % probability: dark is good.",
     "joint_map": "The scatter over both joints: dark is good.",
     "landing": "Where the tool lands in the old posture and in the new one: ellipses hold 95 %.",
     "residual_vectors": "Errors as arrows, from where the model says to where was measured (enlarged as stated).",
-    "residual_joints": "Errors along the motion of each joint: a line that leaves zero is an error that repeats.",
+    "residual_joints": "Errors along each joint's motion, where it moves the tool: a line off zero is systematic.",
     "residual_inputs": "Mean errors with their 95 % bands over time, other inputs, and the side a joint came from.",
-    "residual_region": "Errors of the calibrated model, and the ellipse that holds 95 of 100 of them.",
+    "residual_region": "Errors of the calibrated model, and the ellipse that holds 95 % of them.",
     "residual_shape": "Errors of the calibrated model beside the normal distribution: on the line means normal.",
     "truth_coverage": "Measured rows in the predicted region of each probability: on the diagonal it is true.",
     "truth_joints": "How much each joint scatters: estimated with 95 % intervals, and as stated.",
-    "batch": "How two parameters differ from robot to robot: the ellipse holds 95 of 100 robots of the type.",
+    "batch": "How two parameters differ from robot to robot: the ellipse holds 95 % of the robots of the type.",
     "diagnosis_curves": "Each named effect (orange line) and what the data say of it with all else taken off.",
     "diagnosis_errors": "Errors of rows that the model had not seen, on one scale: row by row, and sorted.",
     "diagnosis_periodogram": "What each number of cycles a turn explains; above the dashed line it is no chance.",
     "diagnosis_left": "What the model with all its effects leaves: a line that leaves zero has no name yet.",
     "diagnosis_scores": "How much speaks for each candidate by itself, before any of them is part of the model.",
-    "residual_repeats": "Repeated visits about their mean, with the ellipse that should hold 95 of 100 of them.",
+    "residual_repeats": "Repeats about their mean, with the ellipse that should hold 95 % of them.",
 }
 Files = dict[str, bytes]
 

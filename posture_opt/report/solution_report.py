@@ -19,6 +19,7 @@ from posture_opt.report.parts import (
     lean,
     mean_fact,
     method_fact,
+    negative_shares,
     note_facts,
     robot_facts,
     sentence,
@@ -186,7 +187,7 @@ def _critical_rows(solution: Solution, among: list[float]) -> list[tuple[str, st
         "along": "off the target, along the direction, the mean shift included",
         "all": "off the target",
     }[critical.within]
-    rows.append(("95 of 100 times", f"no more than {length(critical.radius95, among=among)} {where}"))
+    rows.append(("95 % of the time", f"no more than {length(critical.radius95, among=among)} {where}"))
     if solution.success_probability is not None:
         clearance = stated_length(solution.target.clearance)
         rows.append(("Success", f"within the clearance of {clearance} {probability(solution.success_probability)}"))
@@ -198,7 +199,7 @@ def budget_block(problem: Problem, solution: Solution) -> Block:
     table = budget_table(problem.arm, solution.budget, sigma_of(problem))
     axis = line_words(solution.critical.worst_axis)
     text = f"Share of each source in the variance along {axis}, the axis that counts most:"
-    return Block("Error budget", (text, table), figure="budget")
+    return Block("Error budget", (text, table, *negative_shares(solution.budget)), figure="budget")
 
 
 def alternatives_block(solution: Solution) -> Block:

@@ -19,6 +19,7 @@ from posture_opt.report.parts import (
     joint_values,
     mean_fact,
     method_fact,
+    negative_shares,
     note_facts,
     robot_facts,
     sigma_of,
@@ -106,7 +107,7 @@ def budget_block(problem: Problem, spread: Spread) -> Block:
     """Where the scatter along the longest axis comes from."""
     table = budget_table(problem.arm, spread.budget, sigma_of(problem))
     text = f"Share of each source in the variance along {line_words(spread.axes[-1])}, the longest axis:"
-    return Block("Error budget", (text, table), figure="budget")
+    return Block("Error budget", (text, table, *negative_shares(spread.budget)), figure="budget")
 
 
 def spread_facts(spread: Spread) -> tuple[tuple[str, str], ...]:

@@ -38,9 +38,9 @@ def plot_bias(found: AccuracyMap) -> Figure:
 
 @styled
 def plot_spread_map(found: AccuracyMap) -> Figure:
-    """The distance from its mean that the tool point keeps 95 of 100 times."""
+    """The distance from its mean that the tool point keeps with 95 % probability."""
     measured = None if found.measured is None else found.measured.corrected
-    return _plot(found, found.radius95, "95 of 100 times within", measured, arrows=False)
+    return _plot(found, found.radius95, "distance from its mean, 95 % probability", measured, arrows=False)
 
 
 def _plot(found: AccuracyMap, values: Array, label: str, measured: Array | None, *, arrows: bool) -> Figure:

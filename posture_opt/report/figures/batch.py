@@ -22,7 +22,7 @@ _PANELS = 3
 
 @styled
 def plot_batch(problem: Problem, found: Batch) -> Figure:
-    """The robots as points with their standard errors, and the ellipse that holds 95 of 100 robots of the type."""
+    """The robots as points with their standard errors, and the ellipse that holds 95 % of the robots of the type."""
     pairs = [pair for pair in found.pairs if pair.significant][:_PANELS] or list(found.pairs[:1])
     figure = new_figure(5.2 * len(pairs) + 0.6, 5.4)
     for k, pair in enumerate(pairs):
@@ -44,7 +44,7 @@ def _panel(axes: Any, problem: Problem, found: Batch, pair: CorrelatedPair) -> N
     center, C = found.spread.mean[[i, j]] * scale, found.spread.covariance[chosen] * np.outer(scale, scale)
     ellipse = Ellipsoid(center, C)
     if ellipse.rank == 2:
-        axes.plot(*ellipse.points(0.95).T, color=VERMILLION, label="95 of 100 robots of the type")
+        axes.plot(*ellipse.points(0.95).T, color=VERMILLION, label="95 % of the robots of the type")
     said = _stated(found, pair, (i, j))
     if said is not None:
         axes.plot(

@@ -84,10 +84,11 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
     robot = shown.robot
     figure = new_figure(9.6, 1.2 + 1.55 * robot.n)
     grid = figure.subplots(robot.n, 2, squeeze=False)
+    poses = len(np.unique(shown.data.pose))
     for name, column in zip(shown.errors, grid.T, strict=True):
         sizes = []
         for axes, joint, x, along in zip(column, robot.joints, *_along(shown, shown.errors[name]), strict=True):
-            _panel(axes, x, along, MODEL_COLOURS[name])
+            _panel(axes, x, along, MODEL_COLOURS[name], poses)
             sizes.append(float(np.quantile(np.abs(along), 0.995)))
             axes.set_xlabel(f"{joint.name} [{'deg' if joint.type == 'revolute' else 'mm'}]", labelpad=1)
         limit = 1.1 * max(sizes, default=1.0)
@@ -100,10 +101,11 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
     return figure
 
 
-def _panel(axes: Any, x: Array, along: Array, colour: str) -> None:
+def _panel(axes: Any, x: Array, along: Array, colour: str, poses: int) -> None:
+    """One joint; ``poses`` were measured in all, and those that the joint hardly moves are not among ``x``."""
     dots = chosen_rows(len(x), _DOTS)
     look: dict[str, Any] = {"color": colour, "ms": 3 if len(x) > 200 else 6, "alpha": 0.5, "mew": 0}
-    some = f"{len(dots)} of {len(x)}" if len(dots) < len(x) else str(len(x))
+    some = f"{_DOTS} of {poses}" if poses > _DOTS else str(poses)
     axes.plot(x[dots], along[dots], ".", zorder=2, rasterized=True, label=f"{some} poses", **look)
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
     if len(x) >= _FEWEST:

@@ -42,11 +42,12 @@ def plot_reliability(found: SpreadCheck) -> Figure:
         n = len(c.probability)
         shares = 100 * np.arange(1, n + 1) / n
         label = MODEL_NAMES[name] + ("" if name != "nominal" or found.stated else " (the instrument alone)")
-        axes.step(100 * c.probability, shares, where="post", color=MODEL_COLOURS[name], label=label)
+        curve = np.r_[0.0, 100 * c.probability], np.r_[0.0, shares]
+        axes.step(*curve, where="post", color=MODEL_COLOURS[name], label=label)
+        width = {"nominal": 5, "calibrated": 2.5}[name]  # where both overlap, both are seen
         ends = 100 * np.array(c.interval)
-        off = {"nominal": -0.6, "calibrated": 0.6}[name]
-        axes.plot([95 + off] * 2, ends, color=MODEL_COLOURS[name], lw=3, solid_capstyle="butt", zorder=4)
-        axes.plot(95 + off, 100 * c.share, "o", color=MODEL_COLOURS[name], mec="white", ms=7, zorder=5)
+        axes.plot([95, 95], ends, color=MODEL_COLOURS[name], lw=width, solid_capstyle="butt", zorder=4)
+        axes.plot(95, 100 * c.share, "o", color=MODEL_COLOURS[name], mec="white", ms=7, zorder=5)
     region = REGIONS[nominal.dimension].removeprefix("95 % ")
     axes.axvline(95, color=GREY, lw=0.8, ls=":")
     axes.set(xlim=(0, 101), ylim=(0, 101), aspect="equal")

@@ -166,7 +166,8 @@ def _mark(axes: Any, canvas: Canvas, point: Array, layer: int, label: str, **loo
 
 def _seen(grid: Grid, u: float, v: float) -> bool:
     (u0, u1), (v0, v1) = edges_of(grid)
-    return u0 <= u <= u1 and v0 <= v <= v1
+    near = 1e-6 * max(u1 - u0, v1 - v0)  # what stands on the edge is seen, whatever rounding says
+    return u0 - near <= u <= u1 + near and v0 - near <= v <= v1 + near
 
 
 def mark_base(axes: Any, canvas: Canvas, robot: Any) -> None:
@@ -174,7 +175,8 @@ def mark_base(axes: Any, canvas: Canvas, robot: Any) -> None:
     reached = walk(robot.base, factor_values(robot.base, []))
     u, v, _ = 1e3 * canvas.grid.coordinates(np.array([reached.position], dtype=float))[0]
     if _seen(canvas.grid, u, v):
-        axes.plot(u, v, "s", color="black", mec="white", ms=9, zorder=5, ls="none", label="base of the arm")
+        look: dict[str, Any] = {"color": "black", "mec": "white", "ms": 9, "ls": "none", "clip_on": False}
+        axes.plot(u, v, "s", zorder=5, label="base of the arm", **look)  # whole on the edge, too
 
 
 def mark_direction(axes: Any, grid: Grid, direction: Array) -> None:

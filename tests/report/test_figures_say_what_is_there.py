@@ -1,0 +1,58 @@
+"""Small truths of figures and tables: counts agree with the report, marks stand whole where they belong."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.problem.load import load_builtin, problems_folder
+from posture_opt.report.figures.accuracy_map import plot_spread_map
+from posture_opt.report.figures.spread_check import plot_reliability
+from posture_opt.report.parts import budget_table, negative_shares
+from posture_opt.uncertainty.budget import Share
+
+
+@pytest.fixture(scope="module")
+def calibration() -> po.Calibration:
+    problem = load_builtin("insert_ur10_measured")
+    return po.calibrate(problem, po.read_measurements(problems_folder() / "ur10_measured.csv", problem), plan=False)
+
+
+def test_the_figure_over_joints_counts_the_poses_of_the_report(calibration: po.Calibration) -> None:
+    # One of the 110 stands so near to the first axis that this joint hardly moves the tool there.
+    figure = calibration.figures()["residual_joints"]
+    labels = {text.get_text() for axes in figure.axes for text in (axes.get_legend() or figure.legends[0]).get_texts()}
+    assert "110 poses" in labels
+
+
+def test_the_shares_of_the_95_percent_regions_stand_at_95(calibration: po.Calibration) -> None:
+    problem: Any = calibration.request.problem
+    found = po.check_spread(problem, calibration.request.data, calibration)
+    (axes,) = plot_reliability(found).axes
+    dots = [line for line in axes.lines if line.get_marker() == "o"]
+    assert [line.get_xdata()[0] for line in dots] == [95, 95]  # type: ignore[index]
+    shares = [100 * c.share for c in found.coverage.values()]
+    np.testing.assert_allclose([line.get_ydata()[0] for line in dots], shares)  # type: ignore[index]
+
+
+def test_a_base_on_the_edge_of_a_map_is_drawn_whole() -> None:
+    problem = load_builtin("insert_planar_2r_calibrated")
+    found = po.map_accuracy(problem, counts=(4, 4), low=(0.15, 0.15, 0.0), high=(1.05, 1.05, 0.0))
+    figure = plot_spread_map(found)
+    base = [line for axes in figure.axes for line in axes.lines if line.get_label() == "base of the arm"]
+    assert len(base) == 1  # the cells are 0.3 m wide: their edge lies at the base
+    assert not base[0].get_clip_on()
+
+
+def test_a_share_below_zero_is_explained_and_rounding_is_none() -> None:
+    problem = load_builtin("insert_planar_2r_measured")
+    shares = [Share("joint1.theta", 1.08), Share("joint2.theta", -0.0798), Share("joint1.a", -2e-4)]
+    table = budget_table(problem.arm, shares, {})
+    assert [row[3] for row in table.rows] == ["108 %", "-8.0 %", "0 %"]
+    assert negative_shares(shares) == (
+        "A source has a negative share where its correlation with the others makes the variance smaller.",
+    )
+    assert negative_shares([Share("joint1.theta", 1.0002), Share("joint1.a", -2e-4)]) == ()
