@@ -55,14 +55,15 @@ class SecondSession:
     Args:
         file: the errors of the arm before calibration, ``calibrated``, and delivered, here ``extended``.
         gain: of the effects over the calibrated arm.
-        gains: of each effect of the diagnosis over the arm without it; None for one that is not delivered.
-        worse: the effects that make rows outside the measured joint ranges worse, by their places.
+        gains: of each effect of the model over the arm without it; None for one that is not delivered.
+        effects: of the model; ``worse`` the places of those that make rows outside the measured joint ranges worse.
         unstated: what the file does not say of itself though an effect depends on it, in sentences.
     """
 
     file: OtherFile
     gain: Gain
     gains: tuple[Gain | None, ...]
+    effects: tuple[Effect, ...]
     worse: tuple[int, ...] = ()
     unstated: tuple[str, ...] = ()
 
@@ -78,7 +79,8 @@ class SecondSession:
 
     def to_json(self) -> dict[str, Any]:
         """The part ``test`` of ``diagnosis.json`` [m]."""
-        return {**self.file.to_json(), "gain": self.gain.to_json()}
+        worse = [{"kind": self.effects[i].kind, "target": self.effects[i].target} for i in self.worse]
+        return {**self.file.to_json(), "gain": self.gain.to_json(), "extrapolates_badly": worse}
 
 
 def second_session(
@@ -109,7 +111,7 @@ def second_session(
             worse.append(i)
     gain = Gain.of(own, file.errors["calibrated"], poses)
     unstated = _unstated(learned, other, extended.effects, calibrated.residuals.robot)
-    return SecondSession(file, gain, tuple(gains), tuple(worse), unstated)
+    return SecondSession(file, gain, tuple(gains), model.effects, tuple(worse), unstated)
 
 
 def _unstated(mine: Measurements, other: Measurements, effects: Sequence[Effect], robot: Robot) -> tuple[str, ...]:
