@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted
-from posture_opt.calibration.data_checks import check_amount, check_geometry, check_sense, still_notes
+from posture_opt.calibration.data_checks import Disagreement, check_amount, check_geometry, check_sense, still_notes
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.fit import Fit, clustered, estimate
 from posture_opt.calibration.fit_setup import FitSetup, determine, unseen
@@ -82,7 +82,8 @@ def calibrate(
     seen = None if test is None else predicted(models, data.take(fitted.found.kept), test, refit_frames)
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     found = _assembled(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
-    return replace(found, contradictions=refuted.told(found.fit))
+    left = Disagreement.of(given, found.errors_fitted[found.kept_rows])
+    return replace(found, contradictions=refuted.told(found.fit), disagreement=left)
 
 
 def stated_errors(

@@ -13,7 +13,8 @@ from posture_opt.calibration.cross_validation import HeldOut
 from posture_opt.calibration.error_statistics import By, Statistics
 from posture_opt.calibration.fit import Fit, fit_with_effects
 from posture_opt.calibration.fitted_arm import FitRequest
-from posture_opt.calibration.identifiability import Identifiability
+from posture_opt.calibration.frames import far_frames
+from posture_opt.calibration.identifiability import ANGLE, LENGTH, Identifiability
 from posture_opt.calibration.other_file import OtherFile
 from posture_opt.calibration.parameters import Parameter
 from posture_opt.calibration.residuals import Residuals
@@ -21,9 +22,11 @@ from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Result
 
 if TYPE_CHECKING:
+    from posture_opt.calibration.data_checks import Disagreement
     from posture_opt.calibration.stated_knowledge import Contradiction
     from posture_opt.model.effects import Effect
 
+_NEVER = 5.0  # times its tolerance, or its standard error
 CORRELATED = 0.9  # from here on, one of two estimates leans on the other
 
 
@@ -46,6 +49,7 @@ class Calibration(Result):
         unseen: (k,) part of the standard errors that combinations leave which nothing tells [rad, m].
         notes: sentences for the report.
         contradictions: what the problem file states as known and the data refute; ``request`` is without it.
+        disagreement: what is left of data that are hardly this arm's; None of others.
     """
 
     request: FitRequest
@@ -63,6 +67,23 @@ class Calibration(Result):
     unseen: Array
     notes: tuple[str, ...] = ()
     contradictions: tuple[Contradiction, ...] = ()
+    disagreement: Disagreement | None = None
+
+    @property
+    def far_frames(self) -> dict[str, float]:
+        """Free frames that stand where none can, and how far off [m]."""
+        return far_frames(self.residuals, self.x)
+
+    @property
+    def implausible(self) -> dict[str, tuple[float, float, str]]:
+        """Geometry farther off its drawing than parts ever are, surely so: (deviation, standard error, SI unit)."""
+        far = {"m": _NEVER * LENGTH, "rad": _NEVER * ANGLE}
+        rows = zip(self.parameters, self.x.tolist(), self.std.tolist(), self.prior.tolist(), strict=True)
+        return {
+            p.name: (x, std, p.unit)
+            for p, x, std, stated in rows
+            if p.group == "geometry" and not isfinite(stated) and abs(x) > max(far[p.unit], _NEVER * std)
+        }
 
     @property
     def residuals(self) -> Residuals:
@@ -183,6 +204,8 @@ class Calibration(Result):
             "outlier_lines": list(self.lines),
             "notes": list(self.notes),
             "contradictions": [contradiction.to_json() for contradiction in self.contradictions],
+            "disagrees": self.disagreement is not None,
+            "far_frames": self.far_frames,
         }
         if self.test is not None:
             document["test"] = self.test.to_json()

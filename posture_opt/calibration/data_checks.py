@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +19,8 @@ from posture_opt.robot.robot import Robot
 _STILL = 1e-3  # rad or m: a joint that moves less tells nothing of what lies before it
 _SPARE = 5  # poses beyond as many coordinates as unknowns: what errors are told from
 _LOST = 0.1  # of the reach: no drawing is that wrong
-_SENSE = 0.05  # of the measured motion, left by a calibrated arm
+_SENSE = 0.05  # of the measured motion, left by a calibrated arm: no data of this arm
+_GROSS = 0.01  # of the same: far more than arms err that are calibrated (the worst of ours, driven by cables, 0.5 %)
 _PLAN = "'optimize-posture plan-measurements' proposes postures"
 
 
@@ -91,17 +93,34 @@ def _measure(residuals: Residuals) -> str:
     return f"measure at least {need} poses spread over the workspace, with every joint moving: {_PLAN}"
 
 
+@dataclass(frozen=True)
+class Disagreement:
+    """What a calibrated arm leaves of measurements that are hardly its own: RMS error and RMS motion [m]."""
+
+    left: float
+    motion: float
+
+    @classmethod
+    def of(cls, residuals: Residuals, errors: Array) -> Disagreement | None:
+        """Of the position errors (N, 3) that the calibrated arm leaves; None where they are those of an arm."""
+        found = cls(_rms(errors), _motion(residuals))
+        long = reach(residuals.robot)
+        return found if found.left > max(_GROSS * found.motion, _GROSS * _LOST * long) else None
+
+
+def _motion(residuals: Residuals) -> float:
+    """RMS motion of the measured points; of touched ones, the reach of the arm."""
+    data = residuals.data
+    return reach(residuals.robot) if data.position is None else _rms(data.position - data.position.mean(axis=0))
+
+
 def check_sense(residuals: Residuals, errors: Array) -> None:
     """Refuses measurements that the calibrated arm does not explain; ``errors`` (N, 3) are those that it leaves.
 
     Raises:
         InputError: they are another robot's, or joints have other signs.
     """
-    data = residuals.data
-    motion = reach(residuals.robot)
-    if data.position is not None:
-        motion = _rms(data.position - data.position.mean(axis=0))
-    left = _rms(errors)
+    motion, left = _motion(residuals), _rms(errors)
     if left < _SENSE * motion or left < _SENSE * _LOST * reach(residuals.robot):
         return
     message = (
@@ -109,7 +128,7 @@ def check_sense(residuals: Residuals, errors: Array) -> None:
         f"{motion * 1e3:.4g} mm"
     )
     mend = "is it another robot's file? do all joints count in the direction and from the zero of the problem file?"
-    raise InputError(Issue(message, mend=mend, file=data.file))
+    raise InputError(Issue(message, mend=mend, file=residuals.data.file))
 
 
 def _rms(errors: Array) -> float:

@@ -53,7 +53,8 @@ class EffectSensitivities:
         data, robot = self.residuals.data, self.residuals.robot
         frames = self.residuals.frames(self.x)
         upright = replace(robot, gravity=gravity_of(robot, frames))
-        return ArmState(upright, list(data.q.T), self.residuals.arm.inputs, frames)
+        q = list(data.q.T)
+        return ArmState(upright, q, self.residuals.arm.inputs, frames, self.residuals.arm.carried(q))
 
     @property
     def rows(self) -> int:

@@ -15,10 +15,13 @@ from posture_opt.calibration.parameters import CalibrationProblem, Parameter, ca
 from posture_opt.calibration.residuals import Distance, Residuals
 from posture_opt.calibration.starting_values import offset_of_tool, start, tool_sigma
 from posture_opt.errors import InputError, Issue
+from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
 
 SIGMA = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
+
+_TOOL_AWAY, _BASE_AWAY = 2.0, 3.0  # times the reach of the arm: farther off, no frame stands
 
 
 def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
@@ -164,3 +167,24 @@ def held_length(residuals: Residuals) -> int | None:
         if p.group == "geometry" and p.unit == "m" and p.name.rpartition(".")[0] in inner and p.nominal
     }
     return max(lengths, key=lambda i: lengths[i]) if lengths else None
+
+
+def far_frames(residuals: Residuals, x: Array) -> dict[str, float]:
+    """Free frames that stand where none can, and how far off [m]: data that do not determine them let them run away.
+
+    A tool is no longer than twice its arm, and no arm reaches points that are three times its reach from its base.
+    """
+    robot, data = residuals.robot, residuals.data
+    value = {p.name: p.nominal + v for p, v in zip(residuals.parameters, x, strict=True)}
+    found = {}
+    tools = {p.name.rpartition(".")[0] for p in residuals.parameters if offset_of_tool(p)}
+    for tool in tools:
+        length = float(np.linalg.norm([value.get(f"{tool}.{axis}", 0.0) for axis in "xyz"]))
+        if length > _TOOL_AWAY * reach(robot):
+            found[tool] = length
+    if data.position is not None and robot.base_free:
+        base = np.array([value[f"base.{axis}"] for axis in "xyz"])
+        away = float(np.linalg.norm((data.position.mean(axis=0) - base)[residuals.axes]))
+        if away > _BASE_AWAY * reach(robot):
+            found["base"] = away
+    return found

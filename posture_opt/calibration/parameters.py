@@ -40,8 +40,8 @@ class CalibrationProblem(Protocol):
     @property
     def data(self) -> DataSpec: ...
 
-    def released(self, frames: Sequence[str], parameters: Sequence[str]) -> Self:
-        """The same problem with frames free, and without the stated σ's of parameters."""
+    def released(self, frames: Sequence[str], parameters: Sequence[str], effects: Sequence[Effect] = ()) -> Self:
+        """The same problem with frames free, without the stated σ's of parameters, and with further effects."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -16,11 +16,12 @@ from posture_opt.calibration.fitted_arm import NEGLIGIBLE
 from posture_opt.calibration.frame_chart import Chart
 from posture_opt.calibration.frames import compare, fit_frames
 from posture_opt.calibration.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.kinematic_coupling import fitted_ratio, full_coupling
 from posture_opt.calibration.parameters import CalibrationProblem, prior_covariance, tool_unknown
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.model.effects import EFFECTS, Cause
+from posture_opt.model.effects import EFFECTS, Cause, JointCoupling
 from posture_opt.numerics import Array
 
 FRAMES = ("base", "tool")
@@ -78,6 +79,7 @@ class Refuted:
         evidence: logarithm of the likelihood ratio of all of them.
         freedom: how many parameters they hold.
         rms_stated, rms: RMS position error [m] of the arm calibrated with and without them.
+        coupling: of two joints, which the file does not state and without which the data make no sense.
     """
 
     names: tuple[str, ...] = ()
@@ -86,6 +88,7 @@ class Refuted:
     freedom: int = 1
     rms_stated: float = 0.0
     rms: float = 0.0
+    coupling: JointCoupling | None = None
 
     def told(self, fit: Fit) -> tuple[Contradiction, ...]:
         """The contradictions with the sizes that the fit without them found."""
@@ -93,6 +96,9 @@ class Refuted:
 
         p = float(gammaincc(self.freedom / 2, max(self.evidence, 0.0)))
         found = []
+        if self.coupling is not None:
+            ratio = {"ratio": (*fitted_ratio(self.coupling, fit), "1")}
+            found.append(Contradiction(self.coupling, ratio, 0.0, p, self.rms_stated, self.rms))
         for name in self.names:
             mine = [
                 (i, q)
@@ -113,22 +119,26 @@ def consistent(problem: _P, data: Measurements, priors: bool = True) -> tuple[_P
     """The problem without the statements that the data refute, and which those are.
 
     Frames that are stated, and σ's of parameters, are set aside as long as that makes the errors of the calibrated arm
-    much smaller, and smaller than any single effect of the catalogue would. Geometry is fitted within its tolerance in
+    much smaller, and smaller than any single effect of the catalogue would. Where no base and no tool make sense of
+    the data, a joint may be logged relative to another, see `full_coupling`. Geometry is fitted within its tolerance in
     every comparison: what a joint's zero explains as well is no error of a frame.
 
     Source: likelihood ratios of Student's t (Lange, Little, Taylor 1989) at the scale of the widest model.
     """
-    stated = _Statements(problem, data, priors)
-    if not stated.statements or not stated.worthwhile:
+    before = _Statements(problem, data, priors)
+    coupling = full_coupling(problem.arm, data)
+    stated = before if coupling is None else _Statements(problem.released((), (), (coupling,)), data, priors)
+    if coupling is not None and not stated.explains(before):
+        coupling, stated = None, before
+    found = stated.found if stated.statements and stated.worthwhile else None
+    if coupling is None and (found is None or not found.released):
         return problem, Refuted()
-    found = stated.found
-    if not found.released:
-        return problem, Refuted()
-    before = stated.trial(())
-    return _released(problem, found.released), Refuted(
-        found.released, stated.sigma, stated.cost(before) - stated.cost(found), max(found.count - before.count, 1),
-        before.rms, found.rms,
-    )  # fmt: skip
+    found, first = found or stated.trial(()), before.trial(())
+    evidence = stated.cost(first) - stated.cost(found)
+    more = max(found.count - first.count, 0) + (coupling is not None)
+    return _released(stated.problem, found.released), Refuted(
+        found.released, stated.sigma, evidence, max(more, 1), first.rms, found.rms, coupling
+    )
 
 
 def _released(problem: _P, names: Sequence[str]) -> _P:
@@ -175,10 +185,10 @@ def _cost(e: Array, scale: float) -> float:
     return float(np.sum(np.log1p(squared / _FREEDOM)) * (_FREEDOM + e.shape[1]) / 2)
 
 
-class _Statements:
+class _Statements(Generic[_P]):
     """The statements of one problem against one file, each combination of them fitted once."""
 
-    def __init__(self, problem: CalibrationProblem, data: Measurements, priors: bool) -> None:
+    def __init__(self, problem: _P, data: Measurements, priors: bool) -> None:
         self.problem, self.data, self.priors = problem, data, priors
         self._trials: dict[tuple[str, ...], _Trial] = {}
         robot = problem.robot
@@ -226,6 +236,10 @@ class _Statements:
     def cost(self, trial: _Trial) -> float:
         """Minus the log-likelihood of a trial at the scale of the widest."""
         return _cost(trial.e, self._scale)
+
+    def explains(self, other: _Statements[Any]) -> bool:
+        """Whether this problem's arm, calibrated, explains what the other's does not."""
+        return self._better(other.trial(()), self.trial(()))
 
     def _better(self, one: _Trial, other: _Trial) -> bool:
         """Whether the other explains much more, and surely so."""

@@ -39,6 +39,7 @@ class Finding:
         determined: whether the data tell the size, beside the geometry and the other effects, from none.
         place: of an effect among those of the model.
         stated: the effect as the problem file has it; ``estimate`` is its total then.
+        beforehand: whether it was found before the search: the arm has it, and the model fits no size of it.
     """
 
     cause: Cause
@@ -50,6 +51,7 @@ class Finding:
     determined: bool = True
     place: int | None = None
     stated: Effect | None = None
+    beforehand: bool = False
 
     @property
     def status(self) -> Literal["determined", "size_undetermined"]:
@@ -68,8 +70,8 @@ class Finding:
 
     @property
     def effect(self) -> Effect | None:
-        """The cause, if it moves the tool point beyond the geometry."""
-        return self.cause if isinstance(self.cause, Effect) else None
+        """The cause, if it moves the tool point beyond the geometry, by a size that the model fits."""
+        return self.cause if isinstance(self.cause, Effect) and not self.beforehand else None
 
     @property
     def noise(self) -> NoiseEffect | None:
@@ -170,7 +172,7 @@ def noise_finding(cause: NoiseCause) -> Finding:
 def contradiction_findings(calibration: Calibration) -> list[Finding]:
     """What the file states as known and the data refute, as findings; the gain is that of setting it all aside."""
     return [
-        Finding(c.cause, c.estimate, c.p_value, 1 - c.rms / max(c.rms_stated, 1e-300))
+        Finding(c.cause, c.estimate, c.p_value, 1 - c.rms / max(c.rms_stated, 1e-300), beforehand=True)
         for c in calibration.contradictions
     ]
 

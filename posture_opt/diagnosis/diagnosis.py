@@ -274,12 +274,14 @@ def diagnose(
     held["extended"] = extended if model.effects else replace(extended, errors=held["calibrated"].errors)
     delivery = deliver(calibration, model, held, parts, noise, with_time=with_time)
     held["delivered"] = delivery.held
-    refuted = {c.cause for c in calibration.contradictions}
+    beforehand = contradiction_findings(calibration)
+    refuted = [f.cause for f in beforehand]
     findings = (
+        *(f for f in beforehand if isinstance(f.cause, Effect)),
         *_determined_first(
             *effect_findings(names, model, held["extended"], parts, groups, stages.next()), *map(noise_finding, noise)
         ),
-        *contradiction_findings(calibration),
+        *(f for f in beforehand if not isinstance(f.cause, Effect)),
         *(geometry_finding(g, held) for g in geometry if g.deviation not in refuted),
     )
     other = None

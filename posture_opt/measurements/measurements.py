@@ -177,6 +177,14 @@ def arm_for(arm: Arm, data: Measurements) -> Arm:
     return arm.under(replace(inputs_of(data, arm.robot), stated=data.joint_names))
 
 
+def stands(arm: Arm, q: Array) -> Array:
+    """(N, n) where the joints stand at commands ``q`` (N, n), as far as others carry them along [rad or m]."""
+    moved = q.copy()
+    for joint, value in arm.carried(list(q.T)).items():
+        moved[:, joint] += value
+    return moved
+
+
 def rows_of(codes: Codes) -> list[Codes]:
     """The rows of each code, in the order of the codes."""
     order = np.argsort(codes, kind="stable")

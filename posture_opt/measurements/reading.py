@@ -10,9 +10,10 @@ import numpy as np
 
 from posture_opt.errors import did_you_mean
 from posture_opt.measurements.columns import AXES, QUATERNION, Cells, Column, read_cells, read_header
-from posture_opt.measurements.measurements import DataSpec, Measurements, nominal_poses, still_axes
+from posture_opt.measurements.measurements import DataSpec, Measurements, nominal_poses, stands, still_axes
 from posture_opt.measurements.plausibility import plausibility_checks
 from posture_opt.measurements.table import Faults, TableLike, open_table
+from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
@@ -24,6 +25,8 @@ _LISTED = 10
 class HasData(Protocol):
     """Anything that names a robot and what is known about the data, such as a ``Problem``."""
 
+    @property
+    def arm(self) -> Arm: ...
     @property
     def robot(self) -> Robot: ...
 
@@ -53,7 +56,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     faults.refuse()
     data = _assemble(cells, columns, problem.robot, faults)
     faults.refuse()
-    notes = plausibility_checks(data, problem.robot, columns, faults)
+    notes = plausibility_checks(replace(data, q=stands(problem.arm, data.q)), problem.robot, columns, faults)
     faults.refuse()
     notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
     return replace(data, warnings=tuple(notes))

@@ -91,7 +91,11 @@ class ActingEffects:
     def _state(self, q: Sequence[Scalar], p: Mapping[str, Scalar], inputs: Inputs) -> ArmState:
         """The arm without effects, with the frames and lengths that ``p`` says."""
         known = self.robot.parameters
-        return ArmState(self.robot, q, inputs, {name: v for name, v in p.items() if name in known})
+        return ArmState(self.robot, q, inputs, {name: v for name, v in p.items() if name in known}, self.carried(q))
+
+    def carried(self, q: Sequence[Scalar]) -> dict[int, Scalar]:
+        """What joints stand beyond their commands as others carry them along [rad]."""
+        return {joint: value for effect in self.effects for joint, value in effect.carried(self.robot, q).items()}
 
     def _sensitivities(self, q: Sequence[Scalar], p: Mapping[str, Scalar]) -> list[Sensitivity]:
         """What each parameter does, of effects with the shapes that ``p`` says."""

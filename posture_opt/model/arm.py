@@ -216,6 +216,10 @@ class Arm:
             turn = add(turn, scale(size, rotation_column(reached, index)))
         return shift, turn
 
+    def carried(self, q: Sequence[Scalar]) -> dict[int, Scalar]:
+        """What joints stand beyond their commands ``q`` (n,) as others carry them along [rad]."""
+        return self._acting.carried(q)
+
     @cached_property
     def _acting(self) -> ActingEffects:
         return ActingEffects(self.robot, self.effects, self.inputs)

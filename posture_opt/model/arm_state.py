@@ -71,18 +71,26 @@ class Frame:
 class ArmState:
     """The arm without effects at the commanded joints ``q`` (n scalars) under ``inputs``.
 
-    ``p`` holds deviations of parameters from the file's arm, of frames that were found from data for example.
+    ``p`` holds deviations of parameters from the file's arm, of frames that were found from data for example;
+    ``carried`` what whole joints stand beyond their commands, as another joint carries them along [rad or m].
     """
 
     robot: Robot
     q: Sequence[Scalar]
     inputs: Inputs = field(default_factory=Inputs)
     p: Mapping[str, Scalar] = field(default_factory=dict)
+    carried: Mapping[int, Scalar] = field(default_factory=dict)
+
+    @cached_property
+    def _values(self) -> list[Any]:
+        """The value of every factor of the chain."""
+        stands = [value + self.carried[i] if i in self.carried else value for i, value in enumerate(self.q)]
+        return factor_values(self.robot.factors, stands, self.p)
 
     @cached_property
     def walk(self) -> Walk:
         """The chain without effects."""
-        return walk(self.robot.factors, factor_values(self.robot.factors, self.q, self.p))
+        return walk(self.robot.factors, self._values)
 
     @property
     def tool(self) -> Vector:
@@ -96,8 +104,7 @@ class ArmState:
         for link in self.robot.links:
             end += len(link)
             ends.append(end)
-        values = factor_values(factors, self.q, self.p)
-        parts = [walk(factors[:end], values[:end]) for end in ends]
+        parts = [walk(factors[:end], self._values[:end]) for end in ends]
         return tuple(Frame(part.columns, part.position) for part in parts)
 
     def axis(self, joint: int) -> tuple[Vector, Vector]:

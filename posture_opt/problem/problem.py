@@ -144,12 +144,16 @@ class Problem:
         )  # fmt: skip
         return found if fit.known is None else found._with_known(fit.known, fit)
 
-    def released(self, frames: Sequence[str], parameters: Sequence[str]) -> Problem:
-        """The same problem with frames free that the file states, and without the σ's that it states of parameters."""
+    def released(self, frames: Sequence[str], parameters: Sequence[str], effects: Sequence[Effect] = ()) -> Problem:
+        """The same problem with frames free that the file states, without σ's of parameters, and with more effects."""
         robot, nominal = self.robot.with_free(frames), self.nominal.with_free(frames)
+        every = (*self.effects, *effects)
+        document = released_document(self.document, frames, parameters)
+        if effects:
+            document["effects"] = [*(document.get("effects") or []), *(effect.to_dict() for effect in effects)]
         return replace(
-            self, arm=replace(self.arm, robot=robot), nominal=nominal, stated=self.stated.without(parameters),
-            sources=self.sources.without(parameters), document=released_document(self.document, frames, parameters),
+            self, arm=arm_with(robot, every, self.task), nominal=nominal, effects=every,
+            stated=self.stated.without(parameters), sources=self.sources.without(parameters), document=document,
             overridden=self.overridden | {("robot", frame) for frame in frames},
         )  # fmt: skip
 

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from posture_opt.model.effects import Effect
 from posture_opt.report.assessment_report import assessment_blocks
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.calibration_brief import calibration_brief, stood_elsewhere
 from posture_opt.report.calibration_parameters import determined_words, parameters_block, undetermined_block
 from posture_opt.report.comparison_report import comparison_blocks, comparison_lead
-from posture_opt.report.contradictions import contradiction_lead
+from posture_opt.report.contradictions import doubts_lead
 from posture_opt.report.error_table import error_table, held_out_sentence, instrument_words, mm
 from posture_opt.report.other_file_words import calibration_words, file_words, range_items
 from posture_opt.report.parts import note_facts, robot_facts, sentence
@@ -58,11 +59,13 @@ def calibration_report(shown: CalibrationPresenter) -> Report:
 def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
     """The answer, what may be wrong with the data or the fit, what it means for the task, and for its spread."""
     found = shown.result
-    doubts = [sentence(note) for note in dict.fromkeys((*found.request.data.warnings, *found.fit.notes))]
+    explained = any(isinstance(c.cause, Effect) for c in found.contradictions)  # by the first line
+    warnings = () if explained else found.request.data.warnings
+    doubts = [sentence(note) for note in dict.fromkeys((*warnings, *found.fit.notes))]
     more = (f"{len(doubts) - _DOUBTS} more notes of this kind stand under Data.",) if len(doubts) > _DOUBTS else ()
     fails = () if found.test is None or found.test.improves else (calibration_words(found.test),)
     return (
-        *contradiction_lead(found.contradictions),
+        *doubts_lead(found),
         _answer(found),
         *fails,
         *doubts[:_DOUBTS],

@@ -6,22 +6,58 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from posture_opt.model.effects import JointCoupling
 from posture_opt.report.error_table import mm
-from posture_opt.units import plus_minus, shown
+from posture_opt.units import number, plus_minus, shown
 
 if TYPE_CHECKING:
+    from posture_opt.calibration.calibration import Calibration
     from posture_opt.calibration.stated_knowledge import Contradiction
 
 _DIMENSIONS = {"m": "length", "rad": "angle"}
+_LISTED = 3
 _TURNED = math.radians(0.01)  # less is no turn that anyone would mend
 
 
-def contradiction_lead(contradictions: Sequence[Contradiction]) -> tuple[str, ...]:
-    """What differs from the file and by how much, what was done about it, and the mend; one line each."""
-    return tuple(_line(found) for found in contradictions)
+def doubts_lead(found: Calibration) -> tuple[str, ...]:
+    """What stands before any answer: data that are hardly this arm's, what they refute of the file, runaway frames."""
+    return (
+        *_disagreement(found),
+        *(_line(contradiction) for contradiction in found.contradictions),
+        *(_away(frame, far) for frame, far in found.far_frames.items()),
+        *_implausible(found),
+    )
+
+
+def _disagreement(found: Calibration) -> tuple[str, ...]:
+    if found.disagreement is None:
+        return ()
+    left, motion = found.disagreement.left, found.disagreement.motion
+    text = f"The data disagree with the arm of the file: even calibrated, it misses them by {mm(left)} mm RMS, where "
+    text += f"they move by {mm(motion)} mm. Is it another robot's file? Do all joints count in the direction, in the "
+    return (f"{text}order and from the zero of the problem file? What follows is to be read with this doubt.",)
+
+
+def _implausible(found: Calibration) -> tuple[str, ...]:
+    """The geometry that is farthest off its drawing, where that is farther than any part is."""
+    units = {"rad": (math.degrees(1.0), "deg"), "m": (1e3, "mm")}
+    texts = [f"{name} by {plus_minus(x, std, *units[unit])}" for name, (x, std, unit) in found.implausible.items()]
+    if not texts:
+        return ()
+    more = f" and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
+    text = f"Off the file by more than any part is: {', '.join(texts[:_LISTED])}{more}. "
+    return (f"{text}Is it the right robot, and are the zeros of its joints those of the file?",)
+
+
+def _away(frame: str, far: float) -> str:
+    of = "from the measured points" if frame == "base" else "from the flange"
+    text = f"The {frame} is found {number(far)} m {of}, where none can stand: these data do not determine it. "
+    return f"{text}State it, or measure with more different orientations."
 
 
 def _line(found: Contradiction) -> str:
+    if isinstance(found.cause, JointCoupling):
+        return _coupled(found, found.cause)
     if found.sigma:
         ((name, (value, std, unit)),) = found.estimate.items()
         dimension = _DIMENSIONS[unit]
@@ -31,6 +67,13 @@ def _line(found: Contradiction) -> str:
     frame = found.cause.target
     text = f"The data contradict the {frame} frame that the file states: the {frame} is off by {_off(found)}. "
     return f"{text}It is taken as free here: that {gain_words(found)}. Correct the file, or write '{frame}: free'."
+
+
+def _coupled(found: Contradiction, coupling: JointCoupling) -> str:
+    ratio, std, _ = found.estimate["ratio"]
+    text = f"In these data {coupling.joint} is coupled to {coupling.follows} (ratio {plus_minus(ratio, std)}), which "
+    text += f"the file does not state. The coupling is taken into the model: that {gain_words(found)}. Log the "
+    return f"{text}angle of {coupling.joint} against the link before it, or keep {coupling.kind} in the file."
 
 
 def gain_words(found: Contradiction) -> str:

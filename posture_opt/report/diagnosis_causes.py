@@ -122,10 +122,9 @@ def _gain(found: Diagnosis, finding: Finding) -> str:
     if finding.noise is not None:
         return _covers(found) if finding.noise.uneven else ""
     if finding.effect is None:
-        refuted = {c.cause: c for c in found.calibration.contradictions}
-        if finding.cause in refuted:
-            return gain_words(refuted[finding.cause])
-        geometry = [f for f in found.effects if f.effect is None and f.noise is None and f.cause not in refuted]
+        if finding.beforehand:
+            return gain_words(found.calibration.contradictions[0])
+        geometry = [f for f in found.effects if f.effect is None and f.noise is None and not f.beforehand]
         if finding is not geometry[0]:
             return ""  # its gain is that of all of them, which is said of the first
         return (

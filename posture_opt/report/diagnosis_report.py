@@ -12,7 +12,7 @@ from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
 from posture_opt.report.blocks import Block, Facts, Report, Summary
 from posture_opt.report.comparison_report import comparison_blocks, comparison_lead
-from posture_opt.report.contradictions import contradiction_lead
+from posture_opt.report.contradictions import doubts_lead
 from posture_opt.report.diagnosis_causes import causes_block, confusion_block, cyclic_block, finding_words
 from posture_opt.report.diagnosis_errors import delivery_lead, elsewhere_lead, errors_block, test_block
 from posture_opt.report.diagnosis_goals import goals_block, goals_lead
@@ -85,7 +85,7 @@ def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals
         cause = "cause of known size" if vague else "cause of the catalogue"
         first = f"Errors remain{_beyond(found)} that no {cause} explains.{beside}"
     return (
-        *contradiction_lead(found.calibration.contradictions),
+        *doubts_lead(found.calibration),
         first,
         _improvement(found),
         *unexplained_lead(found),

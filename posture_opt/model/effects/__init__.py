@@ -86,6 +86,7 @@ __all__ = [
     "Evidence",
     "Excitation",
     "FittedSizes",
+    "JointCoupling",
     "JointEffect",
     "JointNoise",
     "Limit",

@@ -115,6 +115,10 @@ class Effect(CatalogueEntry):
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
         """Every instance that the data of ``case`` could show, one for each value of the shape's grid."""
 
+    def carried(self, robot: Robot, q: Sequence[Scalar]) -> Mapping[int, Scalar]:
+        """Joints that stand far off their commands ``q`` (n,) by its estimate, so that loads change [rad]."""
+        return {}
+
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """``kind(target).parameter``."""

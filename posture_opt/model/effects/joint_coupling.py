@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 from pydantic import Field
@@ -14,6 +14,8 @@ from posture_opt.model.effects.cause import Abscissa, over_joint
 from posture_opt.model.effects.effect import Effect, Excitation
 from posture_opt.model.effects.joint_effect import JointEffect
 from posture_opt.robot.robot import Robot
+
+_WHOLE = 0.5  # of a ratio: no slack or bearing carries a joint so far along, but a gear or a controller does
 
 
 class JointCoupling(JointEffect):
@@ -37,6 +39,11 @@ class JointCoupling(JointEffect):
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
         return (state.q[state.robot.joint_names.index(self.follows)],)
+
+    def carried(self, robot: Robot, q: Sequence[Scalar]) -> Mapping[int, Scalar]:
+        ratio = self.values[0]
+        names = robot.joint_names
+        return {names.index(self.joint): ratio * q[names.index(self.follows)]} if abs(ratio) > _WHOLE else {}
 
     def abscissa(self, state: ArmState, timed: bool = True) -> Abscissa:
         return over_joint(state, state.robot.joint_names.index(self.follows))
