@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 _EDGE = math.radians(1.0)  # rad or m: a posture that leaves the measured range by less is at its edge
 _TINY = 1e-6  # m: no arm is placed better
-_CLOSE = "'plan-measurements --for task' proposes what to measure."
+_FILES = ("calibrated", "extended")  # models whose problem file --out writes under their name
 
 
 def open_lead(comparison: Comparison, told: bool) -> tuple[str, ...]:
@@ -36,7 +36,7 @@ def open_lead(comparison: Comparison, told: bool) -> tuple[str, ...]:
     where = f"The task lies outside what was measured, {outside}" if outside else "The task needs more measurements"
     return (
         f"{where}: {systematic} of its error is what the data leave open, mostly of {_sources(parts, comparison)}; "
-        f"scatter makes {scatter}. {_CLOSE}",
+        f"scatter makes {scatter}. {_close(comparison)}",
     )
 
 
@@ -46,10 +46,11 @@ def parts_sentences(comparison: Comparison) -> tuple[str, ...]:
     parts, distance, words = landing.parts, landing.from_measured, []
     if parts is not None and parts.systematic_sigma > 0:
         scatter, systematic = _sizes(parts)
+        close = f" {_close(comparison)}" if parts.mostly_systematic else ""
         words.append(
             f"There, scatter from repeat to repeat stays within {scatter} with 95 % probability. What the data leave "
             f"open of the arm is the same at every repeat and stays within {systematic}; it comes mostly of "
-            f"{_sources(parts, comparison)}.{' ' + _CLOSE if parts.mostly_systematic else ''}"
+            f"{_sources(parts, comparison)}.{close}"
         )
     if distance is not None:
         kind = "revolute" if any(j.type == "revolute" for j in comparison.problem.robot.joints) else "prismatic"
@@ -58,6 +59,12 @@ def parts_sentences(comparison: Comparison) -> tuple[str, ...]:
         near = _moved(distance.nearest, kind)
         words.append(f"The posture is {where}; the nearest measured one differs by up to {near} in its joints.")
     return tuple(words)
+
+
+def _close(comparison: Comparison) -> str:
+    """The command that proposes what to measure, on top of what the reference is known by."""
+    file = f" --problem {comparison.reference}.yaml" if comparison.reference in _FILES else ""
+    return f"'plan-measurements{file} --for task' proposes what to measure."
 
 
 def _judged(comparison: Comparison) -> Landing:

@@ -248,7 +248,7 @@ def test_a_task_outside_what_was_measured_is_told_first() -> None:
     text = run(JACOBI / "grid.csv", "--problem", JACOBI / "problem.yaml").stdout
     lead = " ".join(text.split("\n\n")[1].split())
     assert "The task lies outside what was measured, shoulder_pan by 1" in lead
-    assert "'plan-measurements --for task' proposes what to measure." in lead
+    assert "'plan-measurements --problem calibrated.yaml --for task' proposes what to measure." in lead
 
 
 @needs_real_arms

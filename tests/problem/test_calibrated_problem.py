@@ -523,3 +523,14 @@ def test_what_was_stated_of_other_parameters_stays() -> None:
 )  # fmt: skip
 def test_numbers_are_written_as_people_read_them(value: float, kind: Any, text: str) -> None:
     assert quantity(value, Factor(kind, 0)) == text
+
+
+def test_measurements_planned_for_the_task_close_what_the_data_leave_open(
+    commanded: tuple[Path, Known, Result],
+) -> None:
+    folder = commanded[0]
+    words = ["--problem", folder / "out" / "calibrated.yaml", "--for", "task", "--count", "20", "--json"]
+    result = run("plan-measurements", *words)
+    assert result.exit_code == 0, result.stderr
+    std = json.loads(result.stdout)["task"]["std"]
+    assert std["after"] < 0.9 * std["before"]

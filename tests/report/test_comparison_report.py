@@ -79,7 +79,8 @@ def test_the_lead_tells_scatter_from_what_the_data_leave_open() -> None:
     _, open_ = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.1e-3, 1.8e-3, far)}))
     assert open_ == (
         "The task lies outside what was measured, joint1 by 29 deg: 1.80 mm of its error is what the data leave open, "
-        "mostly of joint1.a; scatter makes 0.100 mm. 'plan-measurements --for task' proposes what to measure."
+        "mostly of joint1.a; scatter makes 0.100 mm. "
+        "'plan-measurements --problem calibrated.yaml --for task' proposes what to measure."
     )
     near = PostureDistance(0.2, "", 0.0)
     _, few = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.1e-3, 1.8e-3, near)}))
