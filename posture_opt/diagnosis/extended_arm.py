@@ -36,7 +36,8 @@ def extended_arm(
     delivered = delivery.fit
     fitted = _calibration(calibration, delivered, delivery.held.errors)
     noises = [f.noise for f in findings if f.noise is not None and f.noise.of_arm]
-    scatter = residual_scatter(problem, fitted, noises)
+    rows = delivered.whitened.reshape(-1, delivered.residuals.block)[:, : len(delivered.residuals.axes)]
+    scatter = residual_scatter(problem, fitted, noises, rows * delivered.residuals.sigma)
     places = places_in_robot(calibration.parameters)
     deviations = {name: float(delivered.x[i]) for name, i in places.items()}
     base = {name: value for name, value in deviations.items() if name.startswith("base.")}
@@ -44,7 +45,7 @@ def extended_arm(
     return FittedArm(
         label="extended",
         deviations=deviations,
-        known=_sources(problem, fitted, delivered),
+        known=_sources(problem, fitted, delivered).plus(scatter.errors),
         scatter=scatter.beside,
         effects=delivered.effects,
         noises=tuple(noises),

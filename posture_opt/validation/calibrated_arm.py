@@ -37,7 +37,7 @@ def calibrated_arm(problem: CalibrationProblem, calibration: Calibration) -> Fit
     return FittedArm(
         label="calibrated",
         deviations={name: float(calibration.x[i]) for name, i in places.items()},
-        known=persistent_sources(problem.robot, problem.sources, list(places), covariance),
+        known=persistent_sources(problem.robot, problem.sources, list(places), covariance).plus(scatter.errors),
         scatter=scatter.beside,
         header=_header(calibration, scatter),
     )

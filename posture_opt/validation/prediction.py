@@ -23,10 +23,11 @@ _LEAST = 1e-8  # m: no instrument is better, and a region without thickness hold
 
 @dataclass(frozen=True)
 class JointScatter:
-    """Standard deviations of the joints' errors from repeat to repeat.
+    """Standard deviations of the joints' errors from posture to posture, and the part that is scatter.
 
     Args:
         sigma: JOINT.theta or JOINT.d -> standard deviation [rad or m], above 0.
+        staying: the part of it that is the same at every repeat of a posture: the model errs there.
         of_effects: the part of it that effects of the problem, or effects that were named, say.
         instrument: standard deviation of a measured coordinate [m] that was taken off before.
         measured: whether the data say so; else it is what the problem file states.
@@ -38,12 +39,21 @@ class JointScatter:
     measured: bool = False
     note: str = ""
     of_effects: Mapping[str, float] = field(default_factory=dict)
+    staying: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def beside(self) -> dict[str, float]:
-        """``sigma`` without the part of the effects, where something is left."""
-        parts = {name: s**2 - self.of_effects.get(name, 0.0) ** 2 for name, s in self.sigma.items()}
+        """The scatter from repeat to repeat without the part of the effects, where something is left."""
+        parts = {
+            name: s**2 - self.of_effects.get(name, 0.0) ** 2 - self.staying.get(name, 0.0) ** 2
+            for name, s in self.sigma.items()
+        }
         return {name: math.sqrt(v) for name, v in parts.items() if v > _ROUNDING * self.sigma[name] ** 2}
+
+    @property
+    def errors(self) -> Sources:
+        """What stays, as errors of the joints that nobody knows."""
+        return Sources.independent(self.staying)
 
 
 def stated_scatter(problem: CalibrationProblem) -> JointScatter:

@@ -1,4 +1,4 @@
-"""What a calibration leaves of the errors, as scatter of the joints from repeat to repeat."""
+"""What a calibration leaves of the errors: scatter of the joints from repeat to repeat, and what stays at a posture."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.instrument import position_sigma
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals
-from posture_opt.errors import InsufficientDataError
 from posture_opt.model.effects import NoiseEffect
-from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.validation.joint_variances import JointVariances, estimate_joint_variances
+from posture_opt.numerics import Array, Codes
+from posture_opt.validation.joint_variances import JointVariances
+from posture_opt.validation.likeliest_variances import likeliest_variances
 from posture_opt.validation.prediction import (
     JointScatter,
     calibrated_prediction,
@@ -26,27 +26,35 @@ from posture_opt.validation.prediction import (
     scatter_of_effects,
     stated_scatter,
 )
+from posture_opt.validation.scatter_limit import ScatterLimit, scatter_limit
 
 _TAUGHT = 0.8  # of the rows taught the arm that predicts a row: five folds
-_LEVER = 0.1  # of the longest of a turning joint
 _EXACT = 0.3  # of the instrument's standard deviation
 _SURE = 0.5  # of a standard deviation: with a larger standard error the data do not tell it
 
 
 def residual_scatter(
-    problem: CalibrationProblem, calibration: Calibration, named: Sequence[NoiseEffect] = ()
+    problem: CalibrationProblem,
+    calibration: Calibration,
+    named: Sequence[NoiseEffect] = (),
+    fitted: Array | None = None,
 ) -> JointScatter:
     """The joints' scatter that explains best what a calibration and the instrument leave unexplained.
 
     It is sought in the errors of rows by arms that have not seen them: scatter from repeat to repeat and whatever the
-    model lacks, both to be met again at the next repeat, beside the uncertainty of the fit, which is known. One
+    model lacks, both to be met again at the next posture, beside the uncertainty of the fit, which is known. One
     standard deviation for all turning joints is taken unless the likelihood speaks clearly for one each (Schwarz 1978).
+    What of it exceeds the limit that repeats show, else the file or the data sheet states, is no scatter: the model
+    errs by that much, alike at every repeat (``staying``). Where nothing tells a limit, all of it is an upper bound.
 
     Where the data cannot tell the scatter from none, and do not speak against it, the problem's own is returned: its
     repeatability, the σ's of its joints, or what the robot's data sheet says.
 
     The noise of a joint that effects of the problem speak of, or the effects ``named`` in these data, is known: it is
     that of the effects and what the problem states beside them, and is not sought again.
+
+    Args:
+        fitted: as of `scatter_limit`.
     """
     own, stated = scatter_of_effects(problem.robot, problem.effects), stated_scatter(problem)
     said = scatter_of_effects(problem.robot, [*problem.effects, *named])
@@ -68,8 +76,24 @@ def residual_scatter(
     source = (
         "the instrument as stated" if given else f"the instrument, {noise.instrument * 1e3:.3g} mm, from the data too"
     )
-    note = f"scatter of the joints from what the calibration leaves of the errors ({source})"
-    return _with_effects(JointScatter(sigma, noise.instrument, True, note), said, added=False)
+    limit = scatter_limit(problem, calibration, fixed, fitted)
+    total = JointScatter(sigma, noise.instrument, True, f"what the calibration leaves of the errors ({source})")
+    return _with_effects(_parted(total, fixed, limit), said, added=False)
+
+
+def _parted(total: JointScatter, fixed: Mapping[str, float], limit: ScatterLimit | None) -> JointScatter:
+    """What the calibration leaves, parted in scatter and what stays; that of joints that are ``fixed`` is scatter."""
+    if limit is None:
+        bound = "an upper bound, as repeats are too few to tell it from errors of the model"
+        return replace(total, note=f"scatter of the joints from {total.note}: {bound}")
+    least = {name: s for name, s in limit.sigma.items() if s > 0} if limit.shown else {}
+    sigma = {n: max(total.sigma.get(n, 0.0), least.get(n, 0.0)) for n in dict.fromkeys((*total.sigma, *least))}
+    excess = {n: s**2 - limit.sigma.get(n, 0.0) ** 2 for n, s in sigma.items() if n not in fixed}
+    staying = {name: math.sqrt(variance) for name, variance in excess.items() if variance > 0}
+    note = f"scatter of the joints {limit.source}"
+    if staying:
+        note += "; errors of the model beyond it are the same at every repeat, and stand with what is uncertain"
+    return replace(total, sigma=sigma, staying=staying, note=note)
 
 
 def _with_effects(scatter: JointScatter, said: Mapping[str, float], added: bool = True) -> JointScatter:
@@ -112,12 +136,12 @@ def _from_data(
     if size <= _EXACT * stated or not size > 0:
         return None  # better than their instrument: made up, or the instrument is another one
     if stated:
-        noise = _likeliest(errors, known, columns, names, stated, fit=False)
+        noise = likeliest_variances(errors, known, columns, names, stated, fit=False)
         return (noise, True) if noise is not None else None
-    noise = _likeliest(errors, known, columns, names, size, fit=True)
+    noise = likeliest_variances(errors, known, columns, names, size, fit=True)
     if noise is None or not noise.sigma.any() or not noise.instrument_std < _SURE * noise.instrument:
         # Nobody says how good the instrument is, and the data do not tell it from the joints: all of it is theirs.
-        noise = _likeliest(errors, known, columns, names, 0.0, fit=False)
+        noise = likeliest_variances(errors, known, columns, names, 0.0, fit=False)
     return (noise, False) if noise is not None else None
 
 
@@ -160,59 +184,6 @@ def _without(A: Array, rows: Residuals, x: Array) -> Array:
     JA = rows.both(x)[1][:n] @ A
     inner = np.eye(n) * (1 + 1e-9) - JA @ rows.both(x)[1][:n].T
     return np.asarray(A + JA.T @ np.linalg.solve(inner, JA))
-
-
-def _likeliest(
-    errors: Array, known: Array, columns: Array, names: tuple[str, ...], instrument: float, *, fit: bool
-) -> JointVariances | None:
-    try:
-        common = estimate_joint_variances(
-            errors, columns, instrument=instrument, fit_instrument=fit, equal=True, names=names, known=known
-        )
-    except InsufficientDataError:
-        return None
-    if not common.determined.all():
-        return None
-    strong = _strong(columns, names)
-    turning = sum(not name.endswith(".d") for name, own in zip(names, strong, strict=True) if own)
-    if turning < 2:
-        return common
-    weak = columns[:, :, ~strong] * common.sigma[~strong]
-    beside = known + weak @ np.swapaxes(weak, -1, -2)
-    own = [name for name, s in zip(names, strong, strict=True) if s]
-    try:
-        each = estimate_joint_variances(
-            errors, columns[:, :, strong], instrument=instrument, fit_instrument=fit, names=own, known=beside
-        )
-    except InsufficientDataError:
-        return common
-    clear = 2 * (each.log_likelihood - common.log_likelihood) > (turning - 1) * math.log(errors.size)
-    if not (clear and each.determined.all()):
-        return common
-    sigma, std, interval = common.sigma.copy(), common.std.copy(), common.interval.copy()
-    sigma[strong], std[strong], interval[strong] = _allowed(each), each.std, each.interval
-    return replace(each, names=names, sigma=sigma, std=std, interval=interval)
-
-
-def _allowed(noise: JointVariances) -> Array:
-    """(n,) σ's to predict with: where the data allow none, half of the most that they allow.
-
-    That is the root mean square of a half normal whose 95 % end it is. A likeliest σ of zero would predict a region
-    without thickness, and little data find one often.
-    """
-    low, high = noise.interval.T
-    return np.where((low <= 0) & np.isfinite(high), np.maximum(noise.sigma, high / 2), noise.sigma)
-
-
-def _strong(columns: Array, names: tuple[str, ...]) -> Mask:
-    """(n,) which joints move what was measured far enough to have a σ of their own.
-
-    The last joint of an arm turns the tool point a little about itself: asked alone, it would have to swing by degrees
-    to explain what others leave.
-    """
-    lever = np.sqrt(np.mean(np.sum(columns**2, axis=1), axis=0))
-    turning = np.array([not name.endswith(".d") for name in names])
-    return np.asarray(~turning | (lever > _LEVER * lever[turning].max(initial=0.0)))
 
 
 def _does_not_tell(noise: JointVariances, stated: Mapping[str, float]) -> bool:

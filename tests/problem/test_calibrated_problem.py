@@ -23,6 +23,8 @@ from posture_opt.robot.robot import Factor
 from posture_opt.selection.plan_comparison import Comparison
 from posture_opt.selection.selector import PostureSelector
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models, nominal_arm
+from posture_opt.validation.prediction import stated_scatter
+from posture_opt.validation.residual_scatter import residual_scatter
 from tests.helpers.command_line import invoke
 from tests.helpers.pin import PinArm
 from tests.helpers.same_problem import assert_same_numbers, written
@@ -65,9 +67,11 @@ class Case:
         uncertainty = {"measurement": {"position": f"{NOISE} m"}, "repeatability": "0.05 mm"}
         return po.problem_from_dict({"robot": robot, "uncertainty": uncertainty, "task": task | self.more, **keys})
 
-    def columns(self, arm: SimulatedArm, rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
+    def columns(self, arm: SimulatedArm, rng: np.random.Generator, n: int, times: int = 1) -> dict[str, np.ndarray]:
+        """Of n postures, each measured so many times."""
         q = arm.drawn(n, rng)
-        points = arm.points(q + rng.normal(0, 1, q.shape) * self.scatter) + rng.normal(0, NOISE, (n, 3))
+        q = rng.permutation(np.tile(q, (times, 1))) if times > 1 else q
+        points = arm.points(q + rng.normal(0, 1, q.shape) * self.scatter) + rng.normal(0, NOISE, (len(q), 3))
         heads = [f"{row[0]} [{'rad' if row[1] == TURNING else 'm'}]" for row in self.table]
         measured = {f"{axis} [m]": points[:, "xyz".index(axis)] for axis in self.axes}
         return {**dict(zip(heads, q.T, strict=True)), **measured}
@@ -132,11 +136,11 @@ def known(request: pytest.FixtureRequest) -> Known:
     return learnt(CASES[request.param])
 
 
-def learnt(case: Case, seed: int = 0, n: int = 80, **keys: Any) -> Known:
+def learnt(case: Case, seed: int = 0, n: int = 80, times: int = 1, **keys: Any) -> Known:
     rng = np.random.default_rng(seed)
     arm = case.true_arm(rng)
     problem = case.problem(arm, **keys)
-    found = po.calibrate(problem, po.read_measurements(case.columns(arm, rng, n), problem))
+    found = po.calibrate(problem, po.read_measurements(case.columns(arm, rng, n, times), problem))
     return Known(case, arm, problem, found, po.calibrated_problem(problem, found))
 
 
@@ -163,12 +167,26 @@ def test_the_true_arm_comes_to_lie_where_the_calibrated_plan_says(known: Known) 
     assert missed @ np.linalg.solve(C, missed) > 4**2
 
 
-def test_the_scatter_from_visit_to_visit_is_found(known: Known) -> None:
-    scatter = known.calibrated.to_dict()["uncertainty"]["scatter"]
-    assert list(scatter) == [f"{row[0]}.{'theta' if row[1] == TURNING else 'd'}" for row in known.case.table]
+@pytest.mark.parametrize("name", CASES)
+def test_the_scatter_from_repeat_to_repeat_is_found(name: str) -> None:
+    found = learnt(CASES[name], n=40, times=3)
+    scatter = found.calibrated.to_dict()["uncertainty"]["scatter"]
+    assert list(scatter) == [f"{row[0]}.{'theta' if row[1] == TURNING else 'd'}" for row in found.case.table]
     turning = [float(text.split()[0]) for name, text in scatter.items() if name.endswith(".theta")]
-    # 80 poses: 160 to 240 coordinates less the parameters tell one σ to 6 to 8 %; 3 σ of that.
+    # 80 differences between repeats: 160 to 240 coordinates tell one σ to 6 to 8 %; 3 σ of that.
     assert math.radians(turning[0]) == pytest.approx(SCATTER, rel=0.25)
+
+
+def test_without_repeats_no_more_is_delivered_as_scatter_than_the_file_states(known: Known) -> None:
+    sources = known.calibrated.sources
+    found, stated = residual_scatter(known.problem, known.calibration), stated_scatter(known.problem).sigma
+    # The residuals of 80 poses hold scatter of so much, which nothing in them tells from errors of the model.
+    assert found.sigma["j1.theta"] == pytest.approx(SCATTER, rel=0.25)
+    assert stated["j1.theta"] < SCATTER / 2
+    at = sources.names.index("j1.theta")
+    assert np.sqrt(sources.scatter[at, at]) == pytest.approx(stated["j1.theta"], rel=1e-3)
+    assert sources.constant[at, at] > found.sigma["j1.theta"] ** 2 - stated["j1.theta"] ** 2
+    assert "the same at every repeat" in " ".join(known.calibrated.header)
 
 
 def test_the_files_are_the_problem_in_any_folder(known: Known, tmp_path: Path) -> None:
