@@ -45,7 +45,9 @@ def plan_repeats(data: Measurements, groups: Codes, uneven: Sequence[UnevenError
     Args:
         data: the rows of ``uneven``; ``groups`` (N,) those that repeat one posture already.
     """
-    plans = []
+    plans: list[RepeatPlan] = []
+    if data.touches:  # whoever leads an arm into sockets by hand does not come back to a posture
+        return ()
     for errors in uneven:
         if errors.refuted or not len(errors.size):
             continue

@@ -30,6 +30,7 @@ _FAINT = 0.1  # share of an effect that geometry leaves: ten times larger it wou
 _SURE = 0.99  # p-value that is written as 1
 _SHOWN = 8  # candidates of the table
 FILE = "split_measurements.csv"
+_REPEATED_DIGITS = 6
 _TITLE = "Measurements that discriminate between causes"
 _READ = (
     "The angle is that between the effects of the two causes on these data, beside the geometry and the other effects "
@@ -85,7 +86,7 @@ def _to_repeat(plan: RepeatPlan) -> str:
     lines = ", ".join(map(str, plan.rows.line))
     return (
         f"To tell whether {plan.target} scatters, measure the postures of lines {lines} {plan.times} times each, "
-        "moving away in between and returning from the same side."
+        f"moving away in between and returning from the same side; fill in {FILE} and diagnose again."
     )
 
 
@@ -233,23 +234,29 @@ def _cells(robot: Robot, plan: DiscriminationPlan, i: int) -> tuple[str, ...]:
 def split_csv(found: Diagnosis) -> str:
     """The planned measurements with the columns of the data, what is to be measured left empty; empty without any."""
     plan, data = found.split, found.request.data
-    if plan is None or not len(plan.rows):
+    parts = [("split", plan.rows, plan.rounds, 2)] if plan is not None and len(plan.rows) else []
+    # Postures that are to be repeated are commanded as they were.
+    parts += [(f"repeat {p.target}", p.rows, p.times, _REPEATED_DIGITS) for p in found.repeat_plans]
+    if not parts:
         return ""
-    robot, rows = found.model.residuals.robot, plan.rows
+    robot = found.model.residuals.robot
     heads = [f"{j.name} [{joint_unit(j.type)[0]}]" for j in robot.joints]
     labels = [name for name in ("pose", "goal") if getattr(data, f"{name}_given")]
-    sides = [f"{robot.joint_names[j]}.approach" for j in plan.sided]
-    load = [] if rows.payload is None else ["payload [kg]"]
+    every = tuple(range(robot.n)) if data.approach_given and found.repeat_plans else ()
+    sided = every or (plan.sided if plan is not None else ())
+    sides = [f"{robot.joint_names[j]}.approach" for j in sided]
+    load = ["payload [kg]"] if any(rows.payload is not None for _, rows, _, _ in parts) else []
     empty = _unmeasured(data)
     target = ["target"] if data.target_names else []
     lines = [", ".join([*labels, *target, *heads, *sides, *load, *empty])]
     factors = [math.degrees(1.0) if j.type == "revolute" else 1e3 for j in robot.joints]
-    for _ in range(plan.rounds):
-        for i in range(len(rows)):
-            values = [f"{v:.2f}" for v in np.array(rows.q[i]) * factors + 0.0]
-            here = [f"split {i + 1}"] * len(labels) + [*data.target_names[:1]] * len(target)
-            here += [*values, *(f"{rows.approach[i, j]:.0f}" for j in plan.sided)]
-            here += [] if rows.payload is None else [f"{rows.payload[i]:g}"]
+    for label, rows, times, digits in parts:
+        for i in [*range(len(rows))] * times:
+            values = [f"{v:.{digits}f}" for v in np.array(rows.q[i]) * factors + 0.0]
+            here = [f"{label} {i + 1}"] * len(labels)
+            here += [data.target_names[rows.target[i]]] if target else []
+            here += [*values, *(f"{rows.approach[i, j]:.0f}" for j in sided)]
+            here += ["" if rows.payload is None else f"{rows.payload[i]:g}"] if load else []
             lines.append(", ".join([*here, *[""] * len(empty)]))
     return "\n".join(lines) + "\n"
 

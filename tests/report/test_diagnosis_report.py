@@ -13,6 +13,7 @@ import posture_opt as po
 from posture_opt.calibration.fit import Fit
 from posture_opt.report.blocks import Table
 from posture_opt.report.diagnosis_errors import _beside, errors_block
+from posture_opt.report.diagnosis_open import split_csv
 from posture_opt.report.diagnosis_report import diagnosis_report
 from posture_opt.report.diagnosis_sizes import NoiseFloor, noise_floor
 from posture_opt.report.text import render
@@ -112,3 +113,21 @@ def test_no_outlier_is_to_be_looked_at_where_none_is_listed(kept: list[bool], no
     data: Any = SimpleNamespace()
     found = Fit(data, np.zeros(1), np.eye(1), np.eye(1), np.array(kept), np.zeros(2), 1.0, minimum, settled=False)
     assert len(found.notes) == notes
+
+
+def test_what_is_to_be_repeated_is_filled_in_and_tells(tmp_path: Path) -> None:
+    """The table of planned repeats, measured by the same arm and put below the data, has the joint named."""
+    found = diagnosed(tmp_path, visits=1)
+    planned = split_csv(found).splitlines()
+    assert len(planned) == 1 + 25
+    rng = np.random.default_rng(5)
+    q = np.radians([[float(cell) for cell in line.split(",")[:2]] for line in planned[1:]])
+    moved = q + np.outer(rng.normal(0, SCATTER, len(q)), [0, 1])
+    points = 1e3 * (position(moved, (1.0007, 0.9991)) + rng.normal(0, NOISE, (25, 2)))
+    filled = [f"{line.rstrip(' ,')}, {x:.4f}, {y:.4f}" for line, (x, y) in zip(planned[1:], points, strict=True)]
+    problem, (head, *rows) = found.problem, (tmp_path / "data.csv").read_text(encoding="utf-8").splitlines()
+    assert [cell.strip() for cell in head.split(",")] == [cell.strip() for cell in planned[0].split(",")]
+    (tmp_path / "more.csv").write_text("\n".join([head, *rows, *filled]) + "\n", encoding="utf-8")
+    again = po.diagnose(problem, po.read_measurements(tmp_path / "more.csv", problem))
+    assert again.verdict == "effects_found"
+    assert [f.target for f in again.effects if f.kind == "joint_noise"] == ["joint2"]
