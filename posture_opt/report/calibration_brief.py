@@ -26,7 +26,8 @@ MORE = "--full prints the whole report; --out DIR saves it with figures and {}."
 _NAMED = 3  # parameters
 _LINES = 6  # of outliers
 _SHARE = 0.5**0.5  # of a standard deviation: less is less than half of the variance
-_DISPENSABLE = ("Outliers", "Undetermined", "Measured")  # the first goes first where the screen is full
+_DISPENSABLE = ("Outliers", "Undetermined", "Measured", "Parameters", "Errors")  # in this order
+_LEAST = 3  # sentences of the lead, of which the last go first
 Fact = tuple[str, str]
 
 
@@ -46,12 +47,16 @@ def calibration_brief(problem: Problem, found: Calibration, seen: Assessment, le
 
 
 def on_a_screen(report: Report, facts: list[Fact]) -> Report:
-    """The report with the facts, as far as they fit."""
+    """The report with the facts, as far as they fit; the answer, what may be wrong, and what to do next always do."""
     full = Report(report.title, report.lead, (Block("", (Facts(tuple(facts)),)),))
-    gone = next((label for label in _DISPENSABLE if label in dict(facts)), None)
-    if gone is None or len(render(full).splitlines()) <= SCREEN:
+    if len(render(full).splitlines()) <= SCREEN:
         return full
-    return on_a_screen(report, [fact for fact in facts if fact[0] != gone])
+    gone = next((label for label in _DISPENSABLE if label in dict(facts)), None)
+    if gone is not None:
+        return on_a_screen(report, [fact for fact in facts if fact[0] != gone])
+    if len(report.lead) > _LEAST:
+        return on_a_screen(Report(report.title, report.lead[:-1], ()), facts)
+    return full
 
 
 def _measured(problem: Problem, found: Calibration) -> str:
