@@ -39,7 +39,7 @@ class Delivery:
     @property
     def model(self) -> Literal["extended", "without_session", "calibrated"]:
         """Which arm it is: with all effects, with those that are not of the session, or with none of them."""
-        if not self.kept and (self.session or self.dropped):
+        if not self.kept:
             return "calibrated"
         return "without_session" if self.session else "extended"
 

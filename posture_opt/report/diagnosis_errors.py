@@ -84,7 +84,7 @@ def _gain_text(found: Diagnosis) -> str:
 def delivery_lead(found: Diagnosis) -> tuple[str, ...]:
     """Which arm is delivered where it is not the one with all effects, and how well it explains these data."""
     delivery, effects = found.delivery, found.model.effects
-    if delivery.model == "extended":
+    if not (delivery.session or delivery.dropped):
         return ()
     session, others = (", ".join(effects[i].label for i in places) for places in (delivery.session, delivery.dropped))
     one = len(delivery.session) == 1
