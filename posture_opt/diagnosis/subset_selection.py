@@ -41,7 +41,7 @@ class Pool:
 
     @cached_property
     def _stacked(self) -> Array:
-        return np.concatenate(list(self.bases), axis=1)
+        return np.concatenate([np.zeros((len(self.e), 0)), *self.bases], axis=1)
 
     @cached_property
     def _gram(self) -> Array:

@@ -1,0 +1,14 @@
+"""A pool without candidates: nothing can be added to nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posture_opt.diagnosis.subset_selection import Pool
+
+
+def test_nothing_is_added_from_an_empty_pool() -> None:
+    e = np.array([1.0, -2.0, 0.5])
+    pool = Pool([], e, 2.0, np.zeros(0), np.zeros(0, dtype=np.intp))
+    assert pool.additions(()) == []
+    assert np.isfinite(pool.criterion(()))
