@@ -158,11 +158,11 @@ def _frames(
         off = _rms(flange.reached(flange.nominal) - (m - t_b) @ R_b)
         return R_b, t_b, _offsets(flange, (m - t_b) @ R_b, off, shift=False)
     starts = [flange.nominal]
-    off = _placed(flange, flange.nominal, m, R_b, 0.0)[1]
+    off = _placed(flange, flange.nominal, m, R_b)[1]
     if free[1]:
         turned = m @ _rotation_of_base(flange, m, off)
         starts.append(_offsets(flange, turned, off, shift=True))
-    placed = [(_placed(flange, offset, m, R_b, off), offset) for offset in starts]
+    placed = [(_placed(flange, offset, m, R_b), offset) for offset in starts]
 
     def cost(one: tuple[tuple[tuple[Array, Array], float], Array]) -> float:
         (_, left), offset = one
@@ -173,13 +173,18 @@ def _frames(
     return *found, offset
 
 
-def _placed(
-    flange: _Flange, offset: Array, m: Array, stated: Array, spread: float
-) -> tuple[tuple[Array, Array], float]:
-    """Rotation and place of the base for some offsets, and the RMS that they leave [m]."""
+def _placed(flange: _Flange, offset: Array, m: Array, stated: Array) -> tuple[tuple[Array, Array], float]:
+    """Rotation and place of the base for some offsets, and the RMS that they leave [m].
+
+    Across a line, points scatter by what the arm errs: that tells no turn about it, and the stated one is kept.
+    """
     reached = flange.reached(offset)
-    R, t = kabsch(reached, m, spread**2 * stated)
-    return (R, t), _rms(reached @ R.T + t - m)
+    left, near = 0.0, None
+    for _ in range(2):
+        R, t = kabsch(reached, m, near)
+        left = _rms(reached @ R.T + t - m)
+        near = len(m) * left**2 * stated
+    return (R, t), left
 
 
 def _rms(errors: Array) -> float:
