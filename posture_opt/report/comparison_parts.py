@@ -33,10 +33,14 @@ def open_lead(comparison: Comparison, told: bool) -> tuple[str, ...]:
     outside = _outside(landing, comparison)
     if not outside and not told:
         return ()
-    where = f"The task lies outside what was measured, {outside}" if outside else "The task needs more measurements"
+    sources, close = _sources(parts, comparison), _close(comparison)
+    if not outside:
+        same = f"Most of what is left is the same at every repeat: {systematic}, mostly of {sources}"
+        return (f"{same}; scatter makes {scatter}. {close}",)
+    where = f"The task lies outside what was measured, {outside}"
     return (
-        f"{where}: {systematic} of its error is what the data leave open, mostly of {_sources(parts, comparison)}; "
-        f"scatter makes {scatter}. {_close(comparison)}",
+        f"{where}: {systematic} of its error is what the data leave open, mostly of {sources}; "
+        f"scatter makes {scatter}. {close}",
     )
 
 
@@ -49,7 +53,7 @@ def parts_sentences(comparison: Comparison) -> tuple[str, ...]:
         close = f" {_close(comparison)}" if parts.mostly_systematic else ""
         words.append(
             f"There, scatter from repeat to repeat stays within {scatter} with 95 % probability. What the data leave "
-            f"open of the arm is the same at every repeat and stays within {systematic}; it comes mostly of "
+            f"open, and errors of the model, are the same at every repeat and stay within {systematic}, mostly of "
             f"{_sources(parts, comparison)}.{close}"
         )
     if distance is not None:

@@ -83,7 +83,12 @@ def comparison_table(columns: Answers, names: Mapping[str, str] = MODEL_NAMES) -
     first = next(solution for solution, _ in columns.values())
     labels = [joint.name for joint in first.optimisation_problem.robot.joints]
     labels += ["largest σ, as planned", "largest σ, as judged", "mean off the target"]
-    labels += ["within (95 % probability)", "scatter alone", "left open by the data", "fits (probability of success)"]
+    labels += [
+        "within (95 % probability)",
+        "scatter alone",
+        "the same at every repeat",
+        "fits (probability of success)",
+    ]
     rows = [row for row in zip(labels, *cells, strict=True) if any(row[1:])]
     return Table(("planned with the model", *(names[name] for name in columns)), tuple(rows))
 

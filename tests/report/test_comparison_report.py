@@ -84,7 +84,9 @@ def test_the_lead_tells_scatter_from_what_the_data_leave_open() -> None:
     )
     near = PostureDistance(0.2, "", 0.0)
     _, few = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.1e-3, 1.8e-3, near)}))
-    assert few.startswith("The task needs more measurements: 1.80 mm")
+    assert few.startswith(
+        "Most of what is left is the same at every repeat: 1.80 mm, mostly of joint1.a; scatter makes"
+    )
 
 
 def test_the_block_says_how_far_the_posture_is_from_those_measured() -> None:
@@ -94,10 +96,10 @@ def test_the_block_says_how_far_the_posture_is_from_those_measured() -> None:
     assert (
         "The posture is within the measured range of every joint; the nearest measured one differs by up to 11" in words
     )
-    assert "is the same at every repeat and stays within 1.00 mm; it comes mostly of joint1.a." in words
+    assert "are the same at every repeat and stay within 1.00 mm, mostly of joint1.a." in words
     table: Any = block.items[-1]
     assert ("scatter alone", "", "1.50 mm") in table.rows
-    assert ("left open by the data", "", "1.00 mm") in table.rows
+    assert ("the same at every repeat", "", "1.00 mm") in table.rows
 
 
 def test_a_model_without_a_posture_says_why() -> None:
