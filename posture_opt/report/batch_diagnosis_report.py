@@ -10,6 +10,7 @@ from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.batch_report import batch_facts, batch_report
 from posture_opt.report.blocks import Block, Report, Summary, Table
 from posture_opt.report.diagnosis_causes import finding_words
+from posture_opt.report.diagnosis_open import uneven_words
 from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
 from posture_opt.report.words import p_value
@@ -24,12 +25,16 @@ def batch_diagnosis_report(found: BatchDiagnosis) -> Report:
     batch, problem = batch_report(found.batch), problem_of(found.batch)
     named = "; ".join(finding_words(f, problem) for f in found.effects)
     lead = f"What the model does not say of these robots: {named}." if named else "The robots are what the model says."
-    return Report(problem.name or "Diagnosis", (lead, *batch.lead[1:]), (_causes(problem, found), *batch.blocks))
+    if found.uneven and not named:
+        lead = "The errors of these robots are uneven, and their data do not tell why."
+    left = [uneven_words(errors) for errors in found.uneven]
+    return Report(problem.name or "Diagnosis", (lead, *left, *batch.lead[1:]), (_causes(problem, found), *batch.blocks))
 
 
 def _causes(problem: Problem, found: BatchDiagnosis) -> Block:
     if not found.effects:
-        return Block("Causes", ("No lengths vary together, and no joint is noisier than stated, beyond chance.",))
+        quiet = "" if found.uneven else ", and no joint is noisier than stated"
+        return Block("Causes", (f"No lengths vary together{quiet}, beyond chance.",))
     rows = []
     for finding in found.effects:
         sizes = ", ".join(f"{size.label} {size}" for size in finding.cause.sizes(FittedSizes(finding.estimate)))

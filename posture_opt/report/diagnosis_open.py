@@ -63,7 +63,7 @@ def left_block(found: Diagnosis) -> Block:
             ("Repeats", f"the model misses poses by more than they repeat (lack of fit): {p_words(left.lack_of_fit)}")
         )
     items += [Facts(tuple(rows))] if rows else []
-    items += [_uneven(errors) for errors in found.uneven]
+    items += [uneven_words(errors) for errors in found.uneven]
     items += [_to_repeat(plan) for plan in found.repeat_plans]
     items += [
         f"On {joint} the effects {', '.join(names)} add up to one curve: rather one unnamed shape than as many causes."
@@ -73,7 +73,7 @@ def left_block(found: Diagnosis) -> Block:
     return Block(title, tuple(items), "diagnosis_left")
 
 
-def _uneven(errors: UnevenErrors) -> str:
+def uneven_words(errors: UnevenErrors) -> str:
     """Errors that look like a noisy joint, and what repeats say of them."""
     joint = errors.effect.target
     text = f"The errors grow with {joint}, as if it scattered ({p_words(errors.p_value)})"

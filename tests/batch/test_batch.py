@@ -21,6 +21,8 @@ from posture_opt.measurements.reading import read_measurements
 from posture_opt.model.effects import JointNoise
 from posture_opt.problem.fitted_problem import batch_uncertainty, batch_yaml
 from posture_opt.problem.load import load_builtin, problems_folder
+from posture_opt.report.batch_diagnosis_report import batch_diagnosis_report
+from posture_opt.report.text import render
 from tests.helpers import batch_planar_2r as shop
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
@@ -287,3 +289,16 @@ def test_the_command_answers_on_one_screen_and_tells_the_rest_in_full() -> None:
     assert "joint1.a by 0.36 mm, joint2.a by 0.37 mm (σ from robot to robot)" in brief
     assert brief.splitlines()[:6] == whole.splitlines()[:6]
     assert "Correlations between parameters" in whole
+
+
+def test_a_batch_whose_postures_are_measured_once_does_not_tell_which_joint_scatters() -> None:
+    example = load_builtin("insert_planar_2r_measured")
+    found = po.diagnose_batch(example, read_measurements(problems_folder() / "planar_2r_batch.csv", example))
+    document = found.to_json()
+    assert [e["kind"] for e in document["effects"]] == ["correlated_lengths"]
+    assert document["verdict"] == "unexplained"
+    assert set(document["unexplained"]["place"]) == {"joint1", "joint2"}
+    assert document["unexplained"]["p_value"] < 0.002
+    text = " ".join(render(batch_diagnosis_report(found)).split())
+    assert "The errors grow with joint1, as if it scattered" in text
+    assert "too few postures are repeated to tell scatter from structure" in text
