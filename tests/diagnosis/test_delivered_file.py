@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.errors import InsufficientDataError
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM
 from tests.helpers.real_arms import DATA, needs_real_arms
@@ -59,6 +60,16 @@ def test_the_file_does_to_its_data_what_is_said(family: str, kind: str, tmp_path
         assert rms["delivered_heldout"] == rms["extended"]
     for effect in found.extended.effects:
         assert effect.kind not in ("slip", "drift", "instrument_field")
+
+
+def test_of_few_rows_the_figure_is_told_too(tmp_path: Path) -> None:
+    """The file states as many parameters as there are numbers: too few to calibrate it again, enough to evaluate it."""
+    problem = po.load_problem(write(draw(SEED, "scara", 0, kind="", weakest=60.0), tmp_path))
+    data = po.read_measurements(tmp_path / "data.csv", problem).take(np.arange(5))
+    found = po.diagnose(problem, data, plan=False)
+    with pytest.raises(InsufficientDataError):
+        po.calibrate(found.extended, data, plan=False)
+    assert 0 < found.to_json()["residual_rms"]["delivered"] < found.errors["calibrated"].rms
 
 
 @pytest.mark.parametrize("free", [False, True])
