@@ -7,7 +7,7 @@ repeated, which flatters the gain of effects near the level by three or four poi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,17 +91,24 @@ def held_out(
     ``about`` is the linear model where it is known.
     ``shape`` (N, axes, axes) is the covariance that noise gives the rows, up to a factor.
     """
-    residuals = model.residuals
-    N, block = len(residuals.data), residuals.block
     linear = about or LinearModel.of(model)
-    r, kept = linear.without(without)
+    return predicted(model.residuals, [(left_out, linear) for left_out in folds], without, shape)
+
+
+def predicted(
+    residuals: Residuals, models: Iterable[tuple[Codes, LinearModel]], without: int | None = None,
+    shape: Array | None = None,
+) -> HeldOut:  # fmt: skip
+    """Errors of the rows of each fold by its own linear model, fitted to the other rows; further arguments as above."""
+    N, block = len(residuals.data), residuals.block
     errors, inside = np.zeros((N, 3)), np.zeros(N, dtype=bool)
     root = None if shape is None else np.asarray(np.linalg.cholesky(shape), dtype=float)
-    for left_out in folds:
+    for left_out, linear in models:
+        r, kept = linear.without(without)
         theirs = _index(left_out, block)
         step, spread = _step(linear, r, kept, theirs)
         refitted = r + linear.U @ (linear.K[:, kept] @ step)
-        e = _positions(residuals, refitted[theirs], left_out)
+        e = positions_of(residuals, refitted[theirs], left_out)
         errors[np.ix_(left_out, residuals.axes)] = e
         told = linear.U @ (linear.K[:, kept] @ spread)
         inside[left_out] = in_regions(e, *_expected(residuals, refitted, told, left_out, root))
@@ -154,7 +161,7 @@ def _index(rows: Codes, block: int) -> Codes:
     return np.asarray((rows[:, None] * block + np.arange(block)).ravel())
 
 
-def _positions(residuals: Residuals, r: Array, rows: Codes) -> Array:
+def positions_of(residuals: Residuals, r: Array, rows: Codes) -> Array:
     """(rows, axes) [m]; of touched points, about the mean of each point, which no one knows otherwise."""
     e = r.reshape(-1, residuals.block)[:, : len(residuals.axes)] * residuals.sigma
     if residuals.data.position is None:

@@ -49,6 +49,19 @@ class LinearModel:
         z = np.r_[np.zeros(geometry.shape[1]), fit.x[own] * scale]
         return cls(r, U[:, kept], s[kept, None] * V[kept], basis, owner, z)
 
+    @classmethod
+    def beside(cls, fit: Fit, columns: Array) -> LinearModel:
+        """Of the geometry of a fit and columns (m, c) that it was not fitted with, each of unit length."""
+        r, J = fit.residuals_and_jacobian
+        geometry = fit.directions[:, fit.geometry]
+        further = np.zeros((len(r), columns.shape[1]))  # a prior of the geometry knows nothing of them
+        further[: len(columns)] = columns
+        U, s, V = np.linalg.svd(np.concatenate([J @ geometry, further], axis=1), full_matrices=False)
+        kept = s > _LEAST * s.max(initial=0.0)
+        count = geometry.shape[1] + columns.shape[1]
+        basis = np.concatenate([geometry, np.zeros((len(fit.x), columns.shape[1]))], axis=1)
+        return cls(r, U[:, kept], s[kept, None] * V[kept], basis, np.full(count, -1), np.zeros(count))
+
     def without(self, effect: int | None) -> tuple[Array, Codes]:
         """Residuals (m,) when an effect is taken out with nothing refitted, and the columns that are left."""
         gone = self.owner == effect if effect is not None else np.zeros(len(self.owner), dtype=bool)

@@ -19,10 +19,13 @@ from posture_opt.diagnosis.score_tests import (
     scan_frequencies,
 )
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent, unnamed_components
-from posture_opt.model.effects import EFFECTS, Effect, Excitation
-from posture_opt.model.effects.cyclic_error import OVERSAMPLING, CyclicError
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.effects import EFFECTS, CyclicError, Effect, Excitation
+from posture_opt.model.effects.cyclic_error import OVERSAMPLING
 from posture_opt.model.effects.joint_compliance import JointCompliance
 from posture_opt.numerics import Array
+
+_STILL = 1e-3  # rad: a joint that moves by less shows no line
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,26 +223,52 @@ def _least(values: Array) -> Array:
     return np.asarray(values[:, 1:].min(axis=0, initial=0.0))
 
 
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """The lines of one joint that its values resolve.
+
+    Args:
+        form: any of them; the others have its joint and centre.
+        cycles: (K,) cycles per revolution [1]; ``searched`` how many of them are independent.
+    """
+
+    form: CyclicError
+    cycles: Array
+
+    @property
+    def searched(self) -> float:
+        return len(self.cycles) / OVERSAMPLING
+
+    def candidate(self, cycles: float, sensitivities: EffectSensitivities) -> Candidate:
+        """The line of so many cycles per revolution."""
+        line = self.form.with_shape(float(cycles))
+        return Candidate(line, sensitivities.columns(line), self.searched)
+
+
+def lines_of_joints(excitation: Excitation, data: Measurements) -> list[Lines]:
+    """The lines of each revolute joint that has some."""
+    found = []
+    for joint, name in enumerate(excitation.robot.joint_names):
+        if excitation.robot.joints[joint].type == "revolute" and excitation.span[joint] >= _STILL:
+            cycles = CyclicError.resolved(data.q[:, joint])
+            found += [Lines(CyclicError.about(name, data.q[:, joint]), cycles)] if len(cycles) else []
+    return found
+
+
 def _cyclic(
     baseline: ProjectedBaseline, sensitivities: EffectSensitivities, excitation: Excitation
 ) -> tuple[list[tuple[Candidate, float]], Array]:
     """Peaks of the joints' periodograms with their log p-values, and the least log p-value (B,) of flipped sets."""
-    rss = baseline.rss
+    rss, data = baseline.rss, sensitivities.residuals.data
     lowest = np.zeros(len(rss) - 1)
     found: list[tuple[Candidate, float]] = []
-    for joint, name in enumerate(excitation.robot.joint_names):
-        if excitation.robot.joints[joint].type != "revolute" or excitation.span[joint] < 1e-3:
-            continue
-        q = sensitivities.residuals.data.q[:, joint]
-        cycles = CyclicError.grid(excitation.span[joint])
-        if not len(cycles):
-            continue
-        gains, most = scan_frequencies(baseline, sensitivities.joints[joint], q, cycles)
+    for lines in lines_of_joints(excitation, data):
+        joint = data.joint_names.index(lines.form.joint)
+        gains, most = scan_frequencies(baseline, sensitivities.joints[joint], data.q[:, joint], lines.cycles)
         lowest = np.minimum(lowest, log_p(most, rss[1:], 2, baseline.freedom))
         for k in _peaks(gains):
-            effect = CyclicError(joint=name, cycles=float(cycles[k]))
             p = float(log_p(gains[k : k + 1], rss[:1], 2, baseline.effective)[0])
-            found.append((Candidate(effect, sensitivities.columns(effect), len(cycles) / OVERSAMPLING), p))
+            found.append((lines.candidate(lines.cycles[k], sensitivities), p))
     return found, lowest
 
 

@@ -32,10 +32,11 @@ from posture_opt.diagnosis.extended_arm import extended_arm
 from posture_opt.diagnosis.geometry_causes import geometry_causes
 from posture_opt.diagnosis.lack_of_fit import Adequacy, assess_adequacy
 from posture_opt.diagnosis.linearised_data import LinearisedData, frame_directions, linearise, tool_points
+from posture_opt.diagnosis.nested_selection import NestedSelection
 from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
 from posture_opt.diagnosis.outlier_reinclusion import reinclude_outliers
 from posture_opt.diagnosis.repeat_plan import RepeatPlan, plan_repeats
-from posture_opt.diagnosis.search import SearchResult, prefer_named, remaining_unnamed, search
+from posture_opt.diagnosis.search import SearchResult, remaining_unnamed, search
 from posture_opt.diagnosis.sessions import Gain, SecondSession, second_session
 from posture_opt.diagnosis.uneven_noise import UnevenErrors
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent
@@ -257,8 +258,8 @@ def diagnose(
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
     calibration, linearised, found = _searched(calibration, draws, seed or 0, stages)
-    names = prefer_named(linearised, found) if not all(s.named for s in found.chosen) else found
-    unnamed = tuple(s.what for s in remaining_unnamed(linearised, found, names) if isinstance(s.what, UnnamedComponent))
+    names = found.names or found
+    unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))
     residuals, frames = linearised.sensitivities.residuals, frame_directions(calibration)
     model = calibration.fit_effects(residuals, [s.what for s in names.chosen if isinstance(s.what, Effect)])
     everything = linearised.baseline(found.chosen)
@@ -270,8 +271,13 @@ def diagnose(
     geometry = geometry_causes(residuals, calibration.x_nominal, frames, full, full.effects)
     groups, parts = _folds(calibration)
     held = {name: errors.take(calibration.kept_rows) for name, errors in calibration.held.items()}
-    extended = held_out(model, parts, shape=noise_shape(model, noise))
-    held["extended"] = extended if model.effects else replace(extended, errors=held["calibrated"].errors)
+    shape = noise_shape(model, noise)
+    extended = held_out(model, parts, shape=shape)
+    if model.effects:
+        nested = NestedSelection.of(names.nested.dictionary, len(names.chosen), groups, parts)
+        held["extended"] = nested.held_out(calibration.fit_effects(residuals, []), len(names.chosen), shape)
+    else:
+        held["extended"] = replace(extended, errors=held["calibrated"].errors)
     delivery = deliver(calibration, model, held, parts, noise, with_time=with_time)
     held["delivered"] = delivery.held
     beforehand = contradiction_findings(calibration)
@@ -279,7 +285,7 @@ def diagnose(
     findings = (
         *(f for f in beforehand if isinstance(f.cause, Effect)),
         *_determined_first(
-            *effect_findings(names, model, held["extended"], parts, groups, stages.next()), *map(noise_finding, noise)
+            *effect_findings(names, model, extended, parts, groups, stages.next()), *map(noise_finding, noise)
         ),
         *(f for f in beforehand if not isinstance(f.cause, Effect)),
         *(geometry_finding(g, held) for g in geometry if g.deviation not in refuted),
@@ -331,13 +337,13 @@ def _searched(
 ) -> tuple[Calibration, LinearisedData, SearchResult]:  # fmt: skip
     """What the residuals hold, once more where it explains rows that looked like outliers."""
     linearised = linearise(calibration, draws, seed)
-    found = search(linearised, calibration.design > 1, stages.rounds(stages.next()))
+    found = search(linearised, stages.rounds(stages.next()))
     stages.next()
     wider = reinclude_outliers(calibration, found)
     if len(wider.outliers) == len(calibration.outliers):
         return calibration, linearised, found
     linearised = linearise(wider, draws, seed)
-    return wider, linearised, search(linearised, wider.design > 1)
+    return wider, linearised, search(linearised)
 
 
 def _of_data(model: Fit, calibration: Calibration) -> Fit:

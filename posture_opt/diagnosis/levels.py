@@ -65,22 +65,17 @@ RIVAL_CRITERION = 6.0
 """Explanations within it of the criterion cannot be told apart: an evidence ratio of e³ (Kass, Raftery 1995)."""
 RIVAL_COSINE = 0.5
 """Cosine of the least angle beyond which candidates are rivals; chosen on simulated draws, ablation pending."""
-BEAM_WIDTH = 10
-"""Sets that a beam search keeps; chosen on simulated draws, ablation pending."""
 DISTINCT_SHARE = 0.01
 """Share of a candidate that the chosen ones must leave: with less it is another mixture of them; chosen on simulated
 draws, ablation pending."""
 
-# Growth of the chosen set.
-MOST_EFFECTS = 24
-"""Effects of one model where rows are independent; chosen on simulated draws, ablation pending."""
-MOST_EFFECTS_OF_DEPENDENT_ROWS = 40
-"""The same where neighbouring postures err alike; chosen on simulated draws, ablation pending."""
-EFFECTS_A_ROUND = 4
-"""Effects that a round adds to dependent rows: each takes away what others seemed to explain; chosen on simulated
-draws, ablation pending."""
-SHORTLIST_OF_DEPENDENT_ROWS = 40
-"""Candidates that a round adds to the shortlist of dependent rows; chosen for time."""
+# The chosen set.
+MOST_EFFECTS = 40
+"""Effects of one model; chosen for time."""
+EXCHANGED_EFFECTS = 12
+"""Effects up to which members of the set are exchanged for others that lower the criterion; chosen for time."""
+SELECTION_FOLDS = 5
+"""Folds of the cross-validation that says how many effects predict (Kohavi 1995)."""
 SHORTLIST_P_VALUE = 0.2
 """p-value of its own below which a candidate is shortlisted; chosen on simulated draws, ablation pending."""
 REFINED_EVIDENCE = 0.15
@@ -107,6 +102,11 @@ DISTINCT_MASSES = 0.05
 pending."""
 SHAPE_EVALUATIONS = 16
 """Evaluations of a bounded search for a shape (Brent 1973); chosen for time."""
+LEAST_LINE_DISTANCE = 1.0
+"""Steps of the grid of lines within which a second one is no other line: half of what the range of the joint resolves
+is a step and a half; chosen on simulated draws, ablation pending."""
+SHAPES_BETWEEN = 7
+"""Shapes between the neighbours on the grid that a fold tries; chosen for time."""
 MOMENTS_TRIED = 24
 """Moments of a step that are tried before those beside the best; chosen for time."""
 

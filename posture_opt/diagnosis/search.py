@@ -1,26 +1,31 @@
-"""The effects in the residuals of a calibrated arm: stepwise selection, their p-values and their rivals."""
+"""The effects in the residuals of a calibrated arm: which explain them, how many predict, what could stand for them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate, ScoredCandidate, absorbed, list_candidates
+from posture_opt.diagnosis.dictionary import Dictionary
+from posture_opt.diagnosis.initial_scores import InitialScores
 from posture_opt.diagnosis.linearised_data import LinearisedData
+from posture_opt.diagnosis.matching_pursuit import nested_subsets, pursue
+from posture_opt.diagnosis.nested_selection import NestedSelection, clearly_less, selection_folds
 from posture_opt.diagnosis.score_tests import NullDistribution
-from posture_opt.diagnosis.selection_criterion import candidate_pool, find_rivals, member_weight, rank_members
-from posture_opt.diagnosis.stepwise_selection import (
-    DEPENDENT_ROWS,
-    INDEPENDENT_ROWS,
-    ChosenSet,
-    InitialScores,
-    Tell,
-    best_single,
-    grow,
-    residual_dependence,
-    shortlist,
+from posture_opt.diagnosis.selection_criterion import (
+    candidate_pool,
+    eliminate,
+    find_rivals,
+    member_weight,
+    rank_members,
+    union,
 )
-from posture_opt.diagnosis.subset_selection import best_set
+from posture_opt.diagnosis.shape_refinement import refine_shape
+from posture_opt.diagnosis.subset_selection import exchanged
+from posture_opt.model.effects import Effect
+
+Tell = Callable[[], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +37,11 @@ class SearchResult:
         p_values: (chosen,) family-wise, of dropping each.
         rivals: for each chosen one the candidates that could stand for it.
         scored: every candidate on the geometry alone.
-        null: the null distribution beside the chosen ones; ``initial_null`` that beside the geometry alone.
+        null: the null distribution of the best candidate on the geometry alone.
         absorbed: named candidates that the geometry alone could stand for, with the share of their columns that is
             left.
-        design: design effect, the number of residuals that tell as much as one independent residual would.
-        names: the best set of named effects alone, where that was searched for first.
+        nested: what folds chose by themselves; ``considered`` the significant candidates that were chosen from.
+        names: the best set of named effects alone, where it is the better model.
     """
 
     chosen: tuple[Candidate, ...]
@@ -44,9 +49,9 @@ class SearchResult:
     rivals: tuple[tuple[Candidate, ...], ...]
     scored: tuple[ScoredCandidate, ...]
     null: NullDistribution
-    initial_null: NullDistribution
+    nested: NestedSelection
     absorbed: tuple[tuple[Candidate, float], ...] = ()
-    design: float = 1.0
+    considered: tuple[Candidate, ...] = ()
     names: SearchResult | None = None
 
     @property
@@ -56,84 +61,105 @@ class SearchResult:
         return {place: rivals for place, rivals in enumerate(named) if rivals}
 
 
-def search(
-    linearised: LinearisedData, dependent: bool = False, tell: Tell = lambda: None, *, unnamed: bool = True
-) -> SearchResult:
+def search(linearised: LinearisedData, tell: Tell = lambda: None) -> SearchResult:
     """The effects in the residuals, with the family-wise error of the first at `levels.FIRST_EFFECT`.
 
-    Forward selection of whole sets by the criterion of `subset_selection`, with backward elimination by score tests
-    and a null distribution of sign flips (Winkler et al. 2014). Where rows stay dependent once effects are taken away,
-    named effects are chosen first, a few at a time, by as many rows as their design effect leaves.
+    A matching pursuit over all candidates, backward elimination by F tests with a null distribution of sign flips
+    (Winkler et al. 2014), and as many effects as predict rows left out: `nested_selection`.
+
+    Real arms' errors are no exact sines; names that explain nearly as much as the best description are the better
+    model: they say where to look and can be planned with. The result stays that unnamed components are needed.
 
     Args:
-        dependent: whether neighbouring postures err alike after the geometry alone.
-        tell: called after every round.
-        unnamed: whether unnamed components, and effects that take any smooth shape, are candidates.
+        tell: called after every part.
     """
-    every = list_candidates(linearised.sensitivities, linearised.excitation)
-    start = InitialScores.of(linearised, every if unnamed else [c for c in every if c.specific])
-    if dependent and start.best_p_value < levels.FIRST_EFFECT and _stay_dependent(start):
-        return _names_first(start, tell)
-    start = start.decided()
+    start = InitialScores.of(linearised, list_candidates(linearised.sensitivities, linearised.excitation)).decided()
+    tell()
     if start.best_p_value >= levels.FIRST_EFFECT:
-        return _result(start, ChosenSet((), start.scored, start.null))
-    found = grow(start, ChosenSet((), start.scored, start.null), INDEPENDENT_ROWS, tell)
-    if not found.members:  # none is significant beside the others, yet one is by itself
-        single = (best_single(start, found.shortlisted),)
-        found = replace(found, members=single, null=start.beside(single, 1.0, True)[1])
-    return _result(start, found)
+        groups, folds = selection_folds(linearised.sensitivities.residuals.data, levels.SELECTION_FOLDS)
+        return _result(start, NestedSelection.of(Dictionary(linearised, ()), 0, groups, folds), (), ())
+    found = _selected(start, lambda c: True)
+    tell()
+    if all(map(_persistent, found.considered)):
+        return found
+    names = _model(start)
+    tell()
+    if all(s.named for s in found.chosen):
+        return names
+    enough = names.nested.explained >= levels.NAMES_EXPLAIN_ENOUGH * found.nested.explained
+    return replace(found, names=names) if enough else found
 
 
-def prefer_named(linearised: LinearisedData, found: SearchResult) -> SearchResult:
-    """The best set of named effects alone, where it explains nearly as much as the set with unnamed components.
+def _persistent(candidate: Candidate) -> bool:
+    """Whether it has a name, and outlasts the session that was measured."""
+    return isinstance(candidate.what, Effect) and candidate.what.for_planning
 
-    Real arms' errors are no exact sines; names that explain nearly as much are the better model: they say where to look
-    and can be planned with. The result of the search stays that unnamed components are needed.
+
+def _model(start: InitialScores) -> SearchResult:
+    """The best set of named effects: with those of the session only where these predict rows left out clearly better.
+
+    What stands still for a while, or bends with the place in the room, imitates much that has another cause.
     """
-    if found.names is not None:
-        return found.names
-    names = search(linearised, unnamed=False)
-    rest, least = (float(linearised.baseline(v.chosen, flips=0).rss[0]) for v in (names, found))
-    whole = float(linearised.baseline(flips=0).rss[0])
-    return names if whole - rest >= levels.NAMES_EXPLAIN_ENOUGH * (whole - least) else found
+    every = _selected(start, lambda c: c.named)
+    if all(map(_persistent, every.considered)):
+        return every
+    lasting = _selected(start, _persistent)
+    return every if clearly_less(every.nested.loss, lasting.nested.loss) else lasting
 
 
-def remaining_unnamed(linearised: LinearisedData, found: SearchResult, names: SearchResult) -> tuple[Candidate, ...]:
-    """The unnamed components that the residuals need beside the ``names`` of the model; else all that were found."""
+def _selected(start: InitialScores, allowed: Callable[[Candidate], bool]) -> SearchResult:
+    """The best set of those candidates that are allowed."""
+    linearised = start.linearised
+    dictionary = Dictionary(linearised, tuple(filter(allowed, start.candidates)))
+    pursued = pursue(dictionary, levels.MOST_EFFECTS)
+    shortlisted = union(filter(allowed, start.shortlist()), pursued.runners_up)
+    members = _exchanged(start, pursued.chosen, shortlisted)
+    members = tuple(_refined(linearised, members, i) for i in range(len(members)))
+    members = eliminate(linearised, start.null, members)
+    if not members:  # the criterion charges a group of parameters more than the test, which has decided already
+        best = [s.candidate for s in start.scored if allowed(s.candidate)][:1]
+        members = tuple(refine_shape(linearised.sensitivities, start.baseline, c) for c in best)
+    groups, folds = selection_folds(linearised.sensitivities.residuals.data, levels.SELECTION_FOLDS)
+    nested = NestedSelection.of(dictionary, len(members), groups, folds)
+    subsets = nested_subsets([s.Z for s in members], linearised.G, linearised.r)
+    chosen = tuple(members[i] for i in subsets[nested.size].members)
+    return replace(_result(start, nested, chosen, shortlisted), considered=members)
+
+
+def _exchanged(
+    start: InitialScores, members: tuple[Candidate, ...], shortlisted: Sequence[Candidate]
+) -> tuple[Candidate, ...]:
+    """The members after drops and swaps with the shortlisted, as long as the criterion falls."""
+    if not 1 < len(members) <= levels.EXCHANGED_EFFECTS:
+        return members
+    every = union(shortlisted, members)
+    place = {str(s.what): i for i, s in enumerate(every)}
+    chosen = exchanged(candidate_pool(start.baseline, every), tuple(sorted(place[str(s.what)] for s in members)))
+    return tuple(every[i] for i in chosen)
+
+
+def _refined(linearised: LinearisedData, members: Sequence[Candidate], i: int) -> Candidate:
+    """A member at the shape that explains most beside the others."""
+    beside = linearised.baseline([s for s in members if s is not members[i]], flips=0)
+    return refine_shape(linearised.sensitivities, beside, members[i])
+
+
+def remaining_unnamed(linearised: LinearisedData, found: SearchResult) -> tuple[Candidate, ...]:
+    """The unnamed components that the residuals need beside the names of the model; else all that were found."""
     unnamed = tuple(s for s in found.chosen if not s.named)
-    if names is found:
+    if found.names is None:
         return unnamed
-    linearised = replace(linearised, design=found.design)
-    beside = ((s, member_weight(linearised, [*names.chosen, s], s)[0]) for s in unnamed)
+    names = found.names.chosen
+    beside = ((s, member_weight(linearised, [*names, s], s)[0]) for s in unnamed)
     return tuple(s for s, p in beside if found.null.family_wise(p, s.family) < levels.FURTHER_EFFECT) or unnamed
 
 
-def _stay_dependent(start: InitialScores) -> bool:
-    """Whether rows are dependent beside the first few effects too."""
-    first = shortlist(start.linearised, start.baseline, DEPENDENT_ROWS.foremost(start.scored))
-    chosen = best_set(candidate_pool(start.baseline, first), (), levels.EFFECTS_A_ROUND)
-    return residual_dependence(start.linearised, [first[i] for i in chosen]) != 1
-
-
-def _names_first(start: InitialScores, tell: Tell) -> SearchResult:
-    """The named effects, and the set with the unnamed components that are needed beside them."""
-    specific = start.specific()
-    first = grow(specific, ChosenSet((), specific.scored, start.null), DEPENDENT_ROWS, tell)
-    names = _result(start, first)
-    first = replace(first, scored=start.beside(first.members, first.design, False)[0])
-    policy = replace(DEPENDENT_ROWS, most=len(first.members) + levels.EFFECTS_A_ROUND)
-    wider = grow(start, first, policy, tell)
-    return replace(_result(start, wider), names=names) if set(wider.members) - set(first.members) else names
-
-
-def _result(start: InitialScores, found: ChosenSet) -> SearchResult:
+def _result(
+    start: InitialScores, nested: NestedSelection, members: tuple[Candidate, ...], shortlisted: Sequence[Candidate]
+) -> SearchResult:
     """The members by their weight, each with its p-value given the others and its rivals."""
-    linearised = replace(start.linearised, design=found.design)
-    chosen, weights = rank_members(linearised, found.members)
-    null = start.null if len(chosen) == 1 else found.null
-    p_values = tuple(null.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True))
-    rivals = find_rivals(replace(start.baseline, design=found.design), found.shortlisted, chosen)
+    chosen, weights = rank_members(start.linearised, members)
+    p_values = tuple(start.null.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True))
+    rivals = find_rivals(start.baseline, shortlisted, chosen)
     hidden = absorbed(start.baseline, start.candidates, start.scored)
-    return SearchResult(
-        chosen, p_values, rivals, tuple(start.scored), found.null, start.null, hidden, found.design
-    )  # fmt: skip
+    return SearchResult(chosen, p_values, rivals, tuple(start.scored), start.null, nested, hidden)

@@ -31,18 +31,28 @@ def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate])
     return Pool(bases, baseline.e, baseline.effective, np.array(penalty), np.array(exclusive))
 
 
-def _penalty(baseline: ProjectedBaseline, candidate: Candidate, basis: Array) -> float:
-    """What a candidate costs in the criterion: its parameters, its grid, and the lack of a name.
+def price_of_choice(candidate: Candidate) -> float:
+    """What the criterion charges for a candidate beside its parameters: for its grid, and for the lack of a name."""
+    unnamed = 0.0 if candidate.named else levels.PENALTY_WITHOUT_A_NAME
+    return float(2 * np.log(candidate.searched) + levels.PENALTY_OF_A_CHOICE + unnamed)
+
+
+def price_of_parameters(count: Array, evidence: Array, freedom: float) -> Array:
+    """What the criterion charges for so many parameters, which explain ``evidence`` in units of the noise variance.
 
     A parameter costs ``log m`` (Schwarz 1978); those of a large group at most what an empirical Bayes prior on the
     group's size would charge, ``1 + log(T / k)`` each for an evidence T of k parameters (George, Foster 2000).
     """
-    k = basis.shape[1]
+    group = 1 + np.log(np.maximum(evidence / np.maximum(count, 1), 1.0))
+    each = np.where(count > levels.LARGE_GROUP, np.minimum(np.log(freedom), group), np.log(freedom))
+    return np.asarray(count * each)
+
+
+def _penalty(baseline: ProjectedBaseline, candidate: Candidate, basis: Array) -> float:
+    """What a candidate costs in the criterion."""
     evidence = float(np.sum((basis.T @ baseline.e) ** 2)) / (float(baseline.rss[0]) / baseline.effective)
-    group = 1 + np.log(max(evidence / max(k, 1), 1.0)) if k > levels.LARGE_GROUP else np.inf
-    each = min(np.log(baseline.effective), group)
-    unnamed = 0.0 if candidate.named else levels.PENALTY_WITHOUT_A_NAME
-    return float(k * each + 2 * np.log(candidate.searched) + levels.PENALTY_OF_A_CHOICE + unnamed)
+    count = np.array(basis.shape[1])
+    return float(price_of_parameters(count, np.array(evidence), baseline.effective)) + price_of_choice(candidate)
 
 
 def member_weight(
@@ -61,35 +71,54 @@ def member_weight(
     return p, float(rise)
 
 
+def member_weights(linearised: LinearisedData, members: Sequence[Candidate]) -> list[tuple[float, float]]:
+    """`member_weight` of every member given the others, all from one fit: ``ΔRSS = θᵀ C⁻¹ θ`` (Wald)."""
+    if not members:
+        return []
+    small, reduced = linearised.reduced(members)
+    sizes = [s.Z.shape[1] for s in reduced]
+    A = np.concatenate([small.G, *(s.Z for s in reduced)], axis=1)
+    norms = np.linalg.norm(A, axis=0)
+    A = A / np.where(norms > 0, norms, 1.0)
+    C = np.linalg.pinv(A.T @ A, rcond=1e-12, hermitian=True)
+    theta = C @ (A.T @ small.r)
+    rss = max(float(small.r @ small.r - theta @ (A.T @ small.r)), 1e-300)
+    freedom = float(small.count - np.linalg.matrix_rank(A))
+    edges = np.cumsum([small.G.shape[1], *sizes])
+    found = []
+    for member, a, b in zip(reduced, edges[:-1], edges[1:], strict=True):
+        values, vectors = np.linalg.eigh(C[a:b, a:b])
+        clear = (values > 0) & (values < levels.SURVIVING_SHARE**-2)
+        gain, count = float(np.sum((vectors.T @ theta[a:b])[clear] ** 2 / values[clear])), int(clear.sum())
+        m = freedom + count
+        p = float(log_p(np.array([gain]), np.array([rss + gain]), max(count, 1), m)[0]) if count else 0.0
+        price = float(price_of_parameters(np.array(count), np.array(gain / (rss / freedom)), m))
+        found.append((p, m * float(np.log1p(gain / rss)) - price - price_of_choice(member)))
+    return found
+
+
 def rank_members(
     linearised: LinearisedData, members: Sequence[Candidate]
 ) -> tuple[tuple[Candidate, ...], list[tuple[float, float]]]:
     """The members, the weightiest first, and the weight of each."""
-    small, reduced = linearised.reduced(members)
-    weights = [member_weight(small, reduced, s) for s in reduced]
-    order = sorted(range(len(reduced)), key=lambda i: -weights[i][1])
+    weights = member_weights(linearised, members)
+    order = sorted(range(len(members)), key=lambda i: -weights[i][1])
     return tuple(members[i] for i in order), [weights[i] for i in order]
 
 
 def eliminate(
-    linearised: LinearisedData, null: NullDistribution, members: Sequence[Candidate], initial_null: NullDistribution
+    linearised: LinearisedData, null: NullDistribution, members: Sequence[Candidate]
 ) -> tuple[Candidate, ...]:
-    """Backward elimination of the members that are not significant given the others, the least significant first.
-
-    ``initial_null`` is the null distribution without any of them, for the last one that is left.
-    """
-    small, reduced = linearised.reduced(members)
-    kept = list(range(len(members)))
+    """Backward elimination of the members that are not significant given the others, the least significant first."""
+    kept = list(members)
     while kept:
-        rest = [reduced[i] for i in kept]
-        weights = [member_weight(small, rest, s) for s in rest]
-        given = initial_null if len(rest) == 1 else null
-        p_values = [given.family_wise(p, s.family) for (p, _), s in zip(weights, rest, strict=True)]
-        worst = max(range(len(rest)), key=lambda i: (p_values[i], weights[i][0]))
-        if p_values[worst] < (levels.FIRST_EFFECT if len(rest) == 1 else levels.FURTHER_EFFECT):
+        weights = member_weights(linearised, kept)
+        p_values = [null.family_wise(p, s.family) for (p, _), s in zip(weights, kept, strict=True)]
+        worst = max(range(len(kept)), key=lambda i: (p_values[i], weights[i][0]))
+        if p_values[worst] < (levels.FIRST_EFFECT if len(kept) == 1 else levels.FURTHER_EFFECT):
             break
         del kept[worst]
-    return tuple(members[i] for i in kept)
+    return tuple(kept)
 
 
 def find_rivals(

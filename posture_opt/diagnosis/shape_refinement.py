@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
@@ -22,6 +24,20 @@ def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline
     if len(steps):
         return _best_step(sensitivities, baseline, candidate, effect, steps)
     return _best_smooth(sensitivities, baseline, candidate, effect) if effect.smooth_shape else candidate
+
+
+def finer_shapes(sensitivities: EffectSensitivities, candidate: Candidate) -> Iterator[Candidate]:
+    """The candidate at some shapes between its neighbours on the grid, its own among them."""
+    effect = candidate.what
+    yield candidate
+    if isinstance(effect, UnnamedComponent):
+        yield from (Candidate(u, Z, candidate.searched) for u, Z in finer_phases(sensitivities, effect))
+        return
+    shapes = effect.shape_steps(sensitivities.state)
+    if not len(shapes) and effect.smooth_shape:
+        shapes = np.linspace(*effect.bracket(_span(sensitivities, effect)), levels.SHAPES_BETWEEN)
+    for shaped in (effect.with_shape(float(shape)) for shape in shapes):
+        yield Candidate(shaped, sensitivities.columns(shaped), candidate.searched)
 
 
 def _best_smooth(

@@ -107,24 +107,7 @@ class Pool:
         return sorted(found)
 
 
-def best_set(pool: Pool, start: Chosen = (), most: int = 12) -> Chosen:
-    """The set of at most ``most`` candidates with the least criterion that a beam from ``start`` reaches."""
-    beam = [(pool.criterion(start), tuple(sorted(start)))]
-    best = beam[0]
-    while len(beam[0][1]) < most:
-        grown: dict[Chosen, float] = {}
-        for _, chosen in beam:
-            grown |= {bigger: value for value, bigger in pool.additions(chosen)[: levels.BEAM_WIDTH]}
-        if not grown:
-            break
-        beam = sorted((value, chosen) for chosen, value in grown.items())[: levels.BEAM_WIDTH]
-        if beam[0][0] >= best[0]:
-            break
-        best = beam[0]
-    return _exchanged(pool, best[1])
-
-
-def _exchanged(pool: Pool, chosen: Chosen) -> Chosen:
+def exchanged(pool: Pool, chosen: Chosen) -> Chosen:
     """Drops and swaps as long as the criterion falls."""
     value = pool.criterion(chosen)
     while True:

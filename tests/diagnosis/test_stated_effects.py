@@ -29,12 +29,15 @@ def diagnosed(folder: Path, stated: dict[str, Any], turns: Any) -> tuple[po.Diag
 
 def test_a_joint_may_slip_again_at_another_moment(tmp_path: Path) -> None:
     stated = {"kind": "slip", "of": "joint1", "moment": "59.5 s", "estimate": {"step": "0.2 mrad"}}
-    found, _ = diagnosed(tmp_path, stated, lambda q, t: 2e-4 * (t >= 60) + 5e-4 * (t >= 140))
+    found, data = diagnosed(tmp_path, stated, lambda q, t: 2e-4 * (t >= 60) + 5e-4 * (t >= 140))
     (slip,) = [effect for effect in found.effects if effect.kind == "slip"]
     step, std, _ = slip.estimate["step"]
     assert step == pytest.approx(5e-4, abs=4 * std)
     assert slip.estimate["moment"][0] == pytest.approx(139.5, abs=0.6)
-    assert found.to_json()["residual_rms"]["extended"] < 1.15 * np.sqrt(2) * NOISE
+    # Rows beside the moment are on either side of it for a fold that has not seen them.
+    clear = np.abs(data.time - 139.5) > 3
+    errors = found.held["extended"].errors[clear]
+    assert np.sqrt(np.mean(np.sum(errors**2, axis=1))) < 1.15 * np.sqrt(2) * NOISE
     assert [e.values[0] for e in found.extended.effects] == pytest.approx([2e-4, 5e-4], abs=4 * std)
 
 

@@ -47,10 +47,10 @@ def test_what_the_names_stand_for_is_listed_no_more(scanned: tuple[LinearisedDat
     # A name that does all that the first curve does, under the name of a wave.
     stand_in = Candidate(CyclicError(joint=curves[0].target, cycles=3.0), curves[0].Z)
     others = [s for s in curves if s.target != curves[0].target]
-    assert list(remaining_unnamed(linearised, found, replace(found, chosen=(stand_in,)))) == others
-    assert list(remaining_unnamed(linearised, found, found)) == curves
+    assert list(remaining_unnamed(linearised, replace(found, names=replace(found, chosen=(stand_in,))))) == others
+    assert list(remaining_unnamed(linearised, replace(found, names=None))) == curves
     everything = tuple(Candidate(CyclicError(joint=s.target, cycles=3.0), s.Z) for s in curves)
-    assert list(remaining_unnamed(linearised, found, replace(found, chosen=everything))) == curves
+    assert list(remaining_unnamed(linearised, replace(found, names=replace(found, chosen=everything)))) == curves
 
 
 def test_the_document_tells_where_and_how_surely(dented: tuple[po.Problem, po.Measurements]) -> None:

@@ -81,6 +81,7 @@ __all__ = [
     "CatalogueEntry",
     "Cause",
     "CorrelatedLengths",
+    "CyclicError",
     "Effect",
     "EffectSpec",
     "Evidence",

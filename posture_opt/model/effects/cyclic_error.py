@@ -9,19 +9,29 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.chain import Scalar, cos, sin
 from posture_opt.model.effects.cause import FittedSizes, Size
 from posture_opt.model.effects.effect import Effect, Excitation
 from posture_opt.model.effects.joint_effect import Harmonic
-from posture_opt.units import number, plus_minus
+from posture_opt.numerics import Array
+from posture_opt.units import Angle, number, plus_minus
 
 FEWEST, MOST = 2.5, 300.0
 """Cycles per revolution that are searched; below lie eccentricity and second harmonic."""
 _SLOW = 5.0  # cycles per revolution: below, it is one of the slow curves over its joint
 OVERSAMPLING = 3.0  # of the spacing at which neighbouring frequencies are independent, 2π / range
+_SAME = 1e-3  # rad: joint values nearer than that are one, a twentieth of the shortest period
+_LEAST_VALUES = 10  # of a joint: fewer are met by some line of thousands whatever the errors are
+_ALIASED = 0.9  # of the spectral window: lines so far apart have columns that are alike in all but rounding
+_WINDOW_VALUES = 500  # joint values that the spectral window is taken of; chosen for time
 
 
 class CyclicError(Harmonic):
-    """``dq = a sin(k q) + b cos(k q)``, k cycles per revolution."""
+    """``dq = a sin(k (q − q0)) + b cos(k (q − q0))``, k cycles per revolution.
+
+    With q0 in the middle of the data, sine and cosine do not depend on small errors of k.
+    """
 
     summary: ClassVar[str] = "joint error whose cycles per revolution are found from the data"
     measurement: ClassVar[str] = (
@@ -32,15 +42,26 @@ class CyclicError(Harmonic):
         "quantisation": "log the joint values that the controller reached, and measure many off any regular grid",
     }
     shape: ClassVar = ("cycles",)
+    shape_units: ClassVar = {"centre": "rad"}
     relative_shape: ClassVar[bool] = False
     family: ClassVar = "periodic"
 
     kind: Literal["cyclic_error"] = "cyclic_error"
     cycles: float = Field(gt=0, description="k, cycles per revolution of the joint")
+    centre: Angle | None = Field(None, description="q0, the joint value that sine and cosine are referred to")
+
+    @property
+    def centre_angle(self) -> float:
+        """q0 [rad]."""
+        return self.centre or 0.0
 
     @property
     def frequency(self) -> float:
         return self.cycles
+
+    def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
+        angle = self.cycles * (state.q[joint] - self.centre_angle)
+        return sin(angle), cos(angle)
 
     @property
     def spectral_line(self) -> float:
@@ -86,3 +107,32 @@ class CyclicError(Harmonic):
         # Half a period must fit the range of the joint: what is longer is no cycle but a curve.
         first = max(FEWEST, math.pi / max(span, 1e-3))
         return np.arange(first, MOST, step)
+
+    @classmethod
+    def resolved(cls, q: Array) -> Array:
+        """Cycles per revolution [1] that the values q (N,) [rad] of a joint resolve.
+
+        None by few values, on a lattice the lower half: values spaced by δ cannot tell k from ``2π/δ − k``, and the
+        spectral window ``|Σ exp(i k q)| / N`` is one at 2π/δ.
+        """
+        values = np.unique(np.round(q / _SAME))
+        if len(values) < _LEAST_VALUES:
+            return np.zeros(0)
+        cycles = cls.grid(float(np.ptp(q)))
+        return np.asarray(cycles[cycles <= _alias_period(q) / 2])
+
+    @classmethod
+    def about(cls, joint: str, q: Array) -> CyclicError:
+        """A line of a joint that is referred to the middle of its values q (N,) [rad]."""
+        return cls(joint=joint, cycles=FEWEST, centre=f"{(np.min(q) + np.max(q)) / 2:.2f} rad")
+
+
+def _alias_period(q: Array) -> float:
+    """The least distance of two lines that the values q (N,) [rad] cannot tell apart [cycles per revolution]."""
+    q = q[:: -(-len(q) // _WINDOW_VALUES)]
+    cycles = CyclicError.grid(float(np.ptp(q)))
+    far = np.concatenate([cycles, cycles + MOST])
+    far = far[far * np.ptp(q) > 4 * math.pi]  # nearer, the window has its own main lobe
+    window = np.abs(np.exp(1j * np.outer(far, q)).mean(axis=1))
+    aliased = far[window > _ALIASED]
+    return float(aliased[0]) if len(aliased) else math.inf

@@ -99,7 +99,7 @@ def evidence(found: Diagnosis) -> list[tuple[ScoredCandidate, float]]:
     """Every candidate with its log p-value over the critical one of its family, the most significant first."""
     search = found.search
     scored = search.scored
-    null = search.initial_null or search.null
+    null = search.null
     lines = {family: critical_log_p(null, family) for family in {j.candidate.family for j in scored}}
     pairs = [(j, max(j.log_p / lines[j.candidate.family], 0.0)) for j in scored]
     return sorted(pairs, key=lambda pair: -pair[1])

@@ -1,0 +1,152 @@
+"""The dictionary of a search: the columns of every candidate in batches of one width, the lines of all joints included.
+
+A batch tells inner products with any vectors and the Gram matrices of its candidates, of all rows or of some of them;
+that is all that a matching pursuit asks.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from posture_opt.calibration.effect_sensitivities import EffectSensitivities
+from posture_opt.diagnosis import levels
+from posture_opt.diagnosis.candidates import Candidate, Lines, lines_of_joints
+from posture_opt.diagnosis.linearised_data import LinearisedData
+from posture_opt.diagnosis.score_tests import waves
+from posture_opt.diagnosis.selection_criterion import price_of_choice
+from posture_opt.diagnosis.shape_refinement import finer_shapes
+from posture_opt.model.effects import CyclicError, Effect
+from posture_opt.numerics import Array, Codes
+
+_FINER = 4  # steps to either side from a line of the grid to half way to the next
+
+
+class Batch(ABC):
+    """n candidates of k columns each."""
+
+    prices: Array
+    """(n,) what the criterion charges for each beside its parameters."""
+    limits: Array
+    """(n, 2) the least and the largest size of an only parameter [SI]; infinite for most."""
+
+    @abstractmethod
+    def grams(self, rows: Codes | None = None) -> Array:
+        """(n, k, k) inner products of the columns, of all rows or of some."""
+
+    @abstractmethod
+    def products(self, vectors: Array) -> Array:
+        """(n, k, p) inner products of the columns with vectors (m, p)."""
+
+    @abstractmethod
+    def candidate(self, index: int) -> Candidate:
+        """One of the candidates."""
+
+    @abstractmethod
+    def excluded(self, chosen: Candidate) -> Codes:
+        """Indices of those that no model holds beside a chosen candidate."""
+
+    def finer(self, index: int) -> Iterator[Candidate]:
+        """Candidates between this one and its neighbours on the grid."""
+        yield self.candidate(index)
+
+
+class ColumnBatch(Batch):
+    """Candidates whose columns are written out."""
+
+    def __init__(self, candidates: Sequence[Candidate], sensitivities: EffectSensitivities) -> None:
+        self.members, self.width, self._sensitivities = tuple(candidates), candidates[0].Z.shape[1], sensitivities
+        self.block = sensitivities.residuals.block
+        self.Z = np.concatenate([c.Z for c in candidates], axis=1)
+        self.prices = np.array([price_of_choice(c) for c in candidates])
+        self.limits = np.array([c.what.limits if isinstance(c.what, Effect) else (-np.inf, np.inf) for c in candidates])
+        codes: dict[object, list[int]] = {}
+        for i, c in enumerate(candidates):
+            codes.setdefault(c.exclusive, []).append(i)
+        self._alike = codes
+
+    def grams(self, rows: Codes | None = None) -> Array:
+        Z = self.Z if rows is None else self.Z[(rows[:, None] * self.block + np.arange(self.block)).ravel()]
+        Z = Z.reshape(len(Z), -1, self.width)
+        return np.asarray(np.einsum("mik,mil->ikl", Z, Z, optimize=self.width > 1))
+
+    def products(self, vectors: Array) -> Array:
+        return np.asarray((self.Z.T @ vectors).reshape(-1, self.width, vectors.shape[1]))
+
+    def candidate(self, index: int) -> Candidate:
+        return self.members[index]
+
+    def finer(self, index: int) -> Iterator[Candidate]:
+        yield from finer_shapes(self._sensitivities, self.members[index])
+
+    def excluded(self, chosen: Candidate) -> Codes:
+        return np.array(self._alike.get(chosen.exclusive, []), dtype=np.intp)
+
+
+class LineBatch(Batch):
+    """Cyclic errors of one joint at every frequency that its values resolve.
+
+    The columns of a line are ``c_n sin(k (q_n − q_0))`` and the cosine, c_n what one unit of the joint does to row n.
+    """
+
+    def __init__(self, linearised: LinearisedData, lines: Lines) -> None:
+        self.lines, self._sensitivities = lines, linearised.sensitivities
+        data = self._sensitivities.residuals.data
+        joint = data.joint_names.index(lines.form.joint)
+        self.lever = self._sensitivities.joints[joint]
+        # Half the memory; gains to seven digits decide nothing.
+        sines = waves(data.q[:, joint] - lines.form.centre_angle, lines.cycles)
+        self.S, self.C = (w.astype(np.float32) for w in sines)
+        self.prices = np.full(len(lines.cycles), price_of_choice(lines.candidate(lines.cycles[0], self._sensitivities)))
+        self.limits = np.tile([-np.inf, np.inf], (len(lines.cycles), 1))
+        self._step = float(lines.cycles[1] - lines.cycles[0]) if len(lines.cycles) > 1 else 0.0
+
+    def grams(self, rows: Codes | None = None) -> Array:
+        S, C, lever = (v if rows is None else v[rows] for v in (self.S, self.C, self.lever))
+        weight = np.einsum("nb,nb->n", lever, lever).astype(np.float32)
+        ss, sc, cc = ((a * b).T @ weight for a, b in ((S, S), (S, C), (C, C)))
+        return np.asarray(np.stack([ss, sc, sc, cc], axis=1).reshape(-1, 2, 2), dtype=float)
+
+    def products(self, vectors: Array) -> Array:
+        N, block = self.lever.shape
+        along = np.einsum("nb,nbp->np", self.lever, vectors[: N * block].reshape(N, block, -1)).astype(np.float32)
+        return np.asarray(np.stack([self.S.T @ along, self.C.T @ along], axis=1), dtype=float)
+
+    def candidate(self, index: int) -> Candidate:
+        return self.lines.candidate(self.lines.cycles[index], self._sensitivities)
+
+    def excluded(self, chosen: Candidate) -> Codes:
+        if not isinstance(chosen.what, CyclicError) or chosen.what.joint != self.lines.form.joint:
+            return np.zeros(0, dtype=np.intp)
+        apart = np.abs(self.lines.cycles - chosen.what.cycles)
+        return np.flatnonzero(apart <= levels.LEAST_LINE_DISTANCE * self._step)
+
+    def finer(self, index: int) -> Iterator[Candidate]:
+        for k in range(-_FINER, _FINER + 1):
+            cycles = self.lines.cycles[index] + k * self._step / (2 * _FINER)
+            yield self.lines.candidate(cycles, self._sensitivities)
+
+
+@dataclass(frozen=True, eq=False)
+class Dictionary:
+    """The candidates of a search over linearised data, lines of joints included."""
+
+    linearised: LinearisedData
+    candidates: tuple[Candidate, ...]
+
+    @cached_property
+    def batches(self) -> tuple[Batch, ...]:
+        """Candidates of one width side by side, then the lines of each joint."""
+        by_width: dict[int, list[Candidate]] = {}
+        for candidate in self.candidates:
+            by_width.setdefault(candidate.Z.shape[1], []).append(candidate)
+        sensitivities = self.linearised.sensitivities
+        written = (ColumnBatch(own, sensitivities) for own in by_width.values())
+        if not self.candidates:
+            return ()
+        lines = lines_of_joints(self.linearised.excitation, sensitivities.residuals.data)
+        return (*written, *(LineBatch(self.linearised, own) for own in lines))
