@@ -32,7 +32,7 @@ from posture_opt.diagnosis.extended_arm import extended_arm
 from posture_opt.diagnosis.geometry_causes import geometry_causes
 from posture_opt.diagnosis.lack_of_fit import Adequacy, assess_adequacy
 from posture_opt.diagnosis.linearised_data import LinearisedData, frame_directions, linearise, tool_points
-from posture_opt.diagnosis.nested_selection import NestedSelection
+from posture_opt.diagnosis.nested_selection import Folding
 from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
 from posture_opt.diagnosis.outlier_reinclusion import reinclude_outliers
 from posture_opt.diagnosis.repeat_plan import RepeatPlan, plan_repeats
@@ -274,8 +274,8 @@ def diagnose(
     shape = noise_shape(model, noise)
     extended = held_out(model, parts, shape=shape)
     if model.effects:
-        nested = NestedSelection.of(names.nested.dictionary, len(names.chosen), groups, parts)
-        held["extended"] = nested.held_out(calibration.fit_effects(residuals, []), len(names.chosen), shape)
+        (nested, *_), size = names.nested.each, len(names.chosen)
+        held["extended"] = nested.held_out(calibration.fit_effects(residuals, []), size, shape)
     else:
         held["extended"] = replace(extended, errors=held["calibrated"].errors)
     delivery = deliver(calibration, model, held, parts, noise, with_time=with_time)
@@ -332,18 +332,28 @@ def _folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:
     return groups[kept], [part for part in parts if len(part)]
 
 
+def _foldings(calibration: Calibration) -> tuple[Folding, ...]:
+    """How rows are left out: as the calibration does, by which errors are stated, and by block too where it can be."""
+    data = calibration.request.data.take(calibration.kept_rows)
+    own = Folding(*_folds(calibration))
+    if data.position is None or calibration.by == "block":
+        return (own,)
+    return own, Folding.of(data, "block", calibration.request.folds)
+
+
 def _searched(
     calibration: Calibration, draws: int, seed: int, stages: Stages
 ) -> tuple[Calibration, LinearisedData, SearchResult]:  # fmt: skip
     """What the residuals hold, once more where it explains rows that looked like outliers."""
     linearised = linearise(calibration, draws, seed)
-    found = search(linearised, stages.rounds(stages.next()))
+    foldings = _foldings(calibration)
+    found = search(linearised, foldings, stages.rounds(stages.next()))
     stages.next()
     wider = reinclude_outliers(calibration, found)
     if len(wider.outliers) == len(calibration.outliers):
         return calibration, linearised, found
     linearised = linearise(wider, draws, seed)
-    return wider, linearised, search(linearised)
+    return wider, linearised, search(linearised, _foldings(wider))
 
 
 def _of_data(model: Fit, calibration: Calibration) -> Fit:

@@ -1,7 +1,7 @@
-"""The dictionary of a search: the columns of every candidate in batches of one width, the lines of all joints included.
+"""The dictionary of a search: the columns of every candidate, its atoms, and the lines of all joints among them.
 
-A batch tells inner products with any vectors and the Gram matrices of its candidates, of all rows or of some of them;
-that is all that a matching pursuit asks.
+Atoms tell their inner products with any vectors and their Gram matrices, of all rows or of some of them; that is all
+that a matching pursuit asks.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from posture_opt.numerics import Array, Codes
 _FINER = 4  # steps to either side from a line of the grid to half way to the next
 
 
-class Batch(ABC):
+class Atoms(ABC):
     """n candidates of k columns each."""
 
     prices: Array
@@ -55,7 +55,7 @@ class Batch(ABC):
         yield self.candidate(index)
 
 
-class ColumnBatch(Batch):
+class WrittenAtoms(Atoms):
     """Candidates whose columns are written out."""
 
     def __init__(self, candidates: Sequence[Candidate], sensitivities: EffectSensitivities) -> None:
@@ -87,7 +87,7 @@ class ColumnBatch(Batch):
         return np.array(self._alike.get(chosen.exclusive, []), dtype=np.intp)
 
 
-class LineBatch(Batch):
+class LineAtoms(Atoms):
     """Cyclic errors of one joint at every frequency that its values resolve.
 
     The columns of a line are ``c_n sin(k (q_n − q_0))`` and the cosine, c_n what one unit of the joint does to row n.
@@ -139,14 +139,14 @@ class Dictionary:
     candidates: tuple[Candidate, ...]
 
     @cached_property
-    def batches(self) -> tuple[Batch, ...]:
+    def atoms(self) -> tuple[Atoms, ...]:
         """Candidates of one width side by side, then the lines of each joint."""
         by_width: dict[int, list[Candidate]] = {}
         for candidate in self.candidates:
             by_width.setdefault(candidate.Z.shape[1], []).append(candidate)
         sensitivities = self.linearised.sensitivities
-        written = (ColumnBatch(own, sensitivities) for own in by_width.values())
+        written = (WrittenAtoms(own, sensitivities) for own in by_width.values())
         if not self.candidates:
             return ()
         lines = lines_of_joints(self.linearised.excitation, sensitivities.residuals.data)
-        return (*written, *(LineBatch(self.linearised, own) for own in lines))
+        return (*written, *(LineAtoms(self.linearised, own) for own in lines))

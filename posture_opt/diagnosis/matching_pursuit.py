@@ -12,13 +12,13 @@ import numpy as np
 
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.dictionary import Batch, Dictionary
+from posture_opt.diagnosis.dictionary import Atoms, Dictionary
 from posture_opt.diagnosis.score_tests import orthonormal
 from posture_opt.diagnosis.selection_criterion import price_of_parameters
 from posture_opt.numerics import Array, Codes
 
 _EXPLAINED = 1 - 1e-9  # of a sum of squares: all of it would have no logarithm
-_RUNNERS_UP = 4  # of a batch at each step: neighbours on a grid say the same
+_RUNNERS_UP = 4  # of atoms of a kind at each step: neighbours on a grid say the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
     e = linearised.r * learn
     e = e - Q @ (Q.T @ e)
     freedom = float(learn.sum() - Q.shape[1])
-    states = [_State(batch, Q, e, held_out) for batch in dictionary.batches]
+    states = [_State(atoms, Q, e, held_out) for atoms in dictionary.atoms]
     chosen, runners_up, rss = list[Candidate](), list[Candidate](), float(e @ e)
     while len(chosen) < most:
         drops = [state.drops(rss, freedom) for state in states]
@@ -56,7 +56,7 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
         within = most_of_all - levels.RIVAL_CRITERION
         if held_out is None:
             runners_up += [c for s, d in zip(states, drops, strict=True) for c in s.leading(d, max(within, 0.0))]
-        candidate = _finest(states[best].batch, int(np.argmax(drops[best])), Q, e, learn)
+        candidate = _finest(states[best].atoms, int(np.argmax(drops[best])), Q, e, learn)
         q = _new_directions(candidate, Q, learn)
         if not q.shape[1]:
             states[best].closed[int(np.argmax(drops[best]))] = True
@@ -71,25 +71,25 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
 
 
 class _State:
-    """A batch beside what was chosen: Gram matrices and scores of its columns, projected off it, of length one."""
+    """Atoms beside what was chosen: Gram matrices and scores of its columns, projected off it, of length one."""
 
-    def __init__(self, batch: Batch, Q: Array, e: Array, held_out: Codes | None) -> None:
-        self.batch = batch
-        gram = batch.grams() if held_out is None else batch.grams() - batch.grams(held_out)
+    def __init__(self, atoms: Atoms, Q: Array, e: Array, held_out: Codes | None) -> None:
+        self.atoms = atoms
+        gram = atoms.grams() if held_out is None else atoms.grams() - atoms.grams(held_out)
         norms = np.sqrt(np.maximum(np.einsum("ikk->ik", gram), 1e-300))
         self.scale = np.where(norms > 1e-12 * norms.max(initial=0.0), 1 / norms, 0.0)
         self.gram = gram * self.scale[:, :, None] * self.scale[:, None, :]
-        self.score = batch.products(e[:, None])[:, :, 0] * self.scale
+        self.score = atoms.products(e[:, None])[:, :, 0] * self.scale
         self.closed = np.zeros(len(gram), dtype=bool)
         self._subtract(Q)
 
     def project(self, q: Array, explained: Array, chosen: Candidate) -> None:
         """Takes the new directions q (m, p) and what they explain off the columns."""
         self.score = self.score - self._subtract(q) @ explained
-        self.closed[self.batch.excluded(chosen)] = True
+        self.closed[self.atoms.excluded(chosen)] = True
 
     def _subtract(self, q: Array) -> Array:
-        inner = self.batch.products(q) * self.scale[:, :, None]
+        inner = self.atoms.products(q) * self.scale[:, :, None]
         self.gram = self.gram - inner @ np.swapaxes(inner, 1, 2)
         return np.asarray(inner)
 
@@ -99,7 +99,7 @@ class _State:
         clear = values > levels.DISTINCT_SHARE
         gain = np.sum(np.where(clear, parts / np.maximum(values, levels.DISTINCT_SHARE), 0.0), axis=1)
         gain, count = np.minimum(gain, _EXPLAINED * rss), clear.sum(axis=1)
-        prices = price_of_parameters(count, gain / (rss / freedom), freedom) + self.batch.prices
+        prices = price_of_parameters(count, gain / (rss / freedom), freedom) + self.atoms.prices
         drop = -freedom * np.log1p(-gain / rss) - prices
         return np.where(self.closed | (gain <= 0) | self._impossible(), -np.inf, drop)
 
@@ -108,13 +108,13 @@ class _State:
         if self.score.shape[1] > 1:
             return np.zeros(len(self.score), dtype=bool)
         size = -self.score[:, 0] / np.maximum(self.gram[:, 0, 0], 1e-300) * self.scale[:, 0]
-        return np.asarray((size < self.batch.limits[:, 0]) | (size > self.batch.limits[:, 1]))
+        return np.asarray((size < self.atoms.limits[:, 0]) | (size > self.atoms.limits[:, 1]))
 
     def leading(self, drops: Array, least: float) -> list[Candidate]:
         """The few best candidates that are local maxima of the drop, at ``least`` or better."""
         before, behind = np.r_[-np.inf, drops[:-1]], np.r_[drops[1:], -np.inf]
         peaks = np.flatnonzero((drops >= least) & (drops >= before) & (drops >= behind))
-        return [self.batch.candidate(int(i)) for i in peaks[np.argsort(-drops[peaks])][:_RUNNERS_UP]]
+        return [self.atoms.candidate(int(i)) for i in peaks[np.argsort(-drops[peaks])][:_RUNNERS_UP]]
 
 
 def _principal(gram: Array, score: Array) -> tuple[Array, Array]:
@@ -136,9 +136,9 @@ def _principal(gram: Array, score: Array) -> tuple[Array, Array]:
     return values, along**2
 
 
-def _finest(batch: Batch, index: int, Q: Array, e: Array, learn: Array) -> Candidate:
+def _finest(atoms: Atoms, index: int, Q: Array, e: Array, learn: Array) -> Candidate:
     """The candidate between two neighbours on the grid that explains most."""
-    finer = list(batch.finer(index))
+    finer = list(atoms.finer(index))
     if len(finer) == 1:
         return finer[0]
     return max(finer, key=lambda c: float(np.sum((_new_directions(c, Q, learn).T @ e) ** 2)))

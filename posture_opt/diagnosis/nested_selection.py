@@ -57,26 +57,21 @@ class NestedSelection:
         codes = np.unique(self.groups, return_inverse=True)[1]
         return np.array([np.bincount(codes, loss) for loss in self.losses])
 
+    @property
+    def refuted(self) -> bool:
+        """Whether rows left out are clearly worse predicted with the first effect than without any."""
+        return len(self.totals) == 1 or clearly_less(self.totals[0], self.totals[1])
+
     @cached_property
-    def size(self) -> int:
-        """The least size that predicts rows left out as well as the best, within one standard error.
+    def best(self) -> int:
+        """The size, of one effect or more, that predicts rows left out best."""
+        return 1 + int(np.argmin(self.totals[1:].sum(axis=1)))
 
-        The first effect has been decided by a test of its own; it is none where rows left out refute it.
-        """
-        if len(self.totals) == 1 or clearly_less(self.totals[0], self.totals[1]):
-            return 0
-        best = 1 + int(np.argmin(self.totals[1:].sum(axis=1)))
-        return next((size for size in range(1, best) if not clearly_less(self.totals[best], self.totals[size])), best)
-
-    @property
-    def loss(self) -> Array:
-        """(groups,) of the sets of that size [m²]."""
-        return np.asarray(self.totals[self.size])
-
-    @property
-    def explained(self) -> float:
-        """What the sets of that size explain of the squared errors of rows left out [m²]."""
-        return float(np.sum(self.totals[0] - self.loss))
+    @cached_property
+    def least(self) -> int:
+        """The least size that predicts them as well, within one standard error of the difference."""
+        best = self.totals[self.best]
+        return next((size for size in range(1, self.best) if not clearly_less(best, self.totals[size])), self.best)
 
     def held_out(self, calibrated: Fit, size: int, shape: Array | None = None) -> HeldOut:
         """Errors of all rows by the named effects of one size, each set fitted to the rows that it was chosen from.
@@ -118,8 +113,56 @@ def _path(
     return tuple(tuple(chosen[i] for i in subset.members) for subset in subsets), losses
 
 
-def selection_folds(data: Measurements, count: int) -> tuple[Codes, Folds]:
-    """Groups (N,) and folds by which effects are chosen: places that were touched, or blocks of the workspace."""
-    by: By = "place" if data.position is None else "block"
-    groups = groups_of(data, by, count)
-    return groups, folds_of(groups, count, by)
+@dataclass(frozen=True, eq=False)
+class Folding:
+    """A way to leave rows out: ``groups`` (N,) of what hangs together, and the rows of each fold."""
+
+    groups: Codes
+    folds: Folds
+
+    @classmethod
+    def of(cls, data: Measurements, by: By, count: int) -> Folding:
+        """By pose, by place or by block."""
+        groups = groups_of(data, by, count)
+        return cls(groups, folds_of(groups, count, by))
+
+    @classmethod
+    def usual(cls, data: Measurements, count: int = levels.SELECTION_FOLDS) -> tuple[Folding, ...]:
+        """By place that was touched; else by pose, which asks for the noise, and by block of the workspace, which asks
+        for what holds elsewhere."""
+        ways: tuple[By, ...] = ("place",) if data.position is None else ("pose", "block")
+        return tuple(cls.of(data, by, count) for by in ways)
+
+
+@dataclass(frozen=True, eq=False)
+class NestedSelections:
+    """Nested selections of one dictionary in several ways, which have to agree on how many effects there are."""
+
+    each: tuple[NestedSelection, ...]
+
+    @classmethod
+    def of(cls, dictionary: Dictionary, most: int, foldings: Sequence[Folding]) -> NestedSelections:
+        """One for each way to leave rows out."""
+        return cls(tuple(NestedSelection.of(dictionary, most, way.groups, way.folds) for way in foldings))
+
+    @property
+    def size(self) -> int:
+        """As many effects as the first way asks for, within one standard error, and no more than improve any other.
+
+        Poses left out tell small gains, as they are many; blocks left out tell where what is gained is the
+        neighbourhood alone. The first effect has been decided by a test of its own: rows left out can but refute it.
+        """
+        if any(nested.refuted for nested in self.each):
+            return 0
+        return min(self.each[0].least, *(nested.best for nested in self.each))
+
+    @property
+    def explained(self) -> float:
+        """Share of the squared errors of rows left out that the sets of that size explain, mean of all ways."""
+        size = self.size
+        return float(np.mean([1 - n.totals[size].sum() / max(n.totals[0].sum(), 1e-300) for n in self.each]))
+
+    def clearly_better(self, other: NestedSelections) -> bool:
+        """Whether rows left out are predicted better than by another, by more than a standard error in every way."""
+        pairs = zip(self.each, other.each, strict=True)
+        return all(clearly_less(a.totals[self.size], b.totals[other.size]) for a, b in pairs)

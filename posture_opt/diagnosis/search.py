@@ -11,7 +11,7 @@ from posture_opt.diagnosis.dictionary import Dictionary
 from posture_opt.diagnosis.initial_scores import InitialScores
 from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.matching_pursuit import nested_subsets, pursue
-from posture_opt.diagnosis.nested_selection import NestedSelection, clearly_less, selection_folds
+from posture_opt.diagnosis.nested_selection import Folding, NestedSelections
 from posture_opt.diagnosis.score_tests import NullDistribution
 from posture_opt.diagnosis.selection_criterion import (
     candidate_pool,
@@ -49,7 +49,7 @@ class SearchResult:
     rivals: tuple[tuple[Candidate, ...], ...]
     scored: tuple[ScoredCandidate, ...]
     null: NullDistribution
-    nested: NestedSelection
+    nested: NestedSelections
     absorbed: tuple[tuple[Candidate, float], ...] = ()
     considered: tuple[Candidate, ...] = ()
     names: SearchResult | None = None
@@ -61,7 +61,9 @@ class SearchResult:
         return {place: rivals for place, rivals in enumerate(named) if rivals}
 
 
-def search(linearised: LinearisedData, tell: Tell = lambda: None) -> SearchResult:
+def search(
+    linearised: LinearisedData, foldings: Sequence[Folding] | None = None, tell: Tell = lambda: None
+) -> SearchResult:
     """The effects in the residuals, with the family-wise error of the first at `levels.FIRST_EFFECT`.
 
     A matching pursuit over all candidates, backward elimination by F tests with a null distribution of sign flips
@@ -71,18 +73,20 @@ def search(linearised: LinearisedData, tell: Tell = lambda: None) -> SearchResul
     model: they say where to look and can be planned with. The result stays that unnamed components are needed.
 
     Args:
+        foldings: ways to leave rows out, the usual ones if None.
         tell: called after every part.
     """
+    if foldings is None:
+        foldings = Folding.usual(linearised.sensitivities.residuals.data)
     start = InitialScores.of(linearised, list_candidates(linearised.sensitivities, linearised.excitation)).decided()
     tell()
     if start.best_p_value >= levels.FIRST_EFFECT:
-        groups, folds = selection_folds(linearised.sensitivities.residuals.data, levels.SELECTION_FOLDS)
-        return _result(start, NestedSelection.of(Dictionary(linearised, ()), 0, groups, folds), (), ())
-    found = _selected(start, lambda c: True)
+        return _result(start, NestedSelections.of(Dictionary(linearised, ()), 0, foldings), (), ())
+    found = _selected(start, foldings, lambda c: True)
     tell()
     if all(map(_persistent, found.considered)):
         return found
-    names = _model(start)
+    names = _model(start, foldings)
     tell()
     if all(s.named for s in found.chosen):
         return names
@@ -95,19 +99,19 @@ def _persistent(candidate: Candidate) -> bool:
     return isinstance(candidate.what, Effect) and candidate.what.for_planning
 
 
-def _model(start: InitialScores) -> SearchResult:
+def _model(start: InitialScores, foldings: Sequence[Folding]) -> SearchResult:
     """The best set of named effects: with those of the session only where these predict rows left out clearly better.
 
     What stands still for a while, or bends with the place in the room, imitates much that has another cause.
     """
-    every = _selected(start, lambda c: c.named)
+    every = _selected(start, foldings, lambda c: c.named)
     if all(map(_persistent, every.considered)):
         return every
-    lasting = _selected(start, _persistent)
-    return every if clearly_less(every.nested.loss, lasting.nested.loss) else lasting
+    lasting = _selected(start, foldings, _persistent)
+    return every if every.nested.clearly_better(lasting.nested) else lasting
 
 
-def _selected(start: InitialScores, allowed: Callable[[Candidate], bool]) -> SearchResult:
+def _selected(start: InitialScores, foldings: Sequence[Folding], allowed: Callable[[Candidate], bool]) -> SearchResult:
     """The best set of those candidates that are allowed."""
     linearised = start.linearised
     dictionary = Dictionary(linearised, tuple(filter(allowed, start.candidates)))
@@ -119,8 +123,7 @@ def _selected(start: InitialScores, allowed: Callable[[Candidate], bool]) -> Sea
     if not members:  # the criterion charges a group of parameters more than the test, which has decided already
         best = [s.candidate for s in start.scored if allowed(s.candidate)][:1]
         members = tuple(refine_shape(linearised.sensitivities, start.baseline, c) for c in best)
-    groups, folds = selection_folds(linearised.sensitivities.residuals.data, levels.SELECTION_FOLDS)
-    nested = NestedSelection.of(dictionary, len(members), groups, folds)
+    nested = NestedSelections.of(dictionary, len(members), foldings)
     subsets = nested_subsets([s.Z for s in members], linearised.G, linearised.r)
     chosen = tuple(members[i] for i in subsets[nested.size].members)
     return replace(_result(start, nested, chosen, shortlisted), considered=members)
@@ -155,7 +158,7 @@ def remaining_unnamed(linearised: LinearisedData, found: SearchResult) -> tuple[
 
 
 def _result(
-    start: InitialScores, nested: NestedSelection, members: tuple[Candidate, ...], shortlisted: Sequence[Candidate]
+    start: InitialScores, nested: NestedSelections, members: tuple[Candidate, ...], shortlisted: Sequence[Candidate]
 ) -> SearchResult:
     """The members by their weight, each with its p-value given the others and its rivals."""
     chosen, weights = rank_members(start.linearised, members)
