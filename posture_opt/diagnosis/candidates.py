@@ -154,29 +154,24 @@ def score_candidates(
     baseline: ProjectedBaseline,
     candidates: Sequence[Candidate],
     sensitivities: EffectSensitivities,
-    excitation: Excitation,
-    known: NullDistribution | None = None,
+    lines: Sequence[Lines],
 ) -> tuple[list[ScoredCandidate], NullDistribution]:
     """The best shape of every kind and target beside a baseline, the least p-value first, and the null distribution.
 
     Every candidate is a score test (Rao 1948): an F test of its columns on the residuals that the baseline leaves. The
     null distribution is that of the least p-value in data sets whose residuals have the signs of whole poses flipped
     (Winkler et al. 2014).
-
-    Args:
-        known: the null distribution where it need not be drawn again.
     """
     rho, sizes, gains = explained(baseline, [s.Z for s in candidates])
     alive = [int(i) for i in np.flatnonzero(sizes)]
     sizes, gains = sizes[alive], _possible(baseline, [candidates[i] for i in alive], gains[alive])
     rss = baseline.rss
-    freedom = np.r_[baseline.effective, np.full(len(rss) - 1, baseline.freedom)]
-    values = log_p(gains, rss[None, :], sizes[:, None], freedom[None, :]) if alive else np.zeros((0, len(rss)))
-    cyclic, lowest = _cyclic(baseline, sensitivities, excitation)
+    values = log_p(gains, rss[None, :], sizes[:, None], baseline.freedom) if alive else np.zeros((0, len(rss)))
+    cyclic, lowest = _cyclic(baseline, sensitivities, lines)
     families = np.array([candidates[i].family for i in alive])
     least = {family: _least(values[families == family]) for family in levels.FAMILY_SHARES}
     least[CyclicError.family] = np.minimum(least[CyclicError.family], lowest)
-    null = known or NullDistribution(least)
+    null = NullDistribution(least)
     found: dict[tuple[str, str], ScoredCandidate] = {}
     for row, i in enumerate(alive):
         p, candidate = float(values[row, 0]), candidates[i]
@@ -245,29 +240,29 @@ class Lines:
         return Candidate(line, sensitivities.columns(line), self.searched)
 
 
-def lines_of_joints(excitation: Excitation, data: Measurements) -> list[Lines]:
+def lines_of_joints(excitation: Excitation, data: Measurements) -> tuple[Lines, ...]:
     """The lines of each revolute joint that has some."""
-    found = []
+    found: list[Lines] = []
     for joint, name in enumerate(excitation.robot.joint_names):
         if excitation.robot.joints[joint].type == "revolute" and excitation.span[joint] >= _STILL:
             cycles = CyclicError.resolved(data.q[:, joint])
             found += [Lines(CyclicError.about(name, data.q[:, joint]), cycles)] if len(cycles) else []
-    return found
+    return tuple(found)
 
 
 def _cyclic(
-    baseline: ProjectedBaseline, sensitivities: EffectSensitivities, excitation: Excitation
+    baseline: ProjectedBaseline, sensitivities: EffectSensitivities, lines_of_all: Sequence[Lines]
 ) -> tuple[list[tuple[Candidate, float]], Array]:
     """Peaks of the joints' periodograms with their log p-values, and the least log p-value (B,) of flipped sets."""
     rss, data = baseline.rss, sensitivities.residuals.data
     lowest = np.zeros(len(rss) - 1)
     found: list[tuple[Candidate, float]] = []
-    for lines in lines_of_joints(excitation, data):
+    for lines in lines_of_all:
         joint = data.joint_names.index(lines.form.joint)
         gains, most = scan_frequencies(baseline, sensitivities.joints[joint], data.q[:, joint], lines.cycles)
         lowest = np.minimum(lowest, log_p(most, rss[1:], 2, baseline.freedom))
         for k in _peaks(gains):
-            p = float(log_p(gains[k : k + 1], rss[:1], 2, baseline.effective)[0])
+            p = float(log_p(gains[k : k + 1], rss[:1], 2, baseline.freedom)[0])
             found.append((lines.candidate(lines.cycles[k], sensitivities), p))
     return found, lowest
 

@@ -274,8 +274,8 @@ def diagnose(
     shape = noise_shape(model, noise)
     extended = held_out(model, parts, shape=shape)
     if model.effects:
-        (nested, *_), size = names.nested.each, len(names.chosen)
-        held["extended"] = nested.held_out(calibration.fit_effects(residuals, []), size, shape)
+        calibrated = calibration.fit_effects(residuals, [])
+        held["extended"] = names.nested.each[0].held_out(calibrated, names.size, shape)
     else:
         held["extended"] = replace(extended, errors=held["calibrated"].errors)
     delivery = deliver(calibration, model, held, parts, noise, with_time=with_time)

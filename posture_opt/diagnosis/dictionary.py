@@ -15,7 +15,7 @@ import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.candidates import Candidate, Lines, lines_of_joints
+from posture_opt.diagnosis.candidates import Candidate, Lines
 from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.score_tests import waves
 from posture_opt.diagnosis.selection_criterion import price_of_choice
@@ -148,5 +148,4 @@ class Dictionary:
         written = (WrittenAtoms(own, sensitivities) for own in by_width.values())
         if not self.candidates:
             return ()
-        lines = lines_of_joints(self.linearised.excitation, sensitivities.residuals.data)
-        return (*written, *(LineAtoms(self.linearised, own) for own in lines))
+        return (*written, *(LineAtoms(self.linearised, own) for own in self.linearised.lines))

@@ -28,7 +28,7 @@ class InitialScores:
     def of(cls, linearised: LinearisedData, candidates: Sequence[Candidate], flips: int | None = None) -> InitialScores:
         """With ``flips`` draws of the null distribution, as many as the data ask for if None."""
         baseline = linearised.baseline(flips=flips)
-        scored, null = score_candidates(baseline, candidates, linearised.sensitivities, linearised.excitation)
+        scored, null = score_candidates(baseline, candidates, linearised.sensitivities, linearised.lines)
         return cls(linearised, candidates, baseline, scored, null)
 
     @property

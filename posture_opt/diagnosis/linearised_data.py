@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities, case_of
 from posture_opt.calibration.identifiability import identify
-from posture_opt.diagnosis.candidates import Candidate
+from posture_opt.diagnosis.candidates import Candidate, Lines, lines_of_joints
 from posture_opt.diagnosis.score_tests import ProjectedBaseline
 from posture_opt.model.effects import Excitation
 from posture_opt.numerics import Array, Codes
@@ -28,7 +29,6 @@ class LinearisedData:
         groups: (m,) the pose of every residual, whose signs are flipped together.
         flips: draws of the null distribution, from ``seed``.
         count: the number of residuals; more than m if `reduced`.
-        design: design effect (Kish 1965) of dependent rows; 1 of independent ones.
     """
 
     sensitivities: EffectSensitivities
@@ -39,13 +39,17 @@ class LinearisedData:
     flips: int = 299
     seed: int = 0
     count: int = 0
-    design: float = 1.0
+
+    @cached_property
+    def lines(self) -> tuple[Lines, ...]:
+        """The lines of each joint that its values resolve."""
+        return lines_of_joints(self.excitation, self.sensitivities.residuals.data)
 
     def baseline(self, chosen: Sequence[Candidate] = (), flips: int | None = None) -> ProjectedBaseline:
         """The geometry and the chosen candidates projected off the residuals."""
         columns = np.concatenate([self.G, *(s.Z for s in chosen)], axis=1)
         flips = self.flips if flips is None else flips
-        return ProjectedBaseline.of(self.r, columns, self.groups, flips, self.seed, self.count, self.design)
+        return ProjectedBaseline.of(self.r, columns, self.groups, flips, self.seed, self.count)
 
     def reduced(self, members: Sequence[Candidate]) -> tuple[LinearisedData, list[Candidate]]:
         """The same data and members in coordinates of the space that geometry and members span.

@@ -26,19 +26,16 @@ class ProjectedBaseline:
         flipped: (m, 1 + B) these residuals, and B copies with the signs of whole groups flipped, leverage-corrected
             and orthogonal to Q again (Winkler et al. 2014).
         count: the number of residuals; more than m where they are coordinates in a few directions.
-        design: design effect (Kish 1965) of dependent rows; the flipped copies have none.
     """
 
     Q: Array
     e: Array
     flipped: Array
     count: int
-    design: float = 1.0
 
     @classmethod
     def of(
         cls, r: Array, columns: Array, groups: Codes, flips: int, seed: int, count: int = 0,
-        design: float = 1.0,
     ) -> ProjectedBaseline:  # fmt: skip
         """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual."""
         Q = orthonormal(columns)
@@ -48,17 +45,12 @@ class ProjectedBaseline:
         signs = rng.choice([-1.0, 1.0], size=(int(groups.max(initial=0)) + 1, flips))[groups]
         drawn = signs * (e / np.sqrt(1 - leverage))[:, None]
         drawn -= Q @ (Q.T @ drawn)
-        return cls(Q, e, np.concatenate([e[:, None], drawn], axis=1), count or len(r), design)
+        return cls(Q, e, np.concatenate([e[:, None], drawn], axis=1), count or len(r))
 
     @property
     def freedom(self) -> int:
         """Degrees of freedom of the residuals."""
         return self.count - int(self.Q.shape[1])
-
-    @property
-    def effective(self) -> float:
-        """Effective degrees of freedom: those of independent residuals of the same information."""
-        return self.freedom / self.design
 
     @property
     def rss(self) -> Array:

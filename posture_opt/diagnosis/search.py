@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate, ScoredCandidate, absorbed, list_candidates
 from posture_opt.diagnosis.dictionary import Dictionary
@@ -19,11 +21,12 @@ from posture_opt.diagnosis.selection_criterion import (
     find_rivals,
     member_weight,
     rank_members,
+    substantial,
     union,
 )
 from posture_opt.diagnosis.shape_refinement import refine_shape
 from posture_opt.diagnosis.subset_selection import exchanged
-from posture_opt.model.effects import Effect
+from posture_opt.model.effects import CyclicError, Effect
 
 Tell = Callable[[], None]
 
@@ -53,6 +56,11 @@ class SearchResult:
     absorbed: tuple[tuple[Candidate, float], ...] = ()
     considered: tuple[Candidate, ...] = ()
     names: SearchResult | None = None
+
+    @property
+    def size(self) -> int:
+        """How many candidates were chosen, every line of a joint counted."""
+        return sum(len(s.what.lines) if isinstance(s.what, CyclicError) else 1 for s in self.chosen)
 
     @property
     def confusable(self) -> dict[int, tuple[Candidate, ...]]:
@@ -108,7 +116,8 @@ def _model(start: InitialScores, foldings: Sequence[Folding]) -> SearchResult:
     if all(map(_persistent, every.considered)):
         return every
     lasting = _selected(start, foldings, _persistent)
-    return every if every.nested.clearly_better(lasting.nested) else lasting
+    enough = lasting.nested.explained >= levels.LASTING_EXPLAIN_ENOUGH * every.nested.explained
+    return lasting if enough or not every.nested.clearly_better(lasting.nested) else every
 
 
 def _selected(start: InitialScores, foldings: Sequence[Folding], allowed: Callable[[Candidate], bool]) -> SearchResult:
@@ -125,8 +134,26 @@ def _selected(start: InitialScores, foldings: Sequence[Folding], allowed: Callab
         members = tuple(refine_shape(linearised.sensitivities, start.baseline, c) for c in best)
     nested = NestedSelections.of(dictionary, len(members), foldings)
     subsets = nested_subsets([s.Z for s in members], linearised.G, linearised.r)
-    chosen = tuple(members[i] for i in subsets[nested.size].members)
+    chosen = substantial(linearised, _joined(linearised, [members[i] for i in subsets[nested.size].members]))
     return replace(_result(start, nested, chosen, shortlisted), considered=members)
+
+
+def _joined(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
+    """The members with all lines of one joint as one cyclic error."""
+    lines: dict[str, list[Candidate]] = {}
+    for member in members:
+        if isinstance(member.what, CyclicError):
+            lines.setdefault(member.target, []).append(member)
+    others = [member for member in members if not isinstance(member.what, CyclicError)]
+    return [*others, *(own[0] if len(own) == 1 else _one_error(linearised, own) for own in lines.values())]
+
+
+def _one_error(linearised: LinearisedData, lines: Sequence[Candidate]) -> Candidate:
+    """Lines of one joint as one cyclic error, the weightiest first."""
+    ranked = rank_members(linearised, lines)[0]
+    error = CyclicError.joined([s.what for s in ranked if isinstance(s.what, CyclicError)])
+    searched = float(np.exp(np.sum(np.log([s.searched for s in lines]))))  # each was searched for by itself
+    return Candidate(error, linearised.sensitivities.columns(error), searched)
 
 
 def _exchanged(

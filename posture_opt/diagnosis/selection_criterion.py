@@ -28,7 +28,7 @@ def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate])
     penalty = [_penalty(baseline, s, basis) for s, basis in zip(candidates, bases, strict=True)]
     codes: dict[object, int] = {}
     exclusive = [codes.setdefault(s.exclusive, len(codes)) for s in candidates]
-    return Pool(bases, baseline.e, baseline.effective, np.array(penalty), np.array(exclusive))
+    return Pool(bases, baseline.e, baseline.freedom, np.array(penalty), np.array(exclusive))
 
 
 def price_of_choice(candidate: Candidate) -> float:
@@ -50,9 +50,9 @@ def price_of_parameters(count: Array, evidence: Array, freedom: float) -> Array:
 
 def _penalty(baseline: ProjectedBaseline, candidate: Candidate, basis: Array) -> float:
     """What a candidate costs in the criterion."""
-    evidence = float(np.sum((basis.T @ baseline.e) ** 2)) / (float(baseline.rss[0]) / baseline.effective)
+    evidence = float(np.sum((basis.T @ baseline.e) ** 2)) / (float(baseline.rss[0]) / baseline.freedom)
     count = np.array(basis.shape[1])
-    return float(price_of_parameters(count, np.array(evidence), baseline.effective)) + price_of_choice(candidate)
+    return float(price_of_parameters(count, np.array(evidence), baseline.freedom)) + price_of_choice(candidate)
 
 
 def member_weight(
@@ -65,8 +65,8 @@ def member_weight(
     if not basis.shape[1]:
         return 0.0, 0.0
     gain, rss = float(np.sum((basis.T @ baseline.e) ** 2)), float(baseline.rss[0])
-    p = float(log_p(np.array([gain]), np.array([rss]), basis.shape[1], baseline.effective)[0])
-    m = baseline.effective
+    p = float(log_p(np.array([gain]), np.array([rss]), basis.shape[1], baseline.freedom)[0])
+    m = baseline.freedom
     rise = -m * np.log(max(1 - gain / rss, 1e-300)) - _penalty(baseline, member, basis)
     return p, float(rise)
 
@@ -95,6 +95,25 @@ def member_weights(linearised: LinearisedData, members: Sequence[Candidate]) -> 
         price = float(price_of_parameters(np.array(count), np.array(gain / (rss / freedom)), m))
         found.append((p, m * float(np.log1p(gain / rss)) - price - price_of_choice(member)))
     return found
+
+
+def substantial(linearised: LinearisedData, members: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The members without those of which each explains next to nothing of what all explain together.
+
+    It is the least that goes first. A name for less is not worth its line, however sure it is.
+    """
+    kept = list(members)
+    while len(kept) > 1:
+        small, reduced = linearised.reduced(kept)
+        whole = float(small.baseline(flips=0).rss[0])
+        least = float(small.baseline(reduced, flips=0).rss[0])
+        without = [[s for s in reduced if s is not member] for member in reduced]
+        shares = [(float(small.baseline(rest, flips=0).rss[0]) - least) / (whole - least) for rest in without]
+        worst = int(np.argmin(shares))
+        if shares[worst] >= levels.LEAST_SHARE:
+            break
+        del kept[worst]
+    return tuple(kept)
 
 
 def rank_members(

@@ -62,7 +62,7 @@ def _turn(found: Diagnosis, place: int) -> tuple[float, float]:
 def periodic_joints(found: Diagnosis) -> list[int]:
     """Joints of which a line of the periodogram is named, the weightiest first."""
     names = list(found.model.residuals.data.joint_names)
-    effects = [f.effect for f in found.effects if f.effect is not None and f.effect.spectral_line is not None]
+    effects = [f.effect for f in found.effects if f.effect is not None and f.effect.spectral_lines]
     return [names.index(joint) for joint in dict.fromkeys(effect.moved_joint for effect in effects)]
 
 

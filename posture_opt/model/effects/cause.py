@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -106,9 +106,9 @@ class Cause:
         return self.kind, self.target
 
     @property
-    def spectral_line(self) -> float | None:
-        """Cycles per revolution at which it stands in the periodogram of its joint; ``None`` where it is no line."""
-        return None
+    def spectral_lines(self) -> tuple[float, ...]:
+        """Cycles per revolution at which it stands in the periodogram of its joint; none where it is no line."""
+        return ()
 
     @property
     def moved_joint(self) -> str:
@@ -144,6 +144,11 @@ def amplitude(sin: float, cos: float, covariance: Array | None) -> tuple[float, 
     gradient = (sin / size, cos / size)
     variance = sum(gradient[i] * float(covariance[i, j]) * gradient[j] for i in (0, 1) for j in (0, 1))
     return size, math.sqrt(max(variance, 0.0))
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Some words in one: "a, b and c"."""
+    return " and ".join(filter(None, (", ".join(texts[:-1]), *texts[-1:])))
 
 
 def compliance_size(name: str, value: float, std: float) -> Size:

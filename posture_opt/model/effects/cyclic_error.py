@@ -11,7 +11,7 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, cos, sin
-from posture_opt.model.effects.cause import FittedSizes, Size
+from posture_opt.model.effects.cause import FittedSizes, Size, listed
 from posture_opt.model.effects.effect import Effect, Excitation
 from posture_opt.model.effects.joint_effect import Harmonic
 from posture_opt.numerics import Array
@@ -24,13 +24,15 @@ OVERSAMPLING = 3.0  # of the spacing at which neighbouring frequencies are indep
 _SAME = 1e-3  # rad: joint values nearer than that are one, a twentieth of the shortest period
 _LEAST_VALUES = 10  # of a joint: fewer are met by some line of thousands whatever the errors are
 _ALIASED = 0.9  # of the spectral window: lines so far apart have columns that are alike in all but rounding
+_HARMONIC, _HIGHEST = 0.03, 12  # of the fundamental: a multiple to within that, up to so many, is a harmonic
 _WINDOW_VALUES = 500  # joint values that the spectral window is taken of; chosen for time
 
 
 class CyclicError(Harmonic):
-    """``dq = a sin(k (q − q0)) + b cos(k (q − q0))``, k cycles per revolution.
+    """``dq = Σ_i a_i sin(k_i (q − q0)) + b_i cos(k_i (q − q0))``: a periodic error of a joint, by one line or several.
 
-    With q0 in the middle of the data, sine and cosine do not depend on small errors of k.
+    With q0 in the middle of the data, sines and cosines do not depend on small errors of k. Harmonics of one wheel, and
+    what its shape takes beside them, are lines of one error: its first is the fundamental, or the strongest.
     """
 
     summary: ClassVar[str] = "joint error whose cycles per revolution are found from the data"
@@ -50,6 +52,23 @@ class CyclicError(Harmonic):
     cycles: float = Field(gt=0, description="k, cycles per revolution of the joint")
     centre: Angle | None = Field(None, description="q0, the joint value that sine and cosine are referred to")
 
+    further: tuple[float, ...] = Field((), description="cycles per revolution of its other lines")
+
+    @property
+    def dimensions(self) -> tuple[tuple[str, str], ...]:
+        more = range(2, len(self.further) + 2)
+        return (*self.parameters, *((f"{part} {i}", "angle") for i in more for part in ("sin", "cos")))
+
+    @property
+    def lines(self) -> tuple[float, ...]:
+        """Cycles per revolution of all lines."""
+        return (self.cycles, *self.further)
+
+    @property
+    def smooth_shape(self) -> str:
+        """The cycles of a single line; several lines close together would run into each other."""
+        return "" if self.further else "cycles"
+
     @property
     def centre_angle(self) -> float:
         """q0 [rad]."""
@@ -60,12 +79,12 @@ class CyclicError(Harmonic):
         return self.cycles
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
-        angle = self.cycles * (state.q[joint] - self.centre_angle)
-        return sin(angle), cos(angle)
+        angles = [cycles * (state.q[joint] - self.centre_angle) for cycles in self.lines]
+        return tuple(wave(angle) for angle in angles for wave in (sin, cos))
 
     @property
-    def spectral_line(self) -> float:
-        return self.cycles
+    def spectral_lines(self) -> tuple[float, ...]:
+        return self.lines
 
     @property
     def slow(self) -> bool:  # type: ignore[override] # of this very instance
@@ -77,11 +96,33 @@ class CyclicError(Harmonic):
 
     @property
     def words(self) -> str:
-        return f"{self.joint} has a cyclic error of {number(self.cycles, 4)} cycles per revolution"
+        return f"{self.joint} has a cyclic error of {self.qualifier}"
 
     @property
     def qualifier(self) -> str:
-        return f"{number(self.cycles, 4)} cycles per revolution"
+        multiples = [str(n) for n in map(self._multiple, self.further) if n]
+        others = [number(k, 3) for k in self.further if not self._multiple(k)]
+        harmonics = f"harmonic{'s' * (len(multiples) > 1)} {listed(multiples)}" if multiples else ""
+        others_text = f"further line{'s' * (len(others) > 1)} at {listed(others)}" if others else ""
+        more = " and ".join(filter(None, (harmonics, others_text)))
+        return f"{number(self.cycles, 4)} cycles per revolution" + (f" with {more}" if more else "")
+
+    def _multiple(self, cycles: float) -> int:
+        """Which harmonic of the first line another one is; 0 for none."""
+        n = round(cycles / self.cycles)
+        return n if 1 < n <= _HIGHEST and abs(cycles / self.cycles - n) < _HARMONIC else 0
+
+    @classmethod
+    def joined(cls, lines: Sequence[CyclicError]) -> CyclicError:
+        """One error of several lines of a joint, the weightiest first: led by the one that most are harmonics of."""
+
+        def harmonics(line: CyclicError) -> int:
+            return sum(bool(line._multiple(other.cycles)) for other in lines)
+
+        richest = max(lines, key=harmonics)
+        first = richest if harmonics(richest) > 1 else lines[0]
+        further = tuple(line.cycles for line in lines if line is not first)
+        return first.model_copy(update={"further": further})
 
     @property
     def exclusive(self) -> tuple[object, ...]:
@@ -94,7 +135,13 @@ class CyclicError(Harmonic):
     def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
         value, std = estimate.entry("cycles")
         cycles = plus_minus(value, std) if math.isfinite(std) else number(value, 4)
-        return (*super().sizes(estimate), Size("cycles per revolution", cycles))
+        first = (*super().sizes(estimate), Size("cycles per revolution", cycles))
+        more = [
+            f"{number(math.hypot(*(estimate.entry(f'{part} {i}')[0] for part in ('sin', 'cos'))) * 1e3, 2)} mrad at "
+            f"{number(cycles, 4)}"
+            for i, cycles in enumerate(self.further, 2)
+        ]
+        return (*first, Size("further lines", "; ".join(more))) if more else first
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:

@@ -33,8 +33,8 @@ class GearRipple(Harmonic):
         return self.harmonic * self.ratio
 
     @property
-    def spectral_line(self) -> float:
-        return self.frequency
+    def spectral_lines(self) -> tuple[float, ...]:
+        return (self.frequency,)
 
     @property
     def qualifier(self) -> str:

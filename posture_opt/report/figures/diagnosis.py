@@ -190,7 +190,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
     after = linearised.baseline(chosen, flips=0)
     for axes, joint in zip(grid, joints, strict=True):
         name = found.model.residuals.data.joint_names[joint]
-        mine = [s for s in chosen if s.what.spectral_line is not None and s.target == name]
+        mine = [s for s in chosen if s.what.spectral_lines and s.target == name]
         before = linearised.baseline([s for s in chosen if s not in mine], flips=0)
         cycles, share = _spectrum(found, before, joint)
         axes.plot(cycles, 100 * share, color=BLUE, lw=1.2, label="before its periodic errors are named", zorder=3)
@@ -198,7 +198,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
         axes.plot(cycles, 100 * share, color=GREEN, lw=1.0, label="with all named effects", zorder=4)
         null = f"by chance, {100 * FIRST_EFFECT:.1f} % of data sets reach this line"
         axes.axhline(100 * _share_of(line, before), color="black", lw=1.2, ls="--", label=null, zorder=5)
-        for k, frequency in enumerate(sorted(s.what.spectral_line or 0.0 for s in mine)):
+        for k, frequency in enumerate(sorted(cycles for s in mine for cycles in s.what.spectral_lines)):
             _mark(axes, frequency, k)
         axes.set(title=name, ylabel="explains [%]", xscale="log", ylim=(0, None))
     grid[-1].set_xticks(_CYCLES, [f"{t:g}" for t in _CYCLES])
