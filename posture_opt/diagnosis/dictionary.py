@@ -61,7 +61,8 @@ class WrittenAtoms(Atoms):
     def __init__(self, candidates: Sequence[Candidate], sensitivities: EffectSensitivities) -> None:
         self.members, self.width, self._sensitivities = tuple(candidates), candidates[0].Z.shape[1], sensitivities
         self.block = sensitivities.residuals.block
-        self.Z = np.concatenate([c.Z for c in candidates], axis=1)
+        # Half the memory; gains to seven digits decide nothing.
+        self.Z = np.concatenate([c.Z for c in candidates], axis=1, dtype=np.float32)
         self.prices = np.array([price_of_choice(c) for c in candidates])
         self.limits = np.array([c.what.limits if isinstance(c.what, Effect) else (-np.inf, np.inf) for c in candidates])
         codes: dict[object, list[int]] = {}
@@ -72,10 +73,11 @@ class WrittenAtoms(Atoms):
     def grams(self, rows: Codes | None = None) -> Array:
         Z = self.Z if rows is None else self.Z[(rows[:, None] * self.block + np.arange(self.block)).ravel()]
         Z = Z.reshape(len(Z), -1, self.width)
-        return np.asarray(np.einsum("mik,mil->ikl", Z, Z, optimize=self.width > 1))
+        return np.asarray(np.einsum("mik,mil->ikl", Z, Z, optimize=self.width > 1), dtype=float)
 
     def products(self, vectors: Array) -> Array:
-        return np.asarray((self.Z.T @ vectors).reshape(-1, self.width, vectors.shape[1]))
+        inner = (vectors.T.astype(np.float32) @ self.Z).T
+        return np.asarray(inner.reshape(-1, self.width, vectors.shape[1]), dtype=float)
 
     def candidate(self, index: int) -> Candidate:
         return self.members[index]
@@ -98,7 +100,6 @@ class LineAtoms(Atoms):
         data = self._sensitivities.residuals.data
         joint = data.joint_names.index(lines.form.joint)
         self.lever = self._sensitivities.joints[joint]
-        # Half the memory; gains to seven digits decide nothing.
         sines = waves(data.q[:, joint] - lines.form.centre_angle, lines.cycles)
         self.S, self.C = (w.astype(np.float32) for w in sines)
         self.prices = np.full(len(lines.cycles), price_of_choice(lines.candidate(lines.cycles[0], self._sensitivities)))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,8 +16,9 @@ from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.dictionary import Atoms, Dictionary
 from posture_opt.diagnosis.score_tests import orthonormal
 from posture_opt.diagnosis.selection_criterion import price_of_parameters
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, Mask
 
+_RIDGE = 1e-10  # of columns of length one: what depends on others keeps an inverse
 _EXPLAINED = 1 - 1e-9  # of a sum of squares: all of it would have no logarithm
 _RUNNERS_UP = 4  # of atoms of a kind at each step: neighbours on a grid say the same
 
@@ -95,20 +97,19 @@ class _State:
 
     def drops(self, rss: float, freedom: float) -> Array:
         """(n,) by how much each candidate would lower the criterion; minus infinity for one that cannot be."""
-        values, parts = _principal(self.gram, self.score)
-        clear = values > levels.DISTINCT_SHARE
-        gain = np.sum(np.where(clear, parts / np.maximum(values, levels.DISTINCT_SHARE), 0.0), axis=1)
-        gain, count = np.minimum(gain, _EXPLAINED * rss), clear.sum(axis=1)
+        gain, count = _gains(*_principal(self.gram, self.score))
+        gain = np.minimum(gain, _EXPLAINED * rss)
         prices = price_of_parameters(count, gain / (rss / freedom), freedom) + self.atoms.prices
         drop = -freedom * np.log1p(-gain / rss) - prices
-        return np.where(self.closed | (gain <= 0) | self._impossible(), -np.inf, drop)
+        return np.asarray(np.where(self.closed | (gain <= 0) | self._impossible(), -np.inf, drop))
 
-    def _impossible(self) -> Array:
+    def _impossible(self) -> Mask:
         """(n,) whether the estimate of an only parameter is beyond its physical limits."""
         if self.score.shape[1] > 1:
             return np.zeros(len(self.score), dtype=bool)
         size = -self.score[:, 0] / np.maximum(self.gram[:, 0, 0], 1e-300) * self.scale[:, 0]
-        return np.asarray((size < self.atoms.limits[:, 0]) | (size > self.atoms.limits[:, 1]))
+        out: Mask = (size < self.atoms.limits[:, 0]) | (size > self.atoms.limits[:, 1])
+        return out
 
     def leading(self, drops: Array, least: float) -> list[Candidate]:
         """The few best candidates that are local maxima of the drop, at ``least`` or better."""
@@ -141,7 +142,21 @@ def _finest(atoms: Atoms, index: int, Q: Array, e: Array, learn: Array) -> Candi
     finer = list(atoms.finer(index))
     if len(finer) == 1:
         return finer[0]
-    return max(finer, key=lambda c: float(np.sum((_new_directions(c, Q, learn).T @ e) ** 2)))
+    width = finer[0].Z.shape[1]
+    Z = np.concatenate([c.Z for c in finer], axis=1) * learn[:, None]
+    own = Z.reshape(len(Z), -1, width)
+    gram = np.einsum("mik,mil->ikl", own, own, optimize=True)
+    scale = 1 / np.sqrt(np.maximum(np.einsum("ikk->ik", gram), 1e-300))
+    inner = (Z.T @ Q).reshape(-1, width, Q.shape[1])
+    gram = (gram - inner @ np.swapaxes(inner, 1, 2)) * scale[:, :, None] * scale[:, None, :]
+    gains = _gains(*_principal(gram, (Z.T @ e).reshape(-1, width) * scale))[0]
+    return finer[int(np.argmax(gains))]
+
+
+def _gains(values: Array, parts: Array) -> tuple[Array, Array]:
+    """(n,) what candidates explain along the eigenvectors that are new, and how many these are."""
+    clear = values > levels.DISTINCT_SHARE
+    return np.sum(np.where(clear, parts / np.maximum(values, levels.DISTINCT_SHARE), 0.0), axis=1), clear.sum(axis=1)
 
 
 def _new_directions(candidate: Candidate, Q: Array, learn: Array) -> Array:
@@ -177,21 +192,24 @@ def nested_subsets(columns: Sequence[Array], known: Array, r: Array) -> list[Sub
     norms = np.linalg.norm(A, axis=0)
     scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
     A = A * scale
-    owner = np.r_[np.full(known.shape[1], -1), np.repeat(np.arange(len(sizes)), sizes)]
-    gram, score = A.T @ A, A.T @ r
+    edges = np.cumsum([known.shape[1], *sizes])
+    places = [np.arange(a, b) for a, b in pairwise(edges)]
+    C = np.linalg.inv(A.T @ A + _RIDGE * np.eye(A.shape[1]))
+    theta = C @ (A.T @ r)
     kept, found = list(range(len(columns))), list[Subset]()
     while True:
-        used = np.flatnonzero(np.isin(owner, [-1, *kept]))
-        C = np.linalg.pinv(gram[np.ix_(used, used)], rcond=1e-11, hermitian=True)
-        theta = C @ score[used]
-        coefficients = np.zeros(len(owner))
-        coefficients[used] = theta * scale[used]
-        found.append(Subset(tuple(kept), coefficients))
+        found.append(Subset(tuple(kept), theta * scale))
         if not kept:
             return found[::-1]
-        kept.remove(min(kept, key=lambda i: _cost(C, theta, owner[used] == i)))
+        gone = min(kept, key=lambda i: _cost(C, theta, places[i]))
+        own = places[gone]
+        # The inverse of what is left of the Gram matrix, by the Schur complement.
+        share = np.linalg.solve(C[np.ix_(own, own)], C[own]).T
+        C, theta = C - share @ C[own], theta - share @ theta[own]
+        theta[own] = 0.0
+        kept.remove(gone)
 
 
-def _cost(C: Array, theta: Array, own: Array) -> float:
+def _cost(C: Array, theta: Array, own: Codes) -> float:
     """Rise of the sum of squares without some of the parameters: ``θᵀ C⁻¹ θ`` (Wald)."""
-    return float(theta[own] @ np.linalg.pinv(C[np.ix_(own, own)], rcond=1e-9, hermitian=True) @ theta[own])
+    return float(theta[own] @ np.linalg.solve(C[np.ix_(own, own)], theta[own]))

@@ -46,7 +46,7 @@ class NestedSelection:
         """Every fold by itself, with sets of at most so many effects."""
         losses, sets = np.zeros((most + 1, len(groups))), []
         for left_out in folds:
-            chosen = pursue(dictionary, levels.MOST_EFFECTS, left_out).chosen
+            chosen = pursue(dictionary, most + levels.FURTHER_IN_FOLDS, left_out).chosen
             own, losses[:, left_out] = _path(dictionary, chosen, left_out, most)
             sets.append(own)
         return cls(dictionary, folds, groups, tuple(sets), losses)

@@ -19,7 +19,7 @@ from posture_opt.robot.robot import Robot
 from posture_opt.units import Time, number
 
 _Way = Literal["shift", "slide", "settle"]
-STEPS = 150  # moments at which a slip is looked for
+STEPS = 50  # moments at which a slip is looked for, before those between two of them
 _SEEN = 10  # rows before a slip and as many behind it: a few rows that are off are outliers, or where the arm stood
 _SHARE = 4  # one part in so many of the rows is enough where they are few
 _AXES = np.eye(3)
