@@ -57,6 +57,6 @@ def test_the_document_tells_where_and_how_surely(dented: tuple[po.Problem, po.Me
     found = po.diagnose(*dented)
     assert found.verdict == "unexplained"
     told = found.to_json()["unexplained"]
-    assert {place.partition(": ")[2] for place in told["place"]} == {"joint1", "joint2"}
+    assert {place.rpartition(": ")[2] for place in told["place"]} == {"joint1", "joint2"}
     assert told["p_value"] < 1e-6
     assert all(isinstance(u, UnnamedComponent) for u in found.unexplained)

@@ -117,9 +117,9 @@ def test_kinds_are_listed_once() -> None:
 
 
 def outside() -> tuple[str, ...]:
-    from tests.hidden.outside import OUTSIDE
+    from tests.hidden.outside import OUTSIDE, TANGLED
 
-    return tuple(OUTSIDE)
+    return (*OUTSIDE, TANGLED)
 
 
 def test_a_fault_stands_at_its_place_in_the_file(sites: Any) -> None:
