@@ -14,14 +14,13 @@ import numpy as np
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.instrument import position_sigma
 from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.measurements.repeated_readings import ENOUGH
 from posture_opt.measurements.repeats import Contrasts
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.repeatability import joint_sigmas
 from posture_opt.validation.likeliest_variances import likeliest_variances
 from posture_opt.validation.prediction import joint_columns, joint_errors
 from posture_opt.validation.repeat_scatter import slides
-
-_ENOUGH = 12  # degrees of freedom: they tell one σ to a fifth
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ def _by_repeats(
 ) -> ScatterLimit | None:
     kept = calibration.residuals.take(calibration.kept_rows)
     contrasts = Contrasts.of(kept.data, slides(kept))
-    if len(contrasts) * len(kept.axes) < _ENOUGH:
+    if len(contrasts) * len(kept.axes) < ENOUGH:
         return None
     errors = kept.error(calibration.x)[:, kept.axes] if fitted is None else fitted
     scale = 1 / np.sqrt(contrasts.reading)

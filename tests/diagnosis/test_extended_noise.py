@@ -101,7 +101,7 @@ def test_an_arm_of_six_joints_scatters_as_its_simulator_has_it(tmp_path: Path) -
         visited = np.tile(q, (5000, 1))
         visited[:, joint] += rng.normal(0, truth["size"]["sigma"], 5000)
         true = np.cov(walk(drawn.nominal, visited).p, rowvar=False)
-        # 130 postures tell σ to 7 %, its square to 15 %; the lengths that were off by a millimetre move J by a few.
+        # 90 differences between repeats tell σ to 8 %, its square to 15 %; lengths off by a millimetre move J by a few.
         np.testing.assert_allclose(visit_covariance(extended, q), true, atol=0.3 * np.abs(true).max())
 
 

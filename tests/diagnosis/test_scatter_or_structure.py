@@ -63,7 +63,7 @@ def test_without_repeats_scatter_and_structure_look_alike_and_are_to_be_repeated
 
 @pytest.mark.parametrize("index", range(3))
 def test_a_joint_whose_repeats_scatter_is_named_with_their_size(index: int) -> None:
-    truth, found = answer("noise_often", index)
+    truth, found = answer("joint_noise", index)
     assert found["verdict"] == "effects_found"
     (named,) = [e for e in found["effects"] if e["kind"] == "joint_noise"]
     assert named["target"] == truth["target"]

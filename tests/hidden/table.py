@@ -124,7 +124,7 @@ def _timed(r: Record) -> bool:
 
 
 def _single(records: list[Record]) -> list[Record]:
-    special = (*QUIET, *NOISES, *UNEXPLAINED, "noise_often", "two", "batch", "geometry")
+    special = (*QUIET, *NOISES, *UNEXPLAINED, "two", "batch", "geometry")
     return [r for r in records if len(r["truth"]) == 1 and r["family"] not in special]
 
 
