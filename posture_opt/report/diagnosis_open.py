@@ -75,8 +75,7 @@ def left_block(found: Diagnosis) -> Block:
 
 def uneven_words(errors: UnevenErrors) -> str:
     """Errors that look like a noisy joint, and what repeats say of them."""
-    joint = errors.effect.target
-    text = f"The errors grow with {joint}, as if it scattered ({p_words(errors.p_value)})"
+    text = f"{errors.effect.uneven_words.format(target=errors.effect.target)} ({p_words(errors.p_value)})"
     if errors.refuted:
         return f"{text}, but repeats of one posture do not scatter so: the errors are the same at every repeat."
     return f"{text}; too few postures are repeated to tell scatter from structure."

@@ -86,6 +86,9 @@ class NoiseEffect(CatalogueEntry):
     unstated: ClassVar[str] = ""
     """Its words where the file states no scatter of that target at all, if they differ: ``{target}``, ``{size}``."""
 
+    uneven_words: ClassVar[str] = "The errors grow with {target}, as if it scattered"
+    """What errors look like that repeats do not show to be this noise."""
+
     @property
     @abstractmethod
     def stated(self) -> tuple[tuple[str, float, str], ...]:

@@ -26,6 +26,7 @@ class RangeNoise(NoiseEffect):
     measurement: ClassVar[str] = "repeat postures near the instrument and far from it, moving away in between"
     rivals: ClassVar = {"stated_sigma": "repeat postures near the instrument and far from it"}
     uneven: ClassVar[bool] = True
+    uneven_words: ClassVar[str] = "The errors grow with the distance from the {target}, as its noise could"
     shape_units: ClassVar = {"a": "m", "b": "m/m"}
 
     kind: Literal["range_noise"] = "range_noise"
