@@ -97,7 +97,7 @@ def list_candidates(sensitivities: EffectSensitivities, excitation: Excitation) 
     effects = [e for kind in EFFECTS for e in kind.candidates(excitation)]
     if "masses" not in excitation.inputs:
         effects += point_mass_compliances(sensitivities, excitation)
-    named = [(e, sensitivities.columns(e)) for e in effects]
+    named = [(e, sensitivities.columns(e)) for e in effects if e.acts(sensitivities.state)]
     shapes: dict[tuple[str, str], list[Array]] = {}
     for e, Z in named:
         shapes.setdefault((e.kind, e.target), []).append(Z)

@@ -12,6 +12,7 @@ from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.score_tests import NullDistribution, ProjectedBaseline, log_p, projected_basis
 from posture_opt.diagnosis.subset_selection import Chosen, Pool, alternatives
+from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array
 
 
@@ -90,11 +91,20 @@ def member_weights(linearised: LinearisedData, members: Sequence[Candidate]) -> 
         values, vectors = np.linalg.eigh(C[a:b, a:b])
         clear = (values > 0) & (values < levels.SURVIVING_SHARE**-2)
         gain, count = float(np.sum((vectors.T @ theta[a:b])[clear] ** 2 / values[clear])), int(clear.sum())
+        if not _possible(member, -theta[a:b] / norms[a:b]):
+            found.append((0.0, -np.inf))
+            continue
         m = freedom + count
         p = float(log_p(np.array([gain]), np.array([rss + gain]), max(count, 1), m)[0]) if count else 0.0
         price = float(price_of_parameters(np.array(count), np.array(gain / (rss / freedom)), m))
         found.append((p, m * float(np.log1p(gain / rss)) - price - price_of_choice(member)))
     return found
+
+
+def _possible(candidate: Candidate, sizes: Array) -> bool:
+    """Whether an estimate lies within the physical limits of an only parameter."""
+    low, high = candidate.what.limits if isinstance(candidate.what, Effect) else (-np.inf, np.inf)
+    return len(sizes) > 1 or bool(low <= sizes[0] <= high)
 
 
 def substantial(linearised: LinearisedData, members: Sequence[Candidate]) -> tuple[Candidate, ...]:

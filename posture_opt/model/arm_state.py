@@ -8,12 +8,18 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from posture_opt.model.chain import ZERO, Scalar, Vector, Walk, add, cross, dot, factor_values, scale, subtract, walk
 from posture_opt.numerics import Codes
 from posture_opt.robot.robot import Robot
 
 REFERENCE_TEMPERATURE = 20.0
 """degC at which the lengths of a model hold (ISO 1); a task without a temperature is done there."""
+
+
+UPRIGHT = 0.1
+"""Sine of the tilt of an axis below which gravity loads its joint with next to nothing: 6°."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +117,15 @@ class ArmState:
         """Unit vector along the axis of a joint and a point on it, world frame."""
         screw = self.walk.screws[self.robot.driven[joint]]
         return screw.axis, screw.origin
+
+    def leaning(self, joint: int) -> float:
+        """Sine of the largest angle between the axis of a joint and the vertical; 1 of a prismatic joint."""
+        axis, g = self.axis(joint)[0], self.robot.gravity
+        weight = math.hypot(*g)
+        if self.robot.joints[joint].type == "prismatic" or not weight:
+            return 1.0
+        across = np.stack(np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in cross(axis, g))))
+        return float(np.max(np.linalg.norm(across, axis=0))) / weight
 
     @property
     def weighed(self) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.cause import Abscissa, over_joint
+from posture_opt.model.effects.effect import POSITIVE
 from posture_opt.model.effects.joint_effect import JointEffect
 
 
@@ -24,6 +25,7 @@ class Backlash(JointEffect):
         "load_backlash": "approach from both sides under two payloads",
     }
     parameters: ClassVar = (("width", "angle"),)
+    limits: ClassVar = POSITIVE
     needs: ClassVar = frozenset({"approach"})
 
     kind: Literal["backlash"] = "backlash"

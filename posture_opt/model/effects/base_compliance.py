@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import cross, dot, scale, subtract
 from posture_opt.model.effects.cause import Size, compliance_size
-from posture_opt.model.effects.effect import Sensitivity, SoleEffect
+from posture_opt.model.effects.effect import POSITIVE, Sensitivity, SoleEffect
 
 
 class BaseCompliance(SoleEffect):
@@ -18,6 +18,7 @@ class BaseCompliance(SoleEffect):
     measurement: ClassVar[str] = "measure targets fixed to the base in every posture"
     sole: ClassVar = "base"
     parameters: ClassVar = (("compliance", "angle per torque"),)
+    limits: ClassVar = POSITIVE
     needs: ClassVar = frozenset({"masses"})
 
     kind: Literal["base_compliance"] = "base_compliance"

@@ -20,6 +20,8 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, number, parse_quantity, shown
 
+POSITIVE = (0.0, math.inf)
+"""Limits of what gives way along a load, or lags behind a motion: the other way it is none of that."""
 _NEIGHBOUR = 1.6  # factor to either side on a geometric grid of shapes
 
 
@@ -118,6 +120,10 @@ class Effect(CatalogueEntry):
     def carried(self, robot: Robot, q: Sequence[Scalar]) -> Mapping[int, Scalar]:
         """Joints that stand far off their commands ``q`` (n,) by its estimate, so that loads change [rad]."""
         return {}
+
+    def acts(self, state: ArmState) -> bool:
+        """Whether it can do anything in these postures."""
+        return True
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from pydantic import Field
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, exp
 from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size
-from posture_opt.model.effects.effect import Effect, Excitation
+from posture_opt.model.effects.effect import POSITIVE, Effect, Excitation
 from posture_opt.model.effects.joint_effect import JointEffect
 from posture_opt.units import Angle, plus_minus
 
@@ -26,6 +26,7 @@ class Hysteresis(JointEffect):
     phrase: ClassVar[str] = "{target} has hysteresis that grows with the last move"
     measurement: ClassVar[str] = "approach each posture from both sides after short moves and after long ones"
     parameters: ClassVar = (("height", "angle"),)
+    limits: ClassVar = POSITIVE
     shape: ClassVar = ("travel",)
     shape_units: ClassVar = {"travel": "rad"}
     needs: ClassVar = frozenset({"approach"})

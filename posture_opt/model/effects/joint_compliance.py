@@ -8,11 +8,11 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from posture_opt.model.arm_state import ArmState
+from posture_opt.model.arm_state import UPRIGHT, ArmState
 from posture_opt.model.chain import Scalar
 from posture_opt.model.effects.catalogue_entry import Input
 from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size, compliance_size
-from posture_opt.model.effects.effect import Effect, Excitation
+from posture_opt.model.effects.effect import POSITIVE, Effect, Excitation
 from posture_opt.model.effects.joint_effect import JointEffect
 from posture_opt.units import number
 
@@ -38,6 +38,7 @@ class JointCompliance(JointEffect):
     }
 
     parameters: ClassVar = (("compliance", "angle per torque"),)
+    limits: ClassVar = POSITIVE
 
     kind: Literal["joint_compliance"] = "joint_compliance"
     loads: Literal["masses", "points"] = Field("masses", description="masses of the file, or unknown point masses")
@@ -52,6 +53,9 @@ class JointCompliance(JointEffect):
     @property
     def asks(self) -> frozenset[Input]:
         return frozenset({"masses"}) if self.loads == "masses" else frozenset()
+
+    def acts(self, state: ArmState) -> bool:
+        return state.leaning(self.index(state)) > UPRIGHT
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
         if self.loads == "masses":

@@ -10,7 +10,7 @@ from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Vector, add, cross, dot, scale, subtract
 from posture_opt.model.effects.cause import Size, compliance_size
-from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
+from posture_opt.model.effects.effect import POSITIVE, Effect, Excitation, Sensitivity
 from posture_opt.model.effects.joint_effect import EffectOfJoint
 from posture_opt.robot.robot import Robot
 
@@ -29,6 +29,7 @@ class LinkBending(EffectOfJoint):
     measurement: ClassVar[str] = "measure the orientation of the tool too, under two payloads"
     rivals: ClassVar = {"base_compliance": "measure targets fixed to the base in every posture"}
     parameters: ClassVar = (("compliance", "angle per torque"),)
+    limits: ClassVar = POSITIVE
     types: ClassVar = ("revolute", "prismatic")
     needs: ClassVar = frozenset({"masses"})
 

@@ -6,9 +6,10 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from posture_opt.model.arm_state import ArmState
+from posture_opt.model.arm_state import UPRIGHT, ArmState
 from posture_opt.model.chain import Scalar, magnitude
 from posture_opt.model.effects.cause import Abscissa
+from posture_opt.model.effects.effect import POSITIVE
 from posture_opt.model.effects.joint_effect import JointEffect
 
 
@@ -22,9 +23,13 @@ class LoadBacklash(JointEffect):
         "hysteresis": "approach from both sides, after short and long moves, under two payloads",
     }
     parameters: ClassVar = (("height", "angle per torque"),)
+    limits: ClassVar = POSITIVE
     needs: ClassVar = frozenset({"approach", "masses"})
 
     kind: Literal["load_backlash"] = "load_backlash"
+
+    def acts(self, state: ArmState) -> bool:
+        return state.leaning(self.index(state)) > UPRIGHT
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
         return (state.inputs.side(joint) * magnitude(state.torque(joint)),)
