@@ -38,7 +38,6 @@ class JointCompliance(JointEffect):
     }
 
     parameters: ClassVar = (("compliance", "angle per torque"),)
-    limits: ClassVar = POSITIVE
 
     kind: Literal["joint_compliance"] = "joint_compliance"
     loads: Literal["masses", "points"] = Field("masses", description="masses of the file, or unknown point masses")
@@ -53,6 +52,11 @@ class JointCompliance(JointEffect):
     @property
     def asks(self) -> frozenset[Input]:
         return frozenset({"masses"}) if self.loads == "masses" else frozenset()
+
+    @property
+    def limits(self) -> tuple[float, float]:  # type: ignore[override] # of this very instance
+        """Of loads that nobody stated, what a counterweight or a compensation of gravity does is among the unknown."""
+        return Effect.limits if self.unstated_loads else POSITIVE
 
     def acts(self, state: ArmState) -> bool:
         return state.leaning(self.index(state)) > UPRIGHT
