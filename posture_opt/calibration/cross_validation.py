@@ -1,8 +1,8 @@
 """Errors where nothing was seen: every group of rows predicted by an arm fitted to the others, or by another file.
 
 The others are fitted anew, exactly (`refitted`), or to first order about the fit to all rows (`held_out`). There every
-fold fits geometry and the sizes of effects; the effects themselves were chosen on all rows: that choice is not
-repeated, which flatters the gain of effects near the level by three or four points.
+fold fits geometry and the sizes of effects; where effects were chosen by the same rows, their choice belongs into the
+folds too (`predicted`, by models of their own).
 """
 
 from __future__ import annotations

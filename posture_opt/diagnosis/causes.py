@@ -24,6 +24,8 @@ from posture_opt.model.effects import CATALOGUE, EFFECTS, INPUTS, Cause, Effect,
 from posture_opt.numerics import Array, Codes, Progress
 from posture_opt.units import DIMENSIONS
 
+_DEPENDENT = 1e-7  # of the largest singular value: columns of the geometry that say nothing new
+
 
 @dataclass(frozen=True, eq=False)
 class Finding:
@@ -93,7 +95,10 @@ class Finding:
             "p_value": self.p_value,
             "gain": self.gain,
             **interval,
-            "confounded_with": [{"kind": c.kind, "target": c.target} for c in self.confounded_with],
+            "confounded_with": [
+                {"kind": c.kind, "target": c.target, **({"qualifier": c.qualifier} if c.kind == self.kind else {})}
+                for c in self.confounded_with
+            ],
         }
 
 
@@ -157,6 +162,19 @@ def _estimate(model: Fit, place: int) -> dict[str, tuple[float, float, str]]:
         unit = effect.shape_units.get(name, "1")
         estimate[name] = (value, value * error if effect.relative_shape else error, unit)
     return estimate
+
+
+def tool_shifts(model: Fit, place: int) -> tuple[Array, Array]:
+    """(N,) how far an effect moves the tool point in each row [m], and the part of it that geometry cannot imitate."""
+    residuals = model.residuals
+    moved = model.effect_columns(place) @ model.x[model.slices[place]]
+    G = (model.jacobian @ model.directions)[:, model.geometry]
+    norms = np.linalg.norm(G, axis=0)
+    U, s, _ = np.linalg.svd(G / np.where(norms > 0, norms, 1.0), full_matrices=False)
+    U = U[:, s > _DEPENDENT * s.max(initial=0.0)]
+    both = (v.reshape(-1, residuals.block)[:, : len(residuals.axes)] for v in (moved, moved - U @ (U.T @ moved)))
+    alone, beyond = (np.linalg.norm(v, axis=1) * residuals.sigma for v in both)
+    return np.asarray(alone), np.asarray(beyond)
 
 
 def _unit(dimension: str) -> str:

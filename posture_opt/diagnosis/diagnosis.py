@@ -24,6 +24,7 @@ from posture_opt.diagnosis.causes import (
     effect_findings,
     geometry_finding,
     noise_finding,
+    tool_shifts,
     unknowable,
 )
 from posture_opt.diagnosis.delivery import Delivery, deliver
@@ -215,6 +216,9 @@ class Diagnosis(Result):
         gain, split = self.test_gain(i), self.split
         document = self.effects[i].to_json() | ({} if gain is None else {"test_gain": gain.to_json()})
         place = self.effects[i].place
+        if place is not None:
+            alone, beyond = (float(np.sqrt(np.mean(v**2))) for v in tool_shifts(self.model, place))
+            document["tool_shift_rms"] = {"alone": alone, "beyond_geometry": beyond}
         if place is not None and split is not None and place in split.pairs:
             document["split"] = split.to_json(place)
         return document

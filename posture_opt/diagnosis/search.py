@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.diagnosis import levels
+from posture_opt.diagnosis.aliases import aliases
 from posture_opt.diagnosis.candidates import Candidate, ScoredCandidate, absorbed, list_candidates
 from posture_opt.diagnosis.dictionary import Dictionary
 from posture_opt.diagnosis.initial_scores import InitialScores
@@ -199,6 +200,7 @@ def _result(
     """The members by their weight, each with its p-value given the others and its rivals."""
     chosen, weights = rank_members(start.linearised, members)
     p_values = tuple(start.null.family_wise(p, s.family) for (p, _), s in zip(weights, chosen, strict=True))
-    rivals = find_rivals(start.baseline, shortlisted, chosen)
+    others = find_rivals(start.baseline, shortlisted, chosen)
+    rivals = tuple((*own, *aliases(start.linearised, chosen, i)) for i, own in enumerate(others))
     hidden = absorbed(start.baseline, start.candidates, start.scored)
     return SearchResult(chosen, p_values, rivals, tuple(start.scored), start.null, nested, hidden)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.diagnosis.causes import tool_shifts
 from posture_opt.model.effects.cause import FittedSizes
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.contradictions import gain_words
@@ -13,7 +14,6 @@ from posture_opt.report.diagnosis_sizes import (
     fitted_effects,
     fitted_sizes,
     headline_of,
-    moved_at_tool,
     periodic_joints,
 )
 from posture_opt.report.error_table import mm
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
 
 _PAIRS, _SPLITS = 4, 8  # of causes that could be confused, and of measurements that tell them apart
+_IMITATED = 0.8  # of an effect at the tool: what geometry imitates by more is said
 _FULL = 4  # effects that are told in full; lighter ones stand in a table
 _VAGUE = 10.0  # times the standard error among what the data tell: the rest is open
 _LISTED = 5  # geometric parameters that are farthest off, for their errors
@@ -70,7 +71,7 @@ def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
     for finding in findings:
         place = finding.place
         assert place is not None
-        most = length(float(moved_at_tool(found, place).max()))
+        most = length(float(tool_shifts(found.model, place)[0].max()))
         size = headline_of(found, finding)
         rows.append((finding.cause.label, size, most, percent(finding.gain), p_value(finding.p_value)))
     return Table(("cause", "size", "at the tool up to", "RMS reduced by", "p-value"), tuple(rows))
@@ -113,9 +114,12 @@ def _planning(found: Diagnosis, finding: Finding) -> str:
 
 
 def _at_tool(found: Diagnosis, place: int) -> tuple[str, str]:
-    moved = moved_at_tool(found, place)
-    most, rms = float(moved.max()), float(np.sqrt(np.mean(moved**2)))
-    return "At the tool", f"up to {length(most)} in these data, {length(rms, among=[most])} RMS"
+    alone, beyond = tool_shifts(found.model, place)
+    most, rms, own = float(alone.max()), *(float(np.sqrt(np.mean(v**2))) for v in (alone, beyond))
+    text = f"up to {length(most)} in these data, {length(rms, among=[most])} RMS"
+    if own < _IMITATED * rms:
+        text += f"; {length(own, among=[most])} RMS of it is beyond what geometry could imitate"
+    return "At the tool", text
 
 
 def _gain(found: Diagnosis, finding: Finding) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.sessions import Gain
 
-_CHOSEN = "Their sizes were refitted in each round; the effects themselves were selected on all rows."
+_CHOSEN = "Effects were selected and fitted anew in each round, from the other rows alone."
 
 
 def errors_block(found: Diagnosis) -> Block:

@@ -10,7 +10,6 @@ import numpy as np
 from posture_opt.calibration.instrument import position_sigma
 from posture_opt.diagnosis import levels
 from posture_opt.model.effects.cause import FittedSizes
-from posture_opt.numerics import Array
 from posture_opt.report.error_table import mm
 from posture_opt.report.words import MODEL_NAMES
 
@@ -24,13 +23,6 @@ MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated", "extende
 def fitted_effects(found: Diagnosis) -> tuple[tuple[int, Finding], ...]:
     """(place among the effects of the model, finding) of every named effect."""
     return tuple((f.place, f) for f in found.effects if f.place is not None)
-
-
-def moved_at_tool(found: Diagnosis, place: int) -> Array:
-    """(N,) how far an effect moves the tool point in each row [m]."""
-    model, residuals = found.model, found.model.residuals
-    rows = (model.effect_columns(place) @ model.x[model.slices[place]]).reshape(-1, residuals.block)
-    return np.asarray(np.linalg.norm(rows[:, : len(residuals.axes)], axis=1) * residuals.sigma)
 
 
 def fitted_sizes(found: Diagnosis, finding: Finding) -> FittedSizes:
