@@ -224,15 +224,14 @@ def estimate(
     )  # fmt: skip
 
 
-def minimum_of(residuals: Residuals, x0: Array, directions: Array, known: Array) -> tuple[Array, Array]:
-    """Where ``|r(x)|² + |known x|²`` is least (k,), on ``x0 + directions z``, and the residuals (m,) there.
+def minimum_of(residuals: Residuals, x0: Array, directions: Array, known: Array) -> tuple[Array, Minimum]:
+    """Where ``|r(x)|² + |known x|²`` is least (k,), on ``x0 + directions z``, and the minimum in z.
 
     Nothing is left out and nothing weighed anew; ``known`` (p, k) are the rows of a prior.
     """
     function = _with_known(residuals, x0, directions, known)
-    z = least_squares(function, np.zeros(directions.shape[1]), tolerance=_OFFSET, max_steps=30).x
-    x = x0 + directions @ z
-    return x, residuals.whitened(x)
+    found = least_squares(function, np.zeros(directions.shape[1]), tolerance=_OFFSET, max_steps=30)
+    return x0 + directions @ found.x, found
 
 
 def clustered(fit: Fit) -> Fit:

@@ -25,7 +25,7 @@ from posture_opt.model.effects import EFFECTS, Cause, JointCoupling
 from posture_opt.numerics import Array
 
 FRAMES = ("base", "tool")
-_LARGE = 0.5  # evidence per residual: errors half as large again as without what is stated
+_LARGE = 0.1  # evidence per residual: errors a tenth larger than without what is stated
 _SURE = 20.0  # evidence in all: odds of e²⁰
 _PRICE = 5.0  # of each statement that is set aside: the logarithm of how many there are (Chen, Chen 2008)
 _FREEDOM = 4.0  # of Student's t, by which a few gross errors decide nothing (Lange, Little, Taylor 1989)
@@ -33,7 +33,8 @@ _FAR = 0.01  # of the reach: what a tangent leaves beyond that, only a fit of it
 _LEANS = {"m": 1e-3, "rad": 5e-3}  # farther off its drawing, a parameter of the first or last link stands for a frame
 _TOGETHER = 2  # so many of them: one alone is more likely wrong itself
 _CLEAR = 5.0  # standard errors that each of them is off
-_SPARE = 12  # residuals beyond the unknowns: with fewer, anything would fit
+_TOLD = 2.0  # σ of the data that a tolerance moves: more than a prior tells
+_SPARE = 6  # residuals beyond the unknowns: with fewer, anything would fit
 _ROWS = 400  # that decide whether an effect explains as much
 
 _P = TypeVar("_P", bound=CalibrationProblem)
@@ -150,27 +151,24 @@ def _released(problem: _P, names: Sequence[str]) -> _P:
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """The arm calibrated with some statements ``released``: residuals e (N, block) at the estimate x (k,)."""
+    """The arm calibrated with some statements ``released``, at the estimate x (k,).
+
+    Args:
+        e: (N, block) residuals; ``known`` (p, k) rows of the prior, as the data weigh it.
+        count: how many combinations of parameters the data determine.
+    """
 
     released: tuple[str, ...]
     residuals: Residuals
     x: Array
     e: Array
     known: Array
-
-    @property
-    def count(self) -> int:
-        """How many parameters were fitted."""
-        return len(self.x)
+    count: int
 
     @cached_property
     def scale(self) -> float:
         """The residuals' standard deviation in units of the instrument's, at least 1, whatever a few outliers say."""
-        from scipy.special import gammaincinv
-
-        N, block = self.e.shape
-        squared = float(np.median(np.sum(self.e**2, axis=1))) / (2 * float(gammaincinv(block / 2, 0.5)))
-        return max(float(np.sqrt(squared * N * block / max(N * block - self.count, 1))), 1.0)
+        return _scale_of(self.e, self.count)
 
     @property
     def rms(self) -> float:
@@ -179,10 +177,22 @@ class _Trial:
         return float(np.sqrt(np.mean(np.sum(e**2, axis=1))))
 
 
-def _cost(e: Array, scale: float) -> float:
-    """Minus the logarithm of the likelihood of residuals (N, block) under Student's t of a ``scale``."""
+def _scale_of(e: Array, count: int) -> float:
+    from scipy.special import gammaincinv
+
+    N, block = e.shape
+    squared = float(np.median(np.sum(e**2, axis=1))) / (2 * float(gammaincinv(block / 2, 0.5)))
+    return max(float(np.sqrt(squared * N * block / max(N * block - count, 1))), 1.0)
+
+
+def _cost(e: Array, known: Array, scale: float) -> float:
+    """Minus the logarithm of the likelihood of residuals (N, block) under Student's t of a ``scale``.
+
+    And of ``known`` (p,), how far what the prior holds is from it in units of the same scale, under a Gaussian.
+    """
     squared = np.sum(e**2, axis=1) / scale**2
-    return float(np.sum(np.log1p(squared / _FREEDOM)) * (_FREEDOM + e.shape[1]) / 2)
+    data = float(np.sum(np.log1p(squared / _FREEDOM)) * (_FREEDOM + e.shape[1]) / 2)
+    return data + float(known @ known) / (2 * scale**2)
 
 
 class _Statements(Generic[_P]):
@@ -205,29 +215,57 @@ class _Statements(Generic[_P]):
         """The arm calibrated without some of the statements."""
         key = tuple(name for name in self.statements if name in released)
         if key not in self._trials:
-            self._trials[key] = _trial(_released(self.problem, key), self.data, key, self.priors)
+            self._trials[key] = self._fitted(key, self._weight)
         return self._trials[key]
+
+    @cached_property
+    def _weight(self) -> float:
+        """The standard deviation, in units of the instrument's, of what nothing explains: by it the prior is weighed.
+
+        To first order about the arm as stated, unless that is too far off for tangents.
+        """
+        residuals = compare(self.problem, self.data)[0]
+        e, _, count = self._without_all(residuals, fit_frames(residuals), 1.0)
+        return self._fitted(self.statements, 1.0).scale if self._gross(e, residuals) else _scale_of(e, count)
+
+    def _gross(self, e: Array, residuals: Residuals) -> bool:
+        """Whether residuals (N, block) are so far off that a tangent says little of them."""
+        axes = len(residuals.axes)
+        left = float(np.sqrt(np.mean(np.sum(e[:, :axes] ** 2, axis=1)))) * residuals.sigma
+        return left > _FAR * reach(self.problem.robot)
+
+    def _fitted(self, released: tuple[str, ...], weight: float) -> _Trial:
+        problem = _released(self.problem, released)
+        residuals = Chart.of(compare(problem, self.data)[0]).fitted
+        return _trial(problem, residuals, released, self.priors, weight)
+
+    def _without_all(self, residuals: Residuals, x: Array, weight: float) -> tuple[Array, Array, int]:
+        """Residuals (N, block), those of the prior (p,) and the rank, without any statement; to first order."""
+        wide = compare(_released(self.problem, self.statements), self.data)[0]
+        value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
+        at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
+        r, J = wide.both(at)
+        known = weight * _prior_rows(self.problem, wide, [])
+        columns = np.concatenate([J, known])
+        step = np.linalg.lstsq(columns, -np.concatenate([r, known @ at]), rcond=1e-12)[0]
+        strength = np.linalg.svd(J * tolerances(wide.parameters, []), compute_uv=False)
+        e = (r + J @ step)[: wide.measured].reshape(len(self.data), -1)
+        return e, known @ (at + step), int(np.sum(strength > _TOLD * weight))
 
     @cached_property
     def worthwhile(self) -> bool:
         """Whether setting everything aside could bring much, to first order; or the arm is far off."""
         stated = self.trial(())
-        if stated.e.size < stated.count + 6 * len(self._frames) + _SPARE:
+        e, known, count = self._without_all(stated.residuals, stated.x, self._weight)
+        if stated.scale <= 1.0 or e.size < count + _SPARE:
             return False
-        if stated.scale <= 1.0:
-            return False
-        wide = compare(_released(self.problem, self.statements), self.data)[0]
-        value = dict(zip((p.name for p in stated.residuals.parameters), stated.x, strict=True))
-        x = np.array([value.get(p.name, 0.0) for p in wide.parameters])
-        r, J = wide.both(x)
-        known = _prior_rows(self.problem, wide, [])
-        step = np.linalg.lstsq(np.concatenate([J, known]), -np.concatenate([r, known @ x]), rcond=1e-12)[0]
-        e = (r + J @ step)[: wide.measured].reshape(len(self.data), -1)
-        left = _Trial(self.statements, wide, x, e, known)
-        gain = _cost(stated.e, left.scale) - _cost(e, left.scale)
-        if any(self._imitated(stated, frame) for frame in self._frames):
-            return True
-        return gain > max(_SURE, _LARGE * e.size) or left.rms > _FAR * reach(self.problem.robot)
+        scale = _scale_of(e, count)
+        gain = _cost(stated.e, stated.known @ stated.x, scale) - _cost(e, known, scale)
+        return (
+            self._gross(e, stated.residuals)
+            or gain > _enough(e)
+            or any(self._imitated(stated, frame) for frame in self._frames)
+        )
 
     @cached_property
     def _scale(self) -> float:
@@ -235,7 +273,7 @@ class _Statements(Generic[_P]):
 
     def cost(self, trial: _Trial) -> float:
         """Minus the log-likelihood of a trial at the scale of the widest."""
-        return _cost(trial.e, self._scale)
+        return _cost(trial.e, trial.known @ trial.x, self._scale)
 
     def explains(self, other: _Statements[Any]) -> bool:
         """Whether this problem's arm, calibrated, explains what the other's does not."""
@@ -244,7 +282,7 @@ class _Statements(Generic[_P]):
     def _better(self, one: _Trial, other: _Trial) -> bool:
         """Whether the other explains much more, and surely so."""
         gain = self.cost(one) - self.cost(other) - (other.count - one.count)
-        return gain > max(_SURE, _LARGE * one.e.size)
+        return gain > _enough(one.e)
 
     @cached_property
     def found(self) -> _Trial:
@@ -315,26 +353,34 @@ class _Statements(Generic[_P]):
         Q = np.linalg.qr(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))[0]
         r = np.concatenate([r, now.known @ now.x])
         r = r - Q @ (Q.T @ r)
-        sensitivities, wanted = EffectSensitivities(some, now.x), _cost(best.e[rows], self._scale) + best.count
+        sensitivities, share = EffectSensitivities(some, now.x), np.sqrt(len(rows) / len(self.data))
+        wanted = _cost(best.e[rows], share * (best.known @ best.x), self._scale) + best.count
         below = np.zeros((len(now.known), 1))
         for effect in (e for kind in EFFECTS for e in kind.candidates(case_of(some.data, some.robot))):
             Z = sensitivities.columns(effect)
             Z = np.concatenate([Z, np.repeat(below, Z.shape[1], axis=1)])
             Z = Z - Q @ (Q.T @ Z)
             e = r - Z @ np.linalg.lstsq(Z, r, rcond=1e-9)[0]
-            e = e[: some.measured].reshape(len(rows), -1)
-            if _cost(e, self._scale) + now.count + Z.shape[1] <= wanted:
+            rest, e = share * e[len(J) :], e[: some.measured].reshape(len(rows), -1)
+            if _cost(e, rest, self._scale) + now.count + Z.shape[1] <= wanted:
                 return True
         return False
 
 
-def _trial(problem: CalibrationProblem, data: Measurements, released: tuple[str, ...], priors: bool) -> _Trial:
-    residuals = Chart.of(compare(problem, data)[0]).fitted
-    known = _prior_rows(problem, residuals, prior_covariance(problem, residuals.parameters)[0] if priors else [])
-    scale = tolerances(residuals.parameters, [])
-    found = minimum_of(residuals, fit_frames(residuals), np.diag(scale), known)
-    x = found[0]
-    return _Trial(released, residuals, x, found[1][: residuals.measured].reshape(len(data), -1), known)
+def _enough(e: Array) -> float:
+    """The evidence at which residuals (N, block) are much smaller, and surely so."""
+    return max(_SURE, _LARGE * e.size)
+
+
+def _trial(
+    problem: CalibrationProblem, residuals: Residuals, released: tuple[str, ...], priors: bool, weight: float
+) -> _Trial:
+    parameters = residuals.parameters
+    known = weight * _prior_rows(problem, residuals, prior_covariance(problem, parameters)[0] if priors else [])
+    x, found = minimum_of(residuals, fit_frames(residuals), np.diag(tolerances(parameters, [])), known)
+    count = int(np.sum(np.linalg.svd(found.R, compute_uv=False) > _TOLD * weight))
+    e = found.residuals[: residuals.measured].reshape(len(residuals.data), -1)
+    return _Trial(released, residuals, x, e, known, count)
 
 
 def _prior_rows(problem: CalibrationProblem, residuals: Residuals, stated: list[int]) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.calibration_brief import MORE, on_a_screen
+from posture_opt.report.contradictions import refuted_of_robots
 from posture_opt.report.error_table import error_table, mm
 from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.presenter import Columns, Presenter, problem_of
@@ -40,7 +41,8 @@ def batch_report(found: Batch) -> Report:
         _pairs_block(found),
         _section_block(),
     )
-    return Report(problem.name or "Batch", (_answer(problem, found), _errors(found)), blocks)
+    lead = (*refuted_of_robots(found.calibrations), _answer(problem, found), _errors(found))
+    return Report(problem.name or "Batch", lead, blocks)
 
 
 def _answer(problem: Problem, found: Batch) -> str:
@@ -185,7 +187,8 @@ def batch_brief(found: Batch) -> Report:
         ("More", MORE.format("uncertainty.yaml")),
     ]  # fmt: skip
     problem = problem_of(found)
-    return on_a_screen(Report(problem.name or "Batch", (_answer(problem, found), _errors(found)), ()), facts)
+    lead = (*refuted_of_robots(found.calibrations), _answer(problem, found), _errors(found))
+    return on_a_screen(Report(problem.name or "Batch", lead, ()), facts)
 
 
 def _varying(found: Batch) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,15 @@ def doubts_lead(found: Calibration) -> tuple[str, ...]:
         *(_line(contradiction) for contradiction in found.contradictions),
         *(_away(frame, far) for frame, far in found.far_frames.items()),
         *_implausible(found),
+    )
+
+
+def refuted_of_robots(found: Sequence[Calibration]) -> tuple[str, ...]:
+    """What the data of several robots of one type refute, one line each."""
+    counts = Counter(c.cause for calibration in found for c in calibration.contradictions)
+    return tuple(
+        f"For {count} of {len(found)} robots {cause.words}: what the file states of it is set aside for them."
+        for cause, count in counts.items()
     )
 
 
