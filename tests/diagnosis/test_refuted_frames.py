@@ -14,6 +14,7 @@ import pytest
 
 import posture_opt as po
 from tests.helpers.free_arms import SIX, TOOL, problem_of, rows, simulated_points
+from tests.helpers.real_arms import DATA, needs_real_arms
 from tests.hidden.draw import Draw, draw
 from tests.hidden.files import write
 
@@ -110,3 +111,22 @@ def test_a_sigma_that_the_data_refute_is_set_aside(seed: int, name: str) -> None
     # Without the error nothing is set aside.
     right = simulated_points(SIX, q, base, tool, {}) + rng.normal(0, 2e-5, (80, 3))
     assert not po.calibrate(problem, rows(problem, q, right)).contradictions
+
+
+@needs_real_arms
+@pytest.mark.parametrize("off", [0.0, 2.0, 5.0])
+def test_the_base_of_a_measured_arm_is_named_where_it_is_off(off: float) -> None:
+    """The frames of a UR5 as its calibration found them, and the base stated some millimetres beside that."""
+    free = po.load_problem(DATA / "jacobi_ur5" / "problem.yaml")
+    data = po.read_measurements(DATA / "jacobi_ur5" / "grid.csv", free)
+    found = po.calibrate(free, data, plan=False)
+    value = {p.name: p.nominal + x for p, x in zip(found.parameters, found.x, strict=True)}
+    shift = {"x": off * 1e-3, "y": -off * 1e-3}
+    base = {
+        "xyz": [f"{value[f'base.{a}'] + shift.get(a, 0.0)} m" for a in "xyz"],
+        "rpy": [f"{value[f'base.{a}']} rad" for a in ("roll", "pitch", "yaw")],
+    }
+    robot = free.to_dict()["robot"] | {"base": base, "tool": {"xyz": [f"{value[f'tool.{a}']} m" for a in "xyz"]}}
+    stated = po.calibrate(free.with_robot(robot), data, plan=False)
+    assert [c.cause.kind for c in stated.contradictions] == ["base_frame"] * bool(off)
+    assert stated.calibrated.rms == pytest.approx(found.calibrated.rms, rel=0.01)
