@@ -158,7 +158,8 @@ def _estimate(model: Fit, place: int) -> dict[str, tuple[float, float, str]]:
     estimate = {n: (known.get(n, 0.0) + float(v), float(s), _unit(dimension)) for (n, dimension), v, s in rows}
     for name in effect.shape:
         value = float(getattr(effect, name))
-        error = float(model.std[model.shapes[place]]) if place in model.shapes else math.nan
+        fitted = place in model.shapes and name == effect.smooth_shape
+        error = float(model.std[model.shapes[place]]) if fitted else math.nan
         unit = effect.shape_units.get(name, "1")
         estimate[name] = (value, value * error if effect.relative_shape else error, unit)
     return estimate

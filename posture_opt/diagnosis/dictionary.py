@@ -100,7 +100,7 @@ class LineAtoms(Atoms):
         data = self._sensitivities.residuals.data
         joint = data.joint_names.index(lines.form.joint)
         self.lever = self._sensitivities.joints[joint]
-        sines = waves(data.q[:, joint] - lines.form.centre_angle, lines.cycles)
+        sines = waves(data.q[:, joint] - lines.form.centre, lines.cycles)
         self.S, self.C = (w.astype(np.float32) for w in sines)
         self.prices = np.full(len(lines.cycles), price_of_choice(lines.candidate(lines.cycles[0], self._sensitivities)))
         self.limits = np.tile([-np.inf, np.inf], (len(lines.cycles), 1))

@@ -91,7 +91,7 @@ def member_weights(linearised: LinearisedData, members: Sequence[Candidate]) -> 
         values, vectors = np.linalg.eigh(C[a:b, a:b])
         clear = (values > 0) & (values < levels.SURVIVING_SHARE**-2)
         gain, count = float(np.sum((vectors.T @ theta[a:b])[clear] ** 2 / values[clear])), int(clear.sum())
-        if not _possible(member, -theta[a:b] / norms[a:b]):
+        if not _possible(member, -theta[a:b] / np.where(norms[a:b] > 0, norms[a:b], 1.0)):
             found.append((0.0, -np.inf))
             continue
         m = freedom + count
@@ -108,7 +108,7 @@ def _possible(candidate: Candidate, sizes: Array) -> bool:
 
 
 def substantial(linearised: LinearisedData, members: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """The members without those of which each explains next to nothing of what all explain together.
+    """The members without those that explain next to nothing, of what all explain and of what they leave alike.
 
     It is the least that goes first. A name for less is not worth its line, however sure it is.
     """
@@ -118,9 +118,9 @@ def substantial(linearised: LinearisedData, members: Sequence[Candidate]) -> tup
         whole = float(small.baseline(flips=0).rss[0])
         least = float(small.baseline(reduced, flips=0).rss[0])
         without = [[s for s in reduced if s is not member] for member in reduced]
-        shares = [(float(small.baseline(rest, flips=0).rss[0]) - least) / (whole - least) for rest in without]
-        worst = int(np.argmin(shares))
-        if shares[worst] >= levels.LEAST_SHARE:
+        lost = [float(small.baseline(rest, flips=0).rss[0]) - least for rest in without]
+        worst = int(np.argmin(lost))
+        if lost[worst] >= levels.LEAST_SHARE * (whole - least) or lost[worst] >= levels.LEAST_RISE * least:
             break
         del kept[worst]
     return tuple(kept)

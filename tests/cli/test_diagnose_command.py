@@ -91,10 +91,12 @@ def test_the_cyclic_error_is_named_with_its_size(document: dict[str, Any]) -> No
     # σ √(2/N) / (A · rms of the lever · spread of q): 90 rows of 20 µm, 0.15 mrad at 1.4 m, 1.4 rad.
     assert error == pytest.approx(NOISE * np.sqrt(2 / 90) / (1.5e-4 * 1.4 * 1.4), rel=0.5)
     assert abs(cycles - CYCLES) < 4 * error
-    for name, true in (("sin", SINE), ("cos", COSINE)):
+    turn = CYCLES * size["centre"][0]  # sine and cosine are those about the middle of the data
+    a, b = SINE * np.cos(turn) - COSINE * np.sin(turn), SINE * np.sin(turn) + COSINE * np.cos(turn)
+    for name, true in (("sin", a), ("cos", b)):
         value, std = size[name]
         assert abs(value - true) < 4 * std  # one in 10⁴
-        assert std < 2e-5  # 90 rows of 20 µm at 1 m, and a phase that leans on the cycles
+        assert std < 8e-6  # 90 rows of 20 µm at 1 m; a phase at zero would lean on the cycles
 
 
 def test_errors_are_those_of_the_noise_here_and_on_the_test_file(document: dict[str, Any]) -> None:

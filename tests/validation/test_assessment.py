@@ -77,12 +77,13 @@ def test_statistics_by_axis_are_those_of_the_errors(assessed: Any) -> None:
 
 def test_the_sign_is_that_of_measured_minus_model() -> None:
     problem = planar()
-    q = np.random.default_rng(2).uniform(-2.5, 2.5, (60, 2))
-    shifted = position(q) + np.array([1e-3, 0.0])
-    data = measured(problem, q, shifted + np.random.default_rng(3).normal(0, NOISE, (60, 2)))
+    # Nearly straight along x, so that a longer second link shifts all points that way.
+    q = np.random.default_rng(2).uniform(-0.8, 0.8, (60, 2))
+    points = position(q, (1.0, 1.0 + LONGER))
+    data = measured(problem, q, points + np.random.default_rng(3).normal(0, NOISE, (60, 2)))
     found = po.assess(problem, data, po.calibrate(problem, data))
     # 60 rows of 20 µm: the mean is good to 2.6 µm.
-    assert found.nominal.deviations[0].bias == pytest.approx(1e-3, abs=1.3e-5)
+    assert found.nominal.deviations[0].bias == pytest.approx(LONGER * np.cos(q.sum(axis=1)).mean(), abs=1.3e-5)
     assert not found.nominal.mean.zero
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -43,14 +43,14 @@ class CyclicError(Harmonic):
         "gear_ripple": "measure many joint values that lie on no regular grid, and state 'gear_ratio'",
         "quantisation": "log the joint values that the controller reached, and measure many off any regular grid",
     }
-    shape: ClassVar = ("cycles",)
+    shape: ClassVar = ("cycles", "centre")
     shape_units: ClassVar = {"centre": "rad"}
     relative_shape: ClassVar[bool] = False
     family: ClassVar = "periodic"
 
     kind: Literal["cyclic_error"] = "cyclic_error"
     cycles: float = Field(gt=0, description="k, cycles per revolution of the joint")
-    centre: Angle | None = Field(None, description="q0, the joint value that sine and cosine are referred to")
+    centre: Angle = Field(0.0, description="q0, the joint value that sine and cosine are referred to")
 
     further: tuple[float, ...] = Field((), description="cycles per revolution of its other lines")
 
@@ -70,16 +70,11 @@ class CyclicError(Harmonic):
         return "" if self.further else "cycles"
 
     @property
-    def centre_angle(self) -> float:
-        """q0 [rad]."""
-        return self.centre or 0.0
-
-    @property
     def frequency(self) -> float:
         return self.cycles
 
     def features(self, state: ArmState, joint: int) -> tuple[Scalar, ...]:
-        angles = [cycles * (state.q[joint] - self.centre_angle) for cycles in self.lines]
+        angles = [cycles * (state.q[joint] - self.centre) for cycles in self.lines]
         return tuple(wave(angle) for angle in angles for wave in (sin, cos))
 
     @property
@@ -142,6 +137,10 @@ class CyclicError(Harmonic):
             for i, cycles in enumerate(self.further, 2)
         ]
         return (*first, Size("further lines", "; ".join(more))) if more else first
+
+    def to_dict(self) -> dict[str, Any]:
+        entry = super().to_dict()
+        return entry if self.centre else {key: value for key, value in entry.items() if key != "centre"}
 
     @classmethod
     def candidates(cls, case: Excitation) -> Sequence[Effect]:
