@@ -109,3 +109,22 @@ def test_sixty_postures_measured_once_do_not_tell_which_joint_scatters() -> None
     assert not [f for f in found.effects if f.noise is not None]
     assert found.verdict == "unexplained"
     assert set(found.to_json()["unexplained"]["place"]) == {"joint1", "joint2"}
+
+
+def test_a_real_arm_comes_with_the_program() -> None:
+    problem = load_builtin("kuka_iiwa14_sockets")
+    data = po.read_measurements(problems_folder() / "kuka_iiwa14_sockets.csv", problem)
+    found = po.diagnose(problem, data, plan=False)
+    named = {(e.kind, e.target) for e in found.effects if e.kind != "geometry"}
+    assert named == {("joint_compliance", f"joint_a{i}") for i in (2, 3, 4)}
+    errors = found.to_json()["residual_rms"]
+    assert errors["nominal"] == pytest.approx(0.555e-3, abs=0.01e-3)
+    assert errors["calibrated"] == pytest.approx(0.28e-3, abs=0.01e-3)
+    assert errors["extended"] == pytest.approx(0.16e-3, abs=0.01e-3)
+    assert errors["delivered"] < errors["delivered_heldout"] == errors["extended"]
+
+
+def test_the_licence_of_the_real_arm_s_data_stands_beside_them() -> None:
+    text = (problems_folder() / "kuka_iiwa14_sockets.LICENSE").read_text(encoding="utf-8")
+    assert text.startswith("MIT License")
+    assert "platonics" in text
