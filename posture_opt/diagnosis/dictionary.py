@@ -16,8 +16,8 @@ import numpy as np
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate, Lines
+from posture_opt.diagnosis.fourier_sums import FourierSums, squares
 from posture_opt.diagnosis.linearised_data import LinearisedData
-from posture_opt.diagnosis.score_tests import waves
 from posture_opt.diagnosis.selection_criterion import price_of_choice
 from posture_opt.diagnosis.shape_refinement import finer_shapes
 from posture_opt.model.effects import CyclicError, Effect
@@ -100,22 +100,22 @@ class LineAtoms(Atoms):
         data = self._sensitivities.residuals.data
         joint = data.joint_names.index(lines.form.joint)
         self.lever = self._sensitivities.joints[joint]
-        sines = waves(data.q[:, joint] - lines.form.centre, lines.cycles)
-        self.S, self.C = (w.astype(np.float32) for w in sines)
+        self.q = data.q[:, joint] - lines.form.centre
+        self.sums = FourierSums.of(self.q, lines.cycles)
         self.prices = np.full(len(lines.cycles), price_of_choice(lines.candidate(lines.cycles[0], self._sensitivities)))
         self.limits = np.tile([-np.inf, np.inf], (len(lines.cycles), 1))
         self._step = float(lines.cycles[1] - lines.cycles[0]) if len(lines.cycles) > 1 else 0.0
 
     def grams(self, rows: Codes | None = None) -> Array:
-        S, C, lever = (v if rows is None else v[rows] for v in (self.S, self.C, self.lever))
-        weight = np.einsum("nb,nb->n", lever, lever).astype(np.float32)
-        ss, sc, cc = ((a * b).T @ weight for a, b in ((S, S), (S, C), (C, C)))
-        return np.asarray(np.stack([ss, sc, sc, cc], axis=1).reshape(-1, 2, 2), dtype=float)
+        q, lever = (v if rows is None else v[rows] for v in (self.q, self.lever))
+        weights = np.einsum("nb,nb->n", lever, lever)[:, None]
+        ss, sc, cc = squares(q, self.lines.cycles, weights)
+        return np.stack([ss, sc, sc, cc], axis=1).reshape(-1, 2, 2)
 
     def products(self, vectors: Array) -> Array:
         N, block = self.lever.shape
-        along = np.einsum("nb,nbp->np", self.lever, vectors[: N * block].reshape(N, block, -1)).astype(np.float32)
-        return np.asarray(np.stack([self.S.T @ along, self.C.T @ along], axis=1), dtype=float)
+        along = np.einsum("nb,nbp->np", self.lever, vectors[: N * block].reshape(N, block, -1))
+        return np.stack(self.sums(along), axis=1)
 
     def candidate(self, index: int) -> Candidate:
         return self.lines.candidate(self.lines.cycles[index], self._sensitivities)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.diagnosis import levels
+from posture_opt.diagnosis.fourier_sums import FourierSums, squares
 from posture_opt.numerics import Array, Codes
 
 _CHUNK = 4_000_000  # numbers of one block of columns: 32 MB
-_SPREAD = 32  # frequencies about each one whose sine is taken: a sine takes as long as fifty multiplications
 _MOST_LEVERAGE = 0.99  # above, a residual says nothing of the noise
 _ROUNDING = 1e-6  # of the largest singular value: linear dependence, to rounding of inner products
 
@@ -171,47 +171,16 @@ def scan_frequencies(
     series = np.einsum("nb,nbf->nf", c, baseline.flipped[: c.size].reshape(N, block, -1))
     basis = np.einsum("nb,nbk->nk", c, baseline.Q[: c.size].reshape(N, block, -1))
     square = np.einsum("nb,nb->n", c, c)
-    observed, most = np.zeros(len(cycles)), np.zeros(series.shape[1] - 1)
-    step = max(1, _CHUNK // (2 * N))
-    for first in range(0, len(cycles), step):
-        S, C = waves(q, cycles[first : first + step])
-        gram = _gram(S, C, square, basis)
-        bs, bc = S.T @ series, C.T @ series
-        gain = _two_columns(gram, bs, bc)
-        observed[first : first + step] = gain[:, 0]
-        most = np.maximum(most, gain[:, 1:].max(axis=0))
-    return observed, most
+    sines, cosines = FourierSums.of(q, cycles)(np.concatenate([basis, series], axis=1))
+    k = basis.shape[1]
+    qs, qc, ss, sc, cc = sines[:, :k], cosines[:, :k], *(g[:, 0] for g in squares(q, cycles, square[:, None]))
+    pairs = ((ss, qs, qs), (cc, qc, qc), (sc, qs, qc))
+    gram = tuple(own - np.einsum("ij,ij->i", a, b) for own, a, b in pairs)
+    gain = _two_columns(gram, sines[:, k:], cosines[:, k:])
+    return gain[:, 0], gain[:, 1:].max(axis=0, initial=0.0)
 
 
-def waves(q: Array, cycles: Array) -> tuple[Array, Array]:
-    """(N, K) sines and cosines of joint values (N,) [rad] at frequencies (K,) [cycles per revolution].
-
-    Evenly spaced ones by the addition theorem, thirty at a time: a sine takes as long as fifty multiplications.
-    """
-    if len(cycles) <= _SPREAD or not np.allclose(np.diff(cycles), cycles[1] - cycles[0], rtol=1e-9, atol=1e-12):
-        angle = np.outer(q, cycles)
-        return np.sin(angle), np.cos(angle)
-    fine = np.outer(q, cycles[:_SPREAD] - cycles[0])
-    s, c = np.sin(fine), np.cos(fine)
-    S, C = np.empty((len(q), len(cycles))), np.empty((len(q), len(cycles)))
-    for first in range(0, len(cycles), _SPREAD):
-        own = slice(first, min(first + _SPREAD, len(cycles)))
-        count = own.stop - first
-        s0, c0 = np.sin(cycles[first] * q)[:, None], np.cos(cycles[first] * q)[:, None]
-        S[:, own] = s0 * c[:, :count] + c0 * s[:, :count]
-        C[:, own] = c0 * c[:, :count] - s0 * s[:, :count]
-    return S, C
-
-
-def _gram(S: Array, C: Array, square: Array, basis: Array) -> tuple[Array, Array, Array]:
-    qs, qc = S.T @ basis, C.T @ basis
-    ss = (S * S).T @ square - np.einsum("ij,ij->i", qs, qs)
-    cc = (C * C).T @ square - np.einsum("ij,ij->i", qc, qc)
-    sc = (S * C).T @ square - np.einsum("ij,ij->i", qs, qc)
-    return ss, cc, sc
-
-
-def _two_columns(gram: tuple[Array, Array, Array], bs: Array, bc: Array) -> Array:
+def _two_columns(gram: tuple[Array, ...], bs: Array, bc: Array) -> Array:
     """``bᵀ G⁻¹ b`` of all pairs of columns."""
     ss, cc, sc = (g[:, None] for g in gram)
     det = ss * cc - sc * sc
