@@ -9,11 +9,14 @@ import numpy as np
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.linearised_data import LinearisedData
-from posture_opt.diagnosis.score_tests import projected_basis, scan_frequencies
+from posture_opt.diagnosis.score_tests import ProjectedBaseline, projected_basis, scan_frequencies
 from posture_opt.model.effects import CyclicError
 from posture_opt.model.effects.cyclic_error import OVERSAMPLING
 
-_LISTED = 4  # aliases of one line: a lattice has a dozen of them
+_NEAR = 0.8  # of what a line explains: between two points of the grid an alias loses less than that
+_FINER = 10
+_ALL = 1 - 1e-9
+_LISTED = 4  # aliases of one line, the slowest: a lattice has a dozen of them
 
 
 def aliases(linearised: LinearisedData, chosen: Sequence[Candidate], i: int) -> tuple[Candidate, ...]:
@@ -31,13 +34,23 @@ def aliases(linearised: LinearisedData, chosen: Sequence[Candidate], i: int) -> 
     rest = Candidate(error, chosen[i].Z[:, width:])
     baseline = linearised.baseline([*(s for k, s in enumerate(chosen) if k != i), rest], flips=0)
     own = projected_basis(baseline, chosen[i].Z[:, :width])[0].T @ baseline.e
-    cycles = CyclicError.grid(float(np.ptp(data.q[:, joint])))
-    gains = scan_frequencies(baseline, sensitivities.joints[joint], data.q[:, joint], cycles)[0]
-    rss, m = float(baseline.rss[0]), baseline.freedom
-    lost = -m * (np.log1p(-min(float(own @ own) / rss, 1 - 1e-9)) - np.log1p(-np.minimum(gains / rss, 1 - 1e-9)))
+    q, lever = data.q[:, joint], sensitivities.joints[joint]
+    cycles = CyclicError.grid(float(np.ptp(q)))
+    gains = scan_frequencies(baseline, lever, q, cycles)[0]
     peaks = (gains >= np.r_[0.0, gains[:-1]]) & (gains >= np.r_[gains[1:], 0.0])
-    apart = np.min(np.abs(cycles[:, None] - np.array(error.lines)), axis=1) > OVERSAMPLING * np.diff(cycles[:2]).sum()
-    found = np.flatnonzero(peaks & apart & (lost <= levels.RIVAL_CRITERION))
-    best = found[np.argsort(lost[found])][:_LISTED]
-    shaped = [error.with_shape(float(cycles[k])) for k in best]
+    step = float(np.diff(cycles[:2]).sum())
+    apart = np.min(np.abs(cycles[:, None] - np.array(error.lines)), axis=1) > OVERSAMPLING * step
+    found = []
+    for k in np.flatnonzero(peaks & apart & (gains > _NEAR * float(own @ own))):
+        near = cycles[k] + step * np.linspace(-0.5, 0.5, 2 * _FINER + 1)
+        finer = scan_frequencies(baseline, lever, q, near)[0]
+        if _lost(baseline, float(own @ own), float(finer.max())) <= levels.RIVAL_CRITERION:
+            found.append(float(near[int(np.argmax(finer))]))
+    shaped = [error.with_shape(other) for other in found[:_LISTED]]
     return tuple(Candidate(other, sensitivities.columns(other), chosen[i].searched) for other in shaped)
+
+
+def _lost(baseline: ProjectedBaseline, own: float, other: float) -> float:
+    """By how much the criterion is worse with another line that explains so much."""
+    rest = baseline.rss[0] - np.minimum([other, own], _ALL * baseline.rss[0])
+    return float(baseline.freedom * np.log(rest[0] / rest[1]))

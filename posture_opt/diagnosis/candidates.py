@@ -234,6 +234,11 @@ class Lines:
     def searched(self) -> float:
         return len(self.cycles) / OVERSAMPLING
 
+    @property
+    def least_distance(self) -> float:
+        """Lines nearer than that are one line [cycles per revolution]."""
+        return levels.LEAST_LINE_DISTANCE * float(np.diff(self.cycles[:2]).sum())
+
     def candidate(self, cycles: float, sensitivities: EffectSensitivities) -> Candidate:
         """The line of so many cycles per revolution."""
         line = self.form.with_shape(float(cycles))

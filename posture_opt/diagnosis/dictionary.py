@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
-from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate, Lines
 from posture_opt.diagnosis.fourier_sums import FourierSums, squares
 from posture_opt.diagnosis.linearised_data import LinearisedData
@@ -53,6 +52,10 @@ class Atoms(ABC):
     def finer(self, index: int) -> Iterator[Candidate]:
         """Candidates between this one and its neighbours on the grid."""
         yield self.candidate(index)
+
+    def closer(self, found: Candidate) -> Iterator[Candidate]:
+        """Candidates between one of those and its neighbours."""
+        yield found
 
 
 class WrittenAtoms(Atoms):
@@ -124,12 +127,18 @@ class LineAtoms(Atoms):
         if not isinstance(chosen.what, CyclicError) or chosen.what.joint != self.lines.form.joint:
             return np.zeros(0, dtype=np.intp)
         apart = np.abs(self.lines.cycles - chosen.what.cycles)
-        return np.flatnonzero(apart <= levels.LEAST_LINE_DISTANCE * self._step)
+        return np.flatnonzero(apart <= self.lines.least_distance)
 
     def finer(self, index: int) -> Iterator[Candidate]:
+        yield from self._about(self.lines.cycles[index], self._step / (2 * _FINER))
+
+    def closer(self, found: Candidate) -> Iterator[Candidate]:
+        assert isinstance(found.what, CyclicError)
+        yield from self._about(found.what.cycles, self._step / (2 * _FINER) ** 2)
+
+    def _about(self, cycles: float, step: float) -> Iterator[Candidate]:
         for k in range(-_FINER, _FINER + 1):
-            cycles = self.lines.cycles[index] + k * self._step / (2 * _FINER)
-            yield self.lines.candidate(cycles, self._sensitivities)
+            yield self.lines.candidate(cycles + k * step, self._sensitivities)
 
 
 @dataclass(frozen=True, eq=False)

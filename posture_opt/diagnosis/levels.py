@@ -111,9 +111,8 @@ DISTINCT_MASSES = 0.05
 pending."""
 SHAPE_EVALUATIONS = 16
 """Evaluations of a bounded search for a shape (Brent 1973); chosen for time."""
-LEAST_LINE_DISTANCE = 1.0
-"""Steps of the grid of lines within which a second one is no other line: half of what the range of the joint resolves
-is a step and a half; chosen on simulated draws, ablation pending."""
+LEAST_LINE_DISTANCE = 1.5
+"""Steps of the grid of lines within which a second one is no other line: half of what the range of a joint resolves."""
 SHAPES_BETWEEN = 7
 """Shapes between the neighbours on the grid that a fold tries; chosen for time."""
 MOMENTS_TRIED = 24

@@ -139,7 +139,12 @@ def _principal(gram: Array, score: Array) -> tuple[Array, Array]:
 
 def _finest(atoms: Atoms, index: int, Q: Array, e: Array, learn: Array) -> Candidate:
     """The candidate between two neighbours on the grid that explains most."""
-    finer = list(atoms.finer(index))
+    best = _strongest(list(atoms.finer(index)), Q, e, learn)
+    return _strongest(list(atoms.closer(best)), Q, e, learn)
+
+
+def _strongest(finer: Sequence[Candidate], Q: Array, e: Array, learn: Array) -> Candidate:
+    """That of some candidates of one width that explains most."""
     if len(finer) == 1:
         return finer[0]
     width = finer[0].Z.shape[1]

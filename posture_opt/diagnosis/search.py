@@ -135,8 +135,7 @@ def _selected(start: InitialScores, foldings: Sequence[Folding], allowed: Callab
     pursued = pursue(dictionary, levels.MOST_EFFECTS)
     shortlisted = union(filter(allowed, start.shortlist()), pursued.runners_up)
     members = _exchanged(start, pursued.chosen, shortlisted)
-    members = tuple(_refined(linearised, members, i) for i in range(len(members)))
-    members = eliminate(linearised, start.null, members)
+    members = eliminate(linearised, start.null, _refined(linearised, members))
     if not members:  # the criterion charges a group of parameters more than the test, which has decided already
         best = [s.candidate for s in start.scored if allowed(s.candidate)][:1]
         members = tuple(refine_shape(linearised.sensitivities, start.baseline, c) for c in best)
@@ -170,18 +169,37 @@ def _exchanged(
     """The members after drops and swaps with the shortlisted, as long as the criterion falls."""
     if not 1 < len(members) <= levels.EXCHANGED_EFFECTS:
         return members
-    every = union(shortlisted, members)
+    every = _apart(start.linearised, union(members, shortlisted))
     place = {str(s.what): i for i, s in enumerate(every)}
-    chosen = exchanged(candidate_pool(start.baseline, every), tuple(sorted(place[str(s.what)] for s in members)))
+    former = tuple(sorted(place[str(s.what)] for s in members if str(s.what) in place))
+    chosen = exchanged(candidate_pool(start.baseline, every), former)
     return tuple(every[i] for i in chosen)
 
 
-def _refined(linearised: LinearisedData, members: Sequence[Candidate], i: int) -> Candidate:
-    """A member at the shape that explains most beside the others; a line among many was found fine enough."""
-    if len(members) > levels.EXCHANGED_EFFECTS and isinstance(members[i].what, CyclicError):
-        return members[i]
-    beside = linearised.baseline([s for s in members if s is not members[i]], flips=0)
-    return refine_shape(linearised.sensitivities, beside, members[i])
+def _apart(linearised: LinearisedData, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates without lines that are too near to one before them to be another."""
+    least = {lines.form.joint: lines.least_distance for lines in linearised.lines}
+    found: list[Candidate] = []
+    taken: dict[str, list[float]] = {}
+    for candidate in candidates:
+        if isinstance(candidate.what, CyclicError):
+            others = taken.setdefault(candidate.target, [])
+            if any(abs(candidate.what.cycles - cycles) <= least[candidate.target] for cycles in others):
+                continue
+            others.append(candidate.what.cycles)
+        found.append(candidate)
+    return found
+
+
+def _refined(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
+    """The members, each at the shape that explains most beside the others; lines among many were found fine enough."""
+    found = list(members)
+    many = len(found) > levels.EXCHANGED_EFFECTS
+    for i, member in enumerate(found):
+        if not (many and isinstance(member.what, CyclicError)):
+            beside = linearised.baseline([*found[:i], *found[i + 1 :]], flips=0)
+            found[i] = refine_shape(linearised.sensitivities, beside, member)
+    return found
 
 
 def remaining_unnamed(linearised: LinearisedData, found: SearchResult) -> tuple[Candidate, ...]:

@@ -1,0 +1,177 @@
+"""The pursuit and its nested folds against plain least squares, and what is no candidate at all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.diagnosis import levels
+from posture_opt.diagnosis.candidates import list_candidates
+from posture_opt.diagnosis.dictionary import Dictionary
+from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
+from posture_opt.diagnosis.matching_pursuit import nested_subsets, pursue
+from posture_opt.diagnosis.nested_selection import Folding, NestedSelection, clearly_less
+from posture_opt.diagnosis.search import search
+from posture_opt.model.effects.cyclic_error import CyclicError
+from tests.helpers.planar_2r import position
+from tests.helpers.planar_files import PROBLEM, write
+
+NOISE = 2e-5  # m
+LINE = 17.3  # cycles per revolution
+
+
+def measured(folder: Path, q: np.ndarray, error: np.ndarray, rng: np.random.Generator) -> po.Measurements:
+    write(folder / "data.csv", q, position(q + error) + rng.normal(0, NOISE, q.shape))
+    return po.read_measurements(folder / "data.csv", po.problem_from_dict(PROBLEM))
+
+
+@pytest.fixture(scope="module")
+def two_errors(tmp_path_factory: pytest.TempPathFactory) -> LinearisedData:
+    """A line of joint 1, and an eccentricity of joint 2."""
+    rng = np.random.default_rng(71)
+    q = rng.uniform(-2.5, 2.5, (160, 2))
+    error = np.stack([1e-4 * np.sin(LINE * q[:, 0]), 4e-4 * np.sin(q[:, 1] + 0.3)], axis=1)
+    data = measured(tmp_path_factory.mktemp("two"), q, error, rng)
+    return linearise(po.calibrate(po.problem_from_dict(PROBLEM), data), 99)
+
+
+def dictionary(linearised: LinearisedData) -> Dictionary:
+    every = list_candidates(linearised.sensitivities, linearised.excitation)
+    return Dictionary(linearised, tuple(c for c in every if c.named))
+
+
+def left(columns: np.ndarray, r: np.ndarray) -> float:
+    scaled = columns / np.where(np.linalg.norm(columns, axis=0) > 0, np.linalg.norm(columns, axis=0), 1.0)
+    return float(np.sum((r - scaled @ np.linalg.lstsq(scaled, r, rcond=1e-9)[0]) ** 2))
+
+
+def test_each_step_takes_what_least_squares_would(two_errors: LinearisedData) -> None:
+    words = dictionary(two_errors)
+    chosen = pursue(words, 2).chosen
+    assert [(c.kind, c.target) for c in chosen] == [("gear_eccentricity", "joint2"), ("cyclic_error", "joint1")]
+    assert chosen[1].what.cycles == pytest.approx(LINE, abs=2 * np.pi / 5.0 / 6)  # half a step of its grid
+    # No candidate of one or two columns leaves less than the first that was taken.
+    alone = {c.key: left(np.concatenate([two_errors.G, c.Z], axis=1), two_errors.r) for c in words.candidates}
+    same = [value for key, value in alone.items() if key != chosen[0].key and key[0] != "instrument_field"]
+    assert alone[chosen[0].key] < min(same)
+
+
+def test_rows_that_are_held_out_teach_nothing(two_errors: LinearisedData) -> None:
+    rows = np.arange(0, 160, 3)
+    spoilt = two_errors.r.copy()
+    spoilt.reshape(160, -1)[rows] += 1e3
+    words, other = dictionary(two_errors), dictionary(replace(two_errors, r=spoilt))
+    first, second = (pursue(d, 3, rows).chosen for d in (words, other))
+    assert [str(c.what) for c in first] == [str(c.what) for c in second]
+    assert [str(c.what) for c in pursue(other, 1).chosen] != [str(c.what) for c in first[:1]]
+
+
+def test_subsets_are_those_of_least_loss_and_their_fits_those_of_least_squares() -> None:
+    rng = np.random.default_rng(5)
+    columns, known = [rng.normal(size=(90, k)) for k in (1, 2, 1, 3)], rng.normal(size=(90, 4)) * 1e3
+    r = rng.normal(size=90) + columns[1] @ [3.0, 1.0] + 2 * columns[3][:, 0] + 0.5 * columns[0][:, 0]
+    subsets = nested_subsets(columns, known, r)
+    assert [len(s.members) for s in subsets] == [0, 1, 2, 3, 4]
+    A = np.concatenate([known, *columns], axis=1)
+    for smaller, larger in pairwise(subsets):
+        assert set(smaller.members) < set(larger.members)
+        losses = {
+            gone: left(np.concatenate([known, *(columns[i] for i in larger.members if i != gone)], axis=1), r)
+            for gone in larger.members
+        }
+        (gone,) = set(larger.members) - set(smaller.members)
+        assert losses[gone] == min(losses.values())
+        assert np.sum((r - A @ smaller.coefficients) ** 2) == pytest.approx(losses[gone], rel=1e-7)
+
+
+def test_held_out_errors_are_those_of_a_fit_to_the_other_rows(two_errors: LinearisedData) -> None:
+    residuals = two_errors.sensitivities.residuals
+    (folding,) = Folding.usual(residuals.data)[:1]
+    nested = NestedSelection.of(dictionary(two_errors), 2, folding.groups, folding.folds)
+    rows = folding.folds[0]
+    index = (rows[:, None] * residuals.block + np.arange(residuals.block)).ravel()
+    learn = np.setdiff1d(np.arange(len(two_errors.r)), index)
+    A = np.concatenate([two_errors.G, *(c.Z for c in nested.sets[0][2])], axis=1)
+    A = A / np.linalg.norm(A, axis=0)
+    e = two_errors.r - A @ np.linalg.lstsq(A[learn], two_errors.r[learn], rcond=1e-9)[0]
+    squares = np.sum((e[index].reshape(len(rows), -1) * residuals.sigma) ** 2, axis=1)
+    np.testing.assert_allclose(nested.losses[2, rows], squares, rtol=1e-5, atol=1e-16)
+    assert nested.least == 2
+    assert not nested.refuted
+
+
+def test_one_standard_error_is_that_of_paired_differences() -> None:
+    common = np.random.default_rng(8).exponential(size=400) * 100
+    unlike = np.tile([1.0, -1.0], 200)  # of sum zero; a standard error of their sum is 20
+    assert clearly_less(common - 0.06 + unlike, common)
+    assert not clearly_less(common - 0.04 + unlike, common)
+
+
+def test_the_choice_is_repeated_in_every_fold(tmp_path: Path) -> None:
+    """On noise alone, effects chosen by all rows seem to help the rows left out; chosen in the folds they do not."""
+    rng = np.random.default_rng(72)
+    q = rng.uniform(-2.5, 2.5, (80, 2))
+    data = measured(tmp_path, q, np.zeros_like(q), rng)
+    linearised = linearise(po.calibrate(po.problem_from_dict(PROBLEM), data), 99)
+    groups, folds = (lambda way: (way.groups, way.folds))(Folding.usual(data)[0])
+    words = dictionary(linearised)
+    chosen = _strongest(words, 4)
+    A = np.concatenate([linearised.G, *(c.Z for c in chosen)], axis=1)
+    A = A / np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    flattering = 0.0
+    for rows in folds:
+        index = (rows[:, None] * 2 + np.arange(2)).ravel()
+        learn = np.setdiff1d(np.arange(160), index)
+        e = linearised.r - A @ np.linalg.lstsq(A[learn], linearised.r[learn], rcond=1e-9)[0]
+        flattering += float(np.sum(e[index] ** 2)) * linearised.sensitivities.residuals.sigma**2
+    nested = NestedSelection.of(words, 4, groups, folds)
+    honest = nested.totals[:, :].sum(axis=1)
+    assert flattering < 0.95 * honest[0]
+    assert honest[4] >= honest[0]
+
+
+def _strongest(words: Dictionary, count: int):  # type: ignore[no-untyped-def]
+    """What a pursuit takes that does not ask what a choice costs."""
+    former = levels.PENALTY_OF_A_CHOICE
+    levels.PENALTY_OF_A_CHOICE = -100.0
+    try:
+        return pursue(Dictionary(words.linearised, words.candidates), count).chosen
+    finally:
+        levels.PENALTY_OF_A_CHOICE = former
+
+
+def test_lines_of_one_joint_are_one_cause_with_its_harmonics(tmp_path: Path) -> None:
+    rng = np.random.default_rng(73)
+    q = rng.uniform(-2.5, 2.5, (200, 2))
+    wheel = sum(a * np.sin(n * 40 * q[:, 0] + n) for n, a in ((1, 2e-4), (2, 1.5e-4), (4, 1e-4)))
+    data = measured(tmp_path, q, np.stack([wheel, 0 * wheel], axis=1), rng)
+    found = po.diagnose(po.problem_from_dict(PROBLEM), data, plan=False)
+    (gear,) = [f for f in found.effects if f.kind == "cyclic_error"]
+    assert gear.effect.cycles == pytest.approx(40, abs=0.1)
+    assert "with harmonics 2 and 4" in gear.cause.words
+    assert found.errors["extended"].rms < 1.15 * np.sqrt(2) * NOISE
+    # The file holds all lines, and does the same to the data.
+    again = found.extended.effects[0]
+    assert again.lines == pytest.approx(gear.effect.lines)
+    assert found.to_json()["residual_rms"]["delivered"] < 1.05 * np.sqrt(2) * NOISE
+
+
+def test_joint_values_that_cannot_tell_lines_apart(tmp_path: Path) -> None:
+    assert not len(CyclicError.resolved(np.repeat(np.linspace(-1, 1, 7), 20)))  # any seven errors fit some line
+    grid = np.repeat(np.arange(-2.4, 2.41, np.pi / 18), 5)  # every 10°: k and 36 − k are one
+    assert CyclicError.resolved(grid).max() <= 18.0 + 1e-9
+    irregular = np.random.default_rng(4).uniform(-2.4, 2.4, 100)
+    assert CyclicError.resolved(irregular).max() > 290
+    rng = np.random.default_rng(74)
+    q = np.stack([rng.choice(np.unique(grid), 200), rng.uniform(-2.5, 2.5, 200)], axis=1)
+    data = measured(tmp_path, q, np.stack([2e-4 * np.sin(30 * q[:, 0] + 1), np.zeros(200)], axis=1), rng)
+    linearised = linearise(po.calibrate(po.problem_from_dict(PROBLEM), data), 99)
+    found = search(linearised)
+    lines = [s.what.cycles for s in (*found.chosen, *found.rivals[0]) if isinstance(s.what, CyclicError)]
+    assert min(lines) == pytest.approx(6, abs=0.3)
+    assert any(abs(cycles - 30) < 0.3 for cycles in lines)  # the true one is named among its aliases
