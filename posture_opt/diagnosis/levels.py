@@ -73,7 +73,7 @@ draws, ablation pending."""
 MOST_EFFECTS = 40
 """Effects of one model; chosen for time."""
 EXCHANGED_EFFECTS = 12
-"""Effects up to which members of the set are exchanged for others that lower the criterion; chosen for time."""
+"""Effects up to which members of a set are exchanged, and their lines fitted together at each step; chosen for time."""
 LASTING_EXPLAIN_ENOUGH = 0.9
 """Share of what all named effects explain of rows left out, at which those that outlast the session are the model:
 fields and slips imitate what has another cause; chosen on the real sets UR5 and kuka_14."""

@@ -1,6 +1,7 @@
 """Orthogonal matching pursuit: the candidates that explain residuals, one after another, out of a whole dictionary.
 
-Sources: Chen, Billings, Luo (1989), orthogonal least squares; Pati, Rezaiifar, Krishnaprasad (1993).
+Sources: Chen, Billings, Luo (1989), orthogonal least squares; Pati, Rezaiifar, Krishnaprasad (1993); Mamandipoor,
+Ramasamy, Madhow (2016), who fit the frequencies of all lines after each step.
 """
 
 from __future__ import annotations
@@ -14,8 +15,11 @@ import numpy as np
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.dictionary import Atoms, Dictionary
+from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.score_tests import orthonormal
 from posture_opt.diagnosis.selection_criterion import price_of_parameters
+from posture_opt.diagnosis.shape_refinement import sharpened
+from posture_opt.model.effects import CyclicError
 from posture_opt.numerics import Array, Codes, Mask
 
 _RIDGE = 1e-10  # of columns of length one: what depends on others keeps an inverse
@@ -43,9 +47,7 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
     learn = np.ones(len(linearised.r), dtype=bool)
     if held_out is not None:
         learn[(held_out[:, None] * residuals.block + np.arange(residuals.block)).ravel()] = False
-    Q = np.where(learn[:, None], orthonormal(linearised.G * learn[:, None]), 0.0)
-    e = linearised.r * learn
-    e = e - Q @ (Q.T @ e)
+    Q, e = _projected(linearised, (), learn)
     freedom = float(learn.sum() - Q.shape[1])
     states = [_State(atoms, Q, e, held_out) for atoms in dictionary.atoms]
     chosen, runners_up, rss = list[Candidate](), list[Candidate](), float(e @ e)
@@ -64,18 +66,33 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
             states[best].closed[int(np.argmax(drops[best]))] = True
             continue
         chosen.append(candidate)
-        explained = q.T @ e
-        e, Q = e - q @ explained, np.concatenate([Q, q], axis=1)
-        for state in states:
-            state.project(q, explained, candidate)
+        if isinstance(candidate.what, CyclicError) and len(chosen) <= levels.EXCHANGED_EFFECTS:
+            chosen = sharpened(linearised, chosen, learn)
+            Q, e = _projected(linearised, chosen, learn)
+            states = [_State(atoms, Q, e, held_out, chosen) for atoms in dictionary.atoms]
+        else:
+            explained = q.T @ e
+            e, Q = e - q @ explained, np.concatenate([Q, q], axis=1)
+            for state in states:
+                state.project(q, explained, candidate)
         rss = float(e @ e)
     return Pursued(tuple(chosen), tuple(runners_up))
+
+
+def _projected(linearised: LinearisedData, chosen: Sequence[Candidate], learn: Mask) -> tuple[Array, Array]:
+    """An orthonormal basis of geometry and chosen candidates on the rows that teach, and what it leaves of them."""
+    columns = np.concatenate([linearised.G, *(c.Z for c in chosen)], axis=1) * learn[:, None]
+    Q = np.where(learn[:, None], orthonormal(columns), 0.0)
+    e = linearised.r * learn
+    return Q, e - Q @ (Q.T @ e)
 
 
 class _State:
     """Atoms beside what was chosen: Gram matrices and scores of its columns, projected off it, of length one."""
 
-    def __init__(self, atoms: Atoms, Q: Array, e: Array, held_out: Codes | None) -> None:
+    def __init__(
+        self, atoms: Atoms, Q: Array, e: Array, held_out: Codes | None, chosen: Sequence[Candidate] = ()
+    ) -> None:
         self.atoms = atoms
         gram = atoms.grams() if held_out is None else atoms.grams() - atoms.grams(held_out)
         norms = np.sqrt(np.maximum(np.einsum("ikk->ik", gram), 1e-300))
@@ -83,6 +100,8 @@ class _State:
         self.gram = gram * self.scale[:, :, None] * self.scale[:, None, :]
         self.score = atoms.products(e[:, None])[:, :, 0] * self.scale
         self.closed = np.zeros(len(gram), dtype=bool)
+        for candidate in chosen:
+            self.closed[atoms.excluded(candidate)] = True
         self._subtract(Q)
 
     def project(self, q: Array, explained: Array, chosen: Candidate) -> None:

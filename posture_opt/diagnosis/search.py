@@ -25,7 +25,7 @@ from posture_opt.diagnosis.selection_criterion import (
     substantial,
     union,
 )
-from posture_opt.diagnosis.shape_refinement import refine_shape
+from posture_opt.diagnosis.shape_refinement import apart, refine_shape
 from posture_opt.diagnosis.subset_selection import exchanged
 from posture_opt.model.effects import CyclicError, Effect
 
@@ -169,34 +169,18 @@ def _exchanged(
     """The members after drops and swaps with the shortlisted, as long as the criterion falls."""
     if not 1 < len(members) <= levels.EXCHANGED_EFFECTS:
         return members
-    every = _apart(start.linearised, union(members, shortlisted))
+    every = apart(start.linearised, union(members, shortlisted))
     place = {str(s.what): i for i, s in enumerate(every)}
     former = tuple(sorted(place[str(s.what)] for s in members if str(s.what) in place))
     chosen = exchanged(candidate_pool(start.baseline, every), former)
     return tuple(every[i] for i in chosen)
 
 
-def _apart(linearised: LinearisedData, candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates without lines that are too near to one before them to be another."""
-    least = {lines.form.joint: lines.least_distance for lines in linearised.lines}
-    found: list[Candidate] = []
-    taken: dict[str, list[float]] = {}
-    for candidate in candidates:
-        if isinstance(candidate.what, CyclicError):
-            others = taken.setdefault(candidate.target, [])
-            if any(abs(candidate.what.cycles - cycles) <= least[candidate.target] for cycles in others):
-                continue
-            others.append(candidate.what.cycles)
-        found.append(candidate)
-    return found
-
-
 def _refined(linearised: LinearisedData, members: Sequence[Candidate]) -> list[Candidate]:
-    """The members, each at the shape that explains most beside the others; lines among many were found fine enough."""
+    """The members, each at the shape that explains most beside the others."""
     found = list(members)
-    many = len(found) > levels.EXCHANGED_EFFECTS
     for i, member in enumerate(found):
-        if not (many and isinstance(member.what, CyclicError)):
+        if not isinstance(member.what, CyclicError):
             beside = linearised.baseline([*found[:i], *found[i + 1 :]], flips=0)
             found[i] = refine_shape(linearised.sensitivities, beside, member)
     return found

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
+from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.score_tests import ProjectedBaseline, projected_basis
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent, finer_phases
-from posture_opt.model.effects import Effect
-from posture_opt.numerics import Array
+from posture_opt.model.effects import CyclicError, Effect
+from posture_opt.numerics import Array, Mask
+
+_RIDGE = 1e-10  # of columns of length one: what depends on others keeps an inverse
 
 
 def refine_shape(sensitivities: EffectSensitivities, baseline: ProjectedBaseline, candidate: Candidate) -> Candidate:
@@ -38,6 +41,69 @@ def finer_shapes(sensitivities: EffectSensitivities, candidate: Candidate) -> It
         shapes = np.linspace(*effect.bracket(_span(sensitivities, effect)), levels.SHAPES_BETWEEN)
     for shaped in (effect.with_shape(float(shape)) for shape in shapes):
         yield Candidate(shaped, sensitivities.columns(shaped), candidate.searched)
+
+
+def apart(linearised: LinearisedData, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates without lines that are too near to one before them to be another."""
+    least = {lines.form.joint: lines.least_distance for lines in linearised.lines}
+    found: list[Candidate] = []
+    taken: dict[str, list[float]] = {}
+    for candidate in candidates:
+        if isinstance(candidate.what, CyclicError):
+            others = taken.setdefault(candidate.target, [])
+            if any(abs(candidate.what.cycles - cycles) <= least[candidate.target] for cycles in others):
+                continue
+            others.append(candidate.what.cycles)
+        found.append(candidate)
+    return found
+
+
+def sharpened(linearised: LinearisedData, members: Sequence[Candidate], learn: Mask) -> list[Candidate]:
+    """The members with the cycles of all lines fitted together, to the rows ``learn`` (m,): a Gauss-Newton step.
+
+    A line that was found before others stands a little off, towards them, and what it leaves looks like another line
+    beside it (Mamandipoor, Ramasamy, Madhow 2016).
+    """
+    found = list(members)
+    lines = [i for i, s in enumerate(found) if isinstance(s.what, CyclicError)]
+    if not lines:
+        return found
+    A = np.concatenate([linearised.G, *(s.Z for s in found)], axis=1)
+    edges = np.cumsum([linearised.G.shape[1], *(s.Z.shape[1] for s in found)])
+    theta = _solved(A[learn], linearised.r[learn])
+    D = np.concatenate([_slope(linearised, found[i], theta[edges[i] : edges[i + 1]]) for i in lines], axis=1)
+    steps = _solved(np.concatenate([A, D], axis=1)[learn], linearised.r[learn])[A.shape[1] :]
+    for i, step in zip(lines, steps, strict=True):
+        found[i] = _moved(linearised, found[i], float(step))
+    return found
+
+
+def _solved(A: Array, r: Array) -> Array:
+    """Least squares solution for columns (m, k) of any scales."""
+    norms = np.linalg.norm(A, axis=0)
+    scale = np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 0.0)
+    A = A * scale
+    return np.asarray(scale * np.linalg.solve(A.T @ A + _RIDGE * np.eye(A.shape[1]), A.T @ r))
+
+
+def _slope(linearised: LinearisedData, line: Candidate, theta: Array) -> Array:
+    """(m, 1) what a line of this size changes by per cycle."""
+    error = line.what
+    assert isinstance(error, CyclicError)
+    data = linearised.sensitivities.residuals.data
+    joint = data.joint_names.index(error.joint)
+    u = data.q[:, joint] - error.centre
+    wave = u * (theta[0] * np.cos(error.cycles * u) - theta[1] * np.sin(error.cycles * u))
+    return linearised.sensitivities.of_joint(joint, wave[:, None])
+
+
+def _moved(linearised: LinearisedData, line: Candidate, step: float) -> Candidate:
+    """The line with other cycles, by no more than half of what keeps it apart from others."""
+    error = line.what
+    assert isinstance(error, CyclicError)
+    most = next(own.least_distance for own in linearised.lines if own.form.joint == error.joint) / 2
+    other = error.with_shape(max(error.cycles + float(np.clip(step, -most, most)), most))
+    return Candidate(other, linearised.sensitivities.columns(other), line.searched)
 
 
 def _best_smooth(
