@@ -6,7 +6,7 @@ of one standard error).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,8 +19,10 @@ from posture_opt.calibration.linear_model import LinearModel
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.dictionary import Dictionary
+from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.matching_pursuit import nested_subsets, pursue
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes
 
 
@@ -29,16 +31,16 @@ class NestedSelection:
     """The sets of every size that each fold chose from its own rows.
 
     Args:
-        dictionary: what they were chosen from.
+        linearised: the data that they were chosen for.
         folds: the rows that each left out; ``groups`` (N,) what hangs together.
-        sets: by fold and size, from the empty set on; the last one stands for all larger sizes.
+        sets: the named effects by fold and size, from the empty set on; the last one stands for all larger sizes.
         losses: (sizes, N) squared position errors [m²] of the rows left out.
     """
 
-    dictionary: Dictionary
+    linearised: LinearisedData
     folds: Folds
     groups: Codes
-    sets: tuple[tuple[tuple[Candidate, ...], ...], ...]
+    sets: tuple[tuple[tuple[Effect, ...], ...], ...]
     losses: Array
 
     @classmethod
@@ -49,7 +51,7 @@ class NestedSelection:
             chosen = pursue(dictionary, most + levels.FURTHER_IN_FOLDS, left_out).chosen
             own, losses[:, left_out] = _path(dictionary, chosen, left_out, most)
             sets.append(own)
-        return cls(dictionary, folds, groups, tuple(sets), losses)
+        return cls(dictionary.linearised, folds, groups, tuple(sets), losses)
 
     @cached_property
     def totals(self) -> Array:
@@ -80,13 +82,15 @@ class NestedSelection:
             calibrated: the fit of the geometry alone, about which the models are linear.
             shape: see `cross_validation.held_out`.
         """
-        models = []
+        return predicted(calibrated.residuals, self._models(calibrated, size), shape=shape)
+
+    def _models(self, calibrated: Fit, size: int) -> Iterator[tuple[Codes, LinearModel]]:
+        """The rows of each fold with its own model, one at a time for memory."""
         for left_out, sets in zip(self.folds, self.sets, strict=True):
-            columns = [c.Z for c in sets[min(size, len(sets) - 1)] if c.named]
-            Z = np.concatenate([self.dictionary.linearised.G[:, :0], *columns], axis=1)
+            columns = [self.linearised.sensitivities.columns(e) for e in sets[min(size, len(sets) - 1)]]
+            Z = np.concatenate([self.linearised.G[:, :0], *columns], axis=1)
             norms = np.linalg.norm(Z, axis=0)
-            models.append((left_out, LinearModel.beside(calibrated, Z / np.where(norms > 0, norms, 1.0))))
-        return predicted(calibrated.residuals, models, shape=shape)
+            yield left_out, LinearModel.beside(calibrated, Z / np.where(norms > 0, norms, 1.0))
 
 
 def clearly_less(loss: Array, other: Array) -> bool:
@@ -97,7 +101,7 @@ def clearly_less(loss: Array, other: Array) -> bool:
 
 def _path(
     dictionary: Dictionary, chosen: Sequence[Candidate], left_out: Codes, most: int
-) -> tuple[tuple[tuple[Candidate, ...], ...], Array]:
+) -> tuple[tuple[tuple[Effect, ...], ...], Array]:
     """The nested sets of what a fold chose, and the squared errors (sizes, rows) of the rows that it left out."""
     linearised = dictionary.linearised
     residuals = linearised.sensitivities.residuals
@@ -110,7 +114,8 @@ def _path(
     for size, subset in enumerate(subsets[: most + 1]):
         e = positions_of(residuals, r[theirs] - A @ subset.coefficients, left_out)
         losses[size:] = np.sum(e**2, axis=1)
-    return tuple(tuple(chosen[i] for i in subset.members) for subset in subsets), losses
+    named = [[c.what for i in subset.members if isinstance((c := chosen[i]).what, Effect)] for subset in subsets]
+    return tuple(map(tuple, named)), losses
 
 
 @dataclass(frozen=True, eq=False)
