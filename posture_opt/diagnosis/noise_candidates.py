@@ -185,14 +185,18 @@ class _Fit:
 
 def _likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
     """(F,) log likelihood and likeliest s² of noise of one size, from squares of residuals and their part along it."""
-    weighted, determinant, count = total, 0.0, total.shape[1] * d
-    if along is not None:
-        inflation = pattern.inflation(value)
-        weighted, determinant = (total - along) + along / inflation, float(np.log(inflation).sum())
+    weights, determinant, count = np.ones(total.shape[1]), 0.0, total.shape[1] * d
     level = pattern.level(value)
     if level is not None:
-        weighted, determinant = weighted * np.exp(-level), determinant + d * float(level.sum())
-    s2 = weighted.sum(axis=1) / count
+        weights, determinant = np.exp(-level), d * float(level.sum())
+    weighted = total @ weights
+    if along is not None:
+        inflation = pattern.inflation(value)
+        weighted, determinant = (
+            weighted + along @ (weights / inflation - weights),
+            determinant + np.log(inflation).sum(),
+        )
+    s2 = weighted / count
     return -count / 2 * np.log(s2) - 0.5 * determinant, s2
 
 
