@@ -14,7 +14,7 @@ from posture_opt.calibration.linear_model import LinearModel
 from posture_opt.diagnosis.candidates import Candidate, list_candidates
 from posture_opt.diagnosis.levels import SURVIVING_SHARE
 from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
-from posture_opt.diagnosis.score_tests import explained, waves
+from posture_opt.diagnosis.score_tests import explained
 from posture_opt.diagnosis.selection_criterion import rank_members
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
@@ -63,15 +63,6 @@ def test_candidates_from_inner_products(linearised: LinearisedData) -> None:
         U = U[:, singular > max(SURVIVING_SHARE, 1e-6 * singular[0])]
         assert sizes[i] == U.shape[1]
         np.testing.assert_allclose(gains[i], np.sum((U.T @ baseline.flipped) ** 2, axis=0), rtol=1e-8, atol=1e-8)
-
-
-def test_evenly_spaced_waves() -> None:
-    q, cycles = np.linspace(-6, 6, 50), np.arange(2.5, 300, 0.3)
-    for given in (cycles, cycles[:7], cycles[:100] ** 1.01):
-        S, C = waves(q, given)
-        # 300 cycles of 6 rad: rounding of the angle itself is 1e-13.
-        np.testing.assert_allclose(S, np.sin(np.outer(q, given)), atol=1e-11)
-        np.testing.assert_allclose(C, np.cos(np.outer(q, given)), atol=1e-11)
 
 
 def test_members_are_worth_as_much_in_few_coordinates(

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import list_candidates
 from posture_opt.diagnosis.dictionary import Dictionary
 from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
@@ -96,7 +95,7 @@ def test_held_out_errors_are_those_of_a_fit_to_the_other_rows(two_errors: Linear
     rows = folding.folds[0]
     index = (rows[:, None] * residuals.block + np.arange(residuals.block)).ravel()
     learn = np.setdiff1d(np.arange(len(two_errors.r)), index)
-    A = np.concatenate([two_errors.G, *(c.Z for c in nested.sets[0][2])], axis=1)
+    A = np.concatenate([two_errors.G, *(two_errors.sensitivities.columns(e) for e in nested.sets[0][2])], axis=1)
     A = A / np.linalg.norm(A, axis=0)
     e = two_errors.r - A @ np.linalg.lstsq(A[learn], two_errors.r[learn], rcond=1e-9)[0]
     squares = np.sum((e[index].reshape(len(rows), -1) * residuals.sigma) ** 2, axis=1)
@@ -110,39 +109,6 @@ def test_one_standard_error_is_that_of_paired_differences() -> None:
     unlike = np.tile([1.0, -1.0], 200)  # of sum zero; a standard error of their sum is 20
     assert clearly_less(common - 0.06 + unlike, common)
     assert not clearly_less(common - 0.04 + unlike, common)
-
-
-def test_the_choice_is_repeated_in_every_fold(tmp_path: Path) -> None:
-    """On noise alone, effects chosen by all rows seem to help the rows left out; chosen in the folds they do not."""
-    rng = np.random.default_rng(72)
-    q = rng.uniform(-2.5, 2.5, (80, 2))
-    data = measured(tmp_path, q, np.zeros_like(q), rng)
-    linearised = linearise(po.calibrate(po.problem_from_dict(PROBLEM), data), 99)
-    groups, folds = (lambda way: (way.groups, way.folds))(Folding.usual(data)[0])
-    words = dictionary(linearised)
-    chosen = _strongest(words, 4)
-    A = np.concatenate([linearised.G, *(c.Z for c in chosen)], axis=1)
-    A = A / np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-    flattering = 0.0
-    for rows in folds:
-        index = (rows[:, None] * 2 + np.arange(2)).ravel()
-        learn = np.setdiff1d(np.arange(160), index)
-        e = linearised.r - A @ np.linalg.lstsq(A[learn], linearised.r[learn], rcond=1e-9)[0]
-        flattering += float(np.sum(e[index] ** 2)) * linearised.sensitivities.residuals.sigma**2
-    nested = NestedSelection.of(words, 4, groups, folds)
-    honest = nested.totals[:, :].sum(axis=1)
-    assert flattering < 0.95 * honest[0]
-    assert honest[4] >= honest[0]
-
-
-def _strongest(words: Dictionary, count: int):  # type: ignore[no-untyped-def]
-    """What a pursuit takes that does not ask what a choice costs."""
-    former = levels.PENALTY_OF_A_CHOICE
-    levels.PENALTY_OF_A_CHOICE = -100.0
-    try:
-        return pursue(Dictionary(words.linearised, words.candidates), count).chosen
-    finally:
-        levels.PENALTY_OF_A_CHOICE = former
 
 
 def test_lines_of_one_joint_are_one_cause_with_its_harmonics(tmp_path: Path) -> None:
