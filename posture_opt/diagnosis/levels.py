@@ -77,6 +77,8 @@ EXCHANGED_EFFECTS = 12
 LASTING_EXPLAIN_ENOUGH = 0.9
 """Share of what all named effects explain of rows left out, at which those that outlast the session are the model:
 fields and slips imitate what has another cause; chosen on the real sets UR5 and kuka_14."""
+FITTED_TOGETHER = 2000
+"""Residuals up to which the lines of a pursuit are fitted together after each step; chosen for time."""
 LEAST_SHARE = 0.02
 """Share of all that the effects explain, below which one of them is not worth its name; a choice of taste."""
 LEAST_RISE = 0.06

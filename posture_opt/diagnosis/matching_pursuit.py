@@ -51,6 +51,7 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
     freedom = float(learn.sum() - Q.shape[1])
     states = [_State(atoms, Q, e, held_out) for atoms in dictionary.atoms]
     chosen, runners_up, rss = list[Candidate](), list[Candidate](), float(e @ e)
+    together = levels.EXCHANGED_EFFECTS if len(learn) <= levels.FITTED_TOGETHER else 0
     while len(chosen) < most:
         drops = [state.drops(rss, freedom) for state in states]
         most_of_all = max((float(d.max(initial=0.0)) for d in drops), default=0.0)
@@ -66,7 +67,7 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
             states[best].closed[int(np.argmax(drops[best]))] = True
             continue
         chosen.append(candidate)
-        if isinstance(candidate.what, CyclicError) and len(chosen) <= levels.EXCHANGED_EFFECTS:
+        if isinstance(candidate.what, CyclicError) and together >= len(chosen):
             chosen = sharpened(linearised, chosen, learn)
             Q, e = _projected(linearised, chosen, learn)
             states = [_State(atoms, Q, e, held_out, chosen) for atoms in dictionary.atoms]
