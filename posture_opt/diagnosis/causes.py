@@ -80,6 +80,12 @@ class Finding:
         """The cause, if it spreads the tool point or its measurements."""
         return self.cause if isinstance(self.cause, NoiseEffect) else None
 
+    def _rival_json(self, rival: Cause) -> dict[str, str]:
+        """Kind and target; of an alias, which has both in common with this cause, what tells it apart."""
+        named = {"kind": rival.kind, "target": rival.target}
+        alias = (rival.kind, rival.target) == (self.kind, self.target) and rival.qualifier != self.cause.qualifier
+        return {**named, "qualifier": rival.qualifier} if alias else named
+
     def to_json(self) -> dict[str, Any]:
         """The entry of ``effects`` in ``diagnosis.json``."""
         interval = {} if self.interval is None else {"gain_interval95": list(self.interval)}
@@ -95,10 +101,7 @@ class Finding:
             "p_value": self.p_value,
             "gain": self.gain,
             **interval,
-            "confounded_with": [
-                {"kind": c.kind, "target": c.target, **({"qualifier": c.qualifier} if c.kind == self.kind else {})}
-                for c in self.confounded_with
-            ],
+            "confounded_with": [self._rival_json(c) for c in self.confounded_with],
         }
 
 
