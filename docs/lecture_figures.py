@@ -8,6 +8,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from lecture_numbers import EXAMPLES, K95, Closing, Example
+from lecture_rules import K_LINE, READINGS, KlineMcClintock
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -25,6 +26,7 @@ def write_figures(folder: Path, closing: Closing) -> None:
             "folded": _clouds({"angles only": "angles", "lengths only": "lengths", "all four": "folded"}),
             "bent": _clouds({"joints of 1° and 1°": "bent", "joints of 1° and 3°": "weak"}),
             "map": _map(closing),
+            "sigmas": _sigmas(EXAMPLES["weak"]),
         }
         for name, figure in figures.items():
             dpi = 90 if name == "map" else 100  # keeps every file below 150 kB
@@ -59,11 +61,30 @@ def _cloud(axes: Axes, example: Example) -> None:
     axes.grid(alpha=0.25)
 
 
-def _ellipse(mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def _sigmas(example: Example) -> Figure:
+    figure = Figure(figsize=(4.8, 5.2), layout="constrained")
+    axes = figure.subplots()
+    nominal, mean = example.spread.position[:2], example.spread.bias[:2] * 1e3
+    points = (example.large.points[:SHOWN, :2] - nominal) * 1e3
+    axes.plot(*points.T, ".", color=POINTS, markersize=2.5, markeredgewidth=0)
+    for (what, k), style in zip(READINGS.items(), (":", "--", "-"), strict=True):
+        label = f"{what.partition(',')[0]}: {100 * example.within(k)[0]:.1f} %"
+        axes.plot(*_ellipse(mean, example.exact * 1e6, k), color=EXACT, linewidth=1.4, linestyle=style, label=label)
+    kline = KlineMcClintock()
+    w = K_LINE * kline.w * 1e3
+    box = np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]]) * w[:, None] + mean[:, None]
+    axes.plot(*box, color=MARK, linewidth=1.4, label=f"±1.96 wx, ±1.96 wy: {100 * kline.boxed:.1f} %")
+    axes.grid(alpha=0.25)
+    axes.set(aspect="equal", xlabel="x − nominal, mm", ylabel="y − nominal, mm")
+    figure.legend(loc="outside lower center", ncols=2, frameon=False, title="share of the cloud inside")
+    return figure
+
+
+def _ellipse(mean: np.ndarray, covariance: np.ndarray, k: float = K95) -> np.ndarray:
     values, vectors = np.linalg.eigh(covariance)
     turn = np.linspace(0, 2 * math.pi, 181)
     circle = np.array([np.cos(turn), np.sin(turn)])
-    return mean[:, None] + K95 * vectors @ (np.sqrt(np.maximum(values, 0))[:, None] * circle)
+    return mean[:, None] + k * vectors @ (np.sqrt(np.maximum(values, 0))[:, None] * circle)
 
 
 def _map(closing: Closing) -> Figure:

@@ -31,6 +31,20 @@ from lecture_numbers import (
     Example,
     Place,
 )
+from lecture_rules import (
+    COVERED,
+    GRIPPER,
+    K_LINE,
+    K_POSE,
+    LENGTHS,
+    READINGS,
+    Axes,
+    KlineMcClintock,
+    MeasuringRobot,
+    Pose,
+    Times,
+    along_one_axis,
+)
 
 FOLDER = Path(__file__).resolve().parent
 MINUS = "\u2212"
@@ -68,6 +82,18 @@ def sci(value: float, digits: int = 2) -> str:
     """``4.6·10⁻⁶``."""
     power = math.floor(math.log10(abs(value)))
     return f"{number(value / 10**power, digits)}·10{superscript(power)}"
+
+
+def thousands(value: float) -> str:
+    """``15 000`` from a hundred on, to two digits, as a ratio of times deserves; one decimal below."""
+    if value < 100:
+        return number(value, 1)
+    scale = 10 ** (math.floor(math.log10(value)) - 1)
+    return f"{round(value / scale) * scale:,}".replace(",", " ")
+
+
+def two_digits(value: float) -> str:
+    return f"{float(f'{value:.1e}'):g}"
 
 
 def vector(v: Iterable[float], digits: int = 3) -> str:
@@ -172,6 +198,74 @@ def correlated_table() -> str:
     return table(["both links from one machine, ρ = 0.8", "Cyy, 10⁻⁴ m²", "σy, mm", "cloud of 10⁶, mm"], rows)
 
 
+def axes_table() -> str:
+    rows = []
+    for label, key in PRINTED.items():
+        axes, p = AXES[key], EXAMPLES[key].printed
+        said = ", ".join(e4(v, 1) for v in p.eigenvalues)
+        roots = ", ".join(mm(math.sqrt(v), 2) for v in axes.alphas)
+        rows.append([label, said, ", ".join(e4(v) for v in axes.alphas), roots, number(axes.angle, 2)])
+    header = ["", "α1, α2 printed, 10⁻⁴ m²", "α1, α2 exact, 10⁻⁴ m²", "√α1, √α2, mm", "longer axis from x, deg"]
+    return table(header, rows)
+
+
+def rule_table() -> str:
+    rows = [[f"±{k:g} sigma", *(percent(p) for p in covered)] for k, covered in COVERED.items()]
+    return table(["% inside", "on a line", "in the plane", "in space", "pose of six"], rows)
+
+
+def reading_table() -> str:
+    weak, rows = EXAMPLES["weak"], []
+    for label, k in READINGS.items():
+        share, (low, high) = weak.within(k)
+        axes = " × ".join(mm(k * math.sqrt(v), 1) for v in AXES["weak"].alphas[::-1])
+        counted = f"{percent(share)} ({percent(low)} … {percent(high)})"
+        rows.append([label, number(k * k, 3), axes, percent(1 - math.exp(-k * k / 2)), counted])
+    return table(["semi-axes, bent arm, 1° 3°", "k²", "mm", "% held", "% of 10⁶ points inside"], rows)
+
+
+def scalar_counts() -> str:
+    counts = [along_one_axis(EXAMPLES["weak"], k)[0] for k in COVERED]
+    return ", ".join(percent(share) for share in counts)
+
+
+def kline_table(kline: KlineMcClintock) -> str:
+    names = ("R", "θ1, 1°", "θ2, 3°", "a1, 10 mm", "a2, 10 mm", "wR")
+    rows = [
+        [name, *(mm(part, 2) for part in parts), mm(w, 2)]
+        for name, parts, w in zip("xy", kline.parts, kline.w, strict=True)
+    ]
+    return table(["∂R/∂p · w, mm" if name == "R" else name for name in names], rows)
+
+
+def time_table(times: Times) -> str:
+    rows = [[name, two_digits(ns / 1000), thousands(times.ratio(name))] for name, ns in times.ns.items()]
+    return table(["way", "µs", "ratio"], rows)
+
+
+def pose_table(pose: Pose) -> str:
+    rho = pose.correlations
+    sigmas = [f"{mm(math.sqrt(pose.covariance[0, 0]), 2)} mm", f"{mm(math.sqrt(pose.covariance[1, 1]), 2)} mm",
+              f"{number(math.degrees(math.sqrt(pose.covariance[2, 2])), 3)}°"]  # fmt: skip
+    rows = [
+        [name, sigma, *(number(r, 4) for r in row)]
+        for name, sigma, row in zip(("x", "y", "φ"), sigmas, rho, strict=True)
+    ]
+    return table(["", "σ", "correlation with x", "with y", "with φ"], rows)
+
+
+def length_table(robot: MeasuringRobot) -> str:
+    rows = []
+    for what, shared in LENGTHS.items():
+        sigma, low, high = robot.length_cloud(shared)
+        first = robot.length_sigma(shared)
+        rows.append([what, mm(first, 2), f"{mm(sigma, 2)} ({mm(low, 2)} … {mm(high, 2)})", mm(K_LINE * first, 1)])
+    return table(["what both readings share", "u(L) first order, mm", "cloud of 2·10⁵, mm", "U = 1.96 u, mm"], rows)
+
+
+AXES = {key: Axes(EXAMPLES[key]) for key in PRINTED.values()}
+
+
 def place_row(place: Place) -> list[str]:
     angles = "(" + ", ".join(number(d, 0) + "°" for d in place.degrees) + ")"
     low, high = place.interval
@@ -187,15 +281,22 @@ def place_table(places: Iterable[Place]) -> str:
 def text() -> str:
     """The whole document."""
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined, keep_trailing_newline=True, autoescape=False)
-    environment.filters |= {f.__name__: f for f in (math.sqrt, number, e4, mm, percent, probability, sci)}
+    environment.filters |= {f.__name__: f for f in (math.sqrt, number, e4, mm, percent, probability, sci, thousands)}
     template = environment.from_string((FOLDER / "lecture.md.j2").read_text(encoding="utf-8"))
-    closing = Closing()
+    closing, kline, pose, measure, times = Closing(), KlineMcClintock(), Pose(), MeasuringRobot(), Times.read()
+    length_u = K_LINE * measure.length_sigma((True, True))
     return template.render(
         examples=EXAMPLES, example_table=example_table, consistency_table=consistency_table(), chance=Chance,
         chance_table=chance_table(), coverage_table=coverage_table(), correlated_table=correlated_table(),
         closing=closing, place_table=place_table, optima=closing.optima, rivals=closing.rivals,
         angles_only=closing.angles_only, two_sigma=TWO_SIGMA, two_sigma_line=TWO_SIGMA_LINE, k95_space=K95_SPACE,
         k95=K95, k95_small=K95_SMALL, small=SMALL, sqrt=math.sqrt,
+        axes=AXES, axes_table=axes_table(), rule_table=rule_table(), reading_table=reading_table(),
+        scalar_counts=scalar_counts(), covered=COVERED, covered_literally=1 - math.exp(-1), kline=kline,
+        kline_table=kline_table(kline), times=times, time_table=time_table(times), pose_table=pose_table(pose),
+        gripper=GRIPPER, tip=pose.tip(together=True), tip_apart=pose.tip(together=False), k_pose=K_POSE,
+        measure=measure, k_line=K_LINE, length_table=length_table(measure), length_u=length_u,
+        overstated=measure.length_sigma((False, False)) / measure.length_sigma((True, True)),
         degree=math.pi / 180, smaller=lambda C: np.linalg.eigvalsh(C)[0],
     )  # fmt: skip
 

@@ -186,7 +186,7 @@ def test_correlated_lengths(document):
 
 def test_figures_are_there_and_small(document):
     figures = re.findall(r"\]\((figures/[^)]+)\)", document)
-    assert len(figures) == 3
+    assert len(figures) == 4
     for figure in figures:
         content = (DOCS / figure).read_bytes()
         assert content.startswith(b"\x89PNG")
