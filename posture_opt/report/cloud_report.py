@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.parts import validity_sentence
 from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
 from posture_opt.report.spread_report import arm_block, covariance_table, posture_block, spread_facts
-from posture_opt.report.units_text import length_unit, lengths
-from posture_opt.report.words import line_words
-from posture_opt.uncertainty.regions import coverage_factor
+from posture_opt.report.units_text import length_unit, lengths, stated_length
+from posture_opt.report.words import PARTS, line_words
+from posture_opt.uncertainty.regions import coverage_factor, deviation
+from posture_opt.uncertainty.sampling_errors import variance_intervals
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -26,12 +28,27 @@ if TYPE_CHECKING:
 def cloud_report(cloud: Cloud) -> Report:
     """Problem, posture, cloud beside closed form, covariance."""
     spread, problem = cloud.spread, problem_of(cloud.spread)
-    lead = (
-        f"{cloud.n} simulated tool points beside the closed form: {100 * cloud.coverage95:.2f} % of them lie in its "
-        "95 % region.",
-    )
     blocks = (arm_block(problem, spread), posture_block(spread), comparison_block(cloud), covariance_block(cloud))
-    return Report(problem.name or "Simulated spread of the tool point", lead, blocks)
+    return Report(problem.name or "Simulated spread of the tool point", lead(cloud), blocks)
+
+
+def lead(cloud: Cloud) -> tuple[str, ...]:
+    """How many samples lie where the closed form expects them, and how many do what the task asks."""
+    agree = (
+        f"{cloud.n} simulated tool points beside the closed form: {100 * cloud.coverage95:.2f} % of them lie in its "
+        "95 % region."
+    )
+    seen = cloud.spread.for_task
+    if seen is None or cloud.success is None or seen.success_probability is None:
+        return (agree,)
+    clearance, closed = stated_length(seen.clearance), _percent(seen.success_probability)
+    counted = f"{_percent(cloud.success)} of them stay within the clearance of {clearance}"
+    return agree, f"{counted}; the closed form says {closed}."
+
+
+def _percent(share: float) -> str:
+    """A share that was counted, as finely as thousands of samples tell it."""
+    return f"{100 * share:.2f} %"
 
 
 def comparison_block(cloud: Cloud) -> Block:
@@ -43,6 +60,7 @@ def comparison_block(cloud: Cloud) -> Block:
         ("Drawn", f"{cloud.n} samples, seed {cloud.seed}"),
         ("In the 95 % region", f"{100 * cloud.coverage95:.2f} % ({interval})"),
         ("", _verdict(inside, cloud.coverage95)),
+        *_odds_facts(cloud),
     )
     items = (_axes_table(cloud), _mean_table(cloud), Facts(facts), validity_sentence(cloud.spread))
     return Block("Simulation beside closed form", items, figure="cloud")
@@ -55,6 +73,18 @@ def _verdict(inside: bool, coverage: float) -> str:
     return f"{side} than 95 %: the cloud is not quite normally distributed, see below"
 
 
+def _odds_facts(cloud: Cloud) -> tuple[tuple[str, str], ...]:
+    """The counted odds beside those of the closed form."""
+    seen, interval = cloud.spread.for_task, cloud.success_interval
+    if seen is None or cloud.success is None or interval is None or seen.success_probability is None:
+        return ()
+    low, high = (f"{100 * share:.2f}" for share in interval)
+    counted = f"{_percent(cloud.success)} (sampling interval {low} to {high} %)"
+    agrees = interval[0] <= seen.success_probability <= interval[1]
+    says = f"{_percent(seen.success_probability)} by the closed form, {'inside' if agrees else 'outside'} that interval"
+    return ("Within the clearance", counted), ("", says)
+
+
 def _axes_table(cloud: Cloud) -> Table:
     intervals = [[math.sqrt(max(float(v), 0.0)) for v in pair] for pair in cloud.eigenvalue_intervals[::-1]]
     sampled = [math.sqrt(max(float(v), 0.0)) for v in cloud.eigenvalues[::-1]]
@@ -65,8 +95,28 @@ def _axes_table(cloud: Cloud) -> Table:
         (line_words(a), number(c * factor, 4), number(s * factor, 4), _interval(pair, factor), fixed(ratio, 4))
         for a, c, s, pair, ratio in zip(axes, closed, sampled, intervals, ratios, strict=True)
     )
+    rows += tuple(_task_row(cloud, words, axis, factor) for words, axis in _task_axes(cloud))
     headers = ("standard deviation along", f"closed form [{unit}]", f"simulated [{unit}]", "95 % interval", "ratio")
     return Table(headers, rows)
+
+
+def _task_axes(cloud: Cloud) -> tuple[tuple[str, Array], ...]:
+    """The axes of the task that are worth a row: the worst one of the part that counts, and the direction."""
+    seen = cloud.spread.for_task
+    if seen is None or seen.critical.within == "all":
+        return ()
+    part = PARTS[seen.critical.within]
+    worst = ", worst" if len(seen.critical.covariance) > 1 else ""
+    rows = [(f"{part}{worst}", seen.critical.worst_axis)]
+    return tuple(rows if seen.critical.within == "along" else [*rows, (PARTS["along"], seen.direction)])
+
+
+def _task_row(cloud: Cloud, words: str, axis: Array, factor: float) -> tuple[str, str, str, str, str]:
+    closed, sampled = (deviation(float(axis @ C @ axis), C) for C in (cloud.spread.covariance, cloud.covariance))
+    pair = variance_intervals(axis[None], np.array([sampled**2]), cloud.covariance_of_covariance)[0]
+    ends = [math.sqrt(max(float(v), 0.0)) for v in pair]
+    ratio = fixed(sampled / closed, 4) if closed > 0 else "-"
+    return words, number(closed * factor, 4), number(sampled * factor, 4), _interval(ends, factor), ratio
 
 
 def _mean_table(cloud: Cloud) -> Table:
@@ -103,13 +153,15 @@ def _summary(cloud: Cloud) -> Summary:
     posture, point, *_ = spread_facts(cloud.spread)
     sizes = lengths([math.sqrt(max(float(v), 0.0)) for v in cloud.eigenvalues[::-1]])
     ratios = ", ".join(fixed(float(ratio), 4) for ratio in cloud.ratio[::-1])
-    facts = (
+    facts: tuple[tuple[str, str], ...] = (
         posture,
         point,
         ("Standard deviations", sizes),
         ("Over the closed form", f"times {ratios}"),
         ("In its 95 % region", f"{100 * cloud.coverage95:.2f} % (sampling interval {low:.2f} to {high:.2f} %)"),
     )
+    if cloud.success is not None:
+        facts = (*facts, ("Within the clearance", _percent(cloud.success)))
     return Summary(f"{cloud.n} simulated tool points at one posture, seed {cloud.seed}", facts)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.parts import (
-    budget_table,
     ellipse_facts,
     first_order_fact,
     frame_notes,
@@ -19,32 +18,28 @@ from posture_opt.report.parts import (
     lean,
     mean_fact,
     method_fact,
-    negative_shares,
     note_facts,
     robot_facts,
     sentence,
-    sigma_of,
     source_facts,
     tool_facts,
     validity_sentence,
 )
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.solution_checks import checks_block, explain_report, ranking_sentence
+from posture_opt.report.task_parts import clearance_facts, critical_rows, critical_size, task_budget_block, task_facts
 from posture_opt.report.text import render
 from posture_opt.report.units_text import (
     joint_unit,
     joint_value,
     length,
     length_unit,
-    lengths,
     percent,
     place,
     probability,
     stated,
-    stated_length,
 )
-from posture_opt.report.words import CRITERIA, PARTS, REGIONS, direction_words, line_words
-from posture_opt.uncertainty.regions import Ellipsoid
+from posture_opt.report.words import CRITERIA, PARTS
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -70,7 +65,7 @@ def solution_report(solution: Solution) -> Report:
         problem_block(problem, solution),
         posture_block(solution),
         spread_block(solution),
-        budget_block(problem, solution),
+        task_budget_block(problem, solution.task_spread),
         alternatives_block(solution),
         checks_block(solution),
     ]
@@ -81,14 +76,11 @@ def lead(solution: Solution) -> tuple[str, ...]:
     """The answer in two sentences."""
     robot = solution.optimisation_problem.robot
     values = ", ".join(joint_value(v, j.type) for v, j in zip(solution.q, robot.joints, strict=True))
-    critical = solution.critical
-    worst = ", worst axis" if len(critical.covariance) > 1 else ""
-    part = PARTS[critical.within][0].upper() + PARTS[critical.within][1:]
     answer = f"Best posture: {values}."
     if solution.status != "optimal":
         answer += " The solver did not confirm that it is an optimum; it is the best of all that were compared."
-    scatter = f"{length(critical.sigma_max)} (one standard deviation{worst})"
-    return answer, f"{part} the tool point then scatters by {scatter}."
+    part = PARTS[solution.critical.within]
+    return answer, f"{part[0].upper()}{part[1:]} the tool point then scatters by {critical_size(solution.critical)}."
 
 
 def problem_block(problem: Problem, solution: Solution) -> Block:
@@ -99,16 +91,14 @@ def problem_block(problem: Problem, solution: Solution) -> Block:
     further = [f"{term.kind} (weight {term.weight:g})" for term in task.minimize]
     rows = [
         *robot_facts(problem),
-        ("Task", f"{task.kind} - {task.summary}"),
-        ("Direction", f"{direction_words(target.direction)} in the world"),
+        *task_facts(task, target.direction),
         ("Target", target_words(target)),
         ("Minimised", minimised + (", and " + ", ".join(further) if further else "")),
         *input_facts(problem),
     ]
     if task.subject_to:
         rows.append(("Required", ", ".join(_bound_words(term) for term in task.subject_to)))
-    if not math.isnan(target.clearance):
-        rows.append(("Clearance", f"{stated_length(target.clearance)} to every side"))
+    rows += clearance_facts(solution.task_spread)
     rows += source_facts(problem)
     rows += note_facts((*problem.notes, *frame_notes(problem.robot), *solution.notes))
     return Block("Problem", (Facts(tuple(rows)),))
@@ -157,49 +147,13 @@ def spread_block(solution: Solution) -> Block:
     spread, critical = solution.spread, solution.critical
     first = solution.basis.T @ spread.covariance_first_order @ solution.basis
     among = [float(s) for s in spread.ellipse.semi_axes]  # the whole block in one unit
-    rows = _critical_rows(solution, among)
+    rows = critical_rows(solution.task_spread, among, "target")
     rows += ellipse_facts(spread, among)
     rows.append(mean_fact(spread, among))
     linear = math.sqrt(max(float(np.linalg.eigvalsh(first)[-1]), 0.0))
     rows.append(first_order_fact(critical.sigma_max, linear, among))
     rows.append(method_fact(spread))
     return Block("Spread of the tool point", (Facts(tuple(rows)), validity_sentence(spread)), figure="cloud")
-
-
-def _critical_rows(solution: Solution, among: list[float]) -> list[tuple[str, str]]:
-    critical = solution.critical
-    m = len(critical.covariance)
-    name = {"across": "Across", "along": "Along", "all": "In space"}[critical.within]
-    largest = length(critical.sigma_max, among=among)
-    worst = f"{largest} (one standard deviation) along {line_words(critical.worst_axis)}"
-    rows = [(f"{name}, worst" if m > 1 else name, worst)]
-    if critical.within == "across":
-        along = length(solution.sigma_along, among=among)
-        rows.append(("Along", f"{along} (one standard deviation); it does not count here"))
-    region = Ellipsoid(np.zeros(m), critical.covariance)
-    if critical.within != "all" and region.rank:
-        half = [float(s) for s in region.region(0.95)[::-1][: region.rank]]
-        size = f"semi-axes {lengths(half, among=among)}" if region.rank == 2 else f"+/- {length(half[0], among=among)}"
-        factor = f"{region.factor(0.95):.3f} standard deviations"
-        rows.append((f"{REGIONS[region.rank]} {critical.within}", f"{size} ({factor})"))
-    where = {
-        "across": "off the target, measured across the direction, the mean shift included",
-        "along": "off the target, along the direction, the mean shift included",
-        "all": "off the target",
-    }[critical.within]
-    rows.append(("95 % of the time", f"no more than {length(critical.radius95, among=among)} {where}"))
-    if solution.success_probability is not None:
-        clearance = stated_length(solution.target.clearance)
-        rows.append(("Success", f"within the clearance of {clearance} {probability(solution.success_probability)}"))
-    return rows
-
-
-def budget_block(problem: Problem, solution: Solution) -> Block:
-    """Where the scatter along the worst axis comes from."""
-    table = budget_table(problem.arm, solution.budget, sigma_of(problem))
-    axis = line_words(solution.critical.worst_axis)
-    text = f"Share of each source in the variance along {axis}, the axis that counts most:"
-    return Block("Error budget", (text, table, *negative_shares(solution.budget)), figure="budget")
 
 
 def alternatives_block(solution: Solution) -> Block:

@@ -28,8 +28,19 @@ from posture_opt.report.parts import (
     validity_sentence,
 )
 from posture_opt.report.presenter import Columns, Presenter, problem_of
+from posture_opt.report.task_parts import (
+    beside_target,
+    clearance_facts,
+    critical_size,
+    lean_facts,
+    posture_lead,
+    task_budget_block,
+    task_facts,
+    task_items,
+)
 from posture_opt.report.units_text import length, length_unit, lengths, percent, place
-from posture_opt.report.words import line_words, source_words
+from posture_opt.report.words import PARTS, line_words, source_words
+from posture_opt.uncertainty.regions import deviation
 from posture_opt.units import number
 
 if TYPE_CHECKING:
@@ -40,8 +51,6 @@ if TYPE_CHECKING:
 def spread_report(spread: Spread) -> Report:
     """Problem, posture, spread, covariance, budget."""
     problem = problem_of(spread)
-    largest = float(spread.ellipse.semi_axes[-1])
-    lead = (f"At this posture the tool point scatters by {length(largest)} (one standard deviation, worst axis).",)
     blocks = (
         arm_block(problem, spread),
         posture_block(spread),
@@ -49,25 +58,42 @@ def spread_report(spread: Spread) -> Report:
         covariance_block(spread),
         budget_block(problem, spread),
     )
-    return Report(problem.name or "Spread of the tool point", lead, blocks)
+    return Report(problem.name or "Spread of the tool point", lead(spread), blocks)
+
+
+def lead(spread: Spread) -> tuple[str, ...]:
+    """How far the tool point scatters, in the part that the task minds where there is one, and the odds."""
+    seen = spread.for_task
+    if seen is None:
+        largest = length(float(spread.ellipse.semi_axes[-1]))
+        return (f"At this posture the tool point scatters by {largest} (one standard deviation, worst axis).",)
+    return posture_lead(seen)
 
 
 def arm_block(problem: Problem, spread: Spread) -> Block:
-    """The robot and the sources."""
+    """The robot, the sources, and the task where there is one."""
+    seen = spread.for_task
+    task = problem.task
+    asked = [] if seen is None or task is None else [
+        *task_facts(task, seen.direction), *clearance_facts(seen), *beside_target(spread),
+    ]  # fmt: skip
     notes = note_facts((*problem.notes, *frame_notes(problem.robot), *spread.notes))
-    return Block("Problem", (Facts((*robot_facts(problem), *input_facts(problem), *source_facts(problem), *notes)),))
+    facts = (*robot_facts(problem), *asked, *input_facts(problem), *source_facts(problem), *notes)
+    return Block("Problem", (Facts(facts),))
 
 
 def posture_block(spread: Spread) -> Block:
     """Joints and tool."""
-    return Block("Posture", (joint_table(spread.robot, spread.q), Facts(tuple(tool_facts(spread)))), figure="arm")
+    facts = (*tool_facts(spread), *lean_facts(spread))
+    return Block("Posture", (joint_table(spread.robot, spread.q), Facts(facts)), figure="arm")
 
 
 def spread_block(spread: Spread) -> Block:
     """Standard deviations along the axes, regions, mean shift, first order beside exact."""
     semi_axes = [float(s) for s in spread.ellipse.semi_axes[::-1]]
     unit, factor = length_unit(semi_axes)
-    linear = [math.sqrt(max(float(a @ spread.covariance_first_order @ a), 0.0)) for a in spread.axes[::-1]]
+    first = spread.covariance_first_order
+    linear = [deviation(float(a @ first @ a), first) for a in spread.axes[::-1]]
     rows = tuple(
         (line_words(a), number(s * factor), number(f * factor))
         for a, s, f in zip(spread.axes[::-1], semi_axes, linear, strict=True)
@@ -81,7 +107,7 @@ def spread_block(spread: Spread) -> Block:
         method_fact(spread),
     )
     items = (Table(headers, rows), Facts(facts), validity_sentence(spread))
-    return Block("Spread of the tool point", items, figure="cloud")
+    return Block("Spread of the tool point", (*task_items(spread, semi_axes), *items), figure="cloud")
 
 
 def covariance_block(spread: Spread) -> Block:
@@ -104,7 +130,9 @@ def _entry(value: float, factor: float, floor: float) -> str:
 
 
 def budget_block(problem: Problem, spread: Spread) -> Block:
-    """Where the scatter along the longest axis comes from."""
+    """Where the scatter along the longest axis comes from, or along the axis that the task minds most."""
+    if spread.for_task is not None:
+        return task_budget_block(problem, spread.for_task)
     table = budget_table(problem.arm, spread.budget, sigma_of(problem))
     text = f"Share of each source in the variance along {line_words(spread.axes[-1])}, the longest axis:"
     return Block("Error budget", (text, table, *negative_shares(spread.budget)), figure="budget")
@@ -112,14 +140,17 @@ def budget_block(problem: Problem, spread: Spread) -> Block:
 
 def spread_facts(spread: Spread) -> tuple[tuple[str, str], ...]:
     """The posture and how far its tool point scatters, in four lines."""
-    first = spread.budget[0]
+    seen = spread.for_task
+    first, axis = (spread.budget[0], "the longest axis") if seen is None else (seen.budget[0], "what the task minds")
+    task = () if seen is None else (("For the task", f"{critical_size(seen.critical)} {PARTS[seen.critical.within]}"),)
     return (
         ("Posture", joint_values(spread.robot, spread.q)),
         ("Tool point", place(spread.position)),
         ("Standard deviations", lengths([float(s) for s in spread.ellipse.semi_axes[::-1]])),
+        *task,
         (
             "Largest share",
-            f"{source_words(first.parameter, spread.tool_point.arm)}, {percent(first.share)} of the longest axis",
+            f"{source_words(first.parameter, spread.tool_point.arm)}, {percent(first.share)} of {axis}",
         ),
     )
 

@@ -18,7 +18,8 @@ from posture_opt.selection import criteria
 from posture_opt.selection.nlp import Nlp, Row, Variable
 from posture_opt.selection.task_target import PLANE_TOLERANCE, Reach, TaskTarget, target_symbols
 from posture_opt.selection.tasks import Task
-from posture_opt.selection.terms.term import Quantities, Within
+from posture_opt.selection.terms.term import Quantities
+from posture_opt.uncertainty.task_spread import Within
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
 _MOST_CORRELATED = 8  # sources: the operations to second order grow as their cube
@@ -31,8 +32,9 @@ class OptimisationProblem:
     """Everything symbolic about selecting a posture for ``task`` with one kind of target.
 
     ``kind`` is ``point``, ``region`` or ``anywhere``; ``alignment`` says whether the tool axis is held along the
-    direction exactly, within ``reach.axis_slack`` (an arm with too few joints for more), or not at all. They decide
-    which rows there are; the numbers come later.
+    direction exactly, within ``reach.axis_slack`` (an arm with too few joints for more), or not at all; ``in_plane``
+    whether the direction lies in the plane of a planar arm. They decide which rows and which spread there are; the
+    numbers come later.
     """
 
     tool_point: ToolPoint
@@ -40,6 +42,7 @@ class OptimisationProblem:
     reach: Reach
     kind: str
     alignment: Alignment
+    in_plane: bool
 
     @property
     def arm(self) -> Arm:
@@ -87,14 +90,15 @@ class OptimisationProblem:
             )
 
     @cached_property
+    def flat(self) -> bool:
+        """Whether nothing, neither a joint nor an error, ever moves the tool point out of the arm's plane."""
+        normal = self.reach.normal
+        return normal is not None and bool(ca.SX(self._moments.covariance @ ca.DM(normal)).is_zero())
+
+    @property
     def across_rank(self) -> int:
-        """2, or 1 where nothing ever moves the tool point out of the arm's plane."""
-        C = self._moments.covariance
-        normals = self.reach.normals
-        if normals.shape[1] != 1:
-            return 2
-        n = ca.DM(normals[:, 0])
-        return 1 if ca.SX(C @ n).is_zero() else 2
+        """2, or 1 where the direction lies in a plane that the tool point never leaves."""
+        return 1 if self.flat and self.in_plane else 2
 
     @cached_property
     def _moments(self) -> Moments:
@@ -123,7 +127,7 @@ class OptimisationProblem:
         axis = stack([sum(float(a[j]) * columns[j][k] for j in range(3)) for k in range(3)])
         U = self.reach.directions
         position = ca.SX(moments.position)
-        all_axes = ca.SX(U) if self.across_rank == 1 else ca.SX.eye(3)
+        all_axes = ca.SX(U) if self.flat else ca.SX.eye(3)
         bases: dict[Within, ca.SX] = {
             "across": p["b1"] if self.across_rank == 1 else ca.horzcat(p["b1"], p["b2"]),
             "along": p["direction"],

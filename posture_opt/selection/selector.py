@@ -27,6 +27,7 @@ from posture_opt.selection.solution import Alternative, HasTask, Solution, Statu
 from posture_opt.selection.task_target import PLANE_TOLERANCE, Reach, TaskTarget
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.task_spread import lies_in_plane
 from posture_opt.uncertainty.tool_point import ToolPoint
 
 QUICK_STARTS = 48
@@ -60,12 +61,13 @@ class PostureSelector:
         self.reach = Reach.of(problem.arm, self.task.tool_axis)
         self.target = TaskTarget.of(self.task, self.reach)
         self._aligner = Aligner(problem.arm, self.task, self.reach, compiled)
-        self._engines: dict[tuple[str, Alignment], Engine] = {}
+        self._engines: dict[tuple[str, Alignment, bool], Engine] = {}
         self.engine(self.target).optimisation_problem.check_axis(self.target)
 
     def engine(self, target: TaskTarget) -> Engine:
         """The functions that solve targets of this kind; built on first use."""
-        key = target.kind, self._aligner.at(target)
+        in_plane = lies_in_plane(target.direction, self.reach.normal)
+        key = target.kind, self._aligner.at(target), in_plane
         if key not in self._engines:
             problem = OptimisationProblem(self.tool_point, self.task, self.reach, *key)
             self._engines[key] = Engine(problem, self._problem.solver, self._compiled)

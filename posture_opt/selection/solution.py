@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,10 +18,9 @@ from posture_opt.selection.search_statistics import SearchStatistics
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.task_target import TaskTarget
 from posture_opt.selection.tasks import Task
-from posture_opt.uncertainty.budget import Share, budgets
-from posture_opt.uncertainty.clearance import within_clearance
-from posture_opt.uncertainty.coverage_radius import coverage_radius
-from posture_opt.uncertainty.spread import HasSources, Spread, propagate
+from posture_opt.uncertainty.budget import Share
+from posture_opt.uncertainty.spread import HasSources, Spread, budget_json, propagate
+from posture_opt.uncertainty.task_spread import Critical, TaskSpread, sigma_along
 
 Status = Literal["optimal", "feasible", "infeasible"]
 
@@ -53,39 +51,6 @@ class Alternative:
     def to_json(self) -> dict[str, Any]:
         """Plain numbers, SI."""
         return {"posture": self.posture, "position": self.position.tolist(), "sigma_max": self.sigma_max}
-
-
-@dataclass(frozen=True)
-class Critical:
-    """The part of the spread that the task cares about.
-
-    Args:
-        within: ``across`` the direction, ``along`` it, or ``all`` of it.
-        basis: (m, 3) unit vectors, one a row, world.
-        covariance: (m, m) in that basis [m²].
-        bias: (m,) [m].
-        sigma_max: largest standard deviation [m].
-        worst_axis: (3,) the direction of it, world.
-        radius95: distance from the target that 95 % of all tool points stay within [m].
-    """
-
-    within: str
-    basis: Array
-    covariance: Array
-    bias: Array
-    sigma_max: float
-    worst_axis: Array
-    radius95: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain numbers, SI."""
-        return {
-            "within": self.within,
-            "sigma_max": self.sigma_max,
-            "basis": self.basis.tolist(),
-            "covariance": self.covariance.tolist(),
-            "radius95": self.radius95,
-        }
 
 
 @dataclass(frozen=True)
@@ -154,37 +119,32 @@ class Solution(Result):
         return critical_basis(self.optimisation_problem, self.target)
 
     @cached_property
+    def task_spread(self) -> TaskSpread:
+        """The spread as the task sees it."""
+        task, target, spread = self.optimisation_problem.task, self.target, self.spread
+        critical = Critical.of(task.within, self.basis, spread.covariance, spread.bias)
+        axes, along = np.vstack([target.basis.T, target.direction]), sigma_along(target.direction, spread.covariance)
+        return TaskSpread(task.kind, axes, target.clearance, critical, along, spread.tool_point, spread.q)
+
+    @property
     def critical(self) -> Critical:
         """The spread across the direction (or along it, or all of it, as the task says)."""
-        B = self.basis
-        C = B.T @ self.spread.covariance @ B
-        bias = B.T @ self.spread.bias
-        values, vectors = np.linalg.eigh(C)
-        return Critical(
-            within=self.optimisation_problem.task.within,
-            basis=B.T,
-            covariance=C,
-            bias=bias,
-            sigma_max=math.sqrt(max(values[-1], 0.0)),
-            worst_axis=B @ vectors[:, -1],
-            radius95=coverage_radius(0.95, C, bias),
-        )
+        return self.task_spread.critical
 
     @property
     def sigma_along(self) -> float:
         """Standard deviation along the task's direction [m]."""
-        d = self.target.direction
-        return math.sqrt(max(float(d @ self.spread.covariance @ d), 0.0))
+        return self.task_spread.sigma_along
 
-    @cached_property
+    @property
     def success_probability(self) -> float | None:
         """Probability to stay within the clearance, bias included; None without a clearance."""
-        return within_clearance(self.critical.covariance, self.target.clearance, self.critical.bias)
+        return self.task_spread.success_probability
 
-    @cached_property
+    @property
     def budget(self) -> tuple[Share, ...]:
         """Share of each source in the variance along the worst axis, largest first."""
-        return budgets(self.spread.tool_point, tuple(map(float, self.q)), self.critical.worst_axis[None])[0]
+        return self.task_spread.budget
 
     @cached_property
     def lower_bound(self) -> LowerBound | None:
@@ -197,7 +157,7 @@ class Solution(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The document ``solution.json``: SI units, finite numbers only."""
-        spread, critical, statistics = self.spread, self.critical, self.statistics
+        spread, statistics = self.spread, self.statistics
         return {
             "name": self.problem.name,
             "task": self.optimisation_problem.task.kind,
@@ -208,9 +168,8 @@ class Solution(Result):
             "covariance_first_order": spread.covariance_first_order.tolist(),
             "bias": spread.bias.tolist(),
             "method": spread.method,
-            "critical": critical.to_json() | {"sigma_along": self.sigma_along},
-            "success_probability": self.success_probability,
-            "budget": [{"parameter": s.parameter, "share": s.share} for s in self.budget],
+            **self.task_spread.to_json(),
+            "budget": budget_json(self.budget),
             "validity": spread.validity.to_json(),
             "alternatives": [alternative.to_json() for alternative in self.alternatives],
             "floor": self._lower_bound_json(),
@@ -238,4 +197,4 @@ def critical_basis(optimisation_problem: OptimisationProblem, target: TaskTarget
         return target.direction[:, None]
     if within == "across":
         return target.basis[:, : optimisation_problem.across_rank]
-    return optimisation_problem.reach.directions if optimisation_problem.across_rank == 1 else np.eye(3)
+    return optimisation_problem.reach.directions if optimisation_problem.flat else np.eye(3)

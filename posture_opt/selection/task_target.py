@@ -17,6 +17,7 @@ from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.tasks import Task
+from posture_opt.uncertainty.task_spread import across_basis
 
 _RANK = 1e-9  # of the largest singular value: rounding of a product of some ten rotations
 _DEPENDENT = 1e-7  # rad or m/rad: singular values below it are rounding, of quarter turns typed with seven digits too
@@ -94,6 +95,11 @@ class Reach:
         """(3, 3 − r) directions in which the tool point cannot move."""
         full, _, _ = np.linalg.svd(np.hstack([self.directions, np.zeros((3, 1))]))
         return np.asarray(full[:, self.directions.shape[1] :])
+
+    @property
+    def normal(self) -> Array | None:
+        """(3,) of the plane that the tool point moves in; None for an arm that moves it in space, or along a line."""
+        return self.normals[:, 0] if self.normals.shape[1] == 1 else None
 
     def outside(self, lower: Array, upper: Array) -> Array:
         """(3,) shift [m] that brings the box to the plane (or line) that the tool point cannot leave."""
@@ -179,7 +185,7 @@ class TaskTarget:
             lower, upper = np.array(task.region.min), np.array(task.region.max)
         d = np.array(task.direction) / np.linalg.norm(task.direction)
         clearance = math.nan if task.clearance is None else task.clearance
-        return cls(lower, upper, d, complement(d, reach), clearance, task.tilt)
+        return cls(lower, upper, d, across_basis(d, reach.normal), clearance, task.tilt)
 
     def with_position(self, position: Array) -> TaskTarget:
         """The same target at another point."""
@@ -192,7 +198,7 @@ class TaskTarget:
         if np.linalg.norm(d) < 1e-12:
             raise InputError(Issue("a direction of length zero points nowhere", ("direction",), direction))
         d = d / np.linalg.norm(d)
-        return replace(self, direction=d, basis=complement(d, reach))
+        return replace(self, direction=d, basis=across_basis(d, reach.normal))
 
     @property
     def kind(self) -> str:
@@ -213,18 +219,6 @@ def target_symbols() -> tuple[ca.SX, dict[str, ca.SX]]:
     p = ca.SX.sym("p", sum(SIZES.values()))
     parts = ca.vertsplit(p, [0, *np.cumsum(list(SIZES.values())).tolist()])
     return p, dict(zip(SIZES, parts, strict=True))
-
-
-def complement(d: Array, reach: Reach) -> Array:
-    """(3, 2) orthonormal basis of the plane across ``d``; its first vector in the arm's plane where there is one."""
-    normals = reach.normals
-    in_plane = normals.shape[1] == 1 and abs(normals[:, 0] @ d) < 1e-9
-    helper = normals[:, 0] if in_plane else np.eye(3)[np.argmin(np.abs(d))]
-    b1 = np.cross(helper, d) if in_plane else helper - d * (helper @ d)
-    b1 = b1 / np.linalg.norm(b1)
-    # A sign that people expect: the largest component positive.
-    b1 = b1 * np.sign(b1[np.argmax(np.abs(b1))])
-    return np.column_stack([b1, np.cross(d, b1)]) + 0.0
 
 
 def _vector(value: Array, what: str) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,16 +14,15 @@ from posture_opt.result import Result
 from posture_opt.robot.robot import PostureLike
 from posture_opt.uncertainty.adaptive import AdaptiveResult
 from posture_opt.uncertainty.adaptive import adaptive as adaptive_trials
-from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
-from posture_opt.uncertainty.sampler import PAIRS, PowerSums, Sampler
-from posture_opt.uncertainty.spread import HasSources, Spread, budget_json, ellipse_json, propagate
+from posture_opt.uncertainty.regions import NORMAL95, RANK_TOLERANCE, Ellipsoid
+from posture_opt.uncertainty.sampler import PowerSums, Sampler
+from posture_opt.uncertainty.sampling_errors import Interval, square, variance_intervals, wilson_interval
+from posture_opt.uncertainty.spread import HasSources, Spread, budget_json, ellipse_json, propagate, task_json
+from posture_opt.uncertainty.task_spread import TaskSpread
 
 LARGEST = 100_000_000
 _BLOCK = 5_000  # samples walked at once: bounds the memory whatever n is
 _KEPT = 1_000_000  # points kept for figures and files
-_Z95 = coverage_factor(0.95, 1)
-
-Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +40,7 @@ class Cloud(Result):
         covariance: (3, 3) with n − 1 in the denominator [m²].
         covariance_of_covariance: (6, 6) of the entries xx, xy, xz, yy, yz, zz [m⁴].
         pose_covariance: (6, 6) of shift and rotation vector (v, ω) from the nominal pose, world-aligned axes.
-        inside: number of samples in the 95 % region of the closed form.
+        inside: number of samples in the 95 % region of the closed form; ``hits``: within the clearance of the task.
         notes: sentences for the report.
         adaptive: how n was found, in the coordinates of ``spread.basis`` about the nominal point; None where n was
             given.
@@ -57,6 +55,7 @@ class Cloud(Result):
     covariance_of_covariance: Array
     pose_covariance: Array
     inside: int
+    hits: int
     notes: tuple[str, ...] = ()
     adaptive: AdaptiveResult | None = None
 
@@ -78,12 +77,12 @@ class Cloud(Result):
     @property
     def covariance_error(self) -> Array:
         """(3, 3) standard error of each entry of the covariance [m²]."""
-        return _square(np.sqrt(np.clip(np.diag(self.covariance_of_covariance), 0, None)))
+        return square(np.sqrt(np.clip(np.diag(self.covariance_of_covariance), 0, None)))
 
     @property
     def covariance_interval(self) -> Array:
         """(3, 3, 2) 95 % sampling interval of each entry of the covariance [m²]."""
-        half = _Z95 * self.covariance_error
+        half = NORMAL95 * self.covariance_error
         return np.stack([self.covariance - half, self.covariance + half], axis=-1)
 
     @cached_property
@@ -100,15 +99,11 @@ class Cloud(Result):
     def eigenvalue_intervals(self) -> Array:
         """(m, 2) 95 % sampling intervals [m²].
 
-        To first order an eigenvalue moves by ``vᵀ dC v``. The interval is symmetric in its logarithm, which keeps
-        it positive. Eigenvalues nearer to each other than their intervals repel in every sample.
+        Eigenvalues nearer to each other than their intervals repel in every sample; see `variance_intervals`.
         """
-        axes = self.ellipse.axes.T @ self.spread.basis
-        weights = np.array([[(2 - (i == j)) * v[i] * v[j] for i, j in PAIRS] for v in axes])
-        variance = np.einsum("ma,ab,mb->m", weights, self.covariance_of_covariance, weights)
-        value = self.eigenvalues
-        relative = np.sqrt(np.clip(variance, 0, None)) / np.where(value > 0, value, 1.0)
-        return np.stack([value * np.exp(-_Z95 * relative), value * np.exp(_Z95 * relative)], axis=-1)
+        return variance_intervals(
+            self.ellipse.axes.T @ self.spread.basis, self.eigenvalues, self.covariance_of_covariance
+        )
 
     @property
     def coverage95(self) -> float:
@@ -120,6 +115,23 @@ class Cloud(Result):
         """95 % interval of the true coverage (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209)."""
         return wilson_interval(self.inside, self.n)
 
+    @cached_property
+    def for_task(self) -> TaskSpread | None:
+        """The sample as the task of the problem sees it; its odds are those of a normal point with these moments."""
+        seen = self.spread.for_task
+        return None if seen is None else seen.sampled(self.covariance, self.bias)
+
+    @property
+    def success(self) -> float | None:
+        """The part of the samples that stays within the clearance; None without a clearance."""
+        seen = self.spread.for_task
+        return None if seen is None or seen.success_probability is None else self.hits / self.n
+
+    @property
+    def success_interval(self) -> Interval | None:
+        """95 % interval of the true probability of success (Wilson 1927); None without a clearance."""
+        return None if self.success is None else wilson_interval(self.hits, self.n)
+
     @property
     def ratio(self) -> Array:
         """(m,) standard deviations of the sample over those of the closed form, along the closed form's axes."""
@@ -127,7 +139,8 @@ class Cloud(Result):
         sampled = np.einsum("mi,ij,mj->m", axes, self.covariance, axes)
         closed = np.einsum("mi,ij,mj->m", axes, self.spread.covariance, axes)
         # Along an axis without variance both are zero, and agree.
-        return np.asarray(np.sqrt(np.divide(sampled, closed, out=np.ones_like(closed), where=closed > 0)))
+        varies = closed > RANK_TOLERANCE * closed[-1]
+        return np.asarray(np.sqrt(np.divide(sampled, closed, out=np.ones_like(closed), where=varies)))
 
     def to_json(self) -> dict[str, Any]:
         """As ``spread.json``, of the sample; budget, first order and validity are those of the model."""
@@ -140,6 +153,9 @@ class Cloud(Result):
             "ellipse": ellipse_json(self.ellipse, self.spread.basis),
             "method": "Monte Carlo",
             "budget": budget_json(self.spread.budget),
+            **task_json(self.for_task),
+            "success_probability": self.success,
+            "success_probability_interval95": None if self.success_interval is None else list(self.success_interval),
             "notes": list(self.notes),
         }
         drawn = {"n": self.n, "seed": self.seed, "adaptive": self._adaptive()}
@@ -215,22 +231,9 @@ def cloud_of(spread: Spread, n: int, seed: int) -> Cloud:
         covariance_of_covariance=sums.covariance_of_covariance(n),
         pose_covariance=covariance,
         inside=sums.inside,
+        hits=sums.hits,
         notes=spread.notes,
     )
-
-
-def wilson_interval(inside: int, n: int) -> Interval:
-    """The 95 % score interval of a probability of which ``inside`` of n trials came true."""
-    p, z2 = inside / n, _Z95**2 / n
-    centre, half = p + z2 / 2, math.sqrt(z2 * (p * (1 - p) + z2 / 4))
-    return max(0.0, (centre - half) / (1 + z2)), min(1.0, (centre + half) / (1 + z2))
-
-
-def _square(entries: Array) -> Array:
-    full = np.zeros((3, 3))
-    for value, (i, j) in zip(entries, PAIRS, strict=True):
-        full[i, j] = full[j, i] = value
-    return full
 
 
 def _check(n: Any, seed: Any) -> None:

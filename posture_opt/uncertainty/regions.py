@@ -27,6 +27,15 @@ NORMAL95 = 1.959963984540054
 """So many standard deviations hold 95 % of a normal variable; its square is that quantile of χ² with one freedom."""
 
 
+def deviation(variance: float, among: Array) -> float:
+    """The standard deviation [m] of a variance [m²] that belongs to the covariance ``among`` (m, m); rounding is zero.
+
+    A direction that nothing moves along has a variance of some 1e-16 of the trace, and its root would look like a
+    length.
+    """
+    return math.sqrt(variance) if variance > RANK_TOLERANCE * float(np.trace(among)) else 0.0
+
+
 def coverage_factor(p: float, m: int, n: int | None = None, kind: Kind = "prediction") -> float:
     """The k of the region ``(y - c)' C^-1 (y - c) <= k^2`` that holds with probability p.
 
@@ -132,7 +141,7 @@ class Ellipsoid:
 
     @property
     def semi_axes(self) -> Array:
-        """(m,) standard deviations along the axes, ascending: the square roots of the eigenvalues."""
+        """(m,) standard deviations along the axes, ascending: the roots of the eigenvalues, zero where `rank` ends."""
         return self._axes[0]
 
     @property
@@ -143,8 +152,7 @@ class Ellipsoid:
     @property
     def rank(self) -> int:
         """The number of directions with a variance above rounding (1e-13 of the largest)."""
-        variances = self.semi_axes**2
-        return int(np.count_nonzero(variances > RANK_TOLERANCE * variances[-1]))
+        return int(np.count_nonzero(self.semi_axes))
 
     def factor(self, p: float, n: int | None = None, kind: Kind = "prediction") -> float:
         """The k of the region that holds with probability p, for `rank` dimensions; zero for a point."""
@@ -201,7 +209,9 @@ class Ellipsoid:
         variances, axes = np.linalg.eigh(symmetric)
         largest = np.abs(axes).argmax(axis=0)
         signs = np.sign(axes[largest, np.arange(len(variances))])
-        semi_axes, axes = np.sqrt(np.clip(variances, 0, None)), axes * signs
+        # An axis that is no variance but rounding has no width.
+        kept = np.where(variances > RANK_TOLERANCE * variances[-1], variances, 0.0)
+        semi_axes, axes = np.sqrt(kept), axes * signs
         semi_axes.setflags(write=False)
         axes.setflags(write=False)
         return semi_axes, axes

@@ -88,6 +88,7 @@ class PowerSums:
         self.second = np.zeros((6, 6))
         self.fourth = np.zeros((6, 6))
         self.inside = 0
+        self.hits = 0
         # In coordinates about the nominal point: a micrometre on a metre would lose ten digits.
         self._region = Ellipsoid(spread.bias, spread.covariance).project(spread.basis)
 
@@ -100,6 +101,8 @@ class PowerSums:
         self.first += pose.sum(axis=0)
         self.second += pose.T @ pose
         self.fourth += products.T @ products
+        if spread.for_task is not None:
+            self.hits += spread.for_task.hits(shift)
         self.inside += int(np.count_nonzero(self._region.contains(shift @ spread.basis.T, 0.95)))
 
     def moments(self, n: int) -> tuple[Array, Array]:

@@ -19,14 +19,17 @@ from posture_opt.uncertainty.budget import Share, budgets
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.second_order import Validity, second_order
 from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.task_spread import HasDirection, TaskSpread, task_spread
 from posture_opt.uncertainty.tool_point import ToolPoint
 
 
 class HasSources(HasArm, Protocol):
-    """Anything that names an arm and its sources of error, such as a ``Problem``."""
+    """Anything that names an arm, its sources of error and perhaps its task, such as a ``Problem``."""
 
     @property
     def sources(self) -> Sources: ...
+    @property
+    def task(self) -> HasDirection | None: ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,6 +97,15 @@ class Spread(Result):
         """(m, 3) unit vectors along the axes of the ellipse in the world, one a row, the shortest axis first."""
         return np.asarray(self.ellipse.axes.T @ self.basis)
 
+    @cached_property
+    def for_task(self) -> TaskSpread | None:
+        """The spread as the task of the problem sees it; None where the problem names no task."""
+        task = self.problem.task
+        if task is None:
+            return None
+        normal = np.cross(*self.basis) if len(self.basis) == 2 else None
+        return task_spread(task, self.tool_point, self.q, (self.bias, self.covariance), normal)
+
     def region(self, p: float) -> Array:
         """(m,) semi-axes [m], ascending, of the region that holds the tool point with probability p."""
         return self.ellipse.region(p)
@@ -129,6 +141,7 @@ class Spread(Result):
             "method": self.method,
             "budget": budget_json(self.budget),
             "budget_of_axes": [budget_json(shares) for shares in self.axis_budgets],
+            **task_json(self.for_task),
             "validity": self.validity.to_json(),
             "notes": list(self.notes),
         }
@@ -204,6 +217,13 @@ def ellipse_json(ellipse: Ellipsoid, basis: Array) -> dict[str, Any]:
 def budget_json(shares: Sequence[Share]) -> list[dict[str, Any]]:
     """The shares as the documents list them."""
     return [{"parameter": share.parameter, "share": share.share} for share in shares]
+
+
+def task_json(seen: TaskSpread | None) -> dict[str, Any]:
+    """What the task sees, and the budget of its worst axis; null without a task."""
+    if seen is None:
+        return {"task": None, "critical": None, "success_probability": None, "critical_budget": None}
+    return {"task": seen.kind, **seen.to_json(), "critical_budget": budget_json(seen.budget)}
 
 
 def quaternion(reached: Walk) -> Array:

@@ -12,4 +12,4 @@ from posture_opt.uncertainty.sources import Sources
 
 def stated(robot: Robot, sources: Sources) -> Any:
     """Robot and sources of error where a ``Problem`` would stand."""
-    return SimpleNamespace(arm=Arm(robot), robot=robot, sources=sources)
+    return SimpleNamespace(arm=Arm(robot), robot=robot, sources=sources, task=None)

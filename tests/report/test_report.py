@@ -291,7 +291,7 @@ def drawn_of(solution: Any, cloud: Any) -> dict[str, Any]:
     made = {
         "arm": figures.plot_solution(solution),
         "spread": figures.plot_spread(solution.spread),
-        "section": figures.plot_cross_section(solution, n=300),
+        "section": figures.plot_cross_section(solution.spread, solution.task_spread, n=300),
         "budget": figures.plot_budget(solution.spread, solution.budget, solution.critical.worst_axis),
         "cloud": figures.plot_cloud(cloud),
     }
@@ -365,7 +365,7 @@ class TestFigures:
         problem = po.problem_from_dict(PROBLEMS["ur10"])
         solution = po.select_posture(problem)
         n = 5000
-        axes = figures.plot_cross_section(solution, n=n).axes[0]
+        axes = figures.plot_cross_section(solution.spread, solution.task_spread, n=n).axes[0]
         curves = {line.get_label(): np.asarray(line.get_xydata()) for line in axes.lines}
         points = curves[f"{n} simulated tool points"]
         ellipse = curves["95 % ellipse (2.448 std. dev.)"]

@@ -79,21 +79,27 @@ def enlargement(size: float, extent: float) -> float:
 @styled
 def plot_solution(solution: Solution) -> Figure:
     """The arm in the best posture, the 95 % region enlarged by a stated factor, direction and target."""
-    return _draw(solution.spread, solution.target)
+    return _draw(solution.spread, _Aim(solution.target.direction, solution.target))
 
 
 @styled
 def plot_spread(spread: Spread) -> Figure:
-    """The arm at a posture with the 95 % region enlarged by a stated factor."""
-    return _draw(spread, None)
+    """The arm at a posture with the 95 % region enlarged by a stated factor, and the direction of the task."""
+    return _draw(spread, _Aim(None if spread.for_task is None else spread.for_task.direction))
 
 
-def _draw(spread: Spread, target: TaskTarget | None) -> Figure:
+@dataclass(frozen=True)
+class _Aim:
+    """What is asked of the tool point: the direction (3,) of the task, and the target; None: not asked."""
+
+    direction: Array | None
+    target: TaskTarget | None = None
+
+
+def _draw(spread: Spread, aim: _Aim) -> Figure:
     skeleton = Skeleton.of(spread.tool_point, spread.q)
     factor = enlargement(1e3 * float(spread.region(0.95)[-1]), skeleton.extent)
-    return (
-        _plane(spread, target, skeleton, factor) if len(spread.basis) == 2 else _space(spread, target, skeleton, factor)
-    )
+    return (_plane if len(spread.basis) == 2 else _space)(spread, aim, skeleton, factor)
 
 
 def region_label(spread: Spread, factor: float) -> str:
@@ -109,7 +115,7 @@ def enlarged_ellipse(spread: Spread, factor: float) -> Array:
     return boundary
 
 
-def _plane(spread: Spread, target: TaskTarget | None, skeleton: Skeleton, factor: float) -> Figure:
+def _plane(spread: Spread, aim: _Aim, skeleton: Skeleton, factor: float) -> Figure:
     B = spread.basis
     line, joints = skeleton.points @ B.T, skeleton.joints @ B.T
     boundary = enlarged_ellipse(spread, factor)
@@ -123,16 +129,18 @@ def _plane(spread: Spread, target: TaskTarget | None, skeleton: Skeleton, factor
     tool = 1e3 * (B @ spread.position)
     axes.plot(*tool, "o", color="black", ms=5, zorder=6, label="tool point")
     seen = [line, boundary]
-    if target is not None:
-        seen += _plane_target(axes, target, B, tool, skeleton.extent)
+    if aim.target is not None:
+        seen += _plane_target(axes, aim.target, B, tool)
+    if aim.direction is not None:
+        seen += _plane_direction(axes, B @ aim.direction, tool, skeleton.extent)
     _limits(axes, np.vstack(seen))
     axes.set(xlabel=f"{line_words(B[0])} [mm]", ylabel=f"{line_words(B[1])} [mm]", aspect="equal")
     legend_below(axes, 3)
     return figure
 
 
-def _plane_target(axes: Any, target: TaskTarget, B: Array, tool: Array, extent: float) -> list[Array]:
-    """Draws direction and region; the points that must be seen."""
+def _plane_target(axes: Any, target: TaskTarget, B: Array, tool: Array) -> list[Array]:
+    """Draws region and point; the points that must be seen."""
     seen = []
     if target.kind == "region":
         low, high = 1e3 * B @ target.lower, 1e3 * B @ target.upper
@@ -143,14 +151,18 @@ def _plane_target(axes: Any, target: TaskTarget, B: Array, tool: Array, extent: 
     if target.kind == "point" and np.linalg.norm(point - tool) > _APART:
         axes.plot(*point, "X", color=VERMILLION, mec="white", ms=11, zorder=6, label="target, not reached")
         seen.append(point[None])
-    along = B @ target.direction
-    if np.linalg.norm(along) > 1e-6:
-        end = tool + _ARROW * extent * along
-        arrow = {"arrowstyle": "-|>", "color": "black", "lw": 2, "shrinkA": 0, "shrinkB": 0}
-        axes.annotate("", end, tool, arrowprops=arrow, zorder=7)
-        axes.plot([], [], "-", color="black", lw=2, marker=">", label="direction of the task")
-        seen.append(end[None])
     return seen
+
+
+def _plane_direction(axes: Any, along: Array, tool: Array, extent: float) -> list[Array]:
+    """Draws the direction (2,), where it is not that of the view; the point that must be seen."""
+    if np.linalg.norm(along) < 1e-6:
+        return []
+    end = tool + _ARROW * extent * along
+    arrow = {"arrowstyle": "-|>", "color": "black", "lw": 2, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", end, tool, arrowprops=arrow, zorder=7)
+    axes.plot([], [], "-", color="black", lw=2, marker=">", label="direction of the task")
+    return [end[None]]
 
 
 def _limits(axes: Any, points: Array) -> None:
@@ -175,15 +187,17 @@ def enlarged_ellipsoid(spread: Spread, factor: float, n: int = 24) -> Array:
     return surface
 
 
-def _space(spread: Spread, target: TaskTarget | None, skeleton: Skeleton, factor: float) -> Figure:
+def _space(spread: Spread, aim: _Aim, skeleton: Skeleton, factor: float) -> Figure:
     figure = new_figure(6.8, 5.8)
     # What lies in front is decided here: sorted by depth, the region would hide the tool point at its centre.
     axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
     surface = enlarged_ellipsoid(spread, factor)
     seen = [skeleton.points, surface.reshape(3, -1).T]
     tool = 1e3 * spread.position
-    if target is not None:
-        seen += _space_target(axes, target, tool, skeleton.extent)
+    if aim.target is not None:
+        seen += _space_target(axes, aim.target, tool)
+    if aim.direction is not None:
+        seen += _space_direction(axes, tool, _ARROW * skeleton.extent * aim.direction)
     low, high = _box(np.vstack(seen))
     x, y, _ = skeleton.points.T
     axes.plot(x, y, low[2], color=LIGHT, lw=4, zorder=1, label="shadow on the floor")
@@ -209,7 +223,13 @@ def _look(axes: Any, skeleton: Skeleton) -> None:
     axes.locator_params(nbins=6)
 
 
-def _space_target(axes: Any, target: TaskTarget, tool: Array, extent: float) -> list[Array]:
+def _space_direction(axes: Any, tool: Array, step: Array) -> list[Array]:
+    axes.quiver(*tool, *step, color="black", lw=2, arrow_length_ratio=0.22, zorder=6)
+    axes.plot([], [], "-", color="black", lw=2, marker=">", label="direction of the task")
+    return [(tool + step)[None]]
+
+
+def _space_target(axes: Any, target: TaskTarget, tool: Array) -> list[Array]:
     seen = []
     if target.kind == "region":
         corners = 1e3 * np.array(list(itertools.product(*zip(target.lower, target.upper, strict=True))))
@@ -222,10 +242,6 @@ def _space_target(axes: Any, target: TaskTarget, tool: Array, extent: float) -> 
     if target.kind == "point" and np.linalg.norm(point - tool) > _APART:
         axes.plot(*point[:, None], "X", color=VERMILLION, mec="white", ms=11, zorder=8, label="target, not reached")
         seen.append(point[None])
-    step = _ARROW * extent * target.direction
-    axes.quiver(*tool, *step, color="black", lw=2, arrow_length_ratio=0.22, zorder=6)
-    axes.plot([], [], "-", color="black", lw=2, marker=">", label="direction of the task")
-    seen.append((tool + step)[None])
     return seen
 
 

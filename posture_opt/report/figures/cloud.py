@@ -17,8 +17,9 @@ from posture_opt.uncertainty.cloud import cloud_of
 from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
 
 if TYPE_CHECKING:
-    from posture_opt.selection.solution import Solution
     from posture_opt.uncertainty.cloud import Cloud
+    from posture_opt.uncertainty.spread import Spread
+    from posture_opt.uncertainty.task_spread import TaskSpread
 
 _DRAWN = 5000
 _SAMPLES = 2000
@@ -28,23 +29,44 @@ _SAMPLES = 2000
 def plot_cloud(cloud: Cloud) -> Figure:
     """The simulated tool points with the 95 % ellipses of the closed form and of the sample.
 
-    A planar arm is drawn in its plane, others in the three views along the axes of the world.
+    A planar arm is drawn in its plane, others in three views: across the direction of the task and from both sides, or
+    along the axes of the world where nothing is to be done along a direction.
     """
-    spread = cloud.spread
-    views = [spread.basis] if len(spread.basis) == 2 else [np.eye(3)[list(pair)] for pair in combinations(range(3), 2)]
+    spread, seen = cloud.spread, cloud.spread.for_task
+    views = _views(spread, seen)
     unit, scale = length_unit([float(spread.ellipse.semi_axes[-1])])
     offsets = cloud.points[:_DRAWN] - spread.position
     half = 1.1 * scale * float(np.abs(offsets).max())
     figure = new_figure(6.2, 6.4) if len(views) == 1 else new_figure(10.5, 4.4)
     for k, B in enumerate(views, start=1):
         axes = figure.add_subplot(1, len(views), k)
+        if k == 1 and len(views) > 1 and seen is not None and seen.critical.within != "all":
+            axes.set_title("seen along the direction of the task")
         _view(axes, cloud, B, offsets @ B.T, scale)
+        _task_marks(axes, seen, B, scale, half)
         axes.set(xlabel=f"{line_words(B[0])}, off the nominal point [{unit}]")
         axes.set(ylabel=f"{line_words(B[1])}, off the nominal point [{unit}]")
         axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
         axes.locator_params(nbins=5 if len(views) > 1 else 9)
     legend_below(axes, 2)
     return figure
+
+
+def _views(spread: Spread, seen: TaskSpread | None) -> list[Array]:
+    """(2, 3) each: what is looked at."""
+    if len(spread.basis) == 2:
+        return [spread.basis]
+    frame = np.eye(3) if seen is None or seen.critical.within == "all" else seen.axes
+    return [frame[list(pair)] for pair in combinations(range(3), 2)]
+
+
+def _task_marks(axes: Any, seen: TaskSpread | None, B: Array, scale: float, half: float) -> None:
+    """The direction that counts and the clearance, in a view that shows all that counts."""
+    if seen is None or not np.allclose(seen.critical.basis @ B.T @ B, seen.critical.basis, atol=1e-9):
+        return
+    if len(seen.critical.covariance) == 1:
+        _band(axes, seen, B, scale, half)
+    clearance_lines(axes, seen, B, scale, half)
 
 
 def _view(axes: Any, cloud: Cloud, B: Array, points: Array, scale: float) -> None:
@@ -61,10 +83,11 @@ def _view(axes: Any, cloud: Cloud, B: Array, points: Array, scale: float) -> Non
 
 
 @styled
-def plot_cross_section(solution: Solution, n: int = _SAMPLES, seed: int = 0) -> Figure:
-    """n simulated tool points about the target, seen along the direction (a planar arm: in its plane)."""
-    spread = solution.spread
-    B = view_basis(solution)
+def plot_cross_section(
+    spread: Spread, seen: TaskSpread, n: int = _SAMPLES, seed: int = 0, origin: str = "target"
+) -> Figure:
+    """n simulated tool points about the ``origin``, seen along the direction (a planar arm: in its plane)."""
+    B = view_basis(spread, seen)
     points = (cloud_of(spread, n, seed).points - spread.position) @ B.T
     ellipse = Ellipsoid(B @ spread.bias, B @ spread.covariance @ B.T)
     unit, scale = length_unit([float(ellipse.semi_axes[-1])])
@@ -75,44 +98,44 @@ def plot_cross_section(solution: Solution, n: int = _SAMPLES, seed: int = 0) -> 
     boundary = scale * ellipse.points(0.95)
     axes.plot(*boundary.T, color=VERMILLION, zorder=4, label=f"95 % ellipse ({ellipse.factor(0.95):.3f} std. dev.)")
     axes.plot(*(scale * ellipse.center), "P", color=VERMILLION, mec="white", ms=8, zorder=5, label="mean")
-    axes.plot(0, 0, "x", color="black", ms=8, mew=2, zorder=6, label="target")
+    axes.plot(0, 0, "x", color="black", ms=8, mew=2, zorder=6, label=origin)
     half = 1.12 * float(np.abs(np.vstack([scale * points, boundary])).max())
-    if len(solution.critical.covariance) == 1:
-        _band(axes, solution, B, scale, half)
-    clearance_lines(axes, solution, B, scale, half)
-    frame_target(axes, B, half, unit)
+    if len(seen.critical.covariance) == 1:
+        _band(axes, seen, B, scale, half)
+    clearance_lines(axes, seen, B, scale, half)
+    frame_target(axes, B, half, unit, origin)
     legend_below(axes, 2)
     return figure
 
 
-def frame_target(axes: Any, B: Array, half: float, unit: str) -> None:
+def frame_target(axes: Any, B: Array, half: float, unit: str, origin: str = "target") -> None:
     """The square about the target that is shown, with its axes named."""
-    names = [f"{line_words(b)}, off the target [{unit}]" for b in B]
+    names = [f"{line_words(b)}, off the {origin} [{unit}]" for b in B]
     axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xlabel=names[0], ylabel=names[1])
 
 
-def view_basis(solution: Solution) -> Array:
+def view_basis(spread: Spread, seen: TaskSpread) -> Array:
     """(2, 3) what is looked at: across the direction where that is a plane, else the plane that shows most."""
-    spread, critical = solution.spread, solution.critical
+    critical = seen.critical
     basis: Array
     if len(spread.basis) == 2:
         basis = spread.basis
     elif len(critical.basis) == 2:
         basis = critical.basis
     elif len(critical.basis) == 1:
-        basis = np.array([solution.target.basis[:, 0], solution.target.direction])
+        basis = seen.axes[[0, 2]]
     else:
         basis = spread.axes[::-1][:2]
     return basis
 
 
-def _band(axes: Any, solution: Solution, B: Array, scale: float, half: float) -> None:
+def _band(axes: Any, seen: TaskSpread, B: Array, scale: float, half: float) -> None:
     """The 95 % interval of the one direction that counts, as a band through the plane."""
-    along = B @ solution.critical.basis[0]
-    centre = float(solution.critical.bias[0]) * scale
-    width = coverage_factor(0.95, 1) * solution.critical.sigma_max * scale
+    along = B @ seen.critical.basis[0]
+    centre = float(seen.critical.bias[0]) * scale
+    width = coverage_factor(0.95, 1) * seen.critical.sigma_max * scale
     strip = _strip(along, centre - width, centre + width, 3 * half)
-    name = {"across": "across the direction", "along": "along the direction"}.get(solution.critical.within, "")
+    name = {"across": "across the direction", "along": "along the direction"}.get(seen.critical.within, "")
     label = f"95 % interval {name}: \N{PLUS-MINUS SIGN}{length(width / scale)}"
     axes.fill(*strip.T, facecolor=ORANGE, alpha=0.18, edgecolor=ORANGE, lw=1, zorder=1, label=label)
     aside = -0.88 * half * np.array([-along[1], along[0]])  # near the edge, where it hides no point
@@ -128,15 +151,15 @@ def _strip(along: Array, low: float, high: float, reach: float) -> Array:
                      low * along + reach * side])  # fmt: skip
 
 
-def clearance_lines(axes: Any, solution: Solution, B: Array, scale: float, half: float) -> None:
+def clearance_lines(axes: Any, seen: TaskSpread, B: Array, scale: float, half: float) -> None:
     """The play of the hole about the target: a circle, or two lines where one direction counts."""
-    clearance = solution.target.clearance
-    if math.isnan(clearance) or solution.critical.within == "all":
+    clearance = seen.clearance
+    if math.isnan(clearance) or seen.critical.within == "all":
         return
     r = clearance * scale
     label = f"clearance {stated_length(clearance)}"
-    if len(solution.critical.covariance) == 1:
-        along = B @ solution.critical.basis[0]
+    if len(seen.critical.covariance) == 1:
+        along = B @ seen.critical.basis[0]
         side = np.array([-along[1], along[0]])
         inside = r < half * (abs(along).sum())
         for sign in (1, -1):

@@ -28,7 +28,7 @@ def plot_landing(comparison: Comparison) -> Figure:
         KeyError: the reference model has no posture.
     """
     chosen, _ = comparison.answered[comparison.reference]
-    B = view_basis(chosen)
+    B = view_basis(chosen.spread, chosen.task_spread)
     figure = new_figure(6.2, 6.4)
     axes = figure.add_subplot()
     regions = [
@@ -48,7 +48,7 @@ def plot_landing(comparison: Comparison) -> Figure:
         axes.plot(*(scale * region.center), color=colour, zorder=5, label=hidden, **look)
     axes.plot(0, 0, "x", color="black", ms=6, mew=1.2, zorder=6, label="target")
     half *= scale
-    clearance_lines(axes, chosen, B, scale, half)
+    clearance_lines(axes, chosen.task_spread, B, scale, half)
     frame_target(axes, B, half, unit)
     legend_below(axes, 1)
     return figure

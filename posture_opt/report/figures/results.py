@@ -59,7 +59,7 @@ def solution(shown: SolutionPresenter) -> Drawings:
     drawings: Drawings = {"arm": partial(plot_solution, found)}
     if found.status == "infeasible":
         return drawings
-    drawings["cloud"] = partial(plot_cross_section, found)
+    drawings["cloud"] = partial(plot_cross_section, found.spread, found.task_spread)
     drawings["budget"] = lambda: plot_budget(found.spread, found.budget, found.critical.worst_axis)
     if found.optimisation_problem.robot.n == 2:
         drawings["joint_map"] = partial(plot_joint_map, found)
@@ -67,12 +67,16 @@ def solution(shown: SolutionPresenter) -> Drawings:
 
 
 def spread(shown: SpreadPresenter) -> Drawings:
-    """The arm, a small cloud with the ellipse, the budget of the longest axis."""
+    """The arm, a small cloud with the ellipse, the budget of the axis that counts most."""
     found = shown.result
+    seen, arm = found.for_task, partial(plot_spread, found)
+    if seen is None:
+        drawn = lambda: plot_cloud(cloud_of(found, _DRAWN, 0))  # noqa: E731
+        return {"arm": arm, "cloud": drawn, "budget": lambda: plot_budget(found, found.budget, found.axes[-1])}
     return {
-        "arm": partial(plot_spread, found),
-        "cloud": lambda: plot_cloud(cloud_of(found, _DRAWN, 0)),
-        "budget": lambda: plot_budget(found, found.budget, found.axes[-1]),
+        "arm": arm,
+        "cloud": partial(plot_cross_section, found, seen, origin="nominal point"),
+        "budget": lambda: plot_budget(found, seen.budget, seen.critical.worst_axis),
     }
 
 

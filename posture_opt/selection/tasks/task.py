@@ -9,8 +9,8 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 
 from posture_opt.errors import BadValueError
 from posture_opt.selection.terms import TermSpec
-from posture_opt.selection.terms.term import Within
 from posture_opt.spec import Spec
+from posture_opt.uncertainty.task_spread import Within
 from posture_opt.units import Angle, Celsius, Length, Mass, Time
 
 Criterion = Literal["worst", "trace", "area", "miss"]

@@ -8,7 +8,8 @@ from typing import ClassVar, Literal
 import casadi as ca
 
 from posture_opt.selection import criteria
-from posture_opt.selection.terms.term import BoundedTerm, Quantities, Within
+from posture_opt.selection.terms.term import BoundedTerm, Quantities
+from posture_opt.uncertainty.task_spread import Within
 from posture_opt.units import Length
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import casadi as ca
 from pydantic import Field, model_validator
@@ -12,9 +12,7 @@ from pydantic import Field, model_validator
 from posture_opt.errors import BadValueError
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
-
-Within = Literal["across", "along", "all"]
-"""The part of the spread: across the direction of the task, along it, or all of it."""
+from posture_opt.uncertainty.task_spread import Within
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,123 @@
+"""What reports say of a spread as the task sees it: across or along the direction, its 95 % region, its odds."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.report.blocks import Block, Facts
+from posture_opt.report.parts import budget_table, lean, negative_shares, sigma_of
+from posture_opt.report.presenter import problem_of
+from posture_opt.report.units_text import length, lengths, place, probability, stated_length
+from posture_opt.report.words import PARTS, REGIONS, direction_words, line_words
+from posture_opt.uncertainty.regions import Ellipsoid
+from posture_opt.units import fixed
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.tasks import Task
+    from posture_opt.uncertainty.spread import Spread
+    from posture_opt.uncertainty.task_spread import Critical, TaskSpread
+
+_APART = 1e-4  # m: a tool point that is farther from the target of the task stands at another place
+_LEANS = 0.05  # deg: less is the rounding of joint values as people type them
+_PART = {"across": "Across", "along": "Along", "all": "In space"}
+_MEASURED = {
+    "across": ", measured across the direction, the mean shift included",
+    "along": ", along the direction, the mean shift included",
+    "all": "",
+}
+
+
+def task_facts(task: Task, direction: Array) -> list[tuple[str, str]]:
+    """Kind and direction of a task."""
+    return [("Task", f"{task.kind} - {task.summary}"), ("Direction", f"{direction_words(direction)} in the world")]
+
+
+def clearance_facts(seen: TaskSpread) -> list[tuple[str, str]]:
+    """The clearance, where the task states one."""
+    return [("Clearance", f"{stated_length(seen.clearance)} to every side")] if seen.clearance > 0 else []
+
+
+def beside_target(spread: Spread) -> list[tuple[str, str]]:
+    """How far the tool point of a posture is off the point that the task names; the odds are not about that."""
+    task = spread.problem.task
+    if task is None or task.position is None:
+        return []
+    off = float(np.linalg.norm(spread.position - np.array(task.position)))
+    if off < _APART:
+        return []
+    return [("Target", f"the task names {place(task.position)}, {length(off)} away from this tool point; spread and "
+                       "odds here are those about this tool point")]  # fmt: skip
+
+
+def lean_facts(spread: Spread) -> list[tuple[str, str]]:
+    """How far the tool of an arm in space is from pointing along the direction, where the task asks for that."""
+    seen, task = spread.for_task, problem_of(spread).task
+    if seen is None or task is None or task.axis == "free" or len(spread.basis) == 2:
+        return []
+    leaning = math.degrees(lean(spread, task.tool_axis, seen.direction))
+    beyond = leaning > math.degrees(task.tilt) + _LEANS
+    return [("Tool leans", f"{fixed(leaning)} deg off the direction of the task")] if beyond else []
+
+
+def critical_size(critical: Critical) -> str:
+    """The largest standard deviation in the part that counts."""
+    worst = ", worst axis" if len(critical.covariance) > 1 else ""
+    return f"{length(critical.sigma_max)} (one standard deviation{worst})"
+
+
+def posture_lead(seen: TaskSpread) -> tuple[str, ...]:
+    """How far the tool point scatters at a posture in the part that counts, and its odds."""
+    critical, odds = seen.critical, seen.success_probability
+    part = PARTS[critical.within]
+    scatter = f"At this posture the tool point scatters {part} by {critical_size(critical)}."
+    if odds is None:
+        return (scatter,)
+    return scatter, f"It stays within the clearance of {stated_length(seen.clearance)} {probability(odds)}."
+
+
+def critical_rows(seen: TaskSpread, among: list[float], origin: str) -> list[tuple[str, str]]:
+    """The standard deviations across and along, the 95 % region, the distance from ``origin``, and the odds."""
+    critical = seen.critical
+    m, within = len(critical.covariance), critical.within
+    largest = length(critical.sigma_max, among=among)
+    worst = f"{largest} (one standard deviation) along {line_words(critical.worst_axis)}"
+    rows = [(f"{_PART[within]}, worst" if m > 1 else _PART[within], worst)]
+    if within == "across":
+        along = length(seen.sigma_along, among=among)
+        rows.append(("Along", f"{along} (one standard deviation); it does not count here"))
+    if within != "all":
+        rows += _region_row(critical, among)
+    radius = length(critical.radius95, among=among)
+    rows.append(("95 % of the time", f"no more than {radius} off the {origin}{_MEASURED[within]}"))
+    if seen.success_probability is not None:
+        clearance = stated_length(seen.clearance)
+        rows.append(("Success", f"within the clearance of {clearance} {probability(seen.success_probability)}"))
+    return rows
+
+
+def _region_row(critical: Critical, among: list[float]) -> list[tuple[str, str]]:
+    region = Ellipsoid(np.zeros(len(critical.covariance)), critical.covariance)
+    if not region.rank:
+        return []
+    half = [float(s) for s in region.region(0.95)[::-1][: region.rank]]
+    size = f"semi-axes {lengths(half, among=among)}" if region.rank == 2 else f"+/- {length(half[0], among=among)}"
+    factor = f"{region.factor(0.95):.3f} standard deviations"
+    return [(f"{REGIONS[region.rank]} {critical.within}", f"{size} ({factor})")]
+
+
+def task_budget_block(problem: Problem, seen: TaskSpread) -> Block:
+    """Where the scatter along the worst axis that counts comes from."""
+    table = budget_table(problem.arm, seen.budget, sigma_of(problem))
+    text = f"Share of each source in the variance along {line_words(seen.critical.worst_axis)}, the axis that counts "
+    return Block("Error budget", (f"{text}most:", table, *negative_shares(seen.budget)), figure="budget")
+
+
+def task_items(spread: Spread, among: list[float]) -> tuple[Facts, ...]:
+    """The facts of the task for a report on one posture; nothing without a task."""
+    seen = spread.for_task
+    return () if seen is None else (Facts(tuple(critical_rows(seen, among, "nominal point"))),)

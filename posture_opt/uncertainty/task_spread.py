@@ -1,0 +1,193 @@
+"""``TaskSpread``: the part of a spread that a task minds, its odds, and the sources that it comes from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, Literal, Protocol
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.uncertainty.budget import Share, budget
+from posture_opt.uncertainty.clearance import within_clearance
+from posture_opt.uncertainty.coverage_radius import coverage_radius
+from posture_opt.uncertainty.regions import deviation
+from posture_opt.uncertainty.tool_point import ToolPoint
+
+Within = Literal["across", "along", "all"]
+"""The part of the spread: across the direction of the task, along it, or all of it."""
+Vector = tuple[float, float, float]
+_IN_PLANE = 1e-9  # cosine: a direction that leaves the plane of an arm by less lies in it
+
+
+class HasDirection(Protocol):
+    """What a spread needs to know of a task; ``direction`` and ``position`` [m] in the world, ``clearance`` [m]."""
+
+    within: ClassVar[Within]
+
+    @property
+    def kind(self) -> str: ...
+    @property
+    def direction(self) -> Vector: ...
+    @property
+    def position(self) -> Vector | None: ...
+    @property
+    def clearance(self) -> float | None: ...
+
+
+@dataclass(frozen=True)
+class Critical:
+    """The part of the spread that the task cares about.
+
+    Args:
+        within: ``across`` the direction, ``along`` it, or ``all`` of it.
+        basis: (m, 3) unit vectors, one a row, world.
+        covariance: (m, m) in that basis [m²].
+        bias: (m,) [m].
+        sigma_max: largest standard deviation [m].
+        worst_axis: (3,) the direction of it, world; its largest component is positive.
+        radius95: distance from the target that 95 % of all tool points stay within [m].
+    """
+
+    within: Within
+    basis: Array
+    covariance: Array
+    bias: Array
+    sigma_max: float
+    worst_axis: Array
+    radius95: float
+
+    @classmethod
+    def of(cls, within: Within, basis: Array, covariance: Array, bias: Array) -> Critical:
+        """The part in ``basis`` (3, m) of a covariance (3, 3) [m²] and a mean shift (3,) [m], world."""
+        C, b = basis.T @ covariance @ basis, basis.T @ bias
+        values, vectors = np.linalg.eigh(C)
+        worst = basis @ vectors[:, -1]
+        worst = worst * np.sign(worst[np.argmax(np.abs(worst))])  # as the axes of an ellipse: a line, told one way
+        sigma_max = deviation(float(values[-1]), covariance)
+        return cls(within, basis.T, C, b, sigma_max, worst, coverage_radius(0.95, C, b))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers, SI."""
+        return {
+            "within": self.within,
+            "sigma_max": self.sigma_max,
+            "basis": self.basis.tolist(),
+            "covariance": self.covariance.tolist(),
+            "radius95": self.radius95,
+        }
+
+
+@dataclass(frozen=True)
+class TaskSpread:
+    """A spread as a task sees it.
+
+    Args:
+        kind: of the task.
+        axes: (3, 3) the frame to look at it in, one axis a row, world: two across the direction, then the direction.
+        clearance: radial [m], NaN without one.
+        critical: the part of the spread that counts.
+        sigma_along: standard deviation along the direction [m].
+        tool_point, q: whose budget it is, at which posture.
+    """
+
+    kind: str
+    axes: Array
+    clearance: float
+    critical: Critical
+    sigma_along: float
+    tool_point: ToolPoint
+    q: tuple[float, ...]
+
+    @property
+    def direction(self) -> Array:
+        """(3,) unit vector of the task, world."""
+        return np.asarray(self.axes[2])
+
+    @cached_property
+    def success_probability(self) -> float | None:
+        """Probability to stay within the clearance, mean shift included; None without a clearance."""
+        return within_clearance(self.critical.covariance, self.clearance, self.critical.bias)
+
+    @cached_property
+    def budget(self) -> tuple[Share, ...]:
+        """Share of each source in the variance along the worst axis, largest first."""
+        return budget(self.tool_point, self.q, self.critical.worst_axis)
+
+    def sampled(self, covariance: Array, bias: Array) -> TaskSpread:
+        """The same task with another covariance (3, 3) [m²] and mean shift (3,) [m], of a sample say."""
+        critical = Critical.of(self.critical.within, self.critical.basis.T, covariance, bias)
+        return replace(self, critical=critical, sigma_along=sigma_along(self.direction, covariance))
+
+    def hits(self, shift: Array) -> int:
+        """How many of the tool points (N, 3), off the nominal one [m], stay within the clearance."""
+        return int(np.count_nonzero(np.linalg.norm(shift @ self.critical.basis.T, axis=1) <= self.clearance))
+
+    def to_json(self) -> dict[str, Any]:
+        """What the documents say of it."""
+        return {
+            "critical": self.critical.to_json() | {"sigma_along": self.sigma_along},
+            "success_probability": self.success_probability,
+        }
+
+
+def task_spread(
+    task: HasDirection, tool_point: ToolPoint, q: tuple[float, ...], moments: tuple[Array, Array], normal: Array | None
+) -> TaskSpread:
+    """What a task makes of the spread of a tool point at a posture.
+
+    Args:
+        moments: mean shift (3,) [m] and covariance (3, 3) [m²] of the tool point, world.
+        normal: (3,) of the plane that the tool point never leaves, None for an arm in space.
+    """
+    bias, covariance = moments
+    d = np.array(task.direction) / math.hypot(*task.direction)
+    axes = np.vstack([across_basis(d, normal).T, d])
+    critical = Critical.of(task.within, task_basis(task.within, d, normal), covariance, bias)
+    clearance = math.nan if task.clearance is None else task.clearance
+    return TaskSpread(task.kind, axes, clearance, critical, sigma_along(d, covariance), tool_point, q)
+
+
+def sigma_along(direction: Array, covariance: Array) -> float:
+    """Standard deviation [m] of a covariance (3, 3) [m²] along a unit vector (3,); zero where it is rounding."""
+    return deviation(float(direction @ covariance @ direction), covariance)
+
+
+def task_basis(within: Within, direction: Array, normal: Array | None) -> Array:
+    """(3, m) orthonormal basis of the part of the spread that counts.
+
+    Args:
+        direction: (3,) unit vector, world.
+        normal: (3,) of the plane that the tool point never leaves, None for an arm in space. Across a direction in
+            that plane there is one axis and not two.
+    """
+    if within == "along":
+        return direction[:, None]
+    if within == "across":
+        return across_basis(direction, normal)[:, : 1 if lies_in_plane(direction, normal) else 2]
+    if normal is None:
+        return np.eye(3)
+    return across_basis(normal, None)
+
+
+def lies_in_plane(direction: Array, normal: Array | None) -> bool:
+    """Whether a unit vector (3,) lies in the plane with that normal (3,); not where there is no plane."""
+    return normal is not None and abs(float(normal @ direction)) < _IN_PLANE
+
+
+def across_basis(direction: Array, normal: Array | None) -> Array:
+    """(3, 2) orthonormal basis of the plane across a unit vector (3,); its first vector in the arm's plane if it can.
+
+    Its sign is the one that people expect: the largest component positive.
+    """
+    d = direction
+    if normal is not None and lies_in_plane(d, normal):
+        b1 = np.cross(normal, d)
+    else:
+        helper = np.eye(3)[np.argmin(np.abs(d))]
+        b1 = helper - d * (helper @ d)
+    b1 = b1 / np.linalg.norm(b1)
+    b1 = b1 * np.sign(b1[np.argmax(np.abs(b1))])
+    return np.column_stack([b1, np.cross(d, b1)]) + 0.0
