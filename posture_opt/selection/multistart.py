@@ -18,7 +18,8 @@ from posture_opt.selection.task_target import TaskTarget
 
 _OVERSAMPLING = 3  # random postures for each start wanted at first: of a 6R arm about every second one arrives
 _EFFORT = 80  # random postures for each start wanted at most: then the target counts as out of reach
-_RETRIES = (1, 4, 16)  # times the starts, where no answer meets the further requirements
+_RETRIES = (1, 4, 16)  # times the starts, where answers meet the target but not the further requirements
+_POLISHED_MORE = 8  # of them: the solver that minimises the violation, asked when these fail, starts from so many too
 _DISTINCT = math.radians(5.0)  # apart in a joint: well above what a solver leaves open in a flat valley
 _DISTINCT_SHIFT = 0.01  # m, the same of a slide
 _CLOSE = 0.3  # rad or m: starts nearer to each other than this mostly end at the same optimum
@@ -99,14 +100,16 @@ def multistart(
 ) -> MultistartResult:
     """Feasible starts, screened by their objective; the ``polish`` best distinct ones handed to the solver.
 
-    Starts meet target and tool axis. Where no answer meets the further requirements, many more are tried.
+    Starts meet target and tool axis. Where no answer meets the further requirements, many more are tried, and those few
+    of them polished that violate them least: they are nearer then.
     """
     found = MultistartResult(target, (), Sampled.none(engine.robot), 0, 0, 0)
     if engine.optimisation_problem.reach.misses(target.lower, target.upper):
         return found
     for more in _RETRIES if engine.optimisation_problem.task.subject_to else _RETRIES[:1]:
-        found = _multistart_once(engine, target, rng, more * starts, more * polish, map_polish)
-        if any(candidate.feasible for candidate in found.found):
+        improved = polish if more == 1 else min(more * polish, _POLISHED_MORE)
+        found = _multistart_once(engine, target, rng, more * starts, improved, map_polish)
+        if not found.arrived or any(candidate.feasible for candidate in found.found):
             break
     return found
 

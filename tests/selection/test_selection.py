@@ -14,6 +14,7 @@ from posture_opt.errors import InputError, NoSolutionError
 from tests.helpers.factors import joint_jacobian, parameter_jacobian, pose
 
 SIGMA_2R = {"joint1.theta": "1 deg", "joint2.theta": "3 deg", "joint1.a": "10 mm", "joint2.a": "10 mm"}
+TILTED = {"rpy": ["30 deg", "20 deg", "10 deg"]}
 SPATIAL = ("ur10", "panda", "iiwa14", "scara", "irb120")
 
 
@@ -319,6 +320,28 @@ def test_a_further_requirement_in_the_way_is_named() -> None:
     _, (reason,) = reasons(problem("ur10", task))
     assert reason.requirement == "singularity_margin"
     assert reason.amount > 0.3
+
+
+def test_a_target_that_nothing_reaches_is_not_searched_for_again_and_again() -> None:
+    # A further requirement does not bring a target into reach: the effort is that without it.
+    task: dict[str, Any] = {"position": ["2.5 m", "0.3 m", "0.1 m"]}
+    plain, _ = reasons(problem("panda", task))
+    bound, (reason,) = reasons(problem("panda", task | {"subject_to": [{"kind": "link_height", "at_least": "50 mm"}]}))
+    assert reason.requirement == "target"
+    assert bound.statistics.tried == plain.statistics.tried
+
+
+def test_what_the_first_joint_cannot_move_has_no_lower_bound() -> None:
+    """On a tilted base, rounding leaves 1e-17 of the pan joint's arc along its own axis: no length at all."""
+    R = pose(po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10", "base": TILTED}}).robot, np.zeros(6))
+    up = pose(po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}}).robot, np.zeros(6))
+    turn = R[:3, :3] @ up[:3, :3].T
+    down, point = turn @ [0.0, 0.0, -1.0], turn @ [0.7, 0.2, 0.1]
+    task = {"kind": "probe", "direction": down.tolist(), "position": [f"{v} m" for v in point]}
+    solution = po.select_posture(problem("ur10", task, base=TILTED))
+    assert solution.lower_bound is None
+    assert solution.to_json()["floor"] is None
+    assert "Lower bound" not in solution.report()
 
 
 def test_nothing_uncertain_and_no_task_are_input_errors() -> None:
