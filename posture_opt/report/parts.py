@@ -27,14 +27,10 @@ from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
-    from posture_opt.uncertainty.budget import Share
     from posture_opt.uncertainty.spread import Spread
 
 _LISTED = 8  # sources named one by one
 _EFFECTS = 6  # named one by one
-_SMALL_SHARE = 0.01  # of the variance: what lies below is lumped
-_MOST_SHARES = 12
-_ZERO = 5e-4  # of the variance: less below zero is none
 _NEGLIGIBLE = 1e-3  # of the largest standard deviation of its kind
 _AT_LIMIT = 1e-6
 
@@ -211,41 +207,6 @@ def mean_fact(spread: Spread, among: Sequence[float] = ()) -> tuple[str, str]:
 def method_fact(spread: Spread) -> tuple[str, str]:
     """How the figures were computed."""
     return "Computed by", METHODS.get(spread.method, spread.method)
-
-
-def main_shares(shares: Sequence[Share]) -> tuple[list[Share], list[Share]]:
-    """The shares that are shown one by one, and those that are lumped: none or at least two."""
-    shown = [s for s in shares if abs(s.share) >= _SMALL_SHARE][:_MOST_SHARES] or list(shares[:1])
-    rest = [s for s in shares if s not in shown]
-    return ([*shown, *rest], []) if len(rest) == 1 else (shown, rest)
-
-
-def budget_table(arm: Arm, shares: Sequence[Share], sigma: dict[str, float]) -> Table:
-    """Shares of the sources in a variance, cumulated; the small ones lumped."""
-    shown, rest = main_shares(shares)
-    rows, total = [], 0.0
-    for share in shown:
-        total += share.share
-        size = source_size(share.parameter, sigma.get(share.parameter, math.nan), arm)
-        words = source_words(share.parameter, arm)
-        rows.append((words, share.parameter, size, _share(share.share), percent(total)))
-    if rest:
-        lumped = sum(s.share for s in rest)
-        rows.append((f"{len(rest)} others", "", "", _share(lumped), percent(total + lumped)))
-    return Table(("source", "in the file", "standard deviation", "share", "together"), tuple(rows), text_columns=2)
-
-
-def negative_shares(shares: Sequence[Share]) -> tuple[str, ...]:
-    """What a negative share means, where one is shown."""
-    shown, rest = main_shares(shares)
-    values = [*(s.share for s in shown), sum(s.share for s in rest)]
-    words = "A source has a negative share where its correlation with the others makes the variance smaller."
-    return (words,) if min(values, default=0.0) <= -_ZERO else ()
-
-
-def _share(share: float) -> str:
-    """A share of a variance; what is below zero by rounding or next to nothing is zero."""
-    return percent(0.0 if -_ZERO < share < 0 else share)
 
 
 def sigma_of(problem: Problem) -> dict[str, float]:

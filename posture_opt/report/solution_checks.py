@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 SMALL_GAIN = 0.05
 """Below this gain over a typical posture at a fixed target, placing the workpiece is what helps."""
+_FAR_BELOW = 100.0  # times: a bound that is farther below the answer says nothing about it
 _LENGTHS = ("lower", "upper", "clearance")
 _MEANING = {
     "lower": "box of the target, lower corner",
@@ -77,7 +78,7 @@ def _less(gain: float) -> str:
 
 def _lower_bound(solution: Solution) -> list[tuple[str, str]]:
     bound = solution.lower_bound
-    if bound is None:
+    if bound is None or solution.critical.sigma_max > _FAR_BELOW * bound.sigma:
         return []
     arm = solution.optimisation_problem.arm
     where = "at this target" if solution.target.kind == "point" else "anywhere in this box"

@@ -40,6 +40,7 @@ from posture_opt.report.units_text import (
     stated,
 )
 from posture_opt.report.words import CRITERIA, PARTS
+from posture_opt.uncertainty.regions import deviation
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ def spread_block(solution: Solution) -> Block:
     rows = critical_rows(solution.task_spread, among, "target")
     rows += ellipse_facts(spread, among)
     rows.append(mean_fact(spread, among))
-    linear = math.sqrt(max(float(np.linalg.eigvalsh(first)[-1]), 0.0))
+    linear = deviation(float(np.linalg.eigvalsh(first)[-1]), spread.covariance)
     rows.append(first_order_fact(critical.sigma_max, linear, among))
     rows.append(method_fact(spread))
     return Block("Spread of the tool point", (Facts(tuple(rows)), validity_sentence(spread)), figure="cloud")

@@ -9,8 +9,8 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.budget_parts import budget_block, group_words
 from posture_opt.report.parts import (
-    budget_table,
     ellipse_facts,
     first_order_fact,
     frame_notes,
@@ -19,10 +19,8 @@ from posture_opt.report.parts import (
     joint_values,
     mean_fact,
     method_fact,
-    negative_shares,
     note_facts,
     robot_facts,
-    sigma_of,
     source_facts,
     tool_facts,
     validity_sentence,
@@ -39,7 +37,7 @@ from posture_opt.report.task_parts import (
     task_items,
 )
 from posture_opt.report.units_text import length, length_unit, lengths, percent, place
-from posture_opt.report.words import PARTS, line_words, source_words
+from posture_opt.report.words import PARTS, line_words
 from posture_opt.uncertainty.regions import deviation
 from posture_opt.units import number
 
@@ -56,7 +54,7 @@ def spread_report(spread: Spread) -> Report:
         posture_block(spread),
         spread_block(spread),
         covariance_block(spread),
-        budget_block(problem, spread),
+        spread_budget_block(problem, spread),
     )
     return Report(problem.name or "Spread of the tool point", lead(spread), blocks)
 
@@ -93,7 +91,7 @@ def spread_block(spread: Spread) -> Block:
     semi_axes = [float(s) for s in spread.ellipse.semi_axes[::-1]]
     unit, factor = length_unit(semi_axes)
     first = spread.covariance_first_order
-    linear = [deviation(float(a @ first @ a), first) for a in spread.axes[::-1]]
+    linear = [deviation(float(a @ first @ a), spread.covariance) for a in spread.axes[::-1]]
     rows = tuple(
         (line_words(a), number(s * factor), number(f * factor))
         for a, s, f in zip(spread.axes[::-1], semi_axes, linear, strict=True)
@@ -129,19 +127,22 @@ def _entry(value: float, factor: float, floor: float) -> str:
     return number(value * factor**2, 4) if abs(value) > floor else "0"
 
 
-def budget_block(problem: Problem, spread: Spread) -> Block:
+def spread_budget_block(problem: Problem, spread: Spread) -> Block:
     """Where the scatter along the longest axis comes from, or along the axis that the task minds most."""
     if spread.for_task is not None:
         return task_budget_block(problem, spread.for_task)
-    table = budget_table(problem.arm, spread.budget, sigma_of(problem))
     text = f"Share of each source in the variance along {line_words(spread.axes[-1])}, the longest axis:"
-    return Block("Error budget", (text, table, *negative_shares(spread.budget)), figure="budget")
+    return budget_block(problem, spread.budget_groups, text)
 
 
 def spread_facts(spread: Spread) -> tuple[tuple[str, str], ...]:
     """The posture and how far its tool point scatters, in four lines."""
     seen = spread.for_task
-    first, axis = (spread.budget[0], "the longest axis") if seen is None else (seen.budget[0], "what the task minds")
+    first, axis = (
+        (spread.budget_groups[0], "the longest axis")
+        if seen is None
+        else (seen.budget_groups[0], "what the task minds")
+    )
     task = () if seen is None else (("For the task", f"{critical_size(seen.critical)} {PARTS[seen.critical.within]}"),)
     return (
         ("Posture", joint_values(spread.robot, spread.q)),
@@ -150,7 +151,7 @@ def spread_facts(spread: Spread) -> tuple[tuple[str, str], ...]:
         *task,
         (
             "Largest share",
-            f"{source_words(first.parameter, spread.tool_point.arm)}, {percent(first.share)} of {axis}",
+            f"{group_words(first, spread.tool_point.arm)}, {percent(first.share)} of {axis}",
         ),
     )
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Facts
-from posture_opt.report.parts import budget_table, lean, negative_shares, sigma_of
+from posture_opt.report.budget_parts import budget_block
+from posture_opt.report.parts import lean
 from posture_opt.report.presenter import problem_of
 from posture_opt.report.units_text import length, lengths, place, probability, stated_length
 from posture_opt.report.words import PARTS, REGIONS, direction_words, line_words
@@ -112,9 +113,9 @@ def _region_row(critical: Critical, among: list[float]) -> list[tuple[str, str]]
 
 def task_budget_block(problem: Problem, seen: TaskSpread) -> Block:
     """Where the scatter along the worst axis that counts comes from."""
-    table = budget_table(problem.arm, seen.budget, sigma_of(problem))
-    text = f"Share of each source in the variance along {line_words(seen.critical.worst_axis)}, the axis that counts "
-    return Block("Error budget", (f"{text}most:", table, *negative_shares(seen.budget)), figure="budget")
+    axis = line_words(seen.critical.worst_axis)
+    text = f"Share of each source in the variance along {axis}, the axis that counts most:"
+    return budget_block(problem, seen.budget_groups, text)
 
 
 def task_items(spread: Spread, among: list[float]) -> tuple[Facts, ...]:

@@ -14,7 +14,9 @@ _NOTHING = 1e-12  # m: below this it is rounding
 def length(metres: float, digits: int = 3, among: Iterable[float] = ()) -> str:
     """A length with its unit: 12.3 mm, 4.56 µm; in the unit of the lengths that it stands among."""
     unit, factor = length_unit(among or [metres])
-    return f"{number(metres * factor, digits)} {unit}" if math.isfinite(metres) else UNKNOWN
+    if not math.isfinite(metres):
+        return UNKNOWN
+    return f"{number(metres * factor, digits) if abs(metres) > _NOTHING else '0'} {unit}"
 
 
 def stated_length(metres: float) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
 from posture_opt.selection.task_target import TaskTarget
+from posture_opt.uncertainty.regions import deviation
 from posture_opt.uncertainty.tool_point import ToolPoint
 
 
@@ -35,7 +36,8 @@ class LowerBound:
 
 
 def lower_bound(tool_point: ToolPoint, target: TaskTarget, basis: Array) -> LowerBound | None:
-    """The bound for the part of the spread in ``basis`` (3, m); None where nothing fixed is uncertain.
+    """The bound for the part of the spread in ``basis`` (3, m); None where nothing fixed is uncertain, or where
+    what is does not move the tool point in that part.
 
     For a region it is the least over the region: the bound is a convex function of the point.
     """
@@ -47,13 +49,13 @@ def lower_bound(tool_point: ToolPoint, target: TaskTarget, basis: Array) -> Lowe
     point = target.lower if target.kind == "point" else _least(columns, covariance, target, basis)
     J = basis.T @ columns.at(point)
     values, vectors = np.linalg.eigh(J @ covariance @ J.T)
-    variance = float(values[-1])
-    if variance <= 0:
+    sigma = deviation(float(values[-1]), columns.scale(covariance))
+    if sigma == 0:
         return None
     gains = (vectors[:, -1] @ J) ** 2 * np.diag(covariance)
     first = int(np.argmax(gains))
     return LowerBound(
-        float(np.sqrt(variance)),
+        sigma,
         tool_point.names[fixed[first]],
         float(gains[first] / gains.sum()),
         point,
@@ -84,6 +86,11 @@ class _Levers:
         """(3, k) derivative of the tool point."""
         turned = np.cross(self.axes, point - self.origins)
         return np.where(self.rotates[:, None], turned, self.axes).T
+
+    def scale(self, covariance: Array) -> Array:
+        """(k, k) variances [m²] with levers as long as the way to each source: what a bound is rounding beside."""
+        ways = np.where(self.rotates, 1.0 + np.linalg.norm(self.origins, axis=1), 1.0)
+        return np.asarray(np.diag(np.diag(covariance)) * ways**2)
 
     def radius(self, k: int, point: Array) -> float:
         return float(np.linalg.norm(np.cross(self.axes[k], point - self.origins[k]))) if self.rotates[k] else np.nan

@@ -17,6 +17,8 @@ from posture_opt.selection.solution import critical_basis
 from posture_opt.selection.task_target import TaskTarget
 from posture_opt.uncertainty.clearance import within_clearance
 from posture_opt.uncertainty.coverage_radius import central_radii, coverage_radius
+from posture_opt.uncertainty.regions import deviation
+from posture_opt.uncertainty.task_spread import sigma_along
 
 ALIGNED = 1e-9  # off one, of the largest component of a unit vector along an axis: rounding
 
@@ -190,12 +192,12 @@ def map_points_of(
             map_points.append(_empty(target, candidate.fate, nothing))
             continue
         i = row[k]
-        b, sigma = B.T @ bias[i], math.sqrt(max(float(np.linalg.eigvalsh(own[i])[-1]), 0.0))
+        b, sigma = B.T @ bias[i], deviation(float(np.linalg.eigvalsh(own[i])[-1]), C[i])
         radius = float(central[i])
         if float(np.linalg.norm(b)) > _CENTRAL * sigma:
             radius = coverage_radius(0.95, own[i], b)
         hit = within_clearance(own[i], target.clearance, b)
-        along = math.sqrt(max(float(d @ C[i] @ d), 0.0))
+        along = sigma_along(d, C[i])
         map_points.append(
             MapPoint(target.lower, "feasible", candidate.best.optimal, Q[i], C[i], bias[i], sigma, along, radius,
                      math.nan if hit is None else hit)

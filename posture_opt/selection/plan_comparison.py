@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +21,7 @@ from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.clearance import within_clearance
 from posture_opt.uncertainty.coverage_radius import coverage_radius
+from posture_opt.uncertainty.regions import deviation
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.spread import propagate
 from posture_opt.uncertainty.spread_parts import SpreadParts, spread_parts
@@ -210,7 +210,7 @@ def _landing(problem: HasTask, solution: Solution, basis: Array, measured: Array
     return Landing(
         miss=miss,
         across=across,
-        sigma_max=math.sqrt(max(float(np.linalg.eigvalsh(C)[-1]), 0.0)),
+        sigma_max=deviation(float(np.linalg.eigvalsh(C)[-1]), spread.covariance),
         critical_error=coverage_radius(0.95, C, across),
         success_probability=within_clearance(C, solution.target.clearance, across),
         covariance=spread.covariance,

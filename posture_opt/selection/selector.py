@@ -26,6 +26,7 @@ from posture_opt.selection.search_statistics import SearchStatistics, Sweep, swe
 from posture_opt.selection.solution import Alternative, HasTask, Solution, Status, critical_basis
 from posture_opt.selection.task_target import PLANE_TOLERANCE, Reach, TaskTarget
 from posture_opt.selection.tasks import Task
+from posture_opt.uncertainty.regions import deviation
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.task_spread import lies_in_plane
 from posture_opt.uncertainty.tool_point import ToolPoint
@@ -196,11 +197,12 @@ class PostureSelector:
         Q = np.array([c.q for c in optima[:_MOST_ALTERNATIVES]])
         moments = self.tool_point.moments([Q[:, k] for k in range(Q.shape[1])])
         B = critical_basis(problem, target)
-        sigmas = np.sqrt(np.linalg.eigvalsh(B.T @ moments.covariance @ B)[..., -1].clip(0))
+        C = np.broadcast_to(moments.covariance, (len(Q), 3, 3))
+        sigmas = [deviation(float(np.linalg.eigvalsh(B.T @ c @ B)[-1]), c) for c in C]
         positions = np.broadcast_to(moments.position, (len(Q), 3))
         names = self._problem.robot.joint_names
         return tuple(
-            Alternative(dict(zip(names, map(float, q), strict=True)), x, float(s))
+            Alternative(dict(zip(names, map(float, q), strict=True)), x, s)
             for q, x, s in zip(Q, positions, sigmas, strict=True)
         )
 

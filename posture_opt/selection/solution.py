@@ -19,7 +19,7 @@ from posture_opt.selection.solvers import Solver
 from posture_opt.selection.task_target import TaskTarget
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.budget import Share
-from posture_opt.uncertainty.spread import HasSources, Spread, budget_json, propagate
+from posture_opt.uncertainty.spread import HasSources, Spread, budget_json, groups_json, propagate
 from posture_opt.uncertainty.task_spread import Critical, TaskSpread, sigma_along
 
 Status = Literal["optimal", "feasible", "infeasible"]
@@ -170,6 +170,7 @@ class Solution(Result):
             "method": spread.method,
             **self.task_spread.to_json(),
             "budget": budget_json(self.budget),
+            "budget_groups": groups_json(self.task_spread.budget_groups),
             "validity": spread.validity.to_json(),
             "alternatives": [alternative.to_json() for alternative in self.alternatives],
             "floor": self._lower_bound_json(),

@@ -16,6 +16,7 @@ from posture_opt.numerics import Array
 from posture_opt.result import Result
 from posture_opt.robot.robot import PostureLike, Robot, limit_notes, read_posture
 from posture_opt.uncertainty.budget import Share, budgets
+from posture_opt.uncertainty.budget_groups import ShareGroup, share_groups
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.second_order import Validity, second_order
 from posture_opt.uncertainty.sources import Sources
@@ -121,6 +122,11 @@ class Spread(Result):
         return self.axis_budgets[-1]
 
     @cached_property
+    def budget_groups(self) -> tuple[ShareGroup, ...]:
+        """The same budget, sources whose errors cancel taken together."""
+        return share_groups(self.budget, self.tool_point, self.q, self.axes[-1])
+
+    @cached_property
     def validity(self) -> Validity:
         """Whether the first-order ellipse may be trusted here."""
         reached, _ = self.tool_point.walk(self.q)
@@ -140,6 +146,7 @@ class Spread(Result):
             "ellipse": ellipse_json(self.ellipse, self.basis),
             "method": self.method,
             "budget": budget_json(self.budget),
+            "budget_groups": groups_json(self.budget_groups),
             "budget_of_axes": [budget_json(shares) for shares in self.axis_budgets],
             **task_json(self.for_task),
             "validity": self.validity.to_json(),
@@ -219,11 +226,21 @@ def budget_json(shares: Sequence[Share]) -> list[dict[str, Any]]:
     return [{"parameter": share.parameter, "share": share.share} for share in shares]
 
 
+def groups_json(groups: Sequence[ShareGroup]) -> list[dict[str, Any]]:
+    """Sources whose errors cancel together, as the documents list them."""
+    return [{"parameters": list(group.parameters), "share": group.share} for group in groups]
+
+
 def task_json(seen: TaskSpread | None) -> dict[str, Any]:
     """What the task sees, and the budget of its worst axis; null without a task."""
     if seen is None:
-        return {"task": None, "critical": None, "success_probability": None, "critical_budget": None}
-    return {"task": seen.kind, **seen.to_json(), "critical_budget": budget_json(seen.budget)}
+        return dict.fromkeys(("task", "critical", "success_probability", "critical_budget", "critical_budget_groups"))
+    return {
+        "task": seen.kind,
+        **seen.to_json(),
+        "critical_budget": budget_json(seen.budget),
+        "critical_budget_groups": groups_json(seen.budget_groups),
+    }
 
 
 def quaternion(reached: Walk) -> Array:

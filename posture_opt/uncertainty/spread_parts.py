@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.coverage_radius import coverage_radius
+from posture_opt.uncertainty.regions import deviation
 from posture_opt.uncertainty.spread import Spread
 
 _MOST = 3  # parameters named
@@ -62,9 +62,9 @@ def spread_parts(spread: Spread, basis: Array) -> SpreadParts:
     systematic = J @ C @ J.T
     scatter = _positive(basis.T @ spread.covariance @ basis - systematic)
     values, axes = np.linalg.eigh(systematic)
-    return SpreadParts(
-        *_size(scatter), *_size(systematic), leading_parameters(names, axes[:, -1] @ J, C) if values[-1] > 0 else ()
-    )
+    parameters = leading_parameters(names, axes[:, -1] @ J, C) if values[-1] > 0 else ()
+    among = spread.covariance
+    return SpreadParts(*_size(scatter, among), *_size(systematic, among), parameters)
 
 
 def leading_parameters(names: Sequence[str], c: Array, C: Array) -> tuple[str, ...]:
@@ -104,8 +104,8 @@ def _constant(spread: Spread, names: Sequence[str]) -> Array:
     return C
 
 
-def _size(C: Array) -> tuple[float, float]:
-    sigma = math.sqrt(max(float(np.linalg.eigvalsh(C)[-1]), 0.0))
+def _size(C: Array, among: Array) -> tuple[float, float]:
+    sigma = deviation(float(np.linalg.eigvalsh(C)[-1]), among)
     return sigma, coverage_radius(0.95, C, np.zeros(len(C))) if sigma > 0 else 0.0
 
 

@@ -11,9 +11,10 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.budget import Share, budget
+from posture_opt.uncertainty.budget_groups import ShareGroup, share_groups
 from posture_opt.uncertainty.clearance import within_clearance
 from posture_opt.uncertainty.coverage_radius import coverage_radius
-from posture_opt.uncertainty.regions import deviation
+from posture_opt.uncertainty.regions import RANK_TOLERANCE, deviation
 from posture_opt.uncertainty.tool_point import ToolPoint
 
 Within = Literal["across", "along", "all"]
@@ -64,6 +65,8 @@ class Critical:
         """The part in ``basis`` (3, m) of a covariance (3, 3) [m²] and a mean shift (3,) [m], world."""
         C, b = basis.T @ covariance @ basis, basis.T @ bias
         values, vectors = np.linalg.eigh(C)
+        if values[-1] <= RANK_TOLERANCE * np.trace(covariance):
+            C = np.zeros_like(C)  # what nothing moves: rounding
         worst = basis @ vectors[:, -1]
         worst = worst * np.sign(worst[np.argmax(np.abs(worst))])  # as the axes of an ellipse: a line, told one way
         sigma_max = deviation(float(values[-1]), covariance)
@@ -115,6 +118,11 @@ class TaskSpread:
     def budget(self) -> tuple[Share, ...]:
         """Share of each source in the variance along the worst axis, largest first."""
         return budget(self.tool_point, self.q, self.critical.worst_axis)
+
+    @cached_property
+    def budget_groups(self) -> tuple[ShareGroup, ...]:
+        """The same budget, sources whose errors cancel taken together."""
+        return share_groups(self.budget, self.tool_point, self.q, self.critical.worst_axis)
 
     def sampled(self, covariance: Array, bias: Array) -> TaskSpread:
         """The same task with another covariance (3, 3) [m²] and mean shift (3,) [m], of a sample say."""

@@ -9,10 +9,11 @@ import pytest
 
 import posture_opt as po
 from posture_opt.problem.load import load_builtin, problems_folder
+from posture_opt.report.blocks import Table
+from posture_opt.report.budget_parts import budget_block
 from posture_opt.report.figures.accuracy_map import plot_spread_map
 from posture_opt.report.figures.spread_check import plot_reliability
-from posture_opt.report.parts import budget_table, negative_shares
-from posture_opt.uncertainty.budget import Share
+from posture_opt.uncertainty.budget_groups import ShareGroup
 
 
 @pytest.fixture(scope="module")
@@ -47,12 +48,14 @@ def test_a_base_on_the_edge_of_a_map_is_drawn_whole() -> None:
     assert not base[0].get_clip_on()
 
 
-def test_a_share_below_zero_is_explained_and_rounding_is_none() -> None:
+def test_sources_that_cancel_are_one_line_and_rounding_is_no_share() -> None:
     problem = load_builtin("insert_planar_2r_measured")
-    shares = [Share("joint1.theta", 1.08), Share("joint2.theta", -0.0798), Share("joint1.a", -2e-4)]
-    table = budget_table(problem.arm, shares, {})
-    assert [row[3] for row in table.rows] == ["108 %", "-8.0 %", "0 %"]
-    assert negative_shares(shares) == (
-        "A source has a negative share where its correlation with the others makes the variance smaller.",
-    )
-    assert negative_shares([Share("joint1.theta", 1.0002), Share("joint1.a", -2e-4)]) == ()
+    groups = [ShareGroup(("joint1.theta", "joint2.theta"), 1.0002), ShareGroup(("joint1.a",), -2e-4)]
+    block = budget_block(problem, groups, "Shares:")
+    _, table, note = block.items
+    assert isinstance(table, Table)
+    assert [row[3] for row in table.rows] == ["100 %", "0 %"]
+    assert table.rows[0][:3] == ("2 correlated sources", "joint1.theta, joint2.theta", "")
+    assert isinstance(note, str)
+    assert "only their joint share has a meaning" in note
+    assert len(budget_block(problem, [ShareGroup(("joint1.a",), 1.0)], "Shares:").items) == 2

@@ -292,7 +292,9 @@ def drawn_of(solution: Any, cloud: Any) -> dict[str, Any]:
         "arm": figures.plot_solution(solution),
         "spread": figures.plot_spread(solution.spread),
         "section": figures.plot_cross_section(solution.spread, solution.task_spread, n=300),
-        "budget": figures.plot_budget(solution.spread, solution.budget, solution.critical.worst_axis),
+        "budget": figures.plot_budget(
+            solution.spread, solution.task_spread.budget_groups, solution.critical.worst_axis
+        ),
         "cloud": figures.plot_cloud(cloud),
     }
     if solution.optimisation_problem.robot.n == 2:
@@ -323,9 +325,9 @@ class TestFigures:
         first, second = (image(figures.plot_solution(solution), kind) for kind in ("png", "png"))
         assert first[:8] == b"\x89PNG\r\n\x1a\n"
         assert first == second
-        assert image(figures.plot_budget(solution.spread, solution.budget, [1, 0, 0]), "svg") == image(
-            figures.plot_budget(solution.spread, solution.budget, [1, 0, 0]), "svg"
-        )
+        assert image(
+            figures.plot_budget(solution.spread, solution.task_spread.budget_groups, [1, 0, 0]), "svg"
+        ) == image(figures.plot_budget(solution.spread, solution.task_spread.budget_groups, [1, 0, 0]), "svg")
         assert b"pHYs" in first
         at = first.index(b"pHYs") + 4
         assert int.from_bytes(first[at : at + 4], "big") == pytest.approx(150 / 0.0254, rel=1e-3)

@@ -60,7 +60,7 @@ def solution(shown: SolutionPresenter) -> Drawings:
     if found.status == "infeasible":
         return drawings
     drawings["cloud"] = partial(plot_cross_section, found.spread, found.task_spread)
-    drawings["budget"] = lambda: plot_budget(found.spread, found.budget, found.critical.worst_axis)
+    drawings["budget"] = lambda: plot_budget(found.spread, found.task_spread.budget_groups, found.critical.worst_axis)
     if found.optimisation_problem.robot.n == 2:
         drawings["joint_map"] = partial(plot_joint_map, found)
     return drawings
@@ -72,11 +72,11 @@ def spread(shown: SpreadPresenter) -> Drawings:
     seen, arm = found.for_task, partial(plot_spread, found)
     if seen is None:
         drawn = lambda: plot_cloud(cloud_of(found, _DRAWN, 0))  # noqa: E731
-        return {"arm": arm, "cloud": drawn, "budget": lambda: plot_budget(found, found.budget, found.axes[-1])}
+        return {"arm": arm, "cloud": drawn, "budget": lambda: plot_budget(found, found.budget_groups, found.axes[-1])}
     return {
         "arm": arm,
         "cloud": partial(plot_cross_section, found, seen, origin="nominal point"),
-        "budget": lambda: plot_budget(found, seen.budget, seen.critical.worst_axis),
+        "budget": lambda: plot_budget(found, seen.budget_groups, seen.critical.worst_axis),
     }
 
 

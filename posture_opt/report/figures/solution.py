@@ -10,29 +10,29 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
-from posture_opt.report.parts import main_shares
+from posture_opt.report.budget_parts import group_words, main_groups, others_words
 from posture_opt.report.style import BLUE, COLOUR_MAP, GREY, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
 from posture_opt.report.units_text import joint_unit, length_unit, percent
-from posture_opt.report.words import PARTS, line_words, source_words
+from posture_opt.report.words import PARTS, line_words
 
 if TYPE_CHECKING:
     from posture_opt.robot.robot import Joint
     from posture_opt.selection.solution import Solution
-    from posture_opt.uncertainty.budget import Share
+    from posture_opt.uncertainty.budget_groups import ShareGroup
     from posture_opt.uncertainty.spread import Spread
 
 _GRID = 181
 
 
 @styled
-def plot_budget(spread: Spread, shares: Sequence[Share], axis: Any) -> Figure:
+def plot_budget(spread: Spread, groups: Sequence[ShareGroup], axis: Any) -> Figure:
     """Share of every source in the variance along ``axis`` (3,), the largest on top, the small ones lumped."""
     arm = spread.tool_point.arm
-    shown, rest = main_shares(shares)
-    names = [source_words(s.parameter, arm) for s in shown]
-    values = [s.share for s in shown]
+    shown, rest = main_groups(groups)
+    names = [group_words(group, arm) for group in shown]
+    values = [group.share for group in shown]
     if rest:
-        names.append(f"{len(rest)} others")
+        names.append(others_words(rest))
         values.append(sum(s.share for s in rest))
     figure = new_figure(6.4, 1.3 + 0.36 * len(names))
     axes = figure.add_subplot()
