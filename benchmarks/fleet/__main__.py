@@ -49,8 +49,8 @@ def main() -> None:
             outcomes += found
             if options.replay:
                 print(json.dumps([asdict(o) for o in found], indent=1))
-            print(f"\r{done}/{len(jobs)} {time.perf_counter() - began:.0f} s", end="", file=sys.stderr, flush=True)
-    print(file=sys.stderr)
+            if sys.stderr.isatty() or done % 25 == 0:
+                print(f"{done}/{len(jobs)} cases, {time.perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
     print(text(outcomes))
     if options.times:
         print(times())

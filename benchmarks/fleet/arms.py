@@ -111,8 +111,8 @@ def _planar(count: int) -> Callable[[], Document]:
     }
 
 
-WIDE, TIGHT = (3.5, 6.2), (0.6, 1.6)
-"""Ranges of the joints of random arms [rad]; within tight ones most optima lie on limits."""
+WIDE, MIDDLE, TIGHT = (3.5, 6.2), (1.4, 3.2), (0.6, 1.6)
+"""Ranges of the joints of random arms [rad]; within the two smaller ones most optima lie on limits."""
 
 ARMS: tuple[FleetArm, ...] = (
     *(FleetArm(name, _preset(name), flat=name == "planar_2r") for name in preset_names()),
@@ -142,4 +142,7 @@ ARMS: tuple[FleetArm, ...] = (
     FleetArm("slides6", _random_dh("slides6", "RPRRPR", WIDE, quarter=True)),
     FleetArm("gantry6", _gantry),
     FleetArm("planar4", _planar(4), (1.0, 0.0, 0.0)),
+    FleetArm("middle6", _random_dh("middle6", "RRRRRR", MIDDLE, quarter=True)),
+    FleetArm("middle7", _random_dh("middle7", "RRRRRRR", MIDDLE, quarter=True)),
+    FleetArm("middle8", _random_dh("middle8", "RRRRRRRR", MIDDLE, quarter=False)),
 )

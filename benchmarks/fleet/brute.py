@@ -12,10 +12,12 @@ from benchmarks.fleet.inverse import drawn, solved
 from benchmarks.fleet.requirements import Requirements
 from posture_opt.numerics import Array
 
-_RANDOM, _STARTS = 1200, 160  # postures led to the target, and descents, of one round
+_RANDOM = 1200  # postures led to the target in one round
 _MOST = 6  # rounds at most; two that agree are enough
 _AGREE = 5e-4  # of the standard deviation (or of the probability)
-_POWERS = (20.0, 400.0)  # of the norm that stands for the worst axis: within 3.5 % and 0.2 % of the variance
+_STAGES = ((20.0, 30, 160), (150.0, 60, 40), (1000.0, 60, 16), (8000.0, 30, 8))
+"""Of each descent: the power of the norm that stands for the worst axis (within 1e-4 of the variance at last), the
+iterations, and how many points take part, the best ones of the stage before."""
 
 
 @dataclass(frozen=True)
@@ -50,14 +52,13 @@ def brute_force(target: Requirements, seed: int, least_rounds: int = 2) -> Best 
 
 
 def _round(target: Requirements, rng: np.random.Generator) -> tuple[float, tuple[float, ...]] | None:
-    X = _arrived(target, rng)[:_STARTS]
-    if not len(X):
-        return None
-    for power in _POWERS if target.case.setup.task.criterion == "worst" else _POWERS[:1]:
-        descent = _descent(target, power)
-        X, f = descent.run(X, 60)
-        kept = np.argsort(f, kind="stable")[: max(20, len(f) // 4)]
-        X = X[kept[np.isfinite(f[kept])]]
+    X = _arrived(target, rng)
+    for power, iterations, most in _STAGES:
+        if not len(X):
+            return None
+        X, f = _descent(target, power).run(X[:most], iterations)
+        order = np.argsort(f, kind="stable")
+        X = X[order[np.isfinite(f[order])]]
     return _least(target, X)
 
 

@@ -7,8 +7,7 @@ from scipy.special import log_ndtr
 
 from posture_opt.numerics import Array
 
-_ANGLES = np.linspace(0.0, 2 * np.pi, 181)[:-1]
-_UNIT = np.array([np.cos(_ANGLES), np.sin(_ANGLES)])
+_FINE, _COARSE = 180, 60  # nodes of the periodic rule, of the judge and of the descent
 _NUDGE = 1e-30  # of a complex step: the derivative to rounding
 
 
@@ -49,7 +48,7 @@ def smooth(
     return np.log(top[:, 0]) + np.log(total) / power, np.einsum("nm,nmk->nk", weights, slopes)
 
 
-def log_miss(C: Array, bias: Array, clearance: float) -> Array:
+def log_miss(C: Array, bias: Array, clearance: float, nodes: int = _FINE) -> Array:
     """(N,) logarithm of the probability that a Gaussian point (m = 1 or 2) lies beyond the clearance.
 
     For m = 2, P = mean over φ of exp(−ρ²/2), where ``bias + ρ L u(φ)`` leaves the circle (L Cholesky factor of C).
@@ -57,10 +56,12 @@ def log_miss(C: Array, bias: Array, clearance: float) -> Array:
     if C.shape[1] == 1:
         sigma, b = np.sqrt(C[:, 0, 0]), bias[:, 0]
         return np.asarray(np.logaddexp(log_ndtr(-(clearance - b) / sigma), log_ndtr(-(clearance + b) / sigma)))
+    angles = 2 * np.pi * np.arange(nodes) / nodes
+    cosine, sine = np.cos(angles), np.sin(angles)
     l11 = np.sqrt(C[:, 0, 0] * (1 + 1e-12))
     l21 = C[:, 0, 1] / l11
     l22 = np.sqrt(C[:, 1, 1] - l21 * l21 + 1e-12 * (C[:, 0, 0] + C[:, 1, 1]))
-    d0, d1 = np.outer(l11, _UNIT[0]), np.outer(l21, _UNIT[0]) + np.outer(l22, _UNIT[1])
+    d0, d1 = np.outer(l11, cosine), np.outer(l21, cosine) + np.outer(l22, sine)
     alpha, beta = d0 * d0 + d1 * d1, bias[:, :1] * d0 + bias[:, 1:] * d1
     gap = clearance**2 - (bias * bias).sum(axis=1, keepdims=True)
     rho = gap / (beta + np.sqrt(beta * beta + alpha * gap))
@@ -72,16 +73,16 @@ def log_miss(C: Array, bias: Array, clearance: float) -> Array:
 def _miss_with_slope(C: Array, bias: Array, dC: Array, db: Array, clearance: float) -> tuple[Array, Array]:
     if C.shape[1] == 1:
         return _line_miss_with_slope(C, bias, dC, db, clearance)
-    value, slope = log_miss(C, bias, clearance), np.zeros((len(C), dC.shape[-1]))
+    value, slope = log_miss(C, bias, clearance, _COARSE), np.zeros((len(C), dC.shape[-1]))
     for i, j in ((0, 0), (0, 1), (1, 1)):
         step = C.astype(complex)
         step[:, i, j] += 1j * _NUDGE
         step[:, j, i] = step[:, i, j]
-        slope += (log_miss(step, bias.astype(complex), clearance).imag / _NUDGE)[:, None] * dC[:, i, j]
+        slope += (log_miss(step, bias.astype(complex), clearance, _COARSE).imag / _NUDGE)[:, None] * dC[:, i, j]
     for i in range(2):
         step = bias.astype(complex)
         step[:, i] += 1j * _NUDGE
-        slope += (log_miss(C.astype(complex), step, clearance).imag / _NUDGE)[:, None] * db[:, i]
+        slope += (log_miss(C.astype(complex), step, clearance, _COARSE).imag / _NUDGE)[:, None] * db[:, i]
     return value, slope
 
 

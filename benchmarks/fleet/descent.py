@@ -1,7 +1,7 @@
 """Batched descent on the postures that meet a target: sequential quadratic programming, every iterate feasible.
 
-A step solves the quadratic model (damped BFGS, Powell 1978) in the tangent space with bounds held active one after
-the other, is brought back onto the equations, and counts only if the objective falls.
+A step solves the quadratic model of the Lagrangian with bounds held active one after the other, is brought back onto
+the equations, and counts only if the objective falls.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ Objective = Callable[[Array], tuple[Array, Array]]
 
 _RESTORED = 1e-9
 _LONGEST = 0.4  # rad or m: longer steps leave the basin for no reason
+_DIFFERENCE = 1e-6  # rad or m, of the Hessian
+_CLOSE = 0.01  # rad or m, to a bound
 _REGULAR = 1e-10  # of the multipliers: equations that depend on each other
 
 
@@ -49,56 +51,77 @@ class Descent:
         X, on = self.restored(X)
         f, g = self.objective(X)
         f = np.where(on, f, np.inf)
-        n = X.shape[1]
-        B = np.broadcast_to(np.eye(n), (len(X), n, n)).copy()
-        alive = np.flatnonzero(on)
-        stalls = np.zeros(len(X), dtype=int)
+        alive, stalls = np.flatnonzero(on), np.zeros(len(X), dtype=int)
         for _ in range(iterations):
             if not len(alive):
                 break
             c, J = self.residual(X[alive])
-            step, multipliers = self._step(X[alive], g[alive], B[alive], c, J)
-            moved, value, slope = self._searched(X[alive], f[alive], g[alive], step)
-            better = value < f[alive] - 1e-13
-            B[alive] = self._updated(B[alive], X[alive], moved, g[alive], slope, J, multipliers, better)
-            gained = np.where(better, f[alive] - value, 0.0)
-            stalls[alive] = np.where(gained > 1e-9, 0, stalls[alive] + 1)
-            B[alive[~better]] = np.eye(n)
-            X[alive], g[alive] = np.where(better[:, None], moved, X[alive]), np.where(better[:, None], slope, g[alive])
-            f[alive] -= gained
-            alive = alive[stalls[alive] < 3]
+            multipliers = -np.linalg.solve(_square(J), J @ g[alive][..., None])[..., 0]
+            B = self._curvature(X[alive], g[alive], J, multipliers)
+            # The second pass has the multipliers of the first one's active bounds.
+            for _ in range(2):
+                step, multipliers = self._step(X[alive], g[alive], B, c, J)
+                B = self._curvature(X[alive], g[alive], J, multipliers)
+            moved, value, slope = self._searched(X[alive], f[alive], step)
+            fell = value < f[alive]
+            stalls[alive] = np.where(value < f[alive] - 1e-9, 0, stalls[alive] + 1)
+            rows = alive[fell]
+            X[rows], f[rows], g[rows] = moved[fell], value[fell], slope[fell]
+            alive = alive[stalls[alive] < 2]
         return X, f
 
+    def _curvature(self, X: Array, g: Array, J: Array, multipliers: Array) -> Array:
+        """(N, n, n) Hessian of the Lagrangian by differences, made positive: the absolute values of its eigenvalues.
+
+        What is added along J first does not change the tangent space, and keeps its negative curvature from mattering.
+        """
+        N, n = X.shape
+        around = (X[:, None, :] + _DIFFERENCE * np.eye(n)).reshape(N * n, n)
+        slopes = self.objective(around)[1] + np.einsum(
+            "nij,ni->nj", self.residual(around)[1], np.repeat(multipliers, n, axis=0)
+        )
+        here = g + np.einsum("nij,ni->nj", J, multipliers)
+        H = (slopes.reshape(N, n, n) - here[:, None, :]) / _DIFFERENCE
+        H = (H + H.transpose(0, 2, 1)) / 2
+        size = np.abs(H).max(axis=(1, 2))[:, None, None]
+        values, vectors = np.linalg.eigh(H + 10 * size * (J.transpose(0, 2, 1) @ J))
+        least = 1e-6 * size[:, :, 0] + 1e-9
+        return np.asarray((vectors * np.maximum(np.abs(values), least)[:, None, :]) @ vectors.transpose(0, 2, 1))
+
     def _step(self, X: Array, g: Array, B: Array, c: Array, J: Array) -> tuple[Array, Array]:
-        """The step of the quadratic model within the bounds, and the multipliers of the equations."""
+        """The step of the quadratic model, and the multipliers of the equations.
+
+        A variable close to a bound that the step would push beyond it goes to the bound and is held there, so that the
+        step of the others is a descent.
+        """
         N, m, n = J.shape
-        K = np.zeros((N, n + m, n + m))
         right = np.concatenate([-g, -c], axis=1)
-        fixed, at = np.zeros((N, n), dtype=bool), np.zeros((N, n))
+        held, to = np.zeros((N, n), dtype=bool), np.zeros((N, n))
         solution = np.zeros((N, n + m))
         for _ in range(n):
+            K = np.zeros((N, n + m, n + m))
             K[:, :n, :n], K[:, :n, n:], K[:, n:, :n] = B, J.transpose(0, 2, 1), J
             K[:, n:, n:] = -_REGULAR * np.eye(m)
-            rows, columns = np.nonzero(fixed)
+            rows, columns = np.nonzero(held)
             K[rows, columns] = 0.0
             K[rows, columns, columns] = 1.0
             values = right.copy()
-            values[:, :n][fixed] = at[fixed]
+            values[:, :n][held] = to[held]
             solution = np.linalg.solve(K, values[..., None])[..., 0]
             step = solution[:, :n]
-            low, high = X + step < self.lower - 1e-12, X + step > self.upper + 1e-12
-            new = (low | high) & ~fixed
-            if not np.any(new):
+            low = (self.lower + _CLOSE >= X) & (X + step < self.lower) & ~held
+            high = (self.upper - _CLOSE <= X) & (X + step > self.upper) & ~held
+            if not np.any(low | high):
                 break
-            at = np.where(new, np.where(low, self.lower - X, self.upper - X), at)
-            fixed |= new
-        return np.clip(X + solution[:, :n], self.lower, self.upper) - X, solution[:, n:]
+            to = np.where(low, self.lower - X, np.where(high, self.upper - X, to))
+            held |= low | high
+        return np.where(held, to, solution[:, :n]), solution[:, n:]
 
-    def _searched(self, X: Array, f: Array, g: Array, step: Array) -> tuple[Array, Array, Array]:
+    def _searched(self, X: Array, f: Array, step: Array) -> tuple[Array, Array, Array]:
         """The first of ever shorter steps that lowers the objective, with value and slope there."""
         longest = np.abs(step).max(axis=1)
         length = np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-12))
-        moved, value, slope = X.copy(), np.full(len(X), np.inf), g.copy()
+        moved, value, slope = X.copy(), np.full(len(X), np.inf), np.zeros_like(X)
         open_ = np.arange(len(X))
         for _ in range(7):
             trial, on = self.restored(X[open_] + length[open_, None] * step[open_])
@@ -113,26 +136,12 @@ class Descent:
             length[open_] /= 4
         return moved, value, slope
 
-    @staticmethod
-    def _updated(
-        B: Array, X: Array, moved: Array, g: Array, slope: Array, J: Array, multipliers: Array, better: Array
-    ) -> Array:
-        """Damped BFGS of the Lagrangian; the change of the equations' slopes is left to the next iteration."""
-        s = moved - X
-        y = slope - g
-        Bs = np.einsum("nij,nj->ni", B, s)
-        sBs, sy = (s * Bs).sum(axis=1), (s * y).sum(axis=1)
-        theta = np.where(sy < 0.2 * sBs, 0.8 * sBs / np.maximum(sBs - sy, 1e-300), 1.0)
-        y = theta[:, None] * y + (1 - theta)[:, None] * Bs
-        sy = (s * y).sum(axis=1)
-        usable = better & (sBs > 1e-18) & (sy > 1e-18)
-        safe_sy, safe_sbs = np.where(usable, sy, 1.0), np.where(usable, sBs, 1.0)
-        change = y[:, :, None] * y[:, None, :] / safe_sy[:, None, None]
-        change -= Bs[:, :, None] * Bs[:, None, :] / safe_sbs[:, None, None]
-        return np.where(usable[:, None, None], B + change, B)
+
+def _square(J: Array) -> Array:
+    """J Jᵀ (N, m, m), regular."""
+    return J @ J.transpose(0, 2, 1) + 1e-12 * np.eye(J.shape[1])
 
 
 def _least(J: Array, c: Array) -> Array:
     """The least steps (N, n) with J step = −c."""
-    A = J @ J.transpose(0, 2, 1) + 1e-12 * np.eye(J.shape[1])
-    return -np.einsum("nij,ni->nj", J, np.linalg.solve(A, c[..., None])[..., 0])
+    return -np.einsum("nij,ni->nj", J, np.linalg.solve(_square(J), c[..., None])[..., 0])
