@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from posture_opt.errors import InputError, Issue
+from posture_opt.errors import InputError, Issue, listed
 from posture_opt.model.arm import Arm
 from posture_opt.model.effects import CatalogueEntry, NoiseEffect
 from posture_opt.problem.effects_section import (
@@ -21,6 +21,7 @@ from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.robot import Repeatability, Robot
+from posture_opt.robot.urdf import pitched_rolls
 from posture_opt.uncertainty.repeatability import joint_sigmas
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.uncertainty_section import UncertaintySpec
@@ -124,7 +125,18 @@ def problem_notes(
         *plausibility_notes(arm.robot, stated, sources),
         *input_notes(arm),
         *noise_notes(effects),
+        *roll_notes(arm.robot, sources),
     )
+
+
+def roll_notes(robot: Robot, sources: Sources) -> tuple[str, ...]:
+    """Where an error or a correction of a URDF roll is not that of the number in the file."""
+    moved = [name for name in pitched_rolls(robot) if name in sources.names or robot.parameters[name].nominal]
+    if not moved:
+        return ()
+    verb = "is a turn" if len(moved) == 1 else "are turns"
+    which = "of its origin is applied" if len(moved) == 1 else "of their origins is applied"
+    return (f"{listed(moved)} {verb} about x before the pitch {which}: at right angles to the axes of pitch and yaw",)
 
 
 def input_notes(arm: Arm) -> tuple[str, ...]:

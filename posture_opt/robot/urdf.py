@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -20,7 +21,6 @@ from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
 
 FLANGE = "tool0"
 MOVING = ("revolute", "continuous", "prismatic")
-_LOCKED = 0.1  # cosine of the pitch: below, an error of yaw is nearly one of roll
 _ON_AXIS = 1e-14  # how far beside a coordinate axis a unit vector may lie: far below what a pose can show
 
 
@@ -31,9 +31,11 @@ class UrdfRobot(RobotFormat):
     ROS-Industrial's name of the tool flange.
 
     A joint is ``Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)`` of its origin, then the motion about or along its axis;
-    where the axis points against a coordinate axis, ``JOINT.theta`` still counts along the coordinate axis. Where an
-    origin's pitch is near ±90°, errors of yaw, pitch and roll are small turns of the frame behind it. Fixed
-    joints are constant, their masses count to the moving link that carries them. Meshes are never opened.
+    where the axis points against a coordinate axis, ``JOINT.theta`` still counts along the coordinate axis. Errors
+    ``JOINT.x|y|z|yaw|pitch`` are those of the origin's numbers. ``JOINT.roll`` is a turn about x in front of the pitch;
+    without pitch it is the error of the number roll. So the three turn about perpendicular axes at every pitch, ±90°
+    included. Fixed joints are constant, their masses count to the moving link that carries them. Meshes are never
+    opened.
     Source: ROS, "URDF XML specification", elements link and joint.
     """
 
@@ -160,23 +162,31 @@ def _link_factors(segment: _Segment, index: int) -> tuple[Factor, ...]:
     joint = segment.moving
     return (
         *(factor for origin in segment.before for factor in _constant(origin)),
-        *_origin_factors(joint.name, *_xyz_rpy(joint.origin)),
+        *_origin_factors(joint),
         *_motion(joint, index),
         *(factor for origin in segment.behind for factor in _constant(origin)),
     )
 
 
-def _origin_factors(name: str, xyz: tuple[float, ...], rpy: tuple[float, ...]) -> tuple[Factor, ...]:
-    """The named factors of a joint's origin.
+def _origin_factors(joint: UrdfJoint) -> tuple[Factor, ...]:
+    """The named factors of a joint's origin, ``Trans(x, y, z) Rz(yaw) Rx(δ) Ry(pitch) Rx(roll)``, δ named ``.roll``.
 
-    Where pitch is near ±90° roll and yaw turn about the same axis, and no three errors of them make a small turn about
-    the third: there yaw, pitch and roll are small turns about z, y and x of the frame behind the origin.
+    The three turn about perpendicular axes at every pitch. An error of the angle roll itself would turn about the axis
+    of yaw at a pitch of ±90°, and then no three errors make a small turn about the third axis; without pitch it is δ.
     """
-    named = frame_factors(name, xyz, rpy)
-    if abs(math.cos(rpy[1])) > _LOCKED:
+    x, y, z = joint.origin[:3, 3].tolist()
+    roll, pitch, yaw = joint.rpy
+    named = frame_factors(joint.name, (x, y, z), (roll, pitch, yaw))
+    if pitch == 0:
         return named
-    turned = tuple(replace(factor, parameter="") for factor in named[3:])
-    return (*named[:3], *turned, *frame_factors(name, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))[3:])
+    *before, tilt, turn = named
+    return (*before, replace(turn, nominal=0.0), tilt, *([replace(turn, parameter="")] if roll else []))
+
+
+def pitched_rolls(robot: Robot) -> tuple[str, ...]:
+    """Names of the errors of roll that stand in front of a pitch, see `UrdfRobot`."""
+    pairs = [pair for link in robot.links for pair in itertools.pairwise(link)]
+    return tuple(a.parameter for a, b in pairs if a.parameter.endswith(".roll") and b.parameter.endswith(".pitch"))
 
 
 def _constant(origin: Array) -> tuple[Factor, ...]:

@@ -151,12 +151,14 @@ class _UrdfReader:
         owner = f"joint '{name}'"
         limit, mimic = element.first("limit"), element.first("mimic")
         axis = element.first("axis")
+        roll, pitch, yaw = self._vector(element.first("origin"), "rpy", owner).tolist()
         return UrdfJoint(
             name=name,
             type=element.attributes.get("type", ""),
             parent=self._end(element, "parent", owner),
             child=self._end(element, "child", owner),
-            origin=self._origin(element, owner),
+            origin=_transform(self._vector(element.first("origin"), "xyz", owner), np.array([roll, pitch, yaw])),
+            rpy=(roll, pitch, yaw),
             axis=self._vector(axis, "xyz", owner) if axis and "xyz" in axis.attributes else np.array([1.0, 0.0, 0.0]),
             lower=self._number(limit, "lower", owner),
             upper=self._number(limit, "upper", owner),

@@ -16,7 +16,8 @@ class UrdfJoint:
     """A joint as it stands in the file.
 
     Args:
-        origin: (4, 4) T_parent_joint, lengths in [m].
+        origin: (4, 4) T_parent_joint, lengths in [m]; ``rpy`` (3,) the angles that the file states for it [rad], which
+            the matrix does not tell at a pitch of ±90°.
         axis: (3,) in the joint frame.
         lower, upper: [rad] or [m]; None where the file has none.
         mimics: the joint that this one follows, or an empty text.
@@ -28,6 +29,7 @@ class UrdfJoint:
     parent: str
     child: str
     origin: Array
+    rpy: tuple[float, float, float]
     axis: Array
     lower: float | None
     upper: float | None

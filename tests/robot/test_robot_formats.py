@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
+import posture_opt as po
 from posture_opt.errors import InputError
 from posture_opt.robot import FORMATS, DhRobot, MdhRobot, RobotFormat, RobotSpec, UrdfRobot
-from tests.helpers.factors import frame, pose
+from tests.helpers.factors import frame, parameter_jacobian, pose
 from tests.helpers.pin import PinArm, robots_folder
 from tests.helpers.urdfs import urdf_text
 
@@ -209,13 +210,55 @@ def test_urdf_parameters_are_the_errors_of_the_origin(tmp_path):
         (tmp_path / "arm.urdf").write_text(urdf_text([("j", xyz, rpy, (0, 1, 0), None)]))
         return UrdfRobot(file="arm.urdf").build(tmp_path)
 
-    nominal = built(*ORIGIN)
-    for i, name in enumerate(("x", "y", "z", "roll", "pitch", "yaw")):
-        changed = [*ORIGIN[0], *ORIGIN[1]]
-        changed[i] += 0.01
-        expected = pose(built(tuple(changed[:3]), tuple(changed[3:])), [0.3])
-        np.testing.assert_allclose(pose(nominal, [0.3], {f"j.{name}": 0.01}), expected, atol=ROUNDING)
-    np.testing.assert_allclose(pose(nominal, [0.3], {"j.theta": 0.01}), pose(nominal, [0.31]), atol=ROUNDING)
+    for xyz, rpy in (ORIGIN, (ORIGIN[0], (0.4, 0.0, 0.6)), (ORIGIN[0], (0.4, math.pi / 2, 0.6))):
+        nominal = built(xyz, rpy)
+        # An error of roll is one of the number only without pitch; its own test is the next.
+        for i, name in enumerate(("x", "y", "z", "yaw", "pitch", "roll")[: 5 + (rpy[1] == 0)]):
+            numbers = [*xyz, *rpy[::-1]]
+            numbers[i] += 0.01
+            expected = pose(built(tuple(numbers[:3]), tuple(numbers[:2:-1])), [0.3])
+            np.testing.assert_allclose(pose(nominal, [0.3], {f"j.{name}": 0.01}), expected, atol=ROUNDING)
+        np.testing.assert_allclose(pose(nominal, [0.3], {"j.theta": 0.01}), pose(nominal, [0.31]), atol=ROUNDING)
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.7, 1.47, math.pi / 2, -math.pi / 2, 1.65])
+def test_urdf_angles_turn_about_perpendicular_axes_at_every_pitch(tmp_path, pitch):
+    (tmp_path / "arm.urdf").write_text(urdf_text([("j", ORIGIN[0], (0.4, pitch, 0.6), (0, 1, 0), None)]))
+    robot, h = UrdfRobot(file="arm.urdf").build(tmp_path), 1e-6
+    axes = []
+    for name in ("roll", "pitch", "yaw"):
+        R, L = (pose(robot, [0.3], {f"j.{name}": sign * h})[:3, :3] for sign in (1, -1))
+        W = (R - L) @ pose(robot, [0.3])[:3, :3].T / (2 * h)  # the cross product with the axis
+        axes.append([W[2, 1], W[0, 2], W[1, 0]])
+    c, s = math.cos(0.6), math.sin(0.6)
+    np.testing.assert_allclose(axes, [[c, s, 0], [-s, c, 0], [0, 0, 1]], atol=1e-9)  # x and y turned by yaw, and z
+
+
+def test_a_sigma_of_urdf_angles_has_one_meaning_at_every_pitch(tmp_path):
+    """The spread of a tool point that stands still while the pitch of a joint's origin is swept through 90°."""
+    sigma = {"j.roll": 1e-3, "j.pitch": 2e-3, "j.yaw": 0.5e-3}
+    found = []
+    for pitch in np.linspace(1.45, 1.65, 81).tolist():
+        rows = [
+            ("j", (0.1, 0, 0.3), (0.3, pitch, 0.2), (0, 0, 1), None),
+            ("tip", (0.2, 0.3, 0.1), (0, 0, 0), None, None),
+        ]
+        (tmp_path / "arm.urdf").write_text(urdf_text(rows))
+        robot = UrdfRobot(file="arm.urdf").build(tmp_path)
+        T = pose(robot, [0.0])
+        lever = T[:3, 3] - [0.1, 0, 0.3]
+        axes = {
+            "roll": [math.cos(0.2), math.sin(0.2), 0],
+            "pitch": [-math.sin(0.2), math.cos(0.2), 0],
+            "yaw": [0, 0, 1],
+        }
+        expected = sum(np.outer(v, v) for v in (sigma[f"j.{k}"] * np.cross(a, lever) for k, a in axes.items()))
+        J = parameter_jacobian(robot, [0.0], list(sigma))
+        C = J @ np.diag(np.square(list(sigma.values()))) @ J.T
+        np.testing.assert_allclose(C, expected, atol=1e-12)
+        found.append(math.sqrt(np.linalg.eigvalsh(C)[-1]))
+    # Neighbours are 2.5 mrad apart in pitch, and a turn of the lever by that changes sigma by no larger a part.
+    assert np.max(np.abs(np.diff(found))) < 5e-3 * np.max(found)
 
 
 def test_urdf_limits(tmp_path):
@@ -339,3 +382,18 @@ def test_several_leaves_ask_for_one():
     path = robots_folder() / "panda_description" / "urdf" / "panda.urdf"
     with pytest.raises(InputError, match="name one: tip_link: panda_hand_tcp"):
         UrdfRobot(file=str(path)).build(Path())
+
+
+def test_a_roll_in_front_of_a_pitch_is_told_where_it_is_named(tmp_path):
+    rows = [("j", ORIGIN[0], (0.4, 1.5708, 0.6), (0, 1, 0), None), ("k", ORIGIN[0], (0.4, 0, 0.6), (0, 1, 0), None)]
+    (tmp_path / "arm.urdf").write_text(urdf_text(rows))
+    robot = {"kind": "urdf", "file": str(tmp_path / "arm.urdf")}
+
+    def notes(sigma, **corrections):
+        data = {"robot": {**robot, **corrections}, "uncertainty": {"sigma": sigma}}
+        return [note for note in po.problem_from_dict(data).notes if "about x" in note]
+
+    assert notes({"j.yaw": "1 mrad", "k.roll": "1 mrad"}) == []
+    (note,) = notes({"j.roll": "1 mrad", "k.roll": "1 mrad"})
+    assert note.startswith("j.roll is a turn about x before the pitch of its origin is applied")
+    assert notes({"j.yaw": "1 mrad"}, corrections={"j.roll": "0.1 deg"}) == [note]
