@@ -217,7 +217,7 @@ def _one(
 def _without_geometry(problem: CalibrationProblem) -> CalibrationProblem:
     """The problem without σ's of geometry; those of frames that are not free stay knowledge."""
     sources = problem.sources
-    frame = np.array([name.startswith(("base.", "tool.")) for name in sources.names], dtype=bool)
+    frame = np.array([name.rpartition(".")[0] in ("base", "tool") for name in sources.names], dtype=bool)
     constant = np.where(np.outer(frame, frame), sources.constant, 0.0)
     bare = Sources(sources.names, constant + sources.scatter, sources.notes, sources.scatter)
     changed: CalibrationProblem = replace(cast(Any, problem), sources=bare)

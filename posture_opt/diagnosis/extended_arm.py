@@ -40,7 +40,7 @@ def extended_arm(
     scatter = residual_scatter(problem, fitted, noises, rows * delivered.residuals.sigma)
     places = places_in_robot(calibration.parameters)
     deviations = {name: float(delivered.x[i]) for name, i in places.items()}
-    base = {name: value for name, value in deviations.items() if name.startswith("base.")}
+    base = {name: value for name, value in deviations.items() if name.rpartition(".")[0] == "base"}
     gravity = gravity_of(problem.robot, base)
     return FittedArm(
         label="extended",

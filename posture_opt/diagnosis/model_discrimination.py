@@ -84,8 +84,9 @@ class ModelDiscrimination:
         """The joints of the effects and their rivals."""
         names = self.linearised.sensitivities.residuals.robot.joint_names
         candidates = [s for d in self.all for s in (self.model.effects[d.place], d.effect)]
-        parts = {part.split(".")[0] for s in candidates for part in s.target.split("->")}
-        return tuple(j for j, name in enumerate(names) if name in parts)
+        parts = {part for s in candidates for part in s.target.split("->")}
+        own = parts | {part.rpartition(".")[0] for part in parts if part not in names}  # of a parameter, its joint
+        return tuple(j for j, name in enumerate(names) if name in own)
 
     @cached_property
     def sided(self) -> tuple[int, ...]:

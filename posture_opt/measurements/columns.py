@@ -72,7 +72,7 @@ def read_header(heads: Sequence[str], robot: Robot, line: int, faults: Faults) -
 
 
 def _clashes(robot: Robot, faults: Faults) -> None:
-    taken = {*AXES, *QUATERNION, *LABELS, *_INPUTS}
+    taken = {*AXES, *QUATERNION, *LABELS, *_INPUTS, *(f"{name}.approach" for name in robot.joint_names)}
     for name in robot.joint_names:
         if name in taken:
             faults.add("a joint has the name of a column of measurements", name, mend="rename the joint in the problem")

@@ -32,17 +32,17 @@ _LIMITS_SCHEMA = WithJsonSchema(
 
 
 def check_joint_name(name: str) -> None:
-    """Refuse what cannot build ``JOINT.theta`` and the column head ``JOINT [deg]``.
+    """Refuse what cannot build ``JOINT.theta``, of which the last dot ends the name, and the head ``JOINT [deg]``.
 
     Raises:
         BadValueError: empty, blanks around it, a character that separates names, or the name of a frame.
     """
     if not name or name != name.strip():
         raise BadValueError(f"a joint name must not be empty or begin or end with a blank: '{name}'")
-    bad = sorted(set(name) & set(".[],:\n\t"))
+    bad = sorted(set(name) & set("[],:\n\t"))
     if bad:
         message = f"the joint name '{name}' holds {' '.join(map(repr, bad))}"
-        raise BadValueError(message, "use letters, digits, '_' and '-'")
+        raise BadValueError(message, "use letters, digits, '_', '-' and '.'")
     if name in _RESERVED:
         raise BadValueError(f"the joint name '{name}' is taken by the {name} frame", "choose another")
 
