@@ -192,13 +192,20 @@ class _Infeasibility:
         return [row for row in self.problem.nlp.rows if row.name.split(".")[0] in names]
 
     def _least(self, objective: ca.SX, starts: Array, lower: Array, upper: Array, rows: Sequence[Row]) -> Array:
-        """The least of an objective (n,) that IPOPT finds under ``rows``; a start itself where it finds none."""
+        """The least of an objective (n,) that IPOPT finds under ``rows``; a start itself where it finds none.
+
+        With as many equalities as joints the starts are all there is, and IPOPT would refuse the problem.
+        """
         nlp, p = self.problem.nlp, self.target.parameters()
         empty = ca.SX(0, 1)
         g = ca.vertcat(empty, *(row.expression for row in rows))
         ends = [ca.vertcat(empty, *(row.lower for row in rows)), ca.vertcat(empty, *(row.upper for row in rows))]
         low, high = (np.asarray(end).ravel() for end in ca.Function("bounds", [nlp.p], ends)(p))
         objective, g = (ca.substitute(e, nlp.p, ca.DM(p)) for e in (objective, g))
+        if np.count_nonzero(low == high) >= starts.shape[1]:
+            # Nothing is left to choose but between the postures that meet the rows: the starts.
+            value = ca.Function("value", [nlp.x], [objective])
+            return np.asarray(min(starts, key=lambda start: float(value(start))))
         options = {**IPOPT_OPTIONS, "ipopt.max_iter": 300}
         solver = ca.nlpsol("least", "ipopt", {"x": nlp.x, "f": objective, "g": g}, options)
         answers = []
