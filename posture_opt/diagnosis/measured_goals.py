@@ -162,7 +162,7 @@ def _scatter(models: Mapping[str, HasTask], name: str, data: Measurements, B: Fl
     stated = models[name].sources
     arm = arm_for(models[name].arm, data)
     tool_point = ToolPoint.of(arm, models["extended"].sources if stated.empty else stated)
-    moments = tool_point.moments([np.ascontiguousarray(c) for c in data.q.T], complete=False)
+    moments = tool_point.moments([np.ascontiguousarray(c) for c in data.q.T])
     C = np.broadcast_to(np.asarray(moments.covariance, dtype=float), (len(data), 3, 3))
     return central_radii(0.95, B.T @ C @ B)
 

@@ -50,8 +50,8 @@ _LEAST_P = 1e-6
 METHODS = {
     "exact": "closed form, exact for normally distributed errors",
     "exact, planar": "closed form, exact for normally distributed errors, correlated ones too",
-    "exact + second order of the correlations": (
-        "closed form, exact for the errors by themselves; what their correlations add is complete to second order"
+    "exact given shared factors, integrated over them": (
+        "exact for normally distributed errors given the factors that correlated ones share, integrated over these"
     ),
 }
 

@@ -22,8 +22,6 @@ from posture_opt.selection.terms.term import Quantities
 from posture_opt.uncertainty.task_spread import Within
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
-_MOST_CORRELATED = 8  # sources: the operations to second order grow as their cube
-
 Alignment = Literal["exact", "loose", "free"]
 
 
@@ -102,11 +100,9 @@ class OptimisationProblem:
 
     @cached_property
     def _moments(self) -> Moments:
-        # A dense covariance, after a calibration say, to second order: 90 000 operations and a solve of minutes.
-        # The objective then takes what the correlations add to first order; the answer is reported to second.
-        off = self.tool_point.covariance - np.diag(np.diag(self.tool_point.covariance))
-        complete = int(np.count_nonzero(np.any(off, axis=0))) <= _MOST_CORRELATED
-        return self.tool_point.moments(ca.vertsplit(self.q), complete=complete)
+        # Correlated errors of a spatial arm have few nodes for their shared factors here: the graph stays small, the
+        # covariance positive semidefinite and complete to fourth order in σ. The answer is reported in full.
+        return self.tool_point.moments(ca.vertsplit(self.q))
 
     @cached_property
     def q(self) -> ca.SX:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posture_opt.model.chain import Walk, position_column, rotation_column
 from posture_opt.numerics import Array
-from posture_opt.uncertainty.exact_moments import exact_moments
+from posture_opt.uncertainty.conditional_moments import conditional_moments
 from posture_opt.uncertainty.tool_point import ToolPoint
 
 # Central differences in log σ: the truncation error h²/6 and the rounding error ε/h are both below 1e-8.
 _STEP = 1e-4
+_GOAL = 1e-5  # relative error of the variances that the shares are shares of
 
 
 @dataclass(frozen=True)
@@ -79,27 +79,28 @@ def _shares(names: Sequence[str], elasticity: Array) -> tuple[Share, ...]:
 
 def _gradient(tool_point: ToolPoint, q: list[float]) -> Array:
     """(k, 3, 3) ``½ ∂C / ∂ log σ_i`` [m²]."""
-    if tool_point.method == "exact, planar":
-        return _by_differences(tool_point, q)
-    gradient = _independent(tool_point, q)
-    if not tool_point.correlated:
-        return gradient
-    taylor = _Taylor.of(tool_point.walk(q)[0], tool_point.indices)
-    S = tool_point.covariance
-    return gradient + taylor.gradient(S) - taylor.gradient(np.diag(np.diag(S)))
+    return _by_differences(tool_point, q) if tool_point.method == "exact, planar" else _in_one_walk(tool_point, q)
 
 
-def _independent(tool_point: ToolPoint, q: list[float]) -> Array:
-    """The gradient of the exact covariance of independent sources: all 2k variations in one walk."""
+def _in_one_walk(tool_point: ToolPoint, q: list[float]) -> Array:
+    """The gradient with fixed nodes for shared factors, if there are any: all 2k variations side by side.
+
+    A standard deviation that grows at fixed correlations scales what the source has for itself and by each factor.
+    """
     k = len(tool_point.indices)
-    values = tool_point.arm.reach(q).values
-    variances: list[float | Array] = [0.0] * len(values)
-    for i, (index, variance) in enumerate(zip(tool_point.indices, np.diag(tool_point.covariance), strict=True)):
-        varied = np.full(2 * k, float(variance))
-        varied[[i, i + k]] *= np.exp([2 * _STEP, -2 * _STEP])
-        variances[index] = varied
-    _, C = exact_moments(tool_point.robot.factors, values, variances)
-    full = np.array([[np.broadcast_to(entry, 2 * k) for entry in row] for row in C])
+    steps = np.ones((k, 2 * k, 1))
+    each = np.arange(k)
+    steps[each, each], steps[each, each + k] = np.exp(_STEP), np.exp(-_STEP)
+    scale = dict(zip(tool_point.indices, steps, strict=True))
+    own: list[float | Array] = list(tool_point.variances(tool_point.shared.own))
+    for index, factor in scale.items():
+        own[index] = own[index] * factor**2
+    segments = [
+        replace(segment, loadings={index: scale[index] * row for index, row in segment.loadings.items()})
+        for segment in tool_point.segments(q, _GOAL)
+    ]
+    _, C = conditional_moments(tool_point.robot.factors, tool_point.arm.reach(q).values, own, segments)
+    full = np.array([[np.broadcast_to(entry, (2 * k, 1))[:, 0] for entry in row] for row in C])
     gradient: Array = np.moveaxis(full[..., :k] - full[..., k:], -1, 0) / (4 * _STEP)
     return gradient
 
@@ -114,36 +115,3 @@ def _by_differences(tool_point: ToolPoint, q: list[float]) -> Array:
     k = len(tool_point.names)
     changes = [covariance(i, _STEP) - covariance(i, -_STEP) for i in range(k)]
     return np.array(changes).reshape(k, 3, 3) / (4 * _STEP)
-
-
-@dataclass(frozen=True)
-class _Taylor:
-    """Derivatives of the tool point by the sources as arrays: J (k, 3), H (k, k, 3), T (k, k, k, 3)."""
-
-    J: Array
-    H: Array
-    T: Array
-
-    @classmethod
-    def of(cls, reached: Walk, indices: Sequence[int]) -> _Taylor:
-        J = np.array([position_column(reached, i) for i in indices], dtype=float)
-        a = np.array([rotation_column(reached, i) for i in indices], dtype=float)
-        i, j = np.sort(np.indices((len(J),) * 2), axis=0)
-        H = np.cross(a[i], J[j])
-        i, j, k = np.sort(np.indices((len(J),) * 3), axis=0)
-        return cls(J, H, np.cross(a[i], H[j, k]))
-
-    def gradient(self, S: Array) -> Array:
-        """(k, 3, 3) ``½ ∂C / ∂ log σ_i`` of the covariance complete to fourth order, see `second_order`."""
-        J, H, T = self.J, self.H, self.T
-        SJ = S @ J
-        g = np.einsum("ijkc,jk->ic", T, S)
-        HS = np.einsum("ijc,jk->cik", H, S)
-        first = np.einsum("ia,ib->iab", J, SJ)
-        curvature = np.einsum("aij,bji->iab", HS, HS)
-        # S acts on the left of the product J S g(S) and, through g, once more inside it.
-        outside = np.einsum("ia,ib->iab", J, S @ g) / 2 + np.einsum("ia,ib->iab", SJ, g) / 2
-        inside = np.einsum("ijab,ij->iab", np.tensordot(T, SJ, axes=(0, 0)), S)
-        full = first + curvature + outside + inside
-        symmetric: Array = (full + np.swapaxes(full, 1, 2)) / 2
-        return symmetric

@@ -14,6 +14,7 @@ from posture_opt.result import Result
 from posture_opt.robot.robot import PostureLike
 from posture_opt.uncertainty.adaptive import AdaptiveResult
 from posture_opt.uncertainty.adaptive import adaptive as adaptive_trials
+from posture_opt.uncertainty.pose_covariance import FRAME
 from posture_opt.uncertainty.regions import NORMAL95, RANK_TOLERANCE, Ellipsoid
 from posture_opt.uncertainty.sampler import PowerSums, Sampler
 from posture_opt.uncertainty.sampling_errors import Interval, square, variance_intervals, wilson_interval
@@ -149,9 +150,11 @@ class Cloud(Result):
             "covariance": self.covariance.tolist(),
             "bias": self.bias.tolist(),
             "pose_covariance": self.pose_covariance.tolist(),
-            "pose_covariance_frame": "shift and rotation vector (v, w), world-aligned axes at the tool point, sampled",
+            "pose_covariance_frame": FRAME,
+            "pose_covariance_integration": None,
             "ellipse": ellipse_json(self.ellipse, self.spread.basis),
             "method": "Monte Carlo",
+            "integration": None,
             "budget": budget_json(self.spread.budget),
             **task_json(self.for_task),
             "success_probability": self.success,

@@ -14,31 +14,28 @@ tool point in the frame reached so far; raw second moments would lose all digits
 
 As ``v → 0`` this is ``J Σ Jᵀ``. The moments of the cosine and sine of a Gaussian angle are those of its
 characteristic function, ``E e^{ikε} = e^{−k²v/2}``.
-
-Errors of a planar arm, correlated in any way: with the plane as complex numbers the tool point is
-``z = Σ_m ℓ_m e^{i(ψ_m + S_m)}``: ``ℓ_m`` the length of translation m, ``ψ_m`` its direction, ``S_m`` the sum of the
-angular errors nearer to the base. For jointly Gaussian ℓ and S all moments follow from the characteristic function,
-e.g. ``E[ℓ e^{iS}] = (μ + i Cov(ℓ, S)) e^{−Var(S)/2}``. Covariances are formed with ``expm1`` and keep their digits.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from posture_opt.model.chain import Scalar, Vector, Walk, add, cos_sin, dot, factor_values, scale, walk
-from posture_opt.robot.robot import Factor, Robot
+from posture_opt.model.chain import ZERO, Scalar, Vector, cos_sin
+from posture_opt.robot.robot import Factor
 
 Matrix3 = list[list[Scalar]]
 
 
 def exact_moments(
-    factors: Sequence[Factor], values: Sequence[Scalar], variances: Sequence[Scalar]
+    factors: Sequence[Factor],
+    values: Sequence[Scalar],
+    variances: Sequence[Scalar],
+    tip: tuple[Vector, Matrix3] | None = None,
 ) -> tuple[Vector, Matrix3]:
     """Mean (3,) [m] and covariance (3, 3) [m²] of the tool point in the world.
 
@@ -46,56 +43,98 @@ def exact_moments(
         factors: the chain from the base to the tool.
         values: mean of each factor [rad or m]: numbers, arrays (N,) or CasADi expressions.
         variances: variance of each factor [rad² or m²], the errors being Gaussian and independent.
+        tip: moments of the point that the chain carries, in the frame behind it; else a certain point at its origin.
     """
-    m: list[Scalar] = [0.0, 0.0, 0.0]
-    C: Matrix3 = [[0.0] * 3 for _ in range(3)]
+    m, C = tip or (ZERO, no_covariance())
     for factor, value, variance in zip(reversed(factors), reversed(values), reversed(variances), strict=True):
         if factor.kind == "translate":
-            m[factor.axis] = m[factor.axis] + value
-            C[factor.axis][factor.axis] = C[factor.axis][factor.axis] + variance
-        else:
-            if not (isinstance(variance, float) and variance == 0.0):
-                m, C = _blur(factor.axis, variance, m, C)
-            m, C = _turn(factor.axis, value, m, C)
-    return (m[0], m[1], m[2]), C
+            m, C = shifted(factor.axis, value, m), widened(factor.axis, variance, C)
+            continue
+        if not certain(variance):
+            m, C = smoothed(factor.axis, variance, m), blurred(factor.axis, variance, m, C)
+        c, s = cos_sin(value)
+        m, C = turned(factor.axis, c, s, m), turned_covariance(factor.axis, c, s, C)
+    return m, C
 
 
-def _blur(k: int, v: Scalar, m: list[Scalar], C: Matrix3) -> tuple[list[Scalar], Matrix3]:
-    """Moments after a random rotation about axis k by an angle N(0, v)."""
+def no_covariance() -> Matrix3:
+    """(3, 3) zeros."""
+    return [[0.0] * 3 for _ in range(3)]
+
+
+def certain(variance: Scalar) -> bool:
+    """Whether a variance is the number zero."""
+    return isinstance(variance, float) and variance == 0.0
+
+
+def shifted(k: int, t: Scalar, m: Vector) -> Vector:
+    """A vector after a shift by t along axis k."""
+    x = list(m)
+    x[k] = x[k] + t
+    return (x[0], x[1], x[2])
+
+
+def widened(k: int, v: Scalar, C: Matrix3) -> Matrix3:
+    """The covariance after a random shift N(0, v) along axis k."""
+    D = [list(row) for row in C]
+    D[k][k] = D[k][k] + v
+    return D
+
+
+def smoothed(k: int, v: Scalar, m: Vector) -> Vector:
+    """The mean of a vector after a random rotation about axis k by an angle N(0, v)."""
+    e1 = _exp(-v / 2)
+    x = [e1 * entry for entry in m]
+    x[k] = m[k]
+    return (x[0], x[1], x[2])
+
+
+def blurred(k: int, v: Scalar, m: Vector, C: Matrix3) -> Matrix3:
+    """The covariance of a vector with mean m after a random rotation about axis k by an angle N(0, v)."""
     i, j = (k + 1) % 3, (k + 2) % 3
     u = -_expm1(-v)
     vc, vs = u * u / 2, -_expm1(-2 * v) / 2
     e1, e2 = _exp(-v / 2), _exp(-2 * v)
     trace, difference = C[i][i] + C[j][j], e2 * (C[i][i] - C[j][j])
     mi2, mj2 = m[i] * m[i], m[j] * m[j]
-    D: Matrix3 = [[0.0] * 3 for _ in range(3)]
+    D = no_covariance()
     D[i][i] = (trace + difference) / 2 + vc * mi2 + vs * mj2
     D[j][j] = (trace - difference) / 2 + vs * mi2 + vc * mj2
     D[i][j] = D[j][i] = e2 * C[i][j] + (vc - vs) * (m[i] * m[j])
     D[k][k] = C[k][k]
     D[k][i] = D[i][k] = e1 * C[k][i]
     D[k][j] = D[j][k] = e1 * C[k][j]
-    mean: list[Scalar] = list(m)
-    mean[i], mean[j] = e1 * m[i], e1 * m[j]
-    return mean, D
+    return D
 
 
-def _turn(k: int, angle: Scalar, m: list[Scalar], C: Matrix3) -> tuple[list[Scalar], Matrix3]:
-    """Moments after a certain rotation about axis k."""
+def turned(k: int, c: Scalar, s: Scalar, m: Vector) -> Vector:
+    """A vector after a certain rotation about axis k, by its cosine and sine."""
+    if _nothing(c, s):
+        return m
     i, j = (k + 1) % 3, (k + 2) % 3
-    c, s = cos_sin(angle)
-    if isinstance(s, float) and s == 0.0 and c == 1.0:
-        return m, C
-    mean: list[Scalar] = list(m)
-    mean[i], mean[j] = c * m[i] - s * m[j], s * m[i] + c * m[j]
-    D: Matrix3 = [list(row) for row in C]
+    x = list(m)
+    x[i], x[j] = c * m[i] - s * m[j], s * m[i] + c * m[j]
+    return (x[0], x[1], x[2])
+
+
+def turned_covariance(k: int, c: Scalar, s: Scalar, C: Matrix3) -> Matrix3:
+    """A covariance after a certain rotation about axis k, by its cosine and sine."""
+    if _nothing(c, s):
+        return C
+    i, j = (k + 1) % 3, (k + 2) % 3
+    D = [list(row) for row in C]
     cc, ss, cs = c * c, s * s, c * s
     D[i][i] = cc * C[i][i] + ss * C[j][j] - 2 * cs * C[i][j]
     D[j][j] = ss * C[i][i] + cc * C[j][j] + 2 * cs * C[i][j]
     D[i][j] = D[j][i] = cs * (C[i][i] - C[j][j]) + (cc - ss) * C[i][j]
     D[k][i] = D[i][k] = c * C[k][i] - s * C[k][j]
     D[k][j] = D[j][k] = s * C[k][i] + c * C[k][j]
-    return mean, D
+    return D
+
+
+def _nothing(c: Scalar, s: Scalar) -> bool:
+    """Whether a rotation is none."""
+    return isinstance(s, float) and s == 0.0 and isinstance(c, float) and c == 1.0
 
 
 def _exp(x: Scalar) -> Any:
@@ -104,144 +143,3 @@ def _exp(x: Scalar) -> Any:
 
 def _expm1(x: Scalar) -> Any:
     return math.expm1(x) if isinstance(x, float) else np.expm1(x) if isinstance(x, np.ndarray) else ca.expm1(x)
-
-
-Complex = tuple[Scalar, Scalar]
-
-
-@dataclass(frozen=True)
-class Plane:
-    """The plane that a planar arm moves in: an orthonormal basis (e1, e2) and the normal, world frame."""
-
-    e1: Vector
-    e2: Vector
-    normal: Vector
-
-
-def plane_of(robot: Robot, uncertain: Sequence[int] = ()) -> Plane | None:
-    """The plane of motion, or None where the joints (or the uncertain factors) turn about different axes."""
-    rng = np.random.default_rng(0)
-    normals = []
-    for _ in range(3):
-        reached = walk(robot.factors, factor_values(robot.factors, [float(v) for v in rng.uniform(-1, 1, robot.n)]))
-        for index, factor in enumerate(robot.factors):
-            if factor.kind == "rotate" and (factor.joint is not None or index in uncertain):
-                normals.append(np.array(reached.screws[index].axis, dtype=float))
-    if not normals or any(np.linalg.norm(np.cross(normals[0], axis)) > 1e-12 for axis in normals):
-        return None
-    n = normals[0]
-    helper = np.eye(3)[np.argmin(np.abs(n))]
-    e1 = helper - n * (helper @ n)
-    e1 /= np.linalg.norm(e1)
-    return Plane(_vector(e1), _vector(np.cross(n, e1)), _vector(n))
-
-
-@dataclass(frozen=True)
-class _Arrow:
-    """One translation of the chain: its length, its direction in the plane and along the normal, its sources."""
-
-    length: Scalar
-    direction: Complex
-    height: float
-    of_length: np.ndarray  # (k,) 1 where a source adds to the length
-    of_angle: np.ndarray  # (k,) ±1 where a source turns the arrow
-
-
-def planar_moments(
-    robot: Robot, reached: Walk, lengths: Sequence[Scalar], indices: Sequence[int], covariance: np.ndarray, plane: Plane
-) -> tuple[Vector, list[list[Scalar]]]:
-    """Exact mean (3,) [m] and covariance (3, 3) [m²] of the tool point, world frame.
-
-    Args:
-        robot: a planar arm.
-        reached: its walk at the posture.
-        lengths: value of every factor at the posture.
-        indices: (k,) factor that each source acts on.
-        covariance: (k, k) Σ of the sources.
-        plane: from :func:`plane_of` with the same ``indices``.
-    """
-    arrows = _arrows(robot, reached, lengths, indices, plane)
-    mean: list[Scalar] = [0.0, 0.0, 0.0]
-    power: Scalar = 0.0
-    pseudo: Complex = (0.0, 0.0)
-    height: Scalar = 0.0
-    lift: Complex = (0.0, 0.0)
-    for m in arrows:
-        z = _mul(_mean(m, covariance), m.direction)
-        mean = [mean[0] + z[0], mean[1] + z[1], mean[2] + m.height * m.length]
-        for n in arrows:
-            power = power + _mul(_covariance(m, n, covariance, -1), _mul(m.direction, _conj(n.direction)))[0]
-            pseudo = _add(pseudo, _mul(_covariance(m, n, covariance, +1), _mul(m.direction, n.direction)))
-            height = height + m.height * n.height * float(m.of_length @ covariance @ n.of_length)
-            lift = _add(lift, _mul(_with_height(m, n, covariance), n.direction))
-    xx, yy, xy = (power + pseudo[0]) / 2, (power - pseudo[0]) / 2, pseudo[1] / 2
-    local = [[xx, xy, lift[0]], [xy, yy, lift[1]], [lift[0], lift[1], height]]
-    basis = (plane.e1, plane.e2, plane.normal)
-    total = add(add(scale(mean[0], plane.e1), scale(mean[1], plane.e2)), scale(mean[2], plane.normal))
-    world = [
-        [sum(basis[a][r] * local[a][b] * basis[b][c] for a in range(3) for b in range(3)) for c in range(3)]
-        for r in range(3)
-    ]
-    return total, world
-
-
-def _arrows(
-    robot: Robot, reached: Walk, lengths: Sequence[Scalar], indices: Sequence[int], plane: Plane
-) -> list[_Arrow]:
-    # How an axis stands to the normal does not depend on the posture: a number, whatever the walk is made of.
-    fixed = walk(robot.factors, factor_values(robot.factors, [0.3] * robot.n))
-    arrows = []
-    turned_by = np.zeros(len(indices))
-    for i, factor in enumerate(robot.factors):
-        acts = np.array([1.0 if index == i else 0.0 for index in indices])
-        axis, height = reached.screws[i].axis, float(dot(fixed.screws[i].axis, plane.normal))
-        if factor.kind == "rotate":
-            if acts.any():
-                turned_by = turned_by + acts * (1.0 if height > 0 else -1.0)
-        elif acts.any() or factor.joint is not None or factor.nominal:
-            arrows.append(_Arrow(lengths[i], (dot(axis, plane.e1), dot(axis, plane.e2)), height, acts, turned_by))
-    return arrows
-
-
-def _mean(m: _Arrow, S: np.ndarray) -> Complex:
-    half = math.exp(-float(m.of_angle @ S @ m.of_angle) / 2)
-    return (half * m.length, half * float(m.of_length @ S @ m.of_angle))
-
-
-def _covariance(m: _Arrow, n: _Arrow, S: np.ndarray, sign: int) -> Complex:
-    """``Cov(ℓ_m e^{iS_m}, ℓ_n e^{± iS_n})`` (sign −1: with the conjugate, which makes it the Hermitian one)."""
-    c = -sign * float(m.of_angle @ S @ n.of_angle)
-    both = math.exp(-float(m.of_angle @ S @ m.of_angle + n.of_angle @ S @ n.of_angle) / 2)
-    A: Complex = (m.length, float(m.of_length @ S @ m.of_angle))
-    B: Complex = (n.length, sign * float(n.of_length @ S @ n.of_angle))
-    alpha, beta = sign * float(m.of_length @ S @ n.of_angle), float(n.of_length @ S @ m.of_angle)
-    AB = _mul(A, B)
-    # (A + iα)(B + iβ) − A B + Cov(ℓ_m, ℓ_n), formed without the cancellation
-    extra = _add(_mul((0.0, alpha), B), _mul(A, (0.0, beta)))
-    extra = (extra[0] - alpha * beta + float(m.of_length @ S @ n.of_length), extra[1])
-    grow, less = both * math.exp(c), both * math.expm1(c)
-    return (less * AB[0] + grow * extra[0], less * AB[1] + grow * extra[1])
-
-
-def _with_height(m: _Arrow, n: _Arrow, S: np.ndarray) -> Complex:
-    """``Cov(height of m, ℓ_n e^{iS_n})``."""
-    half = m.height * math.exp(-float(n.of_angle @ S @ n.of_angle) / 2)
-    turn = float(m.of_length @ S @ n.of_angle)
-    shift = float(m.of_length @ S @ n.of_length) - turn * float(n.of_length @ S @ n.of_angle)
-    return (half * shift, half * turn * n.length)
-
-
-def _mul(u: Complex, v: Complex) -> Complex:
-    return (u[0] * v[0] - u[1] * v[1], u[0] * v[1] + u[1] * v[0])
-
-
-def _add(u: Complex, v: Complex) -> Complex:
-    return (u[0] + v[0], u[1] + v[1])
-
-
-def _conj(u: Complex) -> Complex:
-    return (u[0], -u[1])
-
-
-def _vector(array: np.ndarray) -> Vector:
-    return (float(array[0]), float(array[1]), float(array[2]))

@@ -9,6 +9,7 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk
 from posture_opt.numerics import Array
+from posture_opt.uncertainty.pose_covariance import covariance_root
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.spread import Spread
 
@@ -54,16 +55,6 @@ class Sampler:
         reached = self.arm.reach(self.q, named).walk
         position = np.stack([np.broadcast_to(entry, n) for entry in reached.position], axis=-1)
         return position - np.array(self.nominal.position, dtype=float), rotation_vector(reached, self.nominal, n)
-
-
-def covariance_root(covariance: Array) -> Array:
-    """A with ``A Aᵀ = Σ``, for semidefinite Σ too; sources keep their own units, so the root is of the correlations."""
-    sigma = np.sqrt(np.diag(covariance))
-    if not len(sigma):
-        return np.zeros((0, 0))
-    values, vectors = np.linalg.eigh(covariance / np.outer(sigma, sigma))
-    root: Array = sigma[:, None] * vectors * np.sqrt(np.clip(values, 0, None))
-    return root
 
 
 def rotation_vector(reached: Walk, nominal: Walk, n: int) -> Array:

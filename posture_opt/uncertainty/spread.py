@@ -1,4 +1,4 @@
-"""``propagate``: where the tool point scatters at one posture, in closed form."""
+"""``propagate``: where the tool point scatters at one posture, without sampling."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from posture_opt.result import Result
 from posture_opt.robot.robot import PostureLike, Robot, limit_notes, read_posture
 from posture_opt.uncertainty.budget import Share, budgets
 from posture_opt.uncertainty.budget_groups import ShareGroup, share_groups
+from posture_opt.uncertainty.integration import Integration
+from posture_opt.uncertainty.pose_covariance import FRAME, PoseCovariance, pose_covariance
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.second_order import Validity, second_order
 from posture_opt.uncertainty.sources import Sources
@@ -45,8 +47,7 @@ class Spread(Result):
         covariance: (3, 3) of the tool point by ``method``, exact wherever a closed form exists [m²].
         covariance_first_order: (3, 3) ``J Σ Jᵀ`` [m²].
         bias: (3,) mean minus nominal tool point [m].
-        pose_covariance: (6, 6) first order, of the twist (v, ω): shift of the tool point [m] and small rotation
-            [rad], world-aligned axes with the origin at the tool point.
+        integration: how a mean over factors that correlated errors share was taken, None in closed form.
         basis: (2, 3) or (3, 3) rows spanning the space of the ellipse: the plane of a planar arm, else all of it.
         notes: sentences for the report.
     """
@@ -59,8 +60,8 @@ class Spread(Result):
     covariance: Array
     covariance_first_order: Array
     bias: Array
-    pose_covariance: Array
     basis: Array
+    integration: Integration | None = None
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -75,8 +76,22 @@ class Spread(Result):
 
     @property
     def method(self) -> str:
-        """How `covariance` was computed: ``exact``, ``exact, planar`` or ``exact + second order of …``."""
+        """How `covariance` was computed: ``exact``, ``exact, planar``, or at nodes whose error `integration` states."""
         return self.tool_point.method
+
+    @cached_property
+    def pose(self) -> PoseCovariance:
+        """Covariance of the pose, and how it was found."""
+        return pose_covariance(self.tool_point, self.q, self.covariance)
+
+    @property
+    def pose_covariance(self) -> Array:
+        """(6, 6) of shift [m] and rotation vector ``log(R R₀ᵀ)`` [rad] from the nominal pose, world-aligned axes.
+
+        Its block of the shift is `covariance`. Rotation vectors end at π: it holds while `pose` says
+        ``within_half_turn``.
+        """
+        return self.pose.covariance
 
     @property
     def exact(self) -> Array:
@@ -142,9 +157,12 @@ class Spread(Result):
             "covariance_first_order": self.covariance_first_order.tolist(),
             "bias": self.bias.tolist(),
             "pose_covariance": self.pose_covariance.tolist(),
-            "pose_covariance_frame": "twist (v, w), world-aligned axes at the tool point, first order",
+            "pose_covariance_frame": FRAME,
+            "pose_covariance_integration": integration_json(self.pose.integration),
+            "pose_covariance_within_half_turn": self.pose.within_half_turn,
             "ellipse": ellipse_json(self.ellipse, self.basis),
             "method": self.method,
+            "integration": integration_json(self.integration),
             "budget": budget_json(self.budget),
             "budget_groups": groups_json(self.budget_groups),
             "budget_of_axes": [budget_json(shares) for shares in self.axis_budgets],
@@ -155,11 +173,12 @@ class Spread(Result):
 
 
 def propagate(problem: HasSources, posture: PostureLike) -> Spread:
-    """Mean and covariance of the tool pose at one posture, in closed form.
+    """Mean and covariance of the tool pose at one posture, without sampling.
 
     With errors ``p ~ N(0, Σ)`` of the parameters the covariance of the tool point is ``C = Cov f(q, p)`` (3, 3) [m²],
-    world: exact for independent errors and for planar arms, else exact for the variances and complete to fourth order
-    in σ in what the correlations add. Effects enter to first order; ``J Σ Jᵀ`` of everything stands beside C.
+    world: in closed form for independent errors and for planar arms; else exact given the factors that correlated
+    errors share, and integrated over these until it has converged. It is positive semidefinite at any σ. Effects enter
+    to first order; ``J Σ Jᵀ`` of everything stands beside C.
 
     Args:
         problem: names ``arm`` and ``sources``.
@@ -184,8 +203,8 @@ def propagate(problem: HasSources, posture: PostureLike) -> Spread:
         covariance=covariance,
         covariance_first_order=_symmetric(moments.first_order),
         bias=moments.mean - moments.position,
-        pose_covariance=_symmetric(tool_point.pose_covariance(q, moments.walk)),
         basis=ellipse_basis(tool_point, covariance),
+        integration=moments.integration,
         notes=(*sources.notes, *limit_notes(robot, q)),
     )
 
@@ -219,6 +238,11 @@ def ellipse_json(ellipse: Ellipsoid, basis: Array) -> dict[str, Any]:
         "coverage95_factor": ellipse.factor(0.95),
         "dimension": len(basis),
     }
+
+
+def integration_json(integration: Integration | None) -> dict[str, Any] | None:
+    """How an integral was taken, null where there is a closed form."""
+    return None if integration is None else integration.to_json()
 
 
 def budget_json(shares: Sequence[Share]) -> list[dict[str, Any]]:

@@ -14,6 +14,7 @@ from posture_opt.errors import InputError, Issue
 from posture_opt.model.c_source import c_source
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array
+from posture_opt.uncertainty.fixed_plan import FixedPlan
 from posture_opt.uncertainty.sampler import PAIRS
 from posture_opt.uncertainty.spread import HasSources, require_sources
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
@@ -27,7 +28,8 @@ class SpreadFunction:
 
     ``spread_at(Q)`` maps postures (N, n) [rad or m] to the covariances (N, 3, 3) [m²] of the tool point in the
     world that `propagate` gives, and one posture (n,) to one covariance (3, 3). Memory grows linearly in N;
-    batches may run in threads.
+    batches may run in threads. Correlated errors of a spatial arm are integrated at nodes that are the same at every
+    posture: `relative_error` says how well.
 
     Args:
         problem: names ``arm`` and ``sources``.
@@ -41,13 +43,19 @@ class SpreadFunction:
     def __init__(self, problem: HasSources, compiled: bool | None = None) -> None:
         require_sources(problem.sources)
         self._tool_point = ToolPoint.of(problem.arm, problem.sources)
+        self._plan = FixedPlan.of(self._tool_point)
         self._wanted = compiled
         self._covariance = self._batch(lambda moments: _upper(moments.covariance))
 
     @property
     def method(self) -> str:
-        """How the covariance is computed: ``exact``, ``exact, planar`` or ``exact + second order of …``."""
+        """How the covariance is computed, as of `propagate`."""
         return self._tool_point.method
+
+    @property
+    def relative_error(self) -> float:
+        """Largest relative error of the variance along any direction found at random postures; 0 in closed form."""
+        return self._plan.relative_error
 
     @property
     def compiled(self) -> bool:
@@ -85,7 +93,7 @@ class SpreadFunction:
     def _batch(self, select: Callable[[Moments], Any]) -> BatchFunction:
         q = ca.SX.sym("q", self._tool_point.robot.n)
         # A robot that does not move its tool point leaves numbers, which CasADi must hear of as SX.
-        entries = ca.densify(ca.SX(ca.vec(select(self._tool_point.moments(ca.vertsplit(q))))))
+        entries = ca.densify(ca.SX(ca.vec(select(self._tool_point.moments(ca.vertsplit(q), self._plan.plan)))))
         return BatchFunction(ca.Function("moments", [q], [ca.cse(entries)], ["q"], ["moments"]), compiled=self._wanted)
 
     def _evaluate(self, function: BatchFunction, Q: ArrayLike, order: Sequence[int], shape: tuple[int, ...]) -> Array:
@@ -134,14 +142,16 @@ def covariance_c(problem: HasSources, name: str = "tool_covariance") -> tuple[st
     require_sources(problem.sources)
     tool_point = ToolPoint.of(problem.arm, problem.sources)
     q = ca.SX.sym("q", problem.arm.robot.n)
-    moments = tool_point.moments(ca.vertsplit(q))
+    found = FixedPlan.of(tool_point)
+    moments = tool_point.moments(ca.vertsplit(q), found.plan)
     results = [moments.position, moments.covariance, moments.first_order]
     function = ca.Function("spread", [q], results, ["q"], ["position", "covariance", "first_order"])
     joints = ", ".join(f"{j.name} [{j.unit}]" for j in problem.arm.robot.joints)
+    error = f" (relative error up to {found.relative_error:.1g})" if tool_point.integrated else ""
     described = {
         "q": f"joint values: {joints}",
         "position": "nominal tool point in the world [m]",
-        "covariance": f"of the tool point in the world [m^2], {tool_point.method}",
+        "covariance": f"of the tool point in the world [m^2], {tool_point.method}{error}",
         "first_order": "the same to first order, J Sigma J' [m^2]",
     }
     return c_source(function, name, described)

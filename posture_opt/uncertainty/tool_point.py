@@ -4,17 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal, Protocol
 
+import casadi as ca
 import numpy as np
 
 from posture_opt.model.arm import Arm
-from posture_opt.model.chain import Scalar, Walk, add, stack
+from posture_opt.model.chain import Scalar, Vector, Walk, add, stack
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-from posture_opt.uncertainty.exact_moments import Plane, exact_moments, planar_moments, plane_of
-from posture_opt.uncertainty.second_order import second_order, transpose
+from posture_opt.uncertainty.conditional_moments import Segment, conditional_moments
+from posture_opt.uncertainty.exact_moments import exact_moments
+from posture_opt.uncertainty.integration import Integration, SharedSpan, converged, spans
+from posture_opt.uncertainty.node_plan import NodePlan
+from posture_opt.uncertainty.planar_moments import Plane, planar_moments, plane_of
+from posture_opt.uncertainty.second_order import transpose
+from posture_opt.uncertainty.shared_factors import SharedFactors
 
-Method = Literal["exact", "exact, planar", "exact + second order of the correlations"]
+Method = Literal["exact", "exact, planar", "exact given shared factors, integrated over them"]
 
 
 class NamedCovariance(Protocol):
@@ -35,6 +43,7 @@ class Moments:
         mean: (3,) exact mean [m].
         covariance: (3, 3) by ``method`` [m²].
         first_order: (3, 3) ``J Σ Jᵀ`` [m²].
+        integration: how the mean over shared factors was taken; None in closed form, or with nodes that were given.
     """
 
     position: Any
@@ -42,6 +51,7 @@ class Moments:
     covariance: Any
     first_order: Any
     walk: Walk
+    integration: Integration | None = None
 
 
 @dataclass(frozen=True)
@@ -97,50 +107,79 @@ class ToolPoint:
 
     @property
     def method(self) -> Method:
-        """How the covariance is computed; exact for Gaussian errors wherever a closed form exists."""
+        """How the covariance is computed, for Gaussian errors: in closed form wherever there is one."""
         if not self.correlated:
             return "exact"
-        return "exact, planar" if self.plane is not None else "exact + second order of the correlations"
+        return "exact, planar" if self.plane is not None else "exact given shared factors, integrated over them"
+
+    @property
+    def integrated(self) -> bool:
+        """Whether correlations are integrated over numerically, at nodes."""
+        return self.correlated and self.plane is None
+
+    @cached_property
+    def shared(self) -> SharedFactors:
+        """The covariance of the sources as independent errors and factors that they share."""
+        turning = [self.robot.factors[index].kind == "rotate" for index in self.indices]
+        return SharedFactors.of(self.covariance, np.array(turning, dtype=bool))
+
+    @cached_property
+    def spans(self) -> list[SharedSpan]:
+        """Where along the chain the shared factors act."""
+        return spans(self.shared, self.indices, self.robot.factors)
 
     def walk(self, q: Sequence[Scalar]) -> tuple[Walk, list[Scalar]]:
         """The walk along the nominal chain at ``q`` (n,), with its effects, and the value of every factor."""
         reached = self.arm.reach(q)
         return reached.walk, reached.values
 
-    def moments(self, q: Sequence[Scalar], *, complete: bool = True) -> Moments:
+    def moments(self, q: Sequence[Scalar], plan: NodePlan | None = None) -> Moments:
         """Mean and covariance at the posture ``q``: n scalars, arrays (N,) or symbols.
 
-        Without ``complete`` the correlations of a spatial arm enter to first order only.
+        Args:
+            plan: nodes for the shared factors of correlated errors of a spatial arm. Without one, numbers are
+                integrated until they have converged, and arrays and symbols have the few nodes of `NodePlan.few`.
         """
-        moments = self._of_chain(q, complete)
+        moments = self._of_chain(q, plan)
         if self.effects is None:
             return moments
         beside = self._of_effects(q, moments.walk)
         return replace(moments, covariance=moments.covariance + beside, first_order=moments.first_order + beside)
 
-    def _of_chain(self, q: Sequence[Scalar], complete: bool) -> Moments:
+    def _of_chain(self, q: Sequence[Scalar], plan: NodePlan | None) -> Moments:
         whole = self.arm.reach(q)
         reached, values, shift = whole.walk, whole.values, whole.shift
         jacobian = self.jacobian(reached)
         first = jacobian @ self.covariance @ transpose(jacobian)
-        position = stack(reached.position)
+        integration: Integration | None = None
         if self.method == "exact, planar":
             assert self.plane is not None
             mean, C = planar_moments(self.robot, reached, values, self.indices, self.covariance, self.plane)
-            return Moments(position, stack(add(mean, shift)), stack(C), first, reached)
-        mean, C = exact_moments(self.robot.factors, values, self._variances())
-        mean = add(mean, shift)
-        if not self.correlated:
-            return Moments(position, stack(mean), stack(C), first, reached)
-        if not complete:
-            across = self.covariance - np.diag(np.diag(self.covariance))
-            covariance = stack(C) + jacobian @ across @ transpose(jacobian)
-            return Moments(position, stack(mean), covariance, first, reached)
-        # Exact for the variances; what the correlations add, complete to second order.
-        full = second_order(reached, self.indices, self.covariance)
-        diagonal = second_order(reached, self.indices, np.diag(np.diag(self.covariance)))
-        covariance = stack(C) + (full.covariance - diagonal.covariance)
-        return Moments(position, stack(mean) + (full.bias - diagonal.bias), covariance, first, reached)
+            moments = stack(add(mean, shift)), stack(C)
+        elif not self.correlated:
+            mean, C = exact_moments(self.robot.factors, values, self.variances(np.diag(self.covariance)))
+            moments = stack(add(mean, shift)), stack(C)
+        elif plan is None and not any(isinstance(value, ca.SX | np.ndarray) for value in values):
+            found = converged(lambda segments: self._given(values, segments, shift), self.spans)
+            moments, integration = (found.mean, found.covariance), found.integration
+        else:
+            plan = plan or NodePlan.few(self.shared, self.indices, self.robot.factors)
+            mean, C = self._given(values, plan.segments, shift)
+            L = jacobian @ plan.straight
+            moments = mean, C + L @ transpose(L)
+        return Moments(stack(reached.position), *moments, first, reached, integration)
+
+    def segments(self, q: Sequence[float], goal: float) -> Sequence[Segment]:
+        """Nodes for the shared factors that give the covariance at ``q`` to the relative error ``goal``."""
+        whole = self.arm.reach(q)
+        return converged(lambda s: self._given(whole.values, s, whole.shift), self.spans, goal).segments
+
+    def _given(self, values: Sequence[Scalar], segments: Sequence[Segment], shift: Vector) -> tuple[Any, Any]:
+        """Mean (3,) and covariance (3, 3) with nodes, which stand on the last axis until they are mixed."""
+        columns = [value[:, None] if isinstance(value, np.ndarray) else value for value in values]
+        mean, C = conditional_moments(self.robot.factors, columns, self.variances(self.shared.own), segments)
+        moved = add((_squeezed(mean[0]), _squeezed(mean[1]), _squeezed(mean[2])), shift)
+        return stack(moved), stack([[_squeezed(entry) for entry in row] for row in C])
 
     def _of_effects(self, q: Sequence[Scalar], reached: Walk) -> Any:
         """(3, 3) what the uncertainty of the effects adds to the covariance, to first order."""
@@ -156,16 +195,6 @@ class ToolPoint:
         columns = [(*shift, *turn) if turns else shift for shift, turn in twists]
         return stack(list(zip(*columns, strict=True)))
 
-    def pose_covariance(self, q: Sequence[float], reached: Walk) -> np.ndarray:
-        """(6, 6) of shift and small rotation, first order."""
-        T = np.asarray(self.twists(q, reached)) if self.indices else np.zeros((6, 0))
-        found = T @ self.covariance @ T.T
-        if self.effects is None:
-            return np.asarray(found)
-        E = np.asarray(self.effect_columns(q, reached, turns=True), dtype=float)
-        cross = T @ self.effects.cross @ E.T
-        return np.asarray(found + E @ self.effects.covariance @ E.T + cross + cross.T)
-
     def jacobian(self, reached: Walk) -> Any:
         """``∂x/∂source`` (3, k) [m/rad, m/m], world frame."""
         if not self.indices:
@@ -176,11 +205,17 @@ class ToolPoint:
         """(6, k) shift of the tool point and small rotation per source, world-aligned axes."""
         return stack(list(zip(*((*v, *w) for v, w in self.arm.twists(self.indices, q, reached)), strict=True)))
 
-    def _variances(self) -> list[float]:
+    def variances(self, of_sources: Array) -> list[float]:
+        """The variance of every factor of the chain from those of the sources (k,)."""
         variances = [0.0] * len(self.robot.factors)
-        for index, variance in zip(self.indices, np.diag(self.covariance), strict=True):
+        for index, variance in zip(self.indices, of_sources, strict=True):
             variances[index] = float(variance)
         return variances
+
+
+def _squeezed(entry: Scalar) -> Scalar:
+    """Without the axis that nodes stood on."""
+    return entry[..., 0] if isinstance(entry, np.ndarray) else entry
 
 
 def _effect_sources(arm: Arm, sources: NamedCovariance, order: Sequence[int]) -> EffectSources | None:

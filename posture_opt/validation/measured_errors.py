@@ -146,7 +146,7 @@ def _errors(problem: CalibrationProblem, data: Measurements) -> Array:
 
 def _inside(robot: Robot, tool_point: ToolPoint, data: Measurements, errors: Array, instrument: float) -> Mask:
     """(M,) whether errors (M, 3) lie in the 95 % region predicted for the rows' own postures."""
-    moments = tool_point.moments([np.ascontiguousarray(column) for column in data.q.T], complete=False)
+    moments = tool_point.moments([np.ascontiguousarray(column) for column in data.q.T])
     C = np.broadcast_to(moments.covariance, (len(data), 3, 3)) + instrument**2 * np.eye(3)
     axes = np.flatnonzero(data.measured_axes) if data.position is not None else np.arange(3)
     C, e = C[:, axes][:, :, axes], errors[:, axes]

@@ -13,7 +13,8 @@ from posture_opt.errors import InputError
 from posture_opt.robot.preset import load_preset
 from posture_opt.uncertainty import cloud as cloud_module
 from posture_opt.uncertainty.cloud import simulate
-from posture_opt.uncertainty.sampler import Sampler, covariance_root
+from posture_opt.uncertainty.pose_covariance import covariance_root
+from posture_opt.uncertainty.sampler import Sampler
 from posture_opt.uncertainty.sampling_errors import wilson_interval
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.spread import propagate

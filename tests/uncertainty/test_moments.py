@@ -13,7 +13,8 @@ from posture_opt.model.chain import factor_values, walk
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
 from posture_opt.uncertainty.cloud import simulate
-from posture_opt.uncertainty.exact_moments import planar_moments, plane_of
+from posture_opt.uncertainty.node_plan import NodePlan
+from posture_opt.uncertainty.planar_moments import planar_moments, plane_of
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.uncertainty.second_order import second_order
 from posture_opt.uncertainty.sources import Sources
@@ -232,13 +233,14 @@ def test_numbers_arrays_and_symbols_agree(case):
     robot, sources, q = CASES[case]()
     tool_point = ToolPoint.of(Arm(robot), scaled(sources, 10))
     symbol = ca.SX.sym("q", robot.n)
+    plan = NodePlan.few(tool_point.shared, tool_point.indices, robot.factors) if tool_point.integrated else None
     symbolic = tool_point.moments(ca.vertsplit(symbol))
     results = [symbolic.mean, symbolic.covariance, symbolic.first_order, symbolic.position]
     function = ca.Function("f", [symbol], results)
     Q = np.array(q) + np.random.default_rng(0).uniform(-1, 1, (7, robot.n))
     batch = tool_point.moments(list(Q.T))
     for row, posture in enumerate(Q):
-        one = tool_point.moments(posture.tolist())
+        one = tool_point.moments(posture.tolist(), plan)
         values = [one.mean, one.covariance, one.first_order, one.position]
         rows = [batch.mean, batch.covariance, batch.first_order, batch.position]
         for value, many, symbols in zip(values, rows, function(posture), strict=True):

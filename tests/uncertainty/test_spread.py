@@ -96,14 +96,13 @@ def test_the_quaternion_keeps_its_digits_at_half_turns(angles):
 
 
 def test_pose_covariance_is_that_of_shift_and_rotation_in_world_axes():
-    problem = spatial()
+    problem = spatial(1e-7, 1e-7)
     spread = propagate(problem, Q6)
     names, S = problem.sources.names, problem.sources.covariance
     columns = np.array([pose_difference(problem.robot, Q6, name) for name in names]).T
     expected = columns @ S @ columns.T
-    # central differences of step 1e-5: relative error 1e-10
-    np.testing.assert_allclose(spread.pose_covariance, expected, atol=1e-9 * expected.max())
-    np.testing.assert_allclose(spread.pose_covariance[:3, :3], spread.first_order, atol=1e-18)
+    # central differences of step 1e-5: relative error 1e-10; beyond first order stands 1e-14
+    np.testing.assert_allclose(spread.pose_covariance, expected, rtol=0, atol=1e-9 * expected.max())
 
 
 def pose_difference(robot, q, name, h=1e-5):
@@ -146,7 +145,7 @@ def test_budget_is_the_elasticity_of_the_reported_covariance(arm):
     if arm == "planar":
         problem, q = planar(5, 5), (0.4, -1.0)
     else:
-        problem, q = spatial(0.05, 0.01), Q6
+        problem, q = spatial(0.02, 0.004), Q6  # nodes are good to 1e-5 here
     problem.sources = correlated(problem.sources)
     u = np.array([0.6, 0.8, 0.0])
     tool_point = ToolPoint.of(problem.arm, problem.sources)
@@ -224,7 +223,7 @@ def test_method_says_how():
     flat = planar()
     assert propagate(stated(robot=flat.robot, sources=correlated(flat.sources)), BENT).method == "exact, planar"
     both = stated(robot=spatial().robot, sources=correlated(spatial().sources))
-    assert "second order" in propagate(both, Q6).method
+    assert propagate(both, Q6).method == "exact given shared factors, integrated over them"
 
 
 def test_bias_is_exact_mean_less_nominal():

@@ -43,8 +43,11 @@ def test_it_gives_what_propagate_gives(name, coupled, compiled):
         assert spread_at.method == spread.method
         expected = spread.covariance, spread.first_order, spread.position, spread.position + spread.bias
         for values, value in zip(found, expected, strict=True):
-            # hundreds of operations on metres of order one; variances of order 0.01
-            np.testing.assert_allclose(values[row], value, atol=1e-14)
+            # hundreds of operations on metres of order one; variances of order 0.01. Correlated errors in space have
+            # nodes that are good at most, not all, postures: three times what was found at six of them.
+            near = 1e-14 + 3 * spread_at.relative_error * np.trace(spread.covariance)
+            np.testing.assert_allclose(values[row], value, rtol=1e-7, atol=near)
+            assert spread_at.relative_error < 1e-4
 
 
 def test_one_posture_gives_one_covariance():
