@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,9 @@ import numpy as np
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.coverage_radius import coverage_radius
 from posture_opt.uncertainty.regions import deviation
+from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.spread import Spread
+from posture_opt.uncertainty.tool_point import ToolPoint
 
 _MOST = 3  # parameters named
 _TELLING = 0.8  # of the variance: the combinations that make this much are looked at
@@ -53,13 +55,13 @@ class SpreadParts:
 def spread_parts(spread: Spread, basis: Array) -> SpreadParts:
     """The parts of a spread in the coordinates ``basis`` (m, 3) that a task cares about.
 
-    To first order the systematic part is ``J C Jᵀ`` with the covariance C of the errors that stay; scatter is the rest,
-    the sides of approach that nobody knows included.
+    The systematic part is the covariance of the tool point by the errors that stay alone, computed as that of the
+    spread; scatter is the rest, the sides of approach that nobody knows included.
     """
     names, J = _columns(spread)
     C = _constant(spread, names)
     J = basis.T @ J
-    systematic = J @ C @ J.T
+    systematic = _positive(J @ C @ J.T + basis.T @ _bent(spread) @ basis)
     scatter = _positive(basis.T @ spread.covariance @ basis - systematic)
     values, axes = np.linalg.eigh(systematic)
     parameters = leading_parameters(names, axes[:, -1] @ J, C) if values[-1] > 0 else ()
@@ -102,6 +104,16 @@ def _constant(spread: Spread, names: Sequence[str]) -> Array:
     rows = [at[names[i]] for i in known]
     C[np.ix_(known, known)] = sources.constant[np.ix_(rows, rows)]
     return C
+
+
+def _bent(spread: Spread) -> Array:
+    """(3, 3) what the errors of the chain that stay add to the covariance beyond first order [m²]."""
+    sources = spread.problem.sources
+    staying = ToolPoint.of(spread.tool_point.arm, Sources(sources.names, sources.constant))
+    if not staying.names:
+        return np.zeros((3, 3))
+    moments = replace(staying, effects=None).moments(spread.q)
+    return np.asarray(moments.covariance - moments.first_order)
 
 
 def _size(C: Array, among: Array) -> tuple[float, float]:
