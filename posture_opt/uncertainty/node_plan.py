@@ -14,6 +14,7 @@ from posture_opt.uncertainty.gaussian_rules import degree_five, degree_three, pr
 from posture_opt.uncertainty.integration import SharedSpan, polynomial, spans
 from posture_opt.uncertainty.shared_factors import SharedFactors
 
+_USUAL, _MANY = 3, 6  # factors with nodes, and how many factors leave nodes to one alone
 _FARTHER = 3.0  # nodes more of a factor alone for each radian by which it turns the tool
 
 
@@ -37,13 +38,17 @@ class NodePlan:
         return sum(s.centre.count + (s.width.count if s.width is not s.centre else 0) for s in self.segments)
 
     @classmethod
-    def few(cls, split: SharedFactors, indices: Sequence[int], factors: Sequence[Factor], most: int = 3) -> NodePlan:
+    def few(cls, split: SharedFactors, indices: Sequence[int], factors: Sequence[Factor], most: int = 0) -> NodePlan:
         """Complete to fourth order in σ in the ``most`` weightiest factors of every span.
+
+        Unless stated these are three, but one where there are more than six, as there are after a calibration: errors
+        are small then, and a graph of many factors would be large.
 
         The mean, whose covariance counts, is taken at nodes of degree 5, and the covariance, which the factors change
         at the second order of σ only, at nodes of degree 3: 5 walks for one factor, 11 for two, 19 for three. A factor
         alone has more nodes where it turns the tool far.
         """
+        most = most or (_USUAL if split.count <= _MANY else 1)
         kept = [column for span in spans(split, indices, factors) for column in sorted(span.columns)[:most]]
         chosen = SharedFactors(split.own, split.loadings[:, kept])
         segments = tuple(_fourth_order(span) for span in spans(chosen, indices, factors))

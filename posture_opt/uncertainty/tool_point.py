@@ -166,7 +166,7 @@ class ToolPoint:
             plan = plan or NodePlan.few(self.shared, self.indices, self.robot.factors)
             mean, C = self._given(values, plan.segments, shift)
             L = jacobian @ plan.straight
-            moments = mean, C + L @ transpose(L)
+            moments = _shared_subexpressions(mean, C + L @ transpose(L))
         return Moments(stack(reached.position), *moments, first, reached, integration)
 
     def segments(self, q: Sequence[float], goal: float) -> Sequence[Segment]:
@@ -211,6 +211,14 @@ class ToolPoint:
         for index, variance in zip(self.indices, of_sources, strict=True):
             variances[index] = float(variance)
         return variances
+
+
+def _shared_subexpressions(mean: Any, C: Any) -> tuple[Any, Any]:
+    """The same; symbols with what nodes have in common written once."""
+    if not isinstance(C, ca.SX):
+        return mean, C
+    joined = ca.cse(ca.vertcat(mean, ca.vec(C)))
+    return joined[:3], ca.reshape(joined[3:], 3, 3)
 
 
 def _squeezed(entry: Scalar) -> Scalar:

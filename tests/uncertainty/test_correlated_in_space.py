@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import casadi as ca
 import numpy as np
 import pytest
 
+from posture_opt.model.arm import Arm
 from posture_opt.problem.load import problem_from_dict
 from posture_opt.robot.preset import load_preset
+from posture_opt.robot.robot import frame_factors
+from posture_opt.uncertainty.budget import budgets
+from posture_opt.uncertainty.fixed_plan import FixedPlan
+from posture_opt.uncertainty.integration import relative_difference
+from posture_opt.uncertainty.node_plan import NodePlan
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.spread import propagate
+from posture_opt.uncertainty.tool_point import ToolPoint
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose
 from tests.helpers.stated import stated
@@ -112,3 +122,166 @@ def test_moments_are_those_of_samples(case, sigma, q):
     assert (np.abs(spread.bias - mean[:3]) <= 5.5 * of_mean[:3] + 1e-15).all()
     assert spread.method == "exact given shared factors, integrated over them"
     assert spread.integration.relative_error < (1e-2 if case == "lengths and angles" else 1e-5)
+
+
+@pytest.mark.parametrize("sigma", [1, 10, 30])
+@pytest.mark.parametrize("case", ["one pair", "equal", "dense", "three pairs that overlap", "a prismatic joint"])
+def test_more_nodes_converge(case, sigma):
+    robot, sources = CASES[case]
+    tool_point = ToolPoint.of(Arm(arm_of(robot)), scaled(sources(), np.radians(sigma)))
+    q = list(Q6)
+    exact = tool_point.moments(q)
+    errors = []
+    for level in (0, 1, 2):
+        plan = NodePlan.at_level(tool_point.shared, tool_point.spans, level)
+        errors.append(relative_difference(tool_point.moments(q, plan).covariance, exact.covariance))
+    # Each level adds a node or more along each factor: the error of degree 5 falls to a fifth and less, until rounding.
+    floor = 1e-12
+    assert errors[1] < max(errors[0] / 5, floor)
+    assert errors[2] < max(errors[1] / 5, floor)
+    assert exact.integration.relative_error < 1e-7
+    assert exact.integration.nodes > sum(s.centre.count for s in NodePlan.at_level(
+        tool_point.shared, tool_point.spans, 0).segments)  # fmt: skip
+
+
+def test_nodes_grow_with_sigma_and_small_errors_are_cheap():
+    nodes = [spread_of("equal", sigma, Q6).integration.nodes for sigma in (0.01, 1, 10, 30)]
+    assert nodes[0] <= 5
+    assert nodes == sorted(nodes)
+    assert nodes[-1] > 20
+
+
+@pytest.mark.parametrize("case", ["one pair", "equal", "one shaft", "dense", "lengths and angles", "a prismatic joint"])
+@pytest.mark.parametrize("sigma", [np.radians(0.01), 1e-9])
+def test_small_errors_keep_their_digits(case, sigma):
+    robot, sources = CASES[case]
+    problem = stated(robot=arm_of(robot), sources=scaled(sources(), sigma))
+    spread = propagate(problem, Q6)
+    # C = J S J' (1 + O(s^2)): six errors of one sign turn by 6 s. Raw moments would lose all digits at 1e-9.
+    size = np.sqrt(np.outer(np.diag(spread.first_order), np.diag(spread.first_order)))
+    assert (np.abs(spread.covariance - spread.first_order) <= (1000 * sigma**2 + 1e-13) * size).all()
+    pose = spread.pose_covariance
+    first = first_order_pose(spread)
+    size = np.sqrt(np.outer(np.diag(first), np.diag(first)))
+    assert (np.abs(pose - first) <= (1000 * sigma**2 + 1e-13) * size).all()
+
+
+def first_order_pose(spread):
+    T = np.asarray(spread.tool_point.twists(spread.q, spread.tool_point.walk(spread.q)[0]), dtype=float)
+    return T @ spread.tool_point.covariance @ T.T
+
+
+def random_correlations(rng, k):
+    """Of any rank, some sources the same as others or their opposite, some independent."""
+    R = correlated(joints(), seed=int(rng.integers(1 << 30)), dof=int(rng.integers(1, 13))).covariance
+    R = R / np.sqrt(np.outer(np.diag(R), np.diag(R)))
+    if rng.random() < 0.3:  # twins
+        i, j = rng.choice(k, 2, replace=False)
+        sign = rng.choice([-1.0, 1.0])
+        R[i], R[:, i] = sign * R[j], sign * R[:, j]
+        R[i, i] = 1.0
+    alone = rng.random(k) < 0.2
+    R[alone], R[:, alone] = 0.0, 0.0
+    np.fill_diagonal(R, 1.0)
+    return R
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_every_covariance_is_positive_semidefinite(seed):
+    rng = np.random.default_rng(seed)
+    robot = load_preset("ur10")
+    sigma = np.radians(10.0 ** rng.uniform(-2, 1.8, 6))
+    sources = with_correlations(joints(), random_correlations(rng, 6))
+    sources = Sources(sources.names, sources.covariance * np.outer(sigma, sigma))
+    tool_point = ToolPoint.of(Arm(robot), sources)
+    q = rng.uniform(-3, 3, 6)
+    q[rng.random(6) < 0.3] = 0.0  # singular postures among them
+    symbol = ca.SX.sym("q", 6)
+    symbolic = ca.Function("C", [symbol], [tool_point.moments(ca.vertsplit(symbol)).covariance])
+    spread = propagate(stated(robot=robot, sources=sources), q)
+    batch = tool_point.moments([np.array([value]) for value in q]).covariance
+    for C in (spread.covariance, symbolic(q).full(), batch.reshape(3, 3), spread.pose_covariance):
+        units = np.sqrt(np.diag(C))
+        values = np.linalg.eigvalsh(C / np.outer(units, units))
+        assert values[0] > -1e-13  # rounding of sums of order one
+    np.testing.assert_array_equal(spread.pose_covariance[:3, :3], spread.covariance)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_full_correlation_is_one_error(sign):
+    """ρ = ±1 of base.z turned by the first joint's angle: one rotation by twice the angle, or none."""
+    robot = load_preset("ur10")
+    names = ("base.yaw", "shoulder_pan.theta")
+    R = np.array([[1.0, sign], [sign, 1.0]])
+    upright = replace(robot, base=frame_factors("base", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    both = propagate(stated(robot=upright, sources=Sources(names, 0.3**2 * R)), Q6)
+    twice = Sources(names[1:], np.array([[(0.3 * (1 + sign)) ** 2]]))
+    if sign > 0:
+        alone = propagate(stated(robot=upright, sources=twice), Q6)
+        np.testing.assert_allclose(both.covariance, alone.covariance, atol=1e-9)
+        np.testing.assert_allclose(both.bias, alone.bias, atol=1e-9)
+    else:
+        np.testing.assert_allclose(both.covariance, 0, atol=1e-15)
+
+
+@pytest.mark.parametrize("case", ["one pair", "three pairs that overlap", "dense", "lengths and angles"])
+def test_few_nodes_are_complete_to_fourth_order(case):
+    robot, sources = CASES[case]
+    errors = []
+    for sigma in (0.04, 0.02):
+        tool_point = ToolPoint.of(Arm(arm_of(robot)), scaled(sources(), sigma))
+        plan = NodePlan.few(tool_point.shared, tool_point.indices, tool_point.robot.factors, most=20)
+        exact = tool_point.moments(list(Q6)).covariance
+        errors.append(np.abs(tool_point.moments(list(Q6), plan).covariance - exact).max())
+    assert errors[0] / errors[1] > 40  # sixth order: 64
+    assert errors[1] < 1e-6
+
+
+def test_the_covariance_of_symbols_has_derivatives():
+    tool_point = ToolPoint.of(Arm(load_preset("ur10")), scaled(joints(R=equal(6, 0.8)), np.radians(1)))
+    q = ca.SX.sym("q", 6)
+    C = ca.SX(tool_point.moments(ca.vertsplit(q)).covariance)
+    gradient = ca.Function("g", [q], [ca.gradient(ca.trace(C), q)])
+    trace = ca.Function("f", [q], [ca.trace(C)])
+    h = 1e-5
+    steps = h * np.eye(6)
+    differences = [(float(trace(Q6 + s)) - float(trace(Q6 - s))) / (2 * h) for s in steps]
+    np.testing.assert_allclose(gradient(Q6).full()[:, 0], differences, atol=1e-8)  # h² of a trace of 0.01 m²
+    assert ca.Function("f", [q], [C]).n_instructions() < 6000  # of 250 for independent errors
+
+
+def test_the_graph_of_dense_correlations_is_bounded():
+    sources = scaled(correlated(errors_of(load_preset("ur10"), 1.0, 0.5)), 1e-4)
+    tool_point = ToolPoint.of(Arm(load_preset("ur10")), sources)
+    assert len(sources.names) == 30
+    q = ca.SX.sym("q", 6)
+    C = ca.SX(tool_point.moments(ca.vertsplit(q)).covariance)
+    assert ca.Function("f", [q], [C]).n_instructions() < 8000  # complete second order took 90 000
+
+
+@pytest.mark.parametrize(("case", "sigma"), [("one pair", 0.1), ("one pair", 10), ("equal", 10), ("dense", 0.1)])
+def test_fixed_nodes_serve_postures_they_were_not_chosen_at(case, sigma):
+    robot, sources = CASES[case]
+    tool_point = ToolPoint.of(Arm(arm_of(robot)), scaled(sources(), np.radians(sigma)))
+    found = FixedPlan.of(tool_point)
+    assert found.relative_error < 1e-6
+    for q in np.random.default_rng(5).uniform(-3, 3, (10, 6)):
+        one = [float(v) for v in q]
+        C = tool_point.moments(one, found.plan).covariance
+        assert relative_difference(C, tool_point.moments(one).covariance) < 1e-5  # ten times the goal
+
+
+def test_shares_of_correlated_sources_are_those_of_the_covariance():
+    spread = spread_of("three pairs that overlap", 20, Q6)
+    u = np.array([0.6, 0.0, 0.8])
+    tool_point = spread.tool_point
+
+    def variance(factors):
+        varied = replace(tool_point, covariance=tool_point.covariance * np.outer(factors, factors))
+        return u @ np.asarray(varied.moments(list(Q6)).covariance) @ u
+
+    steps = 1e-3 * np.eye(6)
+    gradient = np.array([variance(np.exp(s)) - variance(np.exp(-s)) for s in steps])
+    expected = dict(zip(tool_point.names, gradient / gradient.sum(), strict=True))
+    found = {share.parameter: share.share for share in budgets(tool_point, Q6, [u])[0]}
+    assert found == pytest.approx(expected, abs=2e-5)  # differences of step 1e-3, nodes good to 1e-5
