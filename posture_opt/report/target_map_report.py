@@ -111,7 +111,7 @@ def places_table(found: TargetMap, map_points: dict[str, MapPoint]) -> Table:
 
 def map_block(found: TargetMap) -> Block:
     """How much of the map can be served, and the figure."""
-    return Block("Map", (served_sentence(found), *_small_table(found)), figure="map")
+    return Block("Map", (served_sentence(found), neighbours_sentence(found), *_small_table(found)), figure="map")
 
 
 def served_sentence(found: TargetMap) -> str:
@@ -127,6 +127,16 @@ def served_sentence(found: TargetMap) -> str:
     unsure = sum(map_point.feasible and not map_point.optimal for map_point in found.map_points)
     note = f" At {count(unsure, 'target')} the solver did not confirm an optimum." if unsure else ""
     return f"{text}; {', '.join(why)}.{note}" if why else f"{text}.{note}"
+
+
+def neighbours_sentence(found: TargetMap) -> str:
+    """What the targets learnt from each other."""
+    solves = found.solves
+    text = f"Every posture was held against those of its neighbours, and {count(solves.again, 'target')} solved again: "
+    if not solves.better:
+        return f"{text}none became better."
+    gain = f"up to {percent(solves.most)} less scatter" if solves.most >= _SAME else "by less than 0.1 %"
+    return f"{text}{solves.better} became better, {gain}."
 
 
 def _small_table(found: TargetMap) -> tuple[Table, ...]:

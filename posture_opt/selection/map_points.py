@@ -122,6 +122,27 @@ class MapCandidate:
     scale: float
 
 
+@dataclass(frozen=True)
+class NeighbourSolves:
+    """What targets learnt from postures of their neighbours.
+
+    Args:
+        again: targets with a posture that were solved again, because a neighbour's was another one or they stood out.
+        better: those of them that became better by it.
+        most: the largest share of σ that one gained.
+        found: targets that had no posture before.
+    """
+
+    again: int
+    better: int
+    most: float
+    found: int
+
+    def to_json(self) -> dict[str, Any]:
+        """The numbers as they are."""
+        return {"again": self.again, "better": self.better, "most": self.most, "found": self.found}
+
+
 @dataclass(frozen=True, eq=False)
 class MapPoint:
     """One target with the best posture there; numbers are NaN where there is none.

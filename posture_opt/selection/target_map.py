@@ -13,7 +13,8 @@ from posture_opt.errors import NoSolutionError
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.selection.grid_layout import GridRequest, Plane, grid_of
-from posture_opt.selection.map_points import Grid, MapPoint, map_points_of
+from posture_opt.selection.map_neighbours import Neighbourhood
+from posture_opt.selection.map_points import Grid, MapPoint, NeighbourSolves, map_points_of
 from posture_opt.selection.map_search import best_candidates
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.selector import PostureSelector
@@ -31,6 +32,7 @@ class TargetMap(Result):
     Args:
         map_points: one for each of ``grid.points``.
         own: the position in the problem file, where it has one.
+        solves: what targets learnt from each other.
         seconds: wall time.
         notes: sentences for the report.
     """
@@ -41,6 +43,7 @@ class TargetMap(Result):
     grid: Grid
     map_points: tuple[MapPoint, ...]
     own: MapPoint | None
+    solves: NeighbourSolves
     seconds: float
     notes: tuple[str, ...] = ()
 
@@ -95,6 +98,7 @@ class TargetMap(Result):
             "best": self.best.to_json(joints),
             "worst": self.worst.to_json(joints),
             "own": None if self.own is None else self.own.to_json(joints),
+            "neighbour_solves": self.solves.to_json(),
             "seconds": self.seconds,
             "notes": list(self.notes),
         }
@@ -141,7 +145,9 @@ def map_targets(
     engines = [selector.engine(target) for target in targets]
     seed = problem.solver.seed if seed is None else seed
     pairs = (*grid.neighbours, *_beside(grid, len(targets), targets))
-    candidates = best_candidates(engines, targets, pairs, seed=seed, workers=workers, progress=progress)
+    points = np.array([target.lower for target in targets])
+    neighbourhood = Neighbourhood.of(problem.arm, selector.target.direction, points, pairs)
+    candidates, solves = best_candidates(engines, targets, neighbourhood, seed=seed, workers=workers, progress=progress)
     map_points = map_points_of(engines[0].optimisation_problem, targets, candidates)
     size = len(grid.points)
     feasible = [map_point.feasible for map_point in map_points]
@@ -155,6 +161,7 @@ def map_targets(
         grid=grid,
         map_points=tuple(map_points[:size]),
         own=map_points[size] if own else None,
+        solves=solves,
         seconds=time.perf_counter() - began,
         notes=(*problem.notes, solved.axis_note(selector.target), *selector.remarks()),
     )

@@ -1,0 +1,88 @@
+"""What the steps of a map search share: which engine serves which targets, and the best of some postures at one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.selection.engine import CandidatePosture, Engine
+from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE
+from posture_opt.selection.map_points import MapCandidate
+from posture_opt.selection.multistart import rank
+from posture_opt.selection.task_target import TaskTarget
+
+_CLOSE = 0.3  # rad or m: postures nearer to each other than this mostly end at the same optimum
+_WORTH = 0.25  # of the objective: a start that lies so far above an optimum is not polished
+_POLISHED = 4  # of a target where no start meets the further requirements
+
+
+def by_engine(engines: Sequence[Engine], indices: Iterable[int]) -> list[tuple[Engine, list[int]]]:
+    """Each engine with those of some targets that it serves."""
+    shares: dict[int, list[int]] = {}
+    for k in indices:
+        shares.setdefault(id(engines[k]), []).append(k)
+    return [(engines[mine[0]], mine) for mine in shares.values()]
+
+
+def out_of_plane(engine: Engine, target: TaskTarget) -> bool:
+    """Whether a target lies outside of the plane, or line, that the tool point cannot leave."""
+    return engine.optimisation_problem.reach.misses(target.lower, target.upper)
+
+
+def freedom(engine: Engine, target: TaskTarget) -> int:
+    """In how many ways a task at a point leaves the joints free, those left out that change nothing."""
+    problem = engine.optimisation_problem
+    held = int(problem.reach.directions.shape[1]) + (0 if target.tilt > 0 else problem.axis_rows)
+    return engine.robot.n - held - len(problem.nlp.indifferent)
+
+
+def best_among(engine: Engine, target: TaskTarget, Q: Array, polished: int = 1) -> MapCandidate:
+    """The best candidate among postures (M, n) that reach the target, so many of them polished."""
+    _, violation, own, _ = (column[:, 0] for column in engine.screen(Q, target.parameters()))
+    scale = engine.scale_of(own)
+    target = replace(target, scale=scale)
+    postures = engine.candidates(Q, target)
+    if np.any(violation <= ROW_TOLERANCE):
+        chosen = _apart(engine, sorted((c for c in postures if c.feasible), key=rank), polished)
+    else:
+        chosen = [postures[k] for k in np.argsort(violation, kind="stable")[:_POLISHED]]
+    best = engine.polished(chosen[0], target)
+    for posture in chosen[1:]:
+        if not (best.feasible and posture.objective > best.objective + _WORTH * abs(best.objective)):
+            best = min(best, engine.polished(posture, target), key=rank)
+    return MapCandidate("feasible", best, scale) if best.feasible else MapCandidate("requirement not met", None, scale)
+
+
+def better_of(engine: Engine, target: TaskTarget, first: MapCandidate, second: MapCandidate) -> MapCandidate:
+    """Which of two candidates of one target is better; a tie goes to the first one."""
+    if second.best is None or first.best is None:
+        return second if first.best is None and second.fate != "not reached" else first
+    same = engine.candidates(second.best.q[None], replace(target, scale=first.scale))[0]
+    return (
+        MapCandidate("feasible", replace(second.best, objective=same.objective), first.scale)
+        if (same.objective < first.best.objective)
+        else first
+    )
+
+
+def is_near(engine: Engine, q: Array, known: Sequence[Array]) -> bool:
+    """Whether one of some postures is the same but for less than 0.3 rad (or m) in every joint that matters."""
+    if not len(known):
+        return False
+    away = np.abs(np.array(known) - q)
+    revolute = np.array([joint.type == "revolute" for joint in engine.robot.joints])
+    away = np.where(revolute, np.minimum(away % (2 * np.pi), 2 * np.pi - away % (2 * np.pi)), away)
+    away[:, list(engine.optimisation_problem.nlp.indifferent)] = 0.0
+    return bool(np.min(np.max(away, axis=1)) < _CLOSE)
+
+
+def _apart(engine: Engine, postures: Sequence[CandidatePosture], count: int) -> list[CandidatePosture]:
+    """The first of some postures, best first, that are not near to a better one."""
+    chosen: list[CandidatePosture] = []
+    for posture in postures:
+        if len(chosen) < count and not is_near(engine, posture.q, [other.q for other in chosen]):
+            chosen.append(posture)
+    return chosen
