@@ -51,6 +51,7 @@ SHOWN: dict[str, tuple[float, str]] = {
     "factor": (1.0, ""),
 }
 UNKNOWN = "not known"
+_FINER = 2  # decimals that a number may have more than a larger one beside it
 _SHORT = 1e-3  # m: below this an error of length is written in µm
 
 # Only what a robot file can need. The whole of pint's table takes 0.3 s to read, and it would accept
@@ -184,15 +185,27 @@ def parse_celsius(value: Any) -> float:
     return float(match[1])
 
 
-def number(value: float, digits: int = 3) -> str:
-    """``value`` with at least ``digits`` significant digits and never an exponent: 0.0123, 1.23, 1234."""
+def number(value: float, digits: int = 3, beside: float = 0.0) -> str:
+    """``value`` with at least ``digits`` significant digits and never an exponent: 0.0123, 1.23, 1234.
+
+    Where it stands ``beside`` a larger number it has no more than two decimals more than that one: 0.000003 beside
+    0.0690, and not 0.00000333; what is less than them is 0.
+    """
     if not math.isfinite(value):
         return UNKNOWN
-    if value == 0:
-        return "0"
+    decimals = _decimals(value, digits)
+    if value == 0 or decimals <= (most := _decimals(beside, digits) + _FINER) or beside == 0:
+        return f"{value:.{decimals}f}"
+    text = f"{value:.{most}f}"
+    return text if float(text) else "0"
+
+
+def _decimals(value: float, digits: int) -> int:
+    """How many decimals a number of so many significant digits has; none of zero."""
+    if value == 0 or not math.isfinite(value):
+        return 0
     rounded = float(f"{value:.{digits - 1}e}")  # 9.996 has one digit more before the point once it is rounded
-    decimals = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
-    return f"{value:.{decimals}f}"
+    return max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
 
 
 def fixed(value: float, decimals: int = 2) -> str:

@@ -92,10 +92,10 @@ def _axes_table(cloud: Cloud) -> Table:
     unit, factor = length_unit([*sampled, *closed])
     axes, ratios = cloud.spread.axes[::-1], [float(v) for v in cloud.ratio[::-1]]
     rows = tuple(
-        (line_words(a), number(c * factor, 4), number(s * factor, 4), _interval(pair, factor), fixed(ratio, 4))
+        (line_words(a), *_beside([c, s, *pair], closed[0], factor), fixed(ratio, 4))
         for a, c, s, pair, ratio in zip(axes, closed, sampled, intervals, ratios, strict=True)
     )
-    rows += tuple(_task_row(cloud, words, axis, factor) for words, axis in _task_axes(cloud))
+    rows += tuple((words, *_task_cells(cloud, axis, factor)) for words, axis in _task_axes(cloud))
     headers = ("standard deviation along", f"closed form [{unit}]", f"simulated [{unit}]", "95 % interval", "ratio")
     return Table(headers, rows)
 
@@ -111,12 +111,18 @@ def _task_axes(cloud: Cloud) -> tuple[tuple[str, Array], ...]:
     return tuple(rows if seen.critical.within == "along" else [*rows, (PARTS["along"], seen.direction)])
 
 
-def _task_row(cloud: Cloud, words: str, axis: Array, factor: float) -> tuple[str, str, str, str, str]:
+def _task_cells(cloud: Cloud, axis: Array, factor: float) -> tuple[str, str, str, str]:
     closed, sampled = (deviation(float(axis @ C @ axis), C) for C in (cloud.spread.covariance, cloud.covariance))
     pair = variance_intervals(axis[None], np.array([sampled**2]), cloud.covariance_of_covariance)[0]
     ends = [math.sqrt(max(float(v), 0.0)) for v in pair]
     ratio = fixed(sampled / closed, 4) if closed > 0 else "-"
-    return words, number(closed * factor, 4), number(sampled * factor, 4), _interval(ends, factor), ratio
+    return *_beside([closed, sampled, *ends], float(cloud.spread.ellipse.semi_axes[-1]), factor), ratio
+
+
+def _beside(sizes: list[float], largest: float, factor: float) -> tuple[str, str, str]:
+    """Closed form, simulated, and the interval of the latter, beside the largest of the table."""
+    closed, sampled, low, high = (number(size * factor, 4, largest * factor) for size in sizes)
+    return closed, sampled, f"{low} to {high}"
 
 
 def _mean_table(cloud: Cloud) -> Table:
@@ -129,10 +135,6 @@ def _mean_table(cloud: Cloud) -> Table:
         for axis, c, s, e in zip("xyz", closed, sampled, errors, strict=True)
     )
     return Table(("mean, off the nominal point", f"closed form [{unit}]", f"simulated [{unit}]", "95 % interval"), rows)
-
-
-def _interval(pair: list[float], factor: float) -> str:
-    return f"{number(pair[0] * factor, 4)} to {number(pair[1] * factor, 4)}"
 
 
 def covariance_block(cloud: Cloud) -> Block:

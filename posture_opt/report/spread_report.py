@@ -93,7 +93,7 @@ def spread_block(spread: Spread) -> Block:
     first = spread.covariance_first_order
     linear = [deviation(float(a @ first @ a), spread.covariance) for a in spread.axes[::-1]]
     rows = tuple(
-        (line_words(a), number(s * factor), number(f * factor))
+        (line_words(a), *(number(v * factor, beside=semi_axes[0] * factor) for v in (s, f)))
         for a, s, f in zip(spread.axes[::-1], semi_axes, linear, strict=True)
     )
     headers = ("axis", f"standard deviation [{unit}]", f"first order [{unit}]")
@@ -118,13 +118,10 @@ def covariance_table(C: Array) -> Table:
     # Squares of small numbers are smaller still: below 0.1 mm the table is in µm².
     unit, factor = ("µm", 1e6) if float(np.trace(C)) < 1e-8 else ("mm", 1e3)
     floor = 1e-12 * float(np.trace(C))
-    entries = [[_entry(float(v), factor, floor) for v in row] for row in C]
+    beside = float(np.abs(C).max()) * factor**2
+    entries = [[number(float(v) * factor**2, 4, beside) if abs(v) > floor else "0" for v in row] for row in C]
     rows = tuple((f"{name} [{unit}^2]", *row) for name, row in zip("xyz", entries, strict=True))
     return Table(("", "x", "y", "z"), rows)
-
-
-def _entry(value: float, factor: float, floor: float) -> str:
-    return number(value * factor**2, 4) if abs(value) > floor else "0"
 
 
 def spread_budget_block(problem: Problem, spread: Spread) -> Block:

@@ -13,10 +13,11 @@ _NOTHING = 1e-12  # m: below this it is rounding
 
 def length(metres: float, digits: int = 3, among: Iterable[float] = ()) -> str:
     """A length with its unit: 12.3 mm, 4.56 µm; in the unit of the lengths that it stands among."""
-    unit, factor = length_unit(among or [metres])
+    every = list(among) or [metres]
+    unit, factor = length_unit(every)
     if not math.isfinite(metres):
         return UNKNOWN
-    return f"{number(metres * factor, digits) if abs(metres) > _NOTHING else '0'} {unit}"
+    return f"{number(metres * factor, digits, factor * largest_of(every)) if abs(metres) > _NOTHING else '0'} {unit}"
 
 
 def stated_length(metres: float) -> str:
@@ -43,14 +44,21 @@ def stated(value: float, unit: str) -> str:
 
 def length_unit(metres: Iterable[float]) -> tuple[str, float]:
     """The unit that suits lengths which stand together, and the factor from m to it."""
-    largest = max((abs(value) for value in metres if math.isfinite(value)), default=0.0)
+    largest = largest_of(metres)
     return ("µm", 1e6) if _NOTHING < largest < _SMALL else ("mm", 1e3)
+
+
+def largest_of(values: Iterable[float]) -> float:
+    """The largest of some numbers, without their signs; zero of none."""
+    return max((abs(value) for value in values if math.isfinite(value)), default=0.0)
 
 
 def lengths(metres: Sequence[float], separator: str = " x ", digits: int = 3, among: Iterable[float] = ()) -> str:
     """Lengths that belong together, in one unit: 30.1 x 12.2 mm."""
-    unit, factor = length_unit(among or metres)
-    texts = [number(value * factor, digits) if abs(value) > _NOTHING else "0" for value in metres]
+    every = list(among) or metres
+    unit, factor = length_unit(every)
+    beside = factor * largest_of(every)
+    texts = [number(value * factor, digits, beside) if abs(value) > _NOTHING else "0" for value in metres]
     return f"{separator.join(texts)} {unit}"
 
 
