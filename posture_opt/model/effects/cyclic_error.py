@@ -25,6 +25,8 @@ _SAME = 1e-3  # rad: joint values nearer than that are one, a twentieth of the s
 _LEAST_VALUES = 10  # of a joint: fewer are met by some line of thousands whatever the errors are
 _ALIASED = 0.9  # of the spectral window: lines so far apart have columns that are alike in all but rounding
 _HARMONIC, _HIGHEST = 0.03, 12  # of the fundamental: a multiple to within that, up to so many, is a harmonic
+_CHANCE = 0.05  # that the multiples which make a line the fundamental are none
+_TOLD = 3  # harmonics, and further lines, in a sentence
 _WINDOW_VALUES = 500  # joint values that the spectral window is taken of; chosen for time
 
 
@@ -91,14 +93,18 @@ class CyclicError(Harmonic):
 
     @property
     def words(self) -> str:
-        return f"{self.joint} has a cyclic error of {self.qualifier}"
+        return f"{self.joint} has a cyclic error of {self._told(_TOLD)}"
 
     @property
     def qualifier(self) -> str:
+        return self._told(len(self.further))
+
+    def _told(self, most: int) -> str:
+        """Its cycles, and the first ``most`` of its harmonics and of its further lines."""
         multiples = [str(n) for n in map(self._multiple, self.further) if n]
         others = [number(k, 3) for k in self.further if not self._multiple(k)]
-        harmonics = f"harmonic{'s' * (len(multiples) > 1)} {listed(multiples)}" if multiples else ""
-        others_text = f"further line{'s' * (len(others) > 1)} at {listed(others)}" if others else ""
+        harmonics = f"harmonic{'s' * (len(multiples) > 1)} {_first(multiples, most)}" if multiples else ""
+        others_text = f"further line{'s' * (len(others) > 1)} at {_first(others, most)}" if others else ""
         more = " and ".join(filter(None, (harmonics, others_text)))
         return f"{number(self.cycles, 4)} cycles per revolution" + (f" with {more}" if more else "")
 
@@ -109,15 +115,23 @@ class CyclicError(Harmonic):
 
     @classmethod
     def joined(cls, lines: Sequence[CyclicError]) -> CyclicError:
-        """One error of several lines of a joint, the weightiest first: led by the one that most are harmonics of."""
+        """One error of several lines of a joint, the weightiest first.
 
-        def harmonics(line: CyclicError) -> int:
-            return sum(bool(line._multiple(other.cycles)) for other in lines)
-
-        richest = max(lines, key=harmonics)
-        first = richest if harmonics(richest) > 1 else lines[0]
+        It is led by the line that most others are harmonics of, if that is no chance: of two lines that have nothing to
+        do with each other one is a multiple with the probability 2 ``_HARMONIC``, and each of the lines might lead.
+        """
+        chances = [line._chance(lines) for line in lines]
+        least = min(range(len(lines)), key=chances.__getitem__)
+        first = lines[least] if len(lines) * chances[least] < _CHANCE else lines[0]
         further = tuple(line.cycles for line in lines if line is not first)
         return first.model_copy(update={"further": further})
+
+    def _chance(self, lines: Sequence[CyclicError]) -> float:
+        """The probability that as many of the lines are multiples of this one by chance."""
+        eligible = sum(1.5 < line.cycles / self.cycles < _HIGHEST + 0.5 for line in lines)
+        met = sum(bool(self._multiple(line.cycles)) for line in lines)
+        p = 2 * _HARMONIC
+        return math.fsum(math.comb(eligible, k) * p**k * (1 - p) ** (eligible - k) for k in range(met, eligible + 1))
 
     @property
     def exclusive(self) -> tuple[object, ...]:
@@ -182,3 +196,9 @@ def _alias_period(q: Array) -> float:
     window = np.abs(np.exp(1j * np.outer(far, q)).mean(axis=1))
     aliased = far[window > _ALIASED]
     return float(aliased[0]) if len(aliased) else math.inf
+
+
+def _first(texts: Sequence[str], most: int) -> str:
+    """The first of many texts, and how many more there are."""
+    more = len(texts) - most
+    return listed([*texts[:most], f"{more} more"] if more > 0 else texts)
