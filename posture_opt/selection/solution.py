@@ -167,7 +167,7 @@ class Solution(Result):
             "covariance": spread.covariance.tolist(),
             "covariance_first_order": spread.covariance_first_order.tolist(),
             "bias": spread.bias.tolist(),
-            "method": spread.method,
+            **spread.method_json,
             **self.task_spread.to_json(),
             "budget": budget_json(self.budget),
             "budget_groups": groups_json(self.task_spread.budget_groups),

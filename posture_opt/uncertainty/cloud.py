@@ -146,6 +146,7 @@ class Cloud(Result):
     def to_json(self) -> dict[str, Any]:
         """As ``spread.json``, of the sample; budget, first order and validity are those of the model."""
         closed = self.spread.to_json()
+        about = {key: value for key, value in closed.items() if key != "integration"}
         sampled = {
             "covariance": self.covariance.tolist(),
             "bias": self.bias.tolist(),
@@ -154,7 +155,6 @@ class Cloud(Result):
             "pose_covariance_integration": None,
             "ellipse": ellipse_json(self.ellipse, self.spread.basis),
             "method": "Monte Carlo",
-            "integration": None,
             "budget": budget_json(self.spread.budget),
             **task_json(self.for_task),
             "success_probability": self.success,
@@ -163,7 +163,7 @@ class Cloud(Result):
         }
         drawn = {"n": self.n, "seed": self.seed, "adaptive": self._adaptive()}
         beside = {"closed_form": closed, "ratio": self.ratio.tolist()}
-        return {**closed, **sampled, **drawn, **self._errors(), **beside}
+        return {**about, **sampled, **drawn, **self._errors(), **beside}
 
     def _errors(self) -> dict[str, Any]:
         return {

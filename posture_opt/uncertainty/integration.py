@@ -183,7 +183,9 @@ def polynomial(span: SharedSpan, level: int, most: int = MOST) -> Nodes | None:
     if not len(turning):
         return side_by_side(*rules)
     if level == 0 or (level == 1 and many):
-        return side_by_side(*rules, (degree_five(len(turning), other=level == 1), turning))
+        # Of degree 5 in all factors where that takes fewer nodes than degree 3 in those that shift beside it.
+        both = side_by_side(*rules, (degree_five(len(turning), other=level == 1), turning))
+        return min(both, degree_five(span.count, other=level == 1), key=lambda nodes: nodes.count)
     step = level - 1 if many else level
     counts = [3 + step + round(_GROWTH * step * w) for w in turn[turning]]
     if math.prod(counts) * max(1, 2 * len(shifting)) > most:

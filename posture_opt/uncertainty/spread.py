@@ -79,6 +79,11 @@ class Spread(Result):
         """How `covariance` was computed: ``exact``, ``exact, planar``, or at nodes whose error `integration` states."""
         return self.tool_point.method
 
+    @property
+    def method_json(self) -> dict[str, Any]:
+        """`method` and, unless it is a closed form, what `integration` says of the error."""
+        return {"method": self.method} | ({"integration": self.integration.to_json()} if self.integration else {})
+
     @cached_property
     def pose(self) -> PoseCovariance:
         """Covariance of the pose, and how it was found."""
@@ -158,11 +163,10 @@ class Spread(Result):
             "bias": self.bias.tolist(),
             "pose_covariance": self.pose_covariance.tolist(),
             "pose_covariance_frame": FRAME,
-            "pose_covariance_integration": integration_json(self.pose.integration),
+            "pose_covariance_integration": self.pose.integration and self.pose.integration.to_json(),
             "pose_covariance_within_half_turn": self.pose.within_half_turn,
             "ellipse": ellipse_json(self.ellipse, self.basis),
-            "method": self.method,
-            "integration": integration_json(self.integration),
+            **self.method_json,
             "budget": budget_json(self.budget),
             "budget_groups": groups_json(self.budget_groups),
             "budget_of_axes": [budget_json(shares) for shares in self.axis_budgets],
@@ -238,11 +242,6 @@ def ellipse_json(ellipse: Ellipsoid, basis: Array) -> dict[str, Any]:
         "coverage95_factor": ellipse.factor(0.95),
         "dimension": len(basis),
     }
-
-
-def integration_json(integration: Integration | None) -> dict[str, Any] | None:
-    """How an integral was taken, null where there is a closed form."""
-    return None if integration is None else integration.to_json()
 
 
 def budget_json(shares: Sequence[Share]) -> list[dict[str, Any]]:

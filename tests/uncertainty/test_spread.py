@@ -223,7 +223,12 @@ def test_method_says_how():
     flat = planar()
     assert propagate(stated(robot=flat.robot, sources=correlated(flat.sources)), BENT).method == "exact, planar"
     both = stated(robot=spatial().robot, sources=correlated(spatial().sources))
-    assert propagate(both, Q6).method == "exact given shared factors, integrated over them"
+    spread = propagate(both, Q6)
+    assert spread.method == "exact given shared factors, integrated over them"
+    stated_error = spread.to_json()["integration"]
+    assert stated_error["factors"] == spread.tool_point.shared.count > 0
+    assert 0 <= stated_error["relative_error"] < 1e-6
+    assert "integration" not in propagate(spatial(), Q6).to_json()
 
 
 def test_bias_is_exact_mean_less_nominal():

@@ -1,0 +1,110 @@
+"""Covariance of the whole pose: shift and rotation vector, against samples in the same chart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from posture_opt.robot.preset import load_preset
+from posture_opt.uncertainty.cloud import simulate
+from posture_opt.uncertainty.pose_covariance import turns
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.spread import propagate
+from posture_opt.uncertainty.tool_point import ToolPoint
+from tests.helpers.factors import pose
+from tests.helpers.moments import correlated, errors_of, scaled
+from tests.helpers.sampled import sampled_pose
+from tests.helpers.stated import stated
+
+Q6 = (0.3, -1.1, 1.2, -0.5, 0.7, 0.2)
+
+
+def joints(correlation=None):
+    sources = errors_of(load_preset("ur10"), 1.0, 0.5, ("theta",))
+    if correlation is None:
+        return sources
+    R = np.full((6, 6), correlation) + (1 - correlation) * np.eye(6)
+    return Sources(sources.names, R * np.outer(sources.sigma, sources.sigma))
+
+
+CASES = {
+    "independent joints": joints,
+    "joints, equal": lambda: joints(0.8),
+    "joints, dense": lambda: correlated(joints(), seed=7),
+    "joints and lengths": lambda: correlated(errors_of(load_preset("ur10"), 1.0, 0.5, ("theta", "a")), seed=2),
+    "thirty independent": lambda: errors_of(load_preset("ur10"), 0.4, 0.1),
+}
+"""Sources of a UR10 of about one radian."""
+
+
+def spread_of(case, sigma):
+    problem = stated(robot=load_preset("ur10"), sources=scaled(CASES[case](), np.radians(sigma)))
+    return propagate(problem, Q6)
+
+
+@pytest.mark.parametrize("sigma", [0.01, 1, 5, 10, 20])
+@pytest.mark.parametrize("case", CASES)
+def test_it_is_that_of_samples(case, sigma):
+    spread = spread_of(case, sigma)
+    sources = spread.problem.sources
+    _, C, _, of_C = sampled_pose(spread.robot, Q6, sources.names, sources.covariance, 200_000, seed=4)
+    units = np.sqrt(np.outer(np.diag(C), np.diag(C)))
+    found = spread.pose
+    # Five standard errors of 40 blocks, and the error that the integration states of itself.
+    assert (np.abs(found.covariance - C) <= 5.5 * of_C + found.integration.relative_error * units).all()
+    assert found.integration.relative_error < (2e-4 if sigma < 5 else 0.1)
+    if sigma == 20:  # to first order it is wrong, and the samples are many enough to tell
+        T = np.asarray(spread.tool_point.twists(Q6, spread.tool_point.walk(Q6)[0]), dtype=float)
+        first = T @ spread.tool_point.covariance @ T.T
+        assert (np.abs(first - C)[3:] > 5.5 * of_C[3:] + 0.01 * units[3:]).any()
+
+
+@pytest.mark.parametrize("sigma", [0.01, 10, 60])
+@pytest.mark.parametrize("case", CASES)
+def test_it_has_the_covariance_of_the_position_and_is_positive_semidefinite(case, sigma):
+    spread = spread_of(case, sigma)
+    P = spread.pose_covariance
+    np.testing.assert_array_equal(P[:3, :3], spread.covariance)
+    np.testing.assert_array_equal(P, P.T)
+    units = np.sqrt(np.diag(P))
+    assert np.linalg.eigvalsh(P / np.outer(units, units))[0] > -1e-13
+
+
+def test_large_turns_are_said():
+    assert spread_of("joints, equal", 5).pose.within_half_turn
+    far = spread_of("joints, equal", 30)  # six joints that turn together by 30 degrees each
+    assert not far.pose.within_half_turn
+    assert far.to_json()["pose_covariance_within_half_turn"] is False
+
+
+def test_the_sampler_has_the_same_chart():
+    problem = stated(robot=load_preset("ur10"), sources=scaled(joints(0.8), np.radians(10)))
+    cloud = simulate(problem, Q6, n=200_000)
+    P, units = cloud.spread.pose, np.sqrt(np.diag(cloud.pose_covariance))
+    # The standard error of an entry of a normal sample is below √(2/n) = 0.3 % of its units; of these tails, thrice.
+    off = np.abs(P.covariance - cloud.pose_covariance) / np.outer(units, units)
+    assert off.max() < 3 * 5 * np.sqrt(2 / 200_000) + P.integration.relative_error
+    closed, sampled = cloud.spread.to_json(), cloud.to_json()
+    assert closed["pose_covariance_frame"] == sampled["pose_covariance_frame"]
+
+
+def test_rotation_vectors_are_the_logarithm_of_the_product():
+    robot = load_preset("puma560")
+    sources = errors_of(robot, 1.0, 1.0, ("theta", "alpha"))
+    tool_point = ToolPoint.of(stated(robot=robot, sources=sources).arm, sources)
+    rng = np.random.default_rng(0)
+    for size in (1e-9, 1e-3, 0.3):
+        errors = size * rng.standard_normal((len(tool_point.names), 5))
+        found = turns(tool_point.walk(list(Q6))[0], dict(zip(tool_point.indices, errors, strict=True)))
+        for n in range(5):
+            moved = pose(robot, Q6, dict(zip(tool_point.names, errors[:, n], strict=True)))
+            expected = Rotation.from_matrix(moved[:3, :3] @ pose(robot, Q6)[:3, :3].T).as_rotvec()
+            np.testing.assert_allclose(found[:, n], expected, atol=1e-13)  # products of rounded matrices
+
+
+def test_lengths_alone_turn_nothing():
+    sources = errors_of(load_preset("ur10"), 1e-3, 1e-3, ("d", "a"))
+    spread = propagate(stated(robot=load_preset("ur10"), sources=sources), Q6)
+    np.testing.assert_array_equal(spread.pose_covariance[3:], 0)
+    np.testing.assert_array_equal(spread.pose_covariance[:3, :3], spread.covariance)
