@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import chain, islice
 
 import numpy as np
 
@@ -35,6 +35,7 @@ _SEEN = 60  # until so many were polished; then at most twice the largest that w
 _NEAR = 0.05  # of the objective: the same, where it can be no more than equally good
 _TURNED = 1e-4  # (distance / reach)²: below it a posture was turned rather than led
 _OTHERS = 1  # polished of a target in all that do not promise to be better as they are
+_SAME = 0.1  # rad or m: a start so near to an optimum leads to it
 _MOST = 4  # polished of a target at once
 
 
@@ -85,7 +86,7 @@ class NeighbourExchange:
         """Try the postures of ``fresh`` neighbours; the targets that became better."""
         led: dict[int, list[LedPosture]] = {}
         for pair in pairs:
-            starts = {k: (j, q) for k, j, q in self._known(fresh, [pair])}
+            starts = {k: (j, q) for k, j, q in self._known(fresh, pair) if not self._same(k, q)}
             for k, posture in self._carried_over({k: q for k, (_, q) in starts.items()}):
                 led.setdefault(k, []).append(LedPosture(posture, self._square(starts[k][0], k)))
         # In a random order, so that what falls short is soon seen all over the map.
@@ -147,7 +148,7 @@ class NeighbourExchange:
     def _try_around(self, fresh: set[int], rng: np.random.Generator) -> set[int]:
         """Look for postures of targets without one about those of ``fresh`` neighbours; those that have one now."""
         starts: dict[int, list[Array]] = {}
-        for k, _, q in self._known(fresh, self.neighbourhood.pairs):
+        for k, _, q in chain.from_iterable(self._known(fresh, pair) for pair in self.neighbourhood.pairs):
             if self.candidates[k].best is None:
                 starts.setdefault(k, []).append(_about(self.engines[k], q, rng))
         found = set()
@@ -170,7 +171,7 @@ class NeighbourExchange:
         """
         known = {k: candidate.best for k, candidate in enumerate(self.candidates) if candidate.best is not None}
         beside: dict[int, list[int]] = {}
-        for k, j, _ in self._known(set(known), self.neighbourhood.on_grid):
+        for k, j, _ in chain.from_iterable(self._known(set(known), pair) for pair in self.neighbourhood.on_grid):
             beside.setdefault(j, []).append(k)
         while known:
             front = [min(known, key=lambda k: known[k].sigma)]
@@ -183,9 +184,8 @@ class NeighbourExchange:
 
     def _take_over(self, pairs: dict[int, int]) -> None:
         """At each first target the posture of the second one, where it is another one and as good."""
-        carried = self.neighbourhood.carried
-        known = ((k, j, self.candidates[j].best) for k, j in pairs.items())
-        postures = {k: carried(best.q, j, k) for k, j, best in known if best is not None}
+        pair = np.array(list(pairs)), np.array(list(pairs.values()))
+        postures = {k: q for k, _, q in self._known(set(pairs.values()), pair)} if pairs else {}
         for k, posture in self._carried_over(postures):
             engine, own = self.engines[k], self.candidates[k].best
             assert own is not None
@@ -196,14 +196,20 @@ class NeighbourExchange:
             if end.feasible and (end.optimal or not own.optimal) and _gain(end, own) > -BETTER:
                 self.candidates[k] = MapCandidate("feasible", end, self.candidates[k].scale)
 
-    def _known(self, fresh: set[int], pairs: Sequence[Pairs]) -> Iterable[tuple[int, int, Array]]:
-        """Target, neighbour, and the neighbour's posture with joint 1 moved: all pairs that one engine solves."""
-        carried = self.neighbourhood.carried
-        for here, there in pairs:
-            for k, j in zip(here.tolist(), there.tolist(), strict=True):
-                best = self.candidates[j].best
-                if j in fresh and best is not None and self.engines[j] is self.engines[k]:
-                    yield k, j, carried(best.q, j, k)
+    def _known(self, fresh: set[int], pair: Pairs) -> Iterable[tuple[int, int, Array]]:
+        """Target, neighbour, and the neighbour's posture with joint 1 moved: those that one engine solves."""
+        both = zip(pair[0].tolist(), pair[1].tolist(), strict=True)
+        chosen = [(k, j) for k, j in both if j in fresh and self.engines[j] is self.engines[k]]
+        known = [(k, j, best.q) for k, j in chosen if (best := self.candidates[j].best) is not None]
+        if known:
+            here, there = (np.array([row[side] for row in known]) for side in (0, 1))
+            moved = self.neighbourhood.carried(np.array([q for _, _, q in known]), there, here)
+            yield from zip(here.tolist(), there.tolist(), moved, strict=True)
+
+    def _same(self, k: int, q: Array) -> bool:
+        """Whether a posture can lead to nothing but the one that target k has."""
+        own = self.candidates[k].best
+        return own is not None and float(np.max(np.abs(own.q - q))) < _SAME
 
     def _carried_over(self, starts: dict[int, Array]) -> Iterable[tuple[int, CandidatePosture]]:
         """Postures (n,) moved onto target k, where they arrive: where a tilt is allowed, with and without their own."""

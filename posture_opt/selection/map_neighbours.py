@@ -81,13 +81,17 @@ class BaseMotion:
             return across, along
         return np.column_stack([np.linalg.norm(across, axis=1), along]), np.arctan2(across[:, 1], across[:, 0])
 
-    def moved(self, q: Array, shift: float) -> Array:
-        """The posture (n,) with joint 1 moved, by whole turns more or less where its limits ask, else to its limit."""
+    def moved(self, Q: Array, shift: Array) -> Array:
+        """Postures (N, n), joint 1 of each moved, by whole turns more or less where its limits ask, else to its limit.
+
+        Args:
+            shift: (N,) [rad or m].
+        """
         turn = 0.0 if self.slides else 2 * np.pi
-        values = q[0] + shift + turn * np.array([0.0, -1.0, 1.0])
+        values = (Q[:, 0] + shift)[:, None] + turn * np.array([0.0, -1.0, 1.0])
         within = np.clip(values, self.lower, self.upper)
-        nearest = within[np.argmin(np.abs(values - within))]
-        return np.concatenate([[nearest], q[1:]])
+        nearest = np.argmin(np.abs(values - within), axis=1)
+        return np.column_stack([within[np.arange(len(Q)), nearest], Q[:, 1:]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +138,9 @@ class Neighbourhood:
         """How far inverse kinematics has to lead the posture of one target to serve another [m]."""
         return float(np.linalg.norm(self.kept[here] - self.kept[there]))
 
-    def carried(self, q: Array, there: int, here: int) -> Array:
-        """The posture (n,) of target ``there`` with joint 1 moved so that the arm faces target ``here``."""
-        return self.motion.moved(q, float(self.amount[here] - self.amount[there]))
+    def carried(self, Q: Array, there: Codes, here: Codes) -> Array:
+        """Postures (N, n) of targets ``there``, joint 1 moved so that the arm faces the targets ``here``."""
+        return self.motion.moved(Q, self.amount[here] - self.amount[there])
 
     def excess(self, values: Array) -> Array:
         """(N,) by what share each value lies above what two others in one line with it let expect.

@@ -28,20 +28,21 @@ _CHUNK = 32  # targets that are sought together
 
 @dataclass(frozen=True)
 class Effort:
-    """Random starts of a target; how many of those that arrive are polished, where 0, 1, or more ways are left free.
+    """Random starts of a target, and how many that arrive are polished: where 0, 1, or more ways are left free.
 
-    With none left, a start is an optimum as it is; with more of them, screening tells less.
+    With none left, a start is an optimum as it is, and there are few; with more of them, screening tells less.
     """
 
-    starts: int
+    starts: tuple[int, int, int]
     polished: tuple[int, int, int]
 
 
-_SHARE = 0.1  # of the targets
-_FIRST, _SECOND = Effort(48, (1, 1, 1)), Effort(144, (1, 3, 4))  # of every target, and of those that are searched more
-_THIRD = Effort(288, (1, 6, 8))  # of those that stand out
+_FIRST = Effort((48, 48, 48), (1, 1, 1))  # of every target
+_SECOND = Effort((144, 144, 144), (1, 3, 4))  # of those at the edge of the reach, and of a share of the others
+_THIRD = Effort((96, 288, 288), (1, 5, 8))  # of those that stand out
+_SHARE = 0.05  # of the targets, where any way is left free
 _ODD = 2e-3  # of the objective: a target so much above what its neighbours let expect stands out
-_MOST = 0.05  # of the targets: how many of them are searched again
+_MOST = 0.03  # of the targets: how many of them are searched again
 
 
 def best_candidates(
@@ -65,7 +66,8 @@ def best_candidates(
         if progress is not None:
             progress(len(found), len(targets))
     candidates = [found[k] for k in range(len(targets))]
-    chosen = _to_search_more(candidates, neighbourhood, seed)
+    share = _SHARE if freedom(engines[0], targets[0]) > 0 else 0.0
+    chosen = _to_search_more(candidates, neighbourhood, share, seed)
     for indices, more in _explored(chosen, engines, targets, _SECOND, seed, workers):
         for k, candidate in zip(indices, more, strict=True):
             candidates[k] = better_of(engines[k], targets[k], candidates[k], candidate)
@@ -105,7 +107,9 @@ def _statistics(
     return NeighbourSolves(len(again), len(better), max(better, default=0.0), found)
 
 
-def _to_search_more(candidates: Sequence[MapCandidate], neighbourhood: Neighbourhood, seed: int) -> list[int]:
+def _to_search_more(
+    candidates: Sequence[MapCandidate], neighbourhood: Neighbourhood, share: float, seed: int
+) -> list[int]:
     """A share of the targets, from which rare branches spread; and all that few random starts arrive at.
 
     These are where reach begins or ends, and where no start met the requirements. Where no start reached any target,
@@ -114,7 +118,7 @@ def _to_search_more(candidates: Sequence[MapCandidate], neighbourhood: Neighbour
     reached = np.array([candidate.fate != "not reached" for candidate in candidates])
     if not reached.any():
         return list(range(len(candidates)))
-    chosen = reached & (np.random.default_rng(seed).random(len(candidates)) < _SHARE)
+    chosen = reached & (np.random.default_rng(seed).random(len(candidates)) < share)
     chosen |= np.array([candidate.fate == "requirement not met" for candidate in candidates])
     for here, there in neighbourhood.on_grid:
         chosen[here[reached[here] != reached[there]]] = True
@@ -157,12 +161,12 @@ def _explore(
     open_ = [k for k in range(len(targets)) if not out_of_plane(engine, targets[k])]
     if not open_:
         return candidates
-    rngs = [np.random.default_rng([seed, effort.starts, indices[k]]) for k in open_]
-    Q = [engine.ik.random_postures(effort.starts, rng) for rng in rngs]
-    requests = [engine.request(targets[k], effort.starts, rng) for k, rng in zip(open_, rngs, strict=True)]
+    free = min(max(freedom(engine, targets[0]), 0), 2)
+    starts = effort.starts[free]
+    rngs = [np.random.default_rng([seed, starts, indices[k]]) for k in open_]
+    Q = [engine.ik.random_postures(starts, rng) for rng in rngs]
+    requests = [engine.request(targets[k], starts, rng) for k, rng in zip(open_, rngs, strict=True)]
     for k, reached in zip(open_, engine.ik.reached(Q, requests), strict=True):
         if len(reached):
-            candidates[k] = best_among(
-                engine, targets[k], reached, effort.polished[min(freedom(engine, targets[k]), 2)]
-            )
+            candidates[k] = best_among(engine, targets[k], reached, effort.polished[free])
     return candidates

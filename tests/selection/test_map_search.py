@@ -87,15 +87,15 @@ def test_targets_that_joint_1_turns_onto_each_other_agree() -> None:
     found = map_targets(problem, counts=(9, 9), low=(-0.8, -0.8, 0.2), high=(0.8, 0.8, 0.2))
     motion = BaseMotion.of(problem.arm)
     kept, azimuth = motion.split(found.grid.points)
-    radius, compared = kept[:, 0], 0
-    for here, there in zip(*np.nonzero(np.abs(radius[:, None] - radius) < 1e-9), strict=True):
-        shift = azimuth[here] - azimuth[there]
-        turned = motion.moved(found.postures[there], shift)[0] - found.postures[there][0]
-        # A posture that joint 1 can turn from there serves here as well.
-        if found.feasible[there] and abs(np.sin((turned - shift) / 2)) < 1e-9:
-            compared += 1
-            assert found.sigma[here] <= AGREES * found.sigma[there]
-    assert compared > 100
+    radius = kept[:, 0]
+    here, there = np.nonzero(np.abs(radius[:, None] - radius) < 1e-9)
+    here, there = (side[found.feasible[there]] for side in (here, there))
+    shift, Q = azimuth[here] - azimuth[there], found.postures[there]
+    turned = motion.moved(Q, shift)[:, 0] - Q[:, 0]
+    # A posture that joint 1 can turn from there serves here as well.
+    serves = np.abs(np.sin((turned - shift) / 2)) < 1e-9
+    assert np.all(found.sigma[here[serves]] <= AGREES * found.sigma[there[serves]])
+    assert np.count_nonzero(serves) > 100
 
 
 @pytest.mark.parametrize("base", [{}, {"xyz": ["0.3 m", "-0.2 m", "0.1 m"], "rpy": ["20 deg", "-35 deg", "50 deg"]}])
@@ -110,7 +110,7 @@ def test_joint_1_moves_the_arm_as_it_says(base: dict[str, Any], slide: bool) -> 
     motion = BaseMotion.of(arm)
     rng = np.random.default_rng(2)
     q = rng.uniform(-0.4, 0.4, (20, 5))
-    moved = np.array([motion.moved(row, shift) for row, shift in zip(q, np.linspace(-0.09, 0.09, 20), strict=True)])
+    moved = motion.moved(q, np.linspace(-0.09, 0.09, 20))
     before, after = (motion.split(np.asarray(arm.position(Q), dtype=float)) for Q in (q, moved))
     np.testing.assert_allclose(after[0], before[0], atol=1e-12)
     np.testing.assert_allclose(after[1] - before[1], moved[:, 0] - q[:, 0], atol=1e-9)
@@ -122,10 +122,10 @@ def test_joint_1_stays_within_its_limits() -> None:
     motion = BaseMotion.of(load_builtin("insert_panda").arm)
     limit = motion.upper  # 166 deg on either side: 28 deg behind the arm are out of reach
     q = np.array([limit - 0.1, 1, 2, 3, 4, 5, 6])
-    assert motion.moved(q, 0.05)[0] == pytest.approx(limit - 0.05)
-    assert motion.moved(q, 0.15)[0] == pytest.approx(limit)  # a little past it
-    assert motion.moved(q, 1.0)[0] == pytest.approx(limit + 0.9 - 2 * np.pi)  # a turn less
-    np.testing.assert_array_equal(motion.moved(q, 1.0)[1:], q[1:])
+    moved = motion.moved(np.tile(q, (3, 1)), np.array([0.05, 0.15, 1.0]))
+    # Within; a little past it; a turn less.
+    np.testing.assert_allclose(moved[:, 0], [limit - 0.05, limit, limit + 0.9 - 2 * np.pi])
+    np.testing.assert_array_equal(moved[:, 1:], [q[1:]] * 3)
 
 
 def square(count: int) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
