@@ -176,7 +176,7 @@ def weight(root: Path, python: str) -> dict[str, str]:
     """What a user loads and installs."""
     project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     return {
-        "modules loaded by the diagnosis": loaded(root, python, "import posture_opt.diagnosis.diagnosis"),
+        "modules loaded by the diagnosis": loaded(root, python, "import posture_opt.diagnosis.diagnose"),
         "modules loaded by a diagnosis that ran": loaded(root, python, DIAGNOSE),
         "direct dependencies": str(len(project["dependencies"])),
     }

@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from posture_opt.batch.batch_diagnosis import BatchDiagnosis, diagnose_batch
     from posture_opt.calibration.calibrate import calibrate
     from posture_opt.calibration.calibration import Calibration
-    from posture_opt.diagnosis.diagnosis import Diagnosis, diagnose
+    from posture_opt.diagnosis.diagnose import diagnose
+    from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.experiments.measurement_plan import MeasurementPlan
     from posture_opt.experiments.plan_measurements import plan_measurements
     from posture_opt.measurements.measurements import Measurements
@@ -120,7 +121,7 @@ _HOMES = {
     "calibrated_problem": "problem.fitted_problem",
     "check_spread": "validation.spread_check",
     "compare_plans": "selection.plan_comparison",
-    "diagnose": "diagnosis.diagnosis",
+    "diagnose": "diagnosis.diagnose",
     "diagnose_batch": "batch.batch_diagnosis",
     "extended_problem": "problem.fitted_problem",
     "load_problem": "problem.load",

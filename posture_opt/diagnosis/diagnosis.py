@@ -3,48 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal, cast
 
 import numpy as np
 
-from posture_opt.calibration.calibrate import calibrate, stated_errors
+from posture_opt.calibration.calibrate import stated_errors
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.cross_validation import HeldOut, held_out
-from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
-from posture_opt.calibration.fit import Fit, fit_with_effects
+from posture_opt.calibration.cross_validation import HeldOut
+from posture_opt.calibration.error_statistics import By, Statistics
+from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.fitted_arm import FitRequest, FittableProblem, FittedArm
-from posture_opt.calibration.progress import Stages
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.causes import (
     Finding,
-    contradiction_findings,
-    effect_findings,
-    geometry_finding,
-    noise_finding,
     tool_shifts,
     unknowable,
 )
-from posture_opt.diagnosis.delivery import Delivery, deliver
+from posture_opt.diagnosis.delivery import Delivery
 from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_discrimination
 from posture_opt.diagnosis.extended_arm import extended_arm
-from posture_opt.diagnosis.geometry_causes import geometry_causes
-from posture_opt.diagnosis.lack_of_fit import Adequacy, assess_adequacy
-from posture_opt.diagnosis.linearised_data import LinearisedData, frame_directions, linearise, tool_points
-from posture_opt.diagnosis.nested_selection import Folding
-from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
-from posture_opt.diagnosis.outlier_reinclusion import reinclude_outliers
+from posture_opt.diagnosis.lack_of_fit import Adequacy
+from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
 from posture_opt.diagnosis.repeat_plan import RepeatPlan, plan_repeats
-from posture_opt.diagnosis.search import SearchResult, remaining_unnamed, search
-from posture_opt.diagnosis.sessions import Gain, SecondSession, second_session
+from posture_opt.diagnosis.search import SearchResult
+from posture_opt.diagnosis.sessions import Gain, SecondSession
 from posture_opt.diagnosis.uneven_noise import UnevenErrors
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent
-from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
-from posture_opt.model.effects import Effect
-from posture_opt.numerics import Codes, Progress
+from posture_opt.numerics import Codes
 from posture_opt.result import Result
 from posture_opt.validation.calibrated_arm import calibrated_models
 from posture_opt.validation.repeat_scatter import slides
@@ -222,148 +211,3 @@ class Diagnosis(Result):
         if place is not None and split is not None and place in split.pairs:
             document["split"] = split.to_json(place)
         return document
-
-
-def diagnose(
-    problem: FittableProblem,
-    data: Measurements,
-    *,
-    folds: int = 5,
-    by: By | None = None,
-    flips: int | None = None,
-    seed: int | None = None,
-    test: Measurements | None = None,
-    refit_frames: bool = False,
-    with_time: bool = False,
-    plan: bool = True,
-    progress: Progress | None = None,
-) -> Diagnosis:
-    """Name what the model lacks to explain measurements, at 5 % false alarms for the whole verdict.
-
-    Geometry that the data determine is part of every model. Effects and unnamed components compete by what they
-    explain of the rest; the null of all of them together comes from flipping the signs of whole poses.
-
-    Args:
-        folds, by: of the cross-validation, as in `calibrate`.
-        flips: draws of the null; 299, and of thousands of rows, which need fewer, 99.
-        test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
-        with_time: keep effects of time in the arm to plan with; the task's ``time`` says when it is done.
-        plan: whether report and document plan the task again with the arm that was found.
-        seed: of the null, 0 by default, and of that plan.
-        progress: is told how many of how many parts are done.
-
-    Raises:
-        InputError: as `calibrate`.
-        InsufficientDataError: fewer measurements than unknowns.
-    """
-    stages = Stages(progress, 20, 55, 5, 20)
-    calibration = calibrate(problem, data, folds=folds, by=by, progress=stages.next())
-    problem = cast(FittableProblem, calibration.request.problem)  # without what the data refute of it
-    request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
-    draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
-    calibration, linearised, found = _searched(calibration, draws, seed or 0, stages)
-    names = found.names or found
-    unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))
-    residuals, frames = linearised.sensitivities.residuals, frame_directions(calibration)
-    model = calibration.fit_effects(residuals, [s.what for s in names.chosen if isinstance(s.what, Effect)])
-    everything = linearised.baseline(found.chosen)
-    repeated = repeat_groups(residuals.data, slides(residuals))
-    left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block)
-    closed = 0.0 if unnamed else left.p_value
-    noise, uneven = noise_causes(problem, calibration, model, everything, closed, seed or 0)
-    full = _of_data(model, calibration)
-    geometry = geometry_causes(residuals, calibration.x_nominal, frames, full, full.effects)
-    groups, parts = _folds(calibration)
-    held = {name: errors.take(calibration.kept_rows) for name, errors in calibration.held.items()}
-    shape = noise_shape(model, noise)
-    extended = held_out(model, parts, shape=shape)
-    if model.effects:
-        calibrated = calibration.fit_effects(residuals, [])
-        held["extended"] = names.nested.each[0].held_out(calibrated, names.size, shape)
-    else:
-        held["extended"] = replace(extended, errors=held["calibrated"].errors)
-    delivery = deliver(calibration, model, held, parts, noise, with_time=with_time)
-    held["delivered"] = delivery.held
-    beforehand = contradiction_findings(calibration)
-    refuted = [f.cause for f in beforehand]
-    findings = (
-        *(f for f in beforehand if isinstance(f.cause, Effect)),
-        *_determined_first(
-            *effect_findings(names, model, extended, parts, groups, stages.next()), *map(noise_finding, noise)
-        ),
-        *(f for f in beforehand if not isinstance(f.cause, Effect)),
-        *(geometry_finding(g, held) for g in geometry if g.deviation not in refuted),
-    )
-    other = None
-    if test is not None:
-        lasting = deliver(calibration, model, held, parts, noise) if with_time else delivery
-        other = second_session(test, calibration, model, lasting, refit_frames=refit_frames)
-    stages.end()
-    open_ = closed < levels.LACK_OF_FIT or bool(uneven)
-    return Diagnosis(
-        verdict="unexplained" if open_ else "effects_found" if findings else "none_found",
-        effects=findings,
-        request=request,
-        calibration=calibration,
-        errors={name: Statistics.of(h.errors, groups) for name, h in held.items()},
-        held=held,
-        model=model,
-        delivery=delivery,
-        search=found,
-        unexplained=unnamed,
-        adequacy=left,
-        uneven=tuple(uneven),
-        by=calibration.by,
-        groups=groups,
-        rivals=names.confusable,
-        test=other,
-        notes=(*calibration.notes, *(() if other is None else other.notes)),
-    )
-
-
-def _determined_first(*findings: Finding) -> list[Finding]:
-    """The findings, those behind whose size the data do not tell."""
-    return sorted(findings, key=lambda finding: not finding.determined)
-
-
-def _folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:
-    """Groups (M,) and folds of the calibration, of the rows that count."""
-    request, by, kept = calibration.request, calibration.by, calibration.kept_rows
-    groups = groups_of(request.data, by, request.folds)
-    place = np.full(len(groups), -1)
-    place[kept] = np.arange(len(kept))
-    parts = (place[part][place[part] >= 0] for part in folds_of(groups, request.folds, by))
-    return groups[kept], [part for part in parts if len(part)]
-
-
-def _foldings(calibration: Calibration) -> tuple[Folding, ...]:
-    """How rows are left out: as the calibration does, by which errors are stated, and by block too where it can be."""
-    data = calibration.request.data.take(calibration.kept_rows)
-    own = Folding(*_folds(calibration))
-    if data.position is None or calibration.by == "block":
-        return (own,)
-    return own, Folding.of(data, "block", calibration.request.folds)
-
-
-def _searched(
-    calibration: Calibration, draws: int, seed: int, stages: Stages
-) -> tuple[Calibration, LinearisedData, SearchResult]:  # fmt: skip
-    """What the residuals hold, once more where it explains rows that looked like outliers."""
-    linearised = linearise(calibration, draws, seed)
-    foldings = _foldings(calibration)
-    found = search(linearised, foldings, stages.rounds(stages.next()))
-    stages.next()
-    wider = reinclude_outliers(calibration, found)
-    if len(wider.outliers) == len(calibration.outliers):
-        return calibration, linearised, found
-    linearised = linearise(wider, draws, seed)
-    return wider, linearised, search(linearised, _foldings(wider))
-
-
-def _of_data(model: Fit, calibration: Calibration) -> Fit:
-    """The model as the data alone tell it: by them geometry is judged a cause, whatever is stated of it."""
-    if model.prior is None:
-        return model
-    directions = calibration.identifiability.directions
-    residuals = model.residuals.with_parameters(calibration.parameters)
-    return fit_with_effects(residuals, calibration.x, directions, model.effects)

@@ -10,7 +10,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.diagnosis.causes import determined
-from posture_opt.diagnosis.diagnosis import _determined_first
+from posture_opt.diagnosis.diagnose import _determined_first
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 

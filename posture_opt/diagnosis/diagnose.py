@@ -1,0 +1,270 @@
+"""``diagnose``: from measurements to the causes of an arm's errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+
+from posture_opt.calibration.calibrate import calibrate
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.cross_validation import HeldOut, held_out
+from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
+from posture_opt.calibration.fit import Fit, fit_with_effects
+from posture_opt.calibration.fitted_arm import FitRequest, FittableProblem
+from posture_opt.calibration.progress import Stages
+from posture_opt.diagnosis import levels
+from posture_opt.diagnosis.causes import (
+    Finding,
+    contradiction_findings,
+    effect_findings,
+    geometry_finding,
+    noise_finding,
+)
+from posture_opt.diagnosis.delivery import Delivery, deliver
+from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome
+from posture_opt.diagnosis.geometry_causes import geometry_causes
+from posture_opt.diagnosis.lack_of_fit import Adequacy, assess_adequacy
+from posture_opt.diagnosis.linearised_data import LinearisedData, frame_directions, linearise, tool_points
+from posture_opt.diagnosis.nested_selection import Folding
+from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
+from posture_opt.diagnosis.outlier_reinclusion import reinclude_outliers
+from posture_opt.diagnosis.search import SearchResult, remaining_unnamed, search
+from posture_opt.diagnosis.sessions import SecondSession, second_session
+from posture_opt.diagnosis.uneven_noise import NoiseCause, UnevenErrors
+from posture_opt.diagnosis.unnamed_components import UnnamedComponent
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.repeats import repeat_groups
+from posture_opt.model.effects import Effect
+from posture_opt.numerics import Codes, Progress
+from posture_opt.validation.repeat_scatter import slides
+
+
+@dataclass(frozen=True)
+class _Explained:
+    """What the residuals of a calibration hold, and the arm that was fitted with it.
+
+    Args:
+        model: the calibrated arm with the effects that have a name; ``unnamed`` the components beside them.
+        adequacy: the tests for anything left.
+        noise, uneven: causes that move nothing, and errors that look like one.
+    """
+
+    calibration: Calibration
+    linearised: LinearisedData
+    search: SearchResult
+    model: Fit
+    unnamed: tuple[UnnamedComponent, ...]
+    adequacy: Adequacy
+    noise: Sequence[NoiseCause]
+    uneven: Sequence[UnevenErrors]
+
+    @property
+    def names(self) -> SearchResult:
+        """The search among candidates with names, where unnamed ones had to be taken."""
+        return self.search.names or self.search
+
+    @property
+    def closed(self) -> float:
+        """p-value of the tests for anything left; zero beside unnamed components."""
+        return 0.0 if self.unnamed else self.adequacy.p_value
+
+
+@dataclass(frozen=True)
+class _HeldOut:
+    """Errors of rows that a model has not seen, by model, and how the rows were left out.
+
+    Args:
+        effects: of the arm with its effects, these ones always; the entry ``extended`` chooses anew in each round.
+        groups: (N,) what was left out together; ``parts`` the rounds.
+    """
+
+    models: Mapping[str, HeldOut]
+    effects: HeldOut
+    groups: Codes
+    parts: list[Codes]
+
+
+def diagnose(
+    problem: FittableProblem,
+    data: Measurements,
+    *,
+    folds: int = 5,
+    by: By | None = None,
+    flips: int | None = None,
+    seed: int | None = None,
+    test: Measurements | None = None,
+    refit_frames: bool = False,
+    with_time: bool = False,
+    plan: bool = True,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Name what the model lacks to explain measurements, at 5 % false alarms for the whole verdict.
+
+    Geometry that the data determine is part of every model. Effects and unnamed components compete by what they
+    explain of the rest; the null of all of them together comes from flipping the signs of whole poses.
+
+    Args:
+        folds, by: of the cross-validation, as in `calibrate`.
+        flips: draws of the null; 299, and of thousands of rows, which need fewer, 99.
+        test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
+        with_time: keep effects of time in the arm to plan with; the task's ``time`` says when it is done.
+        plan: whether report and document plan the task again with the arm that was found.
+        seed: of the null, 0 by default, and of that plan.
+        progress: is told how many of how many parts are done.
+
+    Raises:
+        InputError: as `calibrate`.
+        InsufficientDataError: fewer measurements than unknowns.
+    """
+    stages = Stages(progress, 20, 55, 5, 20)
+    calibration = calibrate(problem, data, folds=folds, by=by, progress=stages.next())
+    problem = cast(FittableProblem, calibration.request.problem)  # without what the data refute of it
+    request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
+    draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
+    found = _explained(problem, *_searched(calibration, draws, seed or 0, stages), seed or 0)
+    held = _held(found)
+    delivery = deliver(found.calibration, found.model, held.models, held.parts, found.noise, with_time=with_time)
+    held = replace(held, models={**held.models, "delivered": delivery.held})
+    findings = _findings(found, held, stages.next())
+    other = None if test is None else _other(test, found, held, delivery, with_time, refit_frames)
+    stages.end()
+    return _diagnosis(request, found, held, delivery, findings, other)
+
+
+def _explained(
+    problem: FittableProblem, calibration: Calibration, linearised: LinearisedData, found: SearchResult, seed: int
+) -> _Explained:
+    """The arm with what was found, and what it leaves."""
+    unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))
+    residuals = linearised.sensitivities.residuals
+    chosen = (found.names or found).chosen
+    model = calibration.fit_effects(residuals, [s.what for s in chosen if isinstance(s.what, Effect)])
+    everything = linearised.baseline(found.chosen)
+    repeated = repeat_groups(residuals.data, slides(residuals))
+    left = assess_adequacy(everything, residuals.data, repeated, tool_points(linearised), residuals.block)
+    closed = 0.0 if unnamed else left.p_value
+    noise, uneven = noise_causes(problem, calibration, model, everything, closed, seed)
+    return _Explained(calibration, linearised, found, model, unnamed, left, noise, uneven)
+
+
+def _held(found: _Explained) -> _HeldOut:
+    """Errors on held-out rows before calibration, after it, and with the effects."""
+    calibration, model = found.calibration, found.model
+    groups, parts = _folds(calibration)
+    held = {name: errors.take(calibration.kept_rows) for name, errors in calibration.held.items()}
+    shape = noise_shape(model, found.noise)
+    extended = held_out(model, parts, shape=shape)
+    if model.effects:
+        calibrated = calibration.fit_effects(found.linearised.sensitivities.residuals, [])
+        held["extended"] = found.names.nested.each[0].held_out(calibrated, found.names.size, shape)
+    else:
+        held["extended"] = replace(extended, errors=held["calibrated"].errors)
+    return _HeldOut(held, extended, groups, parts)
+
+
+def _findings(found: _Explained, held: _HeldOut, progress: Progress) -> tuple[Finding, ...]:
+    """The causes: what the data refute, effects and noise, then geometry."""
+    calibration, residuals = found.calibration, found.linearised.sensitivities.residuals
+    full = _of_data(found.model, calibration)
+    geometry = geometry_causes(residuals, calibration.x_nominal, frame_directions(calibration), full, full.effects)
+    beforehand = contradiction_findings(calibration)
+    refuted = [f.cause for f in beforehand]
+    effects = effect_findings(found.names, found.model, held.effects, held.parts, held.groups, progress)
+    return (
+        *(f for f in beforehand if isinstance(f.cause, Effect)),
+        *_determined_first(*effects, *map(noise_finding, found.noise)),
+        *(f for f in beforehand if not isinstance(f.cause, Effect)),
+        *(geometry_finding(g, held.models) for g in geometry if g.deviation not in refuted),
+    )
+
+
+def _other(
+    test: Measurements, found: _Explained, held: _HeldOut, delivery: Delivery, with_time: bool, refit_frames: bool
+) -> SecondSession:
+    """The other file predicted, by the arm without effects of time."""
+    calibration, model = found.calibration, found.model
+    lasting = deliver(calibration, model, held.models, held.parts, found.noise) if with_time else delivery
+    return second_session(test, calibration, model, lasting, refit_frames=refit_frames)
+
+
+def _diagnosis(
+    request: FitRequest,
+    found: _Explained,
+    held: _HeldOut,
+    delivery: Delivery,
+    findings: tuple[Finding, ...],
+    other: SecondSession | None,
+) -> Diagnosis:
+    open_ = found.closed < levels.LACK_OF_FIT or bool(found.uneven)
+    verdict: Outcome = "unexplained" if open_ else "effects_found" if findings else "none_found"
+    calibration = found.calibration
+    return Diagnosis(
+        verdict=verdict,
+        effects=findings,
+        request=request,
+        calibration=calibration,
+        errors={name: Statistics.of(h.errors, held.groups) for name, h in held.models.items()},
+        held=held.models,
+        model=found.model,
+        delivery=delivery,
+        search=found.search,
+        unexplained=found.unnamed,
+        adequacy=found.adequacy,
+        uneven=tuple(found.uneven),
+        by=calibration.by,
+        groups=held.groups,
+        rivals=found.names.confusable,
+        test=other,
+        notes=(*calibration.notes, *(() if other is None else other.notes)),
+    )
+
+
+def _determined_first(*findings: Finding) -> list[Finding]:
+    """The findings, those behind whose size the data do not tell."""
+    return sorted(findings, key=lambda finding: not finding.determined)
+
+
+def _folds(calibration: Calibration) -> tuple[Codes, list[Codes]]:
+    """Groups (M,) and folds of the calibration, of the rows that count."""
+    request, by, kept = calibration.request, calibration.by, calibration.kept_rows
+    groups = groups_of(request.data, by, request.folds)
+    place = np.full(len(groups), -1)
+    place[kept] = np.arange(len(kept))
+    parts = (place[part][place[part] >= 0] for part in folds_of(groups, request.folds, by))
+    return groups[kept], [part for part in parts if len(part)]
+
+
+def _foldings(calibration: Calibration) -> tuple[Folding, ...]:
+    """How rows are left out: as the calibration does, by which errors are stated, and by block too where it can be."""
+    data = calibration.request.data.take(calibration.kept_rows)
+    own = Folding(*_folds(calibration))
+    if data.position is None or calibration.by == "block":
+        return (own,)
+    return own, Folding.of(data, "block", calibration.request.folds)
+
+
+def _searched(
+    calibration: Calibration, draws: int, seed: int, stages: Stages
+) -> tuple[Calibration, LinearisedData, SearchResult]:  # fmt: skip
+    """What the residuals hold, once more where it explains rows that looked like outliers."""
+    linearised = linearise(calibration, draws, seed)
+    foldings = _foldings(calibration)
+    found = search(linearised, foldings, stages.rounds(stages.next()))
+    stages.next()
+    wider = reinclude_outliers(calibration, found)
+    if len(wider.outliers) == len(calibration.outliers):
+        return calibration, linearised, found
+    linearised = linearise(wider, draws, seed)
+    return wider, linearised, search(linearised, _foldings(wider))
+
+
+def _of_data(model: Fit, calibration: Calibration) -> Fit:
+    """The model as the data alone tell it: by them geometry is judged a cause, whatever is stated of it."""
+    if model.prior is None:
+        return model
+    directions = calibration.identifiability.directions
+    residuals = model.residuals.with_parameters(calibration.parameters)
+    return fit_with_effects(residuals, calibration.x, directions, model.effects)
