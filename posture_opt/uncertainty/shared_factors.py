@@ -110,14 +110,20 @@ def _largest_diagonal(R: Array) -> Array:
     """
     values, vectors = np.linalg.eigh(R)
     null = values <= _NOTHING * len(R)
-    free = np.flatnonzero((vectors[:, null] ** 2).sum(axis=1) <= _NOTHING)
+    # The square root of what is overlooked here comes back as an eigenvalue below zero.
+    free = np.flatnonzero((vectors[:, null] ** 2).sum(axis=1) <= _NOTHING**2)
     d = np.zeros(len(R))
     if not len(free):
         return d
     U = vectors[:, ~null]
     d[free] = values[~null][0] / 2
     for power in range(14):
+        former = d.copy()
         _centre(R, U, free, d, 10.0**-power)
+        # Where the range of R hardly has some direction, rounding throws the steps out of the barrier.
+        rest = np.linalg.eigvalsh(U.T @ (R - np.diag(d)) @ U) if np.isfinite(d).all() else np.array([-1.0])
+        if rest[0] < -_NOTHING or np.any(d[free] <= 0):
+            return former
     return d
 
 
