@@ -26,7 +26,8 @@ from posture_opt.uncertainty.shared_factors import SharedFactors
 Rule = Literal["polynomial", "quasi-Monte Carlo"]
 
 GOAL = 1e-8  # relative error of the variance in any direction at which no more nodes are tried
-_SURE = 1e-5  # the same, above which quasi-Monte Carlo is tried beside polynomial rules
+_SURE = 1e-4  # the same, above which other rules are tried where products of all factors have too many nodes
+_FAR = 0.3  # of the farthest turn: factors that turn less far have degree 5 beside products of the others
 _ENOUGH = 1e-4  # the same, at which quasi-Monte Carlo stops
 MOST = 50_000  # nodes of a product rule: half a second
 _PRODUCT = 1100  # nodes of a product of four each, above which another rule of degree 5 is tried before it
@@ -136,8 +137,9 @@ def converged(
     """The moments of the tool point with as many nodes as their own error estimate asks for.
 
     Rules of rising degree are tried until a refinement changes the variance along no direction by more than ``goal``,
-    or by what rounding leaves of the smallest. Where the error is above 1e-5 as ``most`` nodes are reached, quasi-Monte
-    Carlo stands beside them, and the answer is the one with the smaller error. Its ``segments`` are in any case those
+    or by what rounding leaves of the smallest. Where the error is above 1e-4 as ``most`` nodes are reached, the
+    factors that turn the tool the farthest have more nodes beside the others, and if that does not do, quasi-Monte
+    Carlo stands beside it all, and the answer is the one with the smaller error. Its ``segments`` are in any case those
     of the last rule of rising degree.
 
     Args:
@@ -146,18 +148,21 @@ def converged(
     """
     found: Moments | None = None
     error, finest = math.inf, list[Segment]()
-    for segments in _refinements(spans, most):
-        finer = evaluate(segments)
-        error = math.inf if found is None else relative_difference(found[1], finer[1])
-        found, finest = finer, segments
-        if error <= goal + _rounding(finer[1]):
+    for refinements, enough in ((_refinements, goal), (_far_refinements, max(goal, _SURE))):
+        if found is not None and error <= enough + _rounding(found[1]):
             break
+        for segments in refinements(spans, most):
+            finer = evaluate(segments)
+            error = math.inf if found is None else relative_difference(found[1], finer[1])
+            found, finest = finer, segments
+            if error <= enough + _rounding(finer[1]):
+                break
     assert found is not None, "the coarsest rules are always affordable"
     nodes = sum(segment.centre.count for segment in finest)
     answer = Integrated(*found, finest, Integration("polynomial", _factors(spans), nodes, error))
     if error <= max(goal, _SURE):
         return answer
-    return min(answer, _sampled(evaluate, spans, finest), key=lambda either: either.integration.relative_error)
+    return min(answer, _sampled(evaluate, spans, finest, error), key=lambda either: either.integration.relative_error)
 
 
 def _refinements(spans: Sequence[SharedSpan], most: int) -> Iterator[list[Segment]]:
@@ -167,6 +172,28 @@ def _refinements(spans: Sequence[SharedSpan], most: int) -> Iterator[list[Segmen
         if any(rule is None for rule in rules):
             return
         yield [span.segment(rule) for span, rule in zip(spans, rules, strict=True) if rule is not None]
+
+
+def _far_refinements(spans: Sequence[SharedSpan], most: int) -> Iterator[list[Segment]]:
+    """Nodes of products for the factors that turn the farthest, of degree 5 for the others."""
+    for step in (1, 2):
+        rules = [_far(span, step, most) for span in spans]
+        if any(rule is None for rule in rules):
+            return
+        yield [span.segment(rule) for span, rule in zip(spans, rules, strict=True) if rule is not None]
+
+
+def _far(span: SharedSpan, step: int, most: int) -> Nodes | None:
+    turn = np.abs(span.turning).sum(axis=0)
+    is_far = turn > _FAR**step * turn.max()
+    far, near = np.flatnonzero(is_far), np.flatnonzero(~is_far)
+    counts = [4 + step + round(2 * _GROWTH * step * w) for w in turn[far]]
+    if not len(far) or not len(near) or math.prod(counts) > most:
+        return None
+    rest = degree_five(len(near), other=step == 1)
+    if math.prod(counts) * rest.count > most:
+        return None
+    return side_by_side((product_rule(counts), far), (rest, near))
 
 
 def polynomial(span: SharedSpan, level: int, most: int = MOST) -> Nodes | None:
@@ -194,9 +221,15 @@ def polynomial(span: SharedSpan, level: int, most: int = MOST) -> Nodes | None:
 
 
 def _sampled(
-    evaluate: Callable[[Sequence[Segment]], Moments], spans: Sequence[SharedSpan], finest: Sequence[Segment]
+    evaluate: Callable[[Sequence[Segment]], Moments],
+    spans: Sequence[SharedSpan],
+    finest: Sequence[Segment],
+    rival: float,
 ) -> Integrated:
-    """Quasi-Monte Carlo, the mean of independent shifts: positive semidefinite as each of them is."""
+    """Quasi-Monte Carlo, the mean of independent shifts: positive semidefinite as each of them is.
+
+    It stops too where all its nodes will not bring its error below that of its ``rival``.
+    """
     rng = np.random.default_rng(0)
     for size in _SIZES:
         drawn = [[span.segment(quasi_random(span.count, size, rng)) for span in spans] for _ in range(_BATCHES)]
@@ -204,7 +237,7 @@ def _sampled(
         mean, C = (np.mean(parts, axis=0) for parts in zip(*batches, strict=True))
         squares = [relative_difference(part, C) ** 2 for _, part in batches]
         error = 2 * math.sqrt(sum(squares) / (_BATCHES * (_BATCHES - 1)))
-        if error <= _ENOUGH:
+        if error <= _ENOUGH or error * size / _SIZES[-1] > rival:
             break
     nodes = sum(segment.centre.count for segments in drawn for segment in segments)
     return Integrated(mean, C, finest, Integration("quasi-Monte Carlo", _factors(spans), nodes, error))
