@@ -133,10 +133,9 @@ def neighbours_sentence(found: TargetMap) -> str:
     """What the targets learnt from each other."""
     solves = found.solves
     text = f"Every posture was held against those of its neighbours, and {count(solves.again, 'target')} solved again: "
-    if not solves.better:
-        return f"{text}none became better."
-    gain = f"up to {percent(solves.most)} less scatter" if solves.most >= _SAME else "by less than 0.1 %"
-    return f"{text}{solves.better} became better, {gain}."
+    gain = f"up to {percent(solves.most)} less scatter" if solves.most >= _SAME else "by less than 0.05 %"
+    text += f"{solves.better} became better, {gain}." if solves.better else "none became better."
+    return f"{text} {count(solves.found, 'target')} got a posture from a neighbour only." if solves.found else text
 
 
 def _small_table(found: TargetMap) -> tuple[Table, ...]:

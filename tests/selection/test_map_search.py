@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 
 import posture_opt as po
 from posture_opt.problem.load import load_builtin
+from posture_opt.report.target_map_report import neighbours_sentence
 from posture_opt.selection.map_neighbours import BaseMotion, Neighbourhood
+from posture_opt.selection.map_points import NeighbourSolves
 from posture_opt.selection.target_map import TargetMap, map_targets
 
 AGREES = 1.005  # times σ: what nobody sees in a map
@@ -163,3 +166,19 @@ def test_what_stands_out() -> None:
         assert excess[k] == pytest.approx(0.05)
         values[(k + 1) % 25] = np.nan
         assert np.isfinite(neighbourhood.excess(values)[k])
+
+
+@pytest.mark.parametrize(
+    ("solves", "told"),
+    [
+        (NeighbourSolves(0, 0, 0.0, 0), "0 targets solved again: none became better."),
+        (NeighbourSolves(7, 2, 2e-4, 0), "7 targets solved again: 2 became better, by less than 0.05 %."),
+        (
+            NeighbourSolves(1, 1, 0.03, 2),
+            "1 target solved again: 1 became better, up to 3 % less scatter. 2 targets got",
+        ),
+    ],
+)
+def test_the_report_says_what_neighbours_gave(solves: NeighbourSolves, told: str) -> None:
+    found = map_targets(load_builtin("insert_scara"), counts=(2, 2), low=(0.2, 0, -0.08), high=(0.3, 0.1, -0.08))
+    assert told in neighbours_sentence(replace(found, solves=solves))
