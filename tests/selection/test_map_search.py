@@ -175,7 +175,7 @@ def test_what_stands_out() -> None:
         (NeighbourSolves(7, 2, 2e-4, 0), "7 targets solved again: 2 became better, by less than 0.05 %."),
         (
             NeighbourSolves(1, 1, 0.03, 2),
-            "1 target solved again: 1 became better, up to 3 % less scatter. 2 targets got",
+            "1 target solved again: 1 became better, up to 3.0 % less scatter. 2 targets",
         ),
     ],
 )
