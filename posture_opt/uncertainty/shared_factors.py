@@ -16,6 +16,7 @@ from posture_opt.numerics import Array, Codes, Mask
 
 # Of an eigenvalue of a matrix of correlations: below it stands rounding, or what the barrier left of a zero.
 _NOTHING = 1e-10
+_ROUNDING = 1e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +86,10 @@ def _split(R: Array) -> tuple[Array, Array]:
         return np.full(2, 1 - abs(rho)), math.sqrt(abs(rho)) * np.array([[1.0], [math.copysign(1.0, rho)]])
     own = _largest_diagonal(R)
     values, vectors = np.linalg.eigh(R - np.diag(own))
-    kept = np.flatnonzero(values > _NOTHING * len(R))[::-1]
+    # Errors that nearly cancel, as after a calibration, leave a combination with little variance: what is left out
+    # must be little beside that too.
+    least = max(min(_NOTHING * len(R), 1e-6 * float(np.linalg.eigvalsh(R)[0])), _ROUNDING * len(R))
+    kept = np.flatnonzero(values > least)[::-1]
     shared = vectors[:, kept] * np.sqrt(values[kept])
     # What the smallest eigenvalues leave out of the diagonal goes back into it: the variances stay what they are.
     return np.maximum(np.diag(R) - (shared**2).sum(axis=1), 0.0), shared
@@ -97,7 +101,7 @@ def _oriented(L: Array, turning: Mask) -> Array:
         return L
     _, sizes, axes = np.linalg.svd(L[turning])
     oriented: Array = L @ axes.T
-    still = np.arange(L.shape[1]) >= np.count_nonzero(sizes > _NOTHING * sizes[0])
+    still = np.arange(L.shape[1]) >= np.count_nonzero(sizes > _ROUNDING * len(L) * sizes[0])
     oriented[np.ix_(turning, still)] = 0.0
     return oriented
 

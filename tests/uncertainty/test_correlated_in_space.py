@@ -285,3 +285,20 @@ def test_shares_of_correlated_sources_are_those_of_the_covariance():
     expected = dict(zip(tool_point.names, gradient / gradient.sum(), strict=True))
     found = {share.parameter: share.share for share in budgets(tool_point, Q6, [u])[0]}
     assert found == pytest.approx(expected, abs=2e-5)  # differences of step 1e-3, nodes good to 1e-5
+
+
+@pytest.mark.parametrize("big", [1e-3, 0.1, 1.0])
+def test_errors_that_cancel_leave_what_is_small(big):
+    """After a calibration the base and the first joint may each be known badly, and their sum well."""
+    robot = replace(load_preset("ur10"), base=frame_factors("base", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    names = ("base.yaw", *(f"{joint}.theta" for joint in robot.joint_names))
+    small = correlated(Sources(names, 1e-6**2 * np.eye(7)), seed=4).covariance
+    loose = np.zeros(7)
+    loose[:2] = big, -big
+    tight = propagate(stated(robot=robot, sources=Sources(names, small)), Q6)
+    found = propagate(stated(robot=robot, sources=Sources(names, small + np.outer(loose, loose))), Q6)
+    # The matrix itself holds the small ones beside big^2 to 1e-16 of it.
+    rounding = 1e-14 * (big / 1e-6) ** 2
+    np.testing.assert_allclose(
+        found.covariance, tight.covariance, rtol=0, atol=(1e-6 + rounding) * tight.covariance.max()
+    )
