@@ -5,6 +5,7 @@ The `Aligner` says before what an arm can give of the tool axis that a task asks
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,8 +21,10 @@ from posture_opt.selection.inverse_kinematics import (
     InverseKinematics,
     PoseRequest,
     axis_can_reach,
+    held_request,
     request_for,
 )
+from posture_opt.selection.local_search import LocalOptima, LocalSearch
 from posture_opt.selection.optimisation_problem import Alignment, OptimisationProblem
 from posture_opt.selection.solvers import Outcome, Polish, Solver
 from posture_opt.selection.task_target import Reach, TaskTarget
@@ -44,6 +47,9 @@ class CandidatePosture:
         """Whether every row is met."""
         return self.violation <= ROW_TOLERANCE
 
+
+STEPS = 60
+"""Of a local search that is followed to its end."""
 
 Recipe = tuple[OptimisationProblem, Solver, bool | None]
 """What an engine is built from: this travels to other processes, the functions cannot."""
@@ -85,17 +91,31 @@ class Engine:
         return BatchFunction(self.optimisation_problem.nlp.screen, compiled=self.compiled)
 
     @cached_property
-    def polish(self) -> Polish:
-        """The local solver."""
-        return self.solver.build(self.optimisation_problem.nlp, self.compiled)
+    def local(self) -> LocalSearch:
+        """Follows postures to local optima."""
+        return LocalSearch(self.optimisation_problem.nlp, self.ik.step, self.solver.tolerance, self.compiled)
+
+    @cached_property
+    def last_word(self) -> Polish:
+        """The solver of the problem, for what the local search does not settle: seldom, so that it is not compiled."""
+        return self.solver.build(self.optimisation_problem.nlp)
 
     def request(
         self, target: TaskTarget, count: int, rng: np.random.Generator, *, whole_box: bool = False
     ) -> PoseRequest:
         """What ``count`` starts are led to."""
+        aligned = self.optimisation_problem.axis_rows > 0
+        return request_for(target, count, aligned, rng, whole_box=whole_box, slack_of_axis=self._slack_of_axis)
+
+    @property
+    def _slack_of_axis(self) -> float:
         problem = self.optimisation_problem
-        slack = problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
-        return request_for(target, count, problem.axis_rows > 0, rng, whole_box=whole_box, slack_of_axis=slack)
+        return problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
+
+    def descended(self, Q: Array, target: TaskTarget, steps: int, multipliers: Array | None = None) -> LocalOptima:
+        """The postures (N, n) after at most ``steps`` steps of the local search."""
+        held = held_request(target, self.optimisation_problem.axis_rows > 0, self._slack_of_axis)
+        return self.local.descend(Q, target.parameters(), held.rows, steps, multipliers)
 
     def candidates(self, Q: Array, target: TaskTarget) -> list[CandidatePosture]:
         """The postures (N, n) as candidates for one target."""
@@ -113,35 +133,61 @@ class Engine:
         return middle if middle > 0 else 1.0
 
     def polished(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
-        """The start improved by the solver; the start itself where the solver made it worse.
+        """The local optimum that a posture leads to; the posture itself where nothing better was found."""
+        return self.settled([start], self.descended(start.q[None], target, STEPS), target)[0]
 
-        A start may gain a little objective from the last digits of its rows: a tie goes to the solver.
+    def settled(
+        self, starts: Sequence[CandidatePosture], found: LocalOptima, target: TaskTarget
+    ) -> list[CandidatePosture]:
+        """What became of the starts, as people write it; the solver has the last word on what is not optimal.
+
+        A start may gain a little objective from the last digits of its rows: a tie goes to the local search.
         """
-        outcome: Outcome = self.polish(start.q, target.parameters())
+        ends = [
+            replace(end, optimal=bool(optimal), message="converged" if optimal else "not converged")
+            for end, optimal in zip(self.candidates(found.q, target), found.optimal, strict=True)
+        ]
+        ends = [end if end.optimal else self._last_word(end, target) for end in ends]
+        pairs = zip(starts, ends, strict=True)
+        return self.tidied(
+            [end if _better(end, start) else replace(start, message=end.message) for start, end in pairs], target
+        )
+
+    def _last_word(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
+        outcome: Outcome = self.last_word(start.q, target.parameters())
         if not np.all(np.isfinite(outcome.x)):
             return replace(start, message=outcome.message)
-        end = self.candidates(outcome.x[None], target)[0]
-        end = replace(end, optimal=outcome.optimal, message=outcome.message)
-        end = self.tidied(end, target)
-        better = end.feasible and (not start.feasible or end.objective <= start.objective + 1e-6)
-        return end if better else self.tidied(replace(start, message=outcome.message), target)
+        end = replace(self.candidates(outcome.x[None], target)[0], optimal=outcome.optimal, message=outcome.message)
+        return end if _better(end, start) else replace(start, message=outcome.message)
 
-    def tidied(self, candidate: CandidatePosture, target: TaskTarget) -> CandidatePosture:
-        """The same posture as people write it: joints that do not matter at zero, whole turns taken off."""
+    def tidied(self, candidates: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
+        """The same postures as people write them: joints that do not matter at zero, whole turns taken off."""
+        if not candidates:
+            return []
         robot = self.robot
         lower, upper = np.array(robot.lower), np.array(robot.upper)
         turns = np.array([2 * np.pi * (joint.type == "revolute") for joint in robot.joints])
-        q = candidate.q - turns * np.round(candidate.q / (2 * np.pi))
-        q = np.where((q >= lower) & (q <= upper), q, candidate.q)
+        Q = np.array([candidate.q for candidate in candidates])
+        turned = Q - turns * np.round(Q / (2 * np.pi))
+        Q = np.where((turned >= lower) & (turned <= upper), turned, Q)
         idle = list(self.optimisation_problem.nlp.indifferent)
-        q[idle] = np.clip(0.0, lower[idle], upper[idle])
+        Q[:, idle] = np.clip(0.0, lower[idle], upper[idle])
         # Where the objective is flat, a whole degree is as good as 179.98.
-        rounded = np.clip(np.where(turns > 0, np.deg2rad(np.round(np.rad2deg(q))), q), lower, upper)
-        for tidy in self.candidates(np.array([rounded, q]), target):
-            worse = tidy.violation > candidate.violation + 1e-9 or tidy.objective > candidate.objective + 1e-9
-            if not worse:
-                return replace(tidy, optimal=candidate.optimal, message=candidate.message)
-        return candidate
+        rounded = np.clip(np.where(turns > 0, np.deg2rad(np.round(np.rad2deg(Q))), Q), lower, upper)
+        tidy = self.candidates(np.vstack([rounded, Q]), target)
+        found = []
+        for given, *written in zip(candidates, tidy, tidy[len(candidates) :], strict=False):
+            same = (c for c in written if not _worse(c, given))
+            found.append(next((replace(c, optimal=given.optimal, message=given.message) for c in same), given))
+        return found
+
+
+def _better(end: CandidatePosture, start: CandidatePosture) -> bool:
+    return end.feasible and (not start.feasible or end.objective <= start.objective + 1e-6)
+
+
+def _worse(tidy: CandidatePosture, given: CandidatePosture) -> bool:
+    return tidy.violation > given.violation + 1e-9 or tidy.objective > given.objective + 1e-9
 
 
 def median(values: Array) -> float:
@@ -170,8 +216,8 @@ class Aligner:
         if reach.axis_freedom == 2 and reach.orients_at_point:
             return "exact"
         # Too few joints to turn the tool at will: it depends on direction and target, so try.
-        if reach.axis_rank == 1 and self._can_align(target, 0.0):
-            return "exact"
+        if self._can_align(target, 0.0):
+            return "exact" if reach.axis_rank == 1 else "loose"
         if self._can_align(target, reach.axis_slack / 2):
             return "loose"
         can_turn = target.kind != "point" or reach.orients_at_point

@@ -39,7 +39,7 @@ def infeasible(
 ) -> Solution:
     """The infeasible solution: nearest posture, and the reasons in words."""
     counts = (found.arrived, found.tried, found.polished, 0, 0, 0)
-    statistics = SearchStatistics(*counts, found.sampled, None, math.nan, seconds)
+    statistics = SearchStatistics(*counts, found.sampled, None, math.nan, found.batches, 0, seconds)
     asked, target = engine.optimisation_problem, found.target
     notes = (*problem.notes, asked.axis_note(target))
     return Solution(problem, asked, target, "infeasible", q, statistics, lambda: (), notes, tuple(reasons))

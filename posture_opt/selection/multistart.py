@@ -1,25 +1,23 @@
-"""Global search: feasible first, many cheap starts, the few best polished."""
+"""Global search: feasible first, then local searches from many starts."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from posture_opt.numerics import Array, Progress
+from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.engine import CandidatePosture, Engine, Recipe, median
+from posture_opt.selection.engine import STEPS, CandidatePosture, Engine, median
 from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.task_target import TaskTarget
 
-_OVERSAMPLING = 3  # random postures for each start wanted at first: of a 6R arm about every second one arrives
+_OVERSAMPLING = 2  # random postures for each start wanted at first: of a Panda's two in three arrive
+_FIRST_STEPS = 3  # of the local search from every start, before the best ones are chosen
 _EFFORT = 80  # random postures for each start wanted at most: then the target counts as out of reach
 _RETRIES = (1, 4, 16)  # times the starts, where answers meet the target but not the further requirements
-_POLISHED_MORE = 8  # of them: the solver that minimises the violation, asked when these fail, starts from so many too
 _DISTINCT = math.radians(5.0)  # apart in a joint: well above what a solver leaves open in a flat valley
 _DISTINCT_SHIFT = 0.01  # m, the same of a slide
 _CLOSE = 0.3  # rad or m: starts nearer to each other than this mostly end at the same optimum
@@ -57,11 +55,12 @@ class MultistartResult:
 
     Args:
         target: with the scale that the objectives are divided by.
-        found: polished candidates, best first; feasible before infeasible.
-        sampled: the feasible starts before polishing.
+        found: where the local searches ended, best first; feasible before infeasible.
+        sampled: the starts that met every requirement before they were improved.
         arrived: how many starts met target and tool axis.
-        tried: postures that the search for feasible ones began with.
-        polished: number of local solves.
+        tried: random postures that were led towards the target.
+        polished: number of local searches that were followed to their end.
+        batches: number of independent searches; ``recurred`` of them ended at the best optimum.
     """
 
     target: TaskTarget
@@ -70,6 +69,8 @@ class MultistartResult:
     arrived: int
     tried: int
     polished: int
+    batches: int = 1
+    recurred: int = 1
 
 
 def feasible_starts(engine: Engine, target: TaskTarget, count: int, rng: np.random.Generator) -> tuple[Array, int]:
@@ -84,21 +85,20 @@ def feasible_starts(engine: Engine, target: TaskTarget, count: int, rng: np.rand
         # Points of a region are drawn at first; where none of them is reached, any point of it will do.
         request = engine.request(target, size, rng, whole_box=tried > 0 and not len(arrived))
         Q, errors = engine.ik.solve(engine.ik.random_postures(size, rng), request, enough=count - len(arrived))
-        arrived, tried = np.vstack([arrived, Q[errors < TOLERANCE]]), tried + size
+        arrived = np.vstack([arrived, Q[errors < TOLERANCE]])
+        tried += int(np.count_nonzero(np.isfinite(errors)))  # the others were not needed
         rate = max(len(arrived), 1) / tried
         size = int(min(max(1.5 * (count - len(arrived)) / rate, count / 4), 16 * count))
     return arrived[: 2 * count], tried
 
 
 def multistart(
-    engine: Engine,
-    target: TaskTarget,
-    rng: np.random.Generator,
-    starts: int,
-    polish: int,
-    map_polish: MapPolish | None = None,
+    engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int, polish: int | None = None
 ) -> MultistartResult:
-    """Feasible starts, screened by their objective; the ``polish`` best distinct ones handed to the solver.
+    """Feasible starts, and the local optima that they lead to.
+
+    Args:
+        polish: with a number, all starts take a few steps and only the best distinct ones, so many, the others.
 
     Starts meet target and tool axis. Where no answer meets the further requirements, many more are tried, and those few
     of them polished that violate them least: they are nearer then.
@@ -107,75 +107,36 @@ def multistart(
     if engine.optimisation_problem.reach.misses(target.lower, target.upper):
         return found
     for more in _RETRIES if engine.optimisation_problem.task.subject_to else _RETRIES[:1]:
-        improved = polish if more == 1 else min(more * polish, _POLISHED_MORE)
-        found = _multistart_once(engine, target, rng, more * starts, improved, map_polish)
-        if not found.arrived or any(candidate.feasible for candidate in found.found):
+        found = _multistart_once(engine, target, rng, more * starts, None if polish is None else more * polish)
+        if any(candidate.feasible for candidate in found.found):
             break
     return found
 
 
 def _multistart_once(
-    engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int, polish: int, map_polish: MapPolish | None
+    engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int, polish: int | None
 ) -> MultistartResult:
     Q, tried = feasible_starts(engine, target, starts, rng)
     if not len(Q):
         return MultistartResult(target, (), Sampled.none(engine.robot), 0, tried, 0)
-    target, objective, violation, sigma = _scaled(engine, target, Q)
-    order = np.lexsort((objective, np.where(violation <= ROW_TOLERANCE, 0.0, violation)))
-    first = order[_spread_out(Q[order], polish)]
-    chosen = [CandidatePosture(Q[k], float(objective[k]), float(violation[k]), float(sigma[k])) for k in first]
+    arrived, (target, sampled) = len(Q), _screened(engine, target, Q)
+    optima = engine.descended(Q, target, STEPS if polish is None else _FIRST_STEPS)
+    if polish is not None:
+        order = np.lexsort((optima.objective, np.where(optima.violation <= ROW_TOLERANCE, 0.0, optima.violation)))
+        first = order[_spread_out(optima.q[order], polish)]
+        optima = engine.descended(optima.q[first], target, STEPS, optima.multipliers[first])
+        Q = Q[first]
+    found = engine.settled(engine.candidates(Q, target), optima, target)
+    return MultistartResult(target, tuple(sorted(found, key=rank)), sampled, arrived, tried, len(found))
+
+
+def _screened(engine: Engine, target: TaskTarget, Q: Array) -> tuple[TaskTarget, Sampled]:
+    """The target with a scale, the postures' median variance where it has none, and those that meet every row."""
+    _, violation, own, variance = (column[:, 0] for column in engine.screen(Q, target.parameters()))
+    if target.scale == 1.0:
+        target = replace(target, scale=engine.scale_of(own))
     met = violation <= ROW_TOLERANCE
-    sampled = Sampled(engine.robot, Q[met], sigma[met])
-    polished = (map_polish or _serial)(engine, chosen, target)
-    return MultistartResult(target, tuple(sorted(polished, key=rank)), sampled, len(Q), tried, len(chosen))
-
-
-MapPolish = Callable[[Engine, Sequence[CandidatePosture], TaskTarget], list[CandidatePosture]]
-
-
-def _serial(engine: Engine, chosen: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
-    return [engine.polished(candidate, target) for candidate in chosen]
-
-
-def with_progress(progress: Progress) -> MapPolish:
-    """Polish one after the other, reporting ``(done, total)``."""
-
-    def run(engine: Engine, chosen: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
-        done = []
-        for candidate in chosen:
-            done.append(engine.polished(candidate, target))
-            progress(len(done), len(chosen))
-        return done
-
-    return run
-
-
-def in_processes(workers: int) -> MapPolish:
-    """Polish in ``workers`` processes: the linear solver inside IPOPT is not safe in threads."""
-
-    def run(engine: Engine, chosen: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
-        shares = [chosen[k::workers] for k in range(workers)]
-        with ProcessPoolExecutor(workers) as pool:
-            done = list(pool.map(_polish_there, [engine.recipe] * workers, shares, [target] * workers))
-        # Back into the order of the starts, so that the answer does not depend on the number of workers.
-        return [done[k % workers][k // workers] for k in range(len(chosen))]
-
-    return run
-
-
-def _polish_there(recipe: Recipe, chosen: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
-    return _serial(Engine.build(recipe), chosen, target)
-
-
-def _scaled(engine: Engine, target: TaskTarget, Q: Array) -> tuple[TaskTarget, Array, Array, Array]:
-    """The target with the postures' median variance as scale, and objective, violation and σ_max on it, (N,) each.
-
-    Only the task's own term is divided by the scale, so that one evaluation at scale one gives all.
-    """
-    plain = replace(target, scale=1.0)
-    objective, violation, own, variance = (column[:, 0] for column in engine.screen(Q, plain.parameters()))
-    scale = engine.scale_of(own)
-    return replace(target, scale=scale), objective - own + own / scale, violation, np.sqrt(np.maximum(variance, 0.0))
+    return target, Sampled(engine.robot, Q[met], np.sqrt(np.maximum(variance[met], 0.0)))
 
 
 def rank(candidate: CandidatePosture) -> tuple[bool, float, bool, float]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.numerics import Array
+from posture_opt.selection.batches import as_good
 from posture_opt.selection.engine import CandidatePosture, Engine
 from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, PoseRequest
 from posture_opt.selection.multistart import MultistartResult, Sampled
@@ -18,7 +19,6 @@ from posture_opt.selection.task_target import TaskTarget
 _SPINS = 120  # steps of 3°: the optimum over the spin is several of them wide
 _SEEDS = 8  # starts at each angle: a 6R wrist has that many branches (Pieper 1968)
 _GRID = 91  # values of each joint: steps of 4° over a turn
-_SAME_OPTIMUM = 1e-4  # of the objective: as the rounding of the criteria, see criteria._ROUNDING
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,11 @@ class SearchStatistics:
     Args:
         tried: random postures that were led towards the target.
         starts: those of them that arrived, with the tool axis as it should be.
-        polished: local solves; ``converged`` of them by the solver's own word.
+        polished: local searches; ``converged`` of them ended at an optimum.
         distinct: different local optima among them; ``hits`` of the polished starts ended at the best one.
         sampled: those of these that meet all further requirements too.
         sweep: a systematic sweep beside the random starts, or None; ``sweep_sigma`` its best [m].
+        batches: independent searches of as many starts; ``recurred`` of them found the best optimum.
         seconds: wall time.
     """
 
@@ -54,6 +55,8 @@ class SearchStatistics:
     sampled: Sampled
     sweep: Sweep | None
     sweep_sigma: float
+    batches: int
+    recurred: int
     seconds: float
 
     @classmethod
@@ -67,17 +70,18 @@ class SearchStatistics:
         seconds: float,
     ) -> SearchStatistics:
         """What the search did; ``feasible`` are the answers that its starts led to, ``best`` is the final one."""
-        as_good = best.objective + _SAME_OPTIMUM * max(abs(best.objective), 1e-9)
         return cls(
             starts=found.arrived,
             tried=found.tried,
             polished=found.polished,
             converged=sum(c.optimal for c in feasible),
             distinct=distinct,
-            hits=sum(c.objective <= as_good for c in feasible),
+            hits=sum(c.objective <= as_good(best.objective) for c in feasible),
             sampled=found.sampled,
             sweep=swept,
             sweep_sigma=math.nan if swept is None else swept.best.sigma,
+            batches=found.batches,
+            recurred=found.recurred,
             seconds=seconds,
         )
 
@@ -98,7 +102,18 @@ class SearchStatistics:
 
     def to_json(self) -> dict[str, Any]:
         """The part ``solver`` of ``solution.json``."""
-        counts = ("starts", "feasible", "tried", "polished", "converged", "distinct", "hits", "seconds")
+        counts = (
+            "starts",
+            "feasible",
+            "tried",
+            "polished",
+            "converged",
+            "distinct",
+            "hits",
+            "batches",
+            "recurred",
+            "seconds",
+        )
         return {name: getattr(self, name) for name in counts}
 
 

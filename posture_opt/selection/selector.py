@@ -10,17 +10,10 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.numerics import Array, Progress
+from posture_opt.selection.batches import until_recurrence
 from posture_opt.selection.engine import Aligner, CandidatePosture, Engine
 from posture_opt.selection.infeasible import explain_infeasibility, infeasible
-from posture_opt.selection.multistart import (
-    MapPolish,
-    MultistartResult,
-    distinct,
-    in_processes,
-    multistart,
-    rank,
-    with_progress,
-)
+from posture_opt.selection.multistart import MultistartResult, distinct, multistart, rank
 from posture_opt.selection.optimisation_problem import Alignment, OptimisationProblem
 from posture_opt.selection.search_statistics import SearchStatistics, Sweep, sweep
 from posture_opt.selection.solution import Alternative, HasTask, Solution, Status, critical_basis
@@ -33,8 +26,8 @@ from posture_opt.uncertainty.tool_point import ToolPoint
 
 QUICK_STARTS = 48
 """Feasible starts of a repeated solve: enough for the best one to lie in the best optimum's basin (benchmarks/)."""
-QUICK_POLISH = {"point": 1, "region": 4, "anywhere": 4}
-"""Local solves of a repeated solve. At a point the freedom left is small, and screening finds the basin."""
+QUICK_POLISH = 8
+"""Of them those that are followed to a local optimum."""
 _MOST_ALTERNATIVES = 8  # a 6R wrist has that many branches (Pieper 1968)
 _ONE_ONLY = (
     "No random start met all requirements; one posture was found by relaxing them in turn. Whether a better one "
@@ -82,7 +75,7 @@ class PostureSelector:
         *,
         seed: int | None = None,
         starts: int = QUICK_STARTS,
-        polish: int | None = None,
+        polish: int = QUICK_POLISH,
     ) -> Solution:
         """The best posture for the task, or for another position [m], direction or clearance [m], world frame.
 
@@ -92,7 +85,7 @@ class PostureSelector:
             clearance: radial [m].
             seed: of the random starts; default: the problem's.
             starts: feasible postures to compare.
-            polish: how many of them the solver improves.
+            polish: how many of them are followed to a local optimum.
 
         Raises:
             NoSolutionError: nothing feasible; carries the nearest posture and the reasons.
@@ -101,20 +94,18 @@ class PostureSelector:
         began = time.perf_counter()
         target = self._target(position, direction, clearance)
         seed = self._problem.solver.seed if seed is None else seed
-        polish = QUICK_POLISH[target.kind] if polish is None else polish
         found = multistart(self.engine(target), target, np.random.default_rng(seed), starts, polish)
         return self._answer(found, None, began)
 
     def solve_thoroughly(
         self, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
     ) -> Solution:
-        """The best posture with the evidence that it is: every start polished, the remaining freedom swept."""
+        """The best posture with the evidence that it is: found again by independent starts, the freedom left swept."""
         began = time.perf_counter()
         engine, solver = self.engine(self.target), self._problem.solver
-        rng = np.random.default_rng(solver.seed if seed is None else seed)
-        how: MapPolish | None = in_processes(workers) if workers > 1 else with_progress(progress) if progress else None
-        found = multistart(engine, self.target, rng, solver.starts, solver.starts, how)
-        swept = sweep(engine, found.target, rng) if found.found else None
+        seed = solver.seed if seed is None else seed
+        found = until_recurrence(engine, self.target, seed, solver.starts, workers, progress)
+        swept = sweep(engine, found.target, np.random.default_rng(seed)) if found.found else None
         return self._answer(found, swept, began)
 
     def _target(

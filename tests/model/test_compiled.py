@@ -19,7 +19,6 @@ import pytest
 from posture_opt.errors import InputError
 from posture_opt.model import toolchain
 from posture_opt.model.compiled import BatchFunction, c_source
-from posture_opt.selection.nlp import compiled_nlp
 
 # The same operations in the same order and no fused multiply-add: only sin and cos of another mathematics library
 # may differ, by one unit in the last place each. Compared with NumPy, whose sums run in another order, a dozen
@@ -343,53 +342,6 @@ def test_cache_keeps_the_libraries_used_last(cache: Path, monkeypatch: pytest.Mo
     assert len(list(cache.iterdir())) == 2
     assert libraries[0].exists()
     assert not libraries[1].exists()
-
-
-def hock_schittkowski_71(kind: type) -> dict[str, object]:
-    """min x1 x4 (x1+x2+x3) + x3, x1 x2 x3 x4 >= p, |x|^2 = 40, 1 <= x <= 5 (problem 71, p = 25)."""
-    x, p = kind.sym("x", 4), kind.sym("p")
-    f = x[0] * x[3] * (x[0] + x[1] + x[2]) + x[2]
-    return {"x": x, "p": p, "f": f, "g": casadi.vertcat(x[0] * x[1] * x[2] * x[3] - p, casadi.sumsqr(x))}
-
-
-@both_ways
-@pytest.mark.parametrize(
-    ("kind", "options"),
-    [
-        (casadi.SX, {}),
-        (casadi.MX, {"expand": True}),
-        (casadi.MX, {}),
-        (casadi.SX, {"ipopt.hessian_approximation": "limited-memory"}),
-    ],
-)
-def test_nlp_solves_hock_schittkowski_71(
-    compiled: bool, kind: type, options: dict[str, object], capfd: pytest.CaptureFixture[str]
-) -> None:
-    solver = compiled_nlp(hock_schittkowski_71(kind), options, compiled=compiled)
-    solution = solver(x0=[1, 5, 5, 1], p=25, lbx=1, ubx=5, lbg=[0, 40], ubg=[np.inf, 40])
-    assert solver.stats()["success"]
-    # Hock and Schittkowski (1981), problem 71; IPOPT stops at a scaled error of 1e-8.
-    np.testing.assert_allclose(solution["x"].full().ravel(), [1, 4.7429994, 3.8211503, 1.3794082], rtol=0, atol=1e-6)
-    assert float(solution["f"]) == pytest.approx(17.0140173, abs=1e-6)
-    assert capfd.readouterr().out == ""
-
-
-@needs_compiler
-def test_nlp_is_compiled_once_for_all_tolerances(compilations: list[tuple[str, ...]]) -> None:
-    for tolerance in (1e-8, 1e-6):
-        compiled_nlp(hock_schittkowski_71(casadi.SX), {"ipopt.tol": tolerance}, compiled=True)
-    assert len(compilations) == 1
-    compiled_nlp({**hock_schittkowski_71(casadi.SX), "g": casadi.SX(0, 1)}, compiled=True)
-    assert len(compilations) == 2
-
-
-@pytest.mark.usefixtures("no_compiler")
-def test_nlp_is_interpreted_without_a_compiler() -> None:
-    x = casadi.SX.sym("x")
-    solver = compiled_nlp({"x": x, "f": (x - 3) ** 2})
-    assert float(solver(x0=0)["x"]) == pytest.approx(3, abs=1e-7)  # one Newton step of a quadratic
-    with pytest.raises(InputError, match="no C compiler"):
-        compiled_nlp({"x": x, "f": x**2}, compiled=True)
 
 
 @needs_compiler

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+import casadi as ca
 import numpy as np
 from pydantic import Field
 
-from posture_opt.selection.nlp import Nlp, compiled_nlp
+from posture_opt.selection.nlp import IPOPT_OPTIONS, Nlp
 from posture_opt.selection.solvers.solver import Outcome, Polish, Solver
 
 
@@ -18,10 +19,10 @@ class Ipopt(Solver):
 
     kind: Literal["ipopt"] = "ipopt"
     max_iterations: int = Field(default=200, ge=1)
-    tolerance: float = Field(default=1e-6, gt=0)
 
-    def build(self, nlp: Nlp, compiled: bool | None) -> Polish:
+    def build(self, nlp: Nlp) -> Polish:
         options = {
+            **IPOPT_OPTIONS,
             "ipopt.tol": self.tolerance,
             "ipopt.max_iter": self.max_iterations,
             "ipopt.constr_viol_tol": 1e-9,
@@ -34,7 +35,7 @@ class Ipopt(Solver):
             "ipopt.acceptable_iter": 0,
             "ipopt.fixed_variable_treatment": "make_parameter",
         }
-        function = compiled_nlp(nlp.as_casadi(), options, compiled=compiled)
+        function = ca.nlpsol("solver", "ipopt", nlp.as_casadi(), options)
         lower, upper = nlp.variable_bounds
 
         def polish(start: np.ndarray, parameters: np.ndarray) -> Outcome:

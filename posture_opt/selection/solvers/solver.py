@@ -36,7 +36,8 @@ class Solver(Spec):
     kind: str
     starts: int = Field(default=32, ge=1, le=100_000)
     seed: int = Field(default=0, ge=0)
+    tolerance: float = Field(default=1e-6, gt=0)
 
     @abstractmethod
-    def build(self, nlp: Nlp, compiled: bool | None) -> Polish:
+    def build(self, nlp: Nlp) -> Polish:
         """A function that solves ``nlp`` locally, again and again."""

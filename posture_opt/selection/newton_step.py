@@ -1,0 +1,177 @@
+"""One step of sequential quadratic programming, written out as an expression, so that a batch takes it in C.
+
+For ``min f(x)`` under rows ``l ≤ g(x) ≤ u`` and bounds of the variables the step p solves
+
+``H p + ∇f + Aᵀλ + z = 0``,  ``A p = b − g`` for the rows of the working set,  ``p_j = b_j − x_j`` for its bounds,
+
+H being the Hessian of the Lagrangian. The working set changes as in a primal active set method (Nocedal and Wright
+2006, section 16.5), but once in a step instead of in a loop inside it: what a step meets first joins, what has a
+multiplier of the wrong sign leaves. So a step costs one linear system.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+
+from posture_opt.model.ldl import ldl, modified_ldl, solved
+from posture_opt.selection.nlp import Nlp
+
+LONGEST_STEP = 0.5
+"""Of a joint [rad or m]: the quadratic model of a rotation means nothing beyond."""
+_PENALTY = 1e3  # of a squared row, in units of the objective (about 1): it makes H convex across the rows
+_TOUCH = 1e-8  # rad or m: a row or bound that is violated by more belongs to the working set
+_JOINED = 1e-12  # the multiplier of what has just joined, until the next step says how large it is
+_STILL = 1e-12  # a change below it meets nothing
+_LEAST_PIVOT = 1e-12  # rows that repeat each other, or more rows than joints, share a multiplier
+_FAR = 1e6  # instead of infinity, which makes NaN of zero
+
+
+def newton_step(nlp: Nlp) -> ca.Function:
+    """``(x, y, p) -> (step, y⁺, before, after, objective, violation, stationarity)`` at one point.
+
+    ``x`` (n,), ``p`` the parameters; ``y`` (m + n,) multipliers of the rows and of the bounds, positive at upper ends,
+    zero outside of the working set, and all of them zero at first. ``step`` (n,) meets no bound or row that is not in
+    the working set, to first order, and is no longer than `LONGEST_STEP` in a joint. ``before`` and ``after`` are the
+    augmented Lagrangian at ``x`` with ``y`` and with ``y⁺``, ``violation`` is the largest one of a row, and
+    ``stationarity`` the largest component of ``∇f + Aᵀλ + z`` with the multipliers of the right sign alone.
+    """
+    y = ca.SX.sym("y", len(nlp.rows) + len(nlp.variables))
+    at = _Point(nlp, y)
+    step, multipliers, indefinite = at.direct()
+    y_next, step = at.advanced(step, multipliers, indefinite)
+    outputs = [step, y_next, at.merit(y), at.merit(y_next), nlp.objective, at.violation, at.stationarity(y_next)]
+    return ca.Function("newton_step", [nlp.x, y, nlp.p], ca.cse([ca.densify(ca.SX(output)) for output in outputs]))
+
+
+@dataclass(frozen=True)
+class _Point:
+    """All constraints side by side, the m rows first and then the n bounds, at ``nlp.x`` with multipliers ``y``."""
+
+    nlp: Nlp
+    y: ca.SX
+
+    @cached_property
+    def m(self) -> int:
+        return len(self.nlp.rows)
+
+    @cached_property
+    def value(self) -> ca.SX:
+        return ca.vertcat(self.nlp.g, self.nlp.x)
+
+    @cached_property
+    def ends(self) -> tuple[ca.SX, ca.SX]:
+        lower, upper = self.nlp.variable_bounds
+        low = ca.vertcat(*(row.lower for row in self.nlp.rows), ca.DM(lower))
+        high = ca.vertcat(*(row.upper for row in self.nlp.rows), ca.DM(upper))
+        return ca.fmax(low, -_FAR), ca.fmin(high, _FAR)
+
+    @cached_property
+    def equal(self) -> ca.DM:
+        """1 where both ends are the same expression."""
+        rows = [float(ca.is_equal(row.lower, row.upper, 2)) for row in self.nlp.rows]
+        return ca.DM([*rows, *(float(v.lower == v.upper) for v in self.nlp.variables)])
+
+    @cached_property
+    def above(self) -> ca.SX:
+        """1 where the upper end is in the working set; an equality counts as one."""
+        return ca.fmax(ca.fmax(self.y > 0, self.value > self.ends[1] + _TOUCH), self.equal)
+
+    @cached_property
+    def below(self) -> ca.SX:
+        return (1 - self.equal) * ca.fmax(self.y < 0, self.value < self.ends[0] - _TOUCH)
+
+    @cached_property
+    def working(self) -> ca.SX:
+        return ca.fmin(self.above + self.below, 1)
+
+    @cached_property
+    def slope(self) -> ca.SX:
+        return ca.densify(ca.gradient(self.nlp.objective, self.nlp.x))
+
+    @cached_property
+    def row_slopes(self) -> ca.SX:
+        return ca.densify(ca.jacobian(self.nlp.g, self.nlp.x))
+
+    @cached_property
+    def curvature(self) -> ca.SX:
+        """Hessian of the Lagrangian with the multipliers given."""
+        weights = ca.SX.sym("weights", self.m)
+        lagrangian = self.nlp.objective + ca.dot(weights, self.nlp.g)
+        hessian = ca.densify(ca.hessian(lagrangian, self.nlp.x)[0])
+        return ca.substitute(hessian, weights, self.working[: self.m] * self.y[: self.m])
+
+    def direct(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Newton's step (n,), its multipliers (m + n,), and whether the Hessian had to be made convex."""
+        m, n = self.m, len(self.nlp.variables)
+        low, high = self.ends
+        gap = self.working * (ca.if_else(self.above, high, low) - self.value)
+        rows, held = self.working[:m], self.working[m:]
+        fixed, free = gap[m:], 1 - held
+        # What the held variables do is known; the others solve for the rest.
+        A = ca.repmat(rows, 1, n) * self.row_slopes
+        short, slope = gap[:m] - A @ fixed, free * (self.slope + self.curvature @ fixed)
+        A = A * ca.repmat(free.T, m, 1)
+        # The penalty does not change the step where the rows are met, and makes the matrix positive definite where
+        # the Hessian is so along them.
+        factors, indefinite = modified_ldl(self.curvature * (free @ free.T) + _PENALTY * (A.T @ A) + ca.diag(held))
+        p = fixed - solved(factors, slope)
+        multipliers = ca.SX(0, 1)
+        if m:
+            Y = ca.horzcat(*(solved(factors, A[i, :].T) for i in range(m)))
+            multipliers = solved(ldl(A @ Y + ca.diag(1 - rows), _LEAST_PIVOT), rows * (A @ (p - fixed) - short))
+            p = p - Y @ multipliers
+            multipliers = rows * (multipliers + _PENALTY * short)
+        z = -held * (self.slope + self.curvature @ p + self.row_slopes.T @ multipliers)
+        return p, ca.vertcat(multipliers, z), indefinite
+
+    def advanced(self, p: ca.SX, multipliers: ca.SX, indefinite: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """The multipliers of the next working set, and the step up to what it meets first."""
+        low, high = self.ends
+        change = ca.vertcat(self.row_slopes @ p, p)
+        room = ca.if_else(change > 0, high, low) - self.value
+        meets = (1 - self.working) * (ca.fabs(change) > _STILL)
+        ratio = ca.if_else(meets, ca.fmax(room / change, 0), _FAR)
+        first = ca.mmin(ratio)
+        longest = ca.mmax(ca.fabs(p))
+        # Where the objective bends downwards, Newton's length means nothing: as far as it may go.
+        whole = LONGEST_STEP / ca.fmax(longest, ca.if_else(indefinite, 1e-6, LONGEST_STEP))
+        right = ca.if_else(self.above, ca.fmax(multipliers, 0), ca.fmin(multipliers, 0))
+        right = ca.if_else(self.equal, multipliers, right)
+        joined = (ratio <= first) * (first <= whole) * ca.sign(change) * _JOINED
+        return self.working * right + (1 - self.working) * joined, ca.fmin(whole, first) * p
+
+    def merit(self, y: ca.SX) -> ca.SX:
+        """The augmented Lagrangian of the rows (Rockafellar 1973); steps keep the bounds."""
+        total = self.nlp.objective
+        for g, weight, low, high, row in zip(
+            ca.vertsplit(self.nlp.g),
+            ca.vertsplit(y[: self.m]),
+            *map(ca.vertsplit, self.ends),
+            self.nlp.rows,
+            strict=False,
+        ):
+            if ca.is_equal(row.lower, row.upper, 2):
+                total = total + weight * (g - high) + _PENALTY / 2 * (g - high) ** 2
+                continue
+            for beyond, part in ((g - high, ca.fmax(weight, 0)), (low - g, ca.fmax(-weight, 0))):
+                counted = ca.fmax(beyond, -part / _PENALTY)
+                total = total + part * counted + _PENALTY / 2 * counted**2
+        return total
+
+    @property
+    def violation(self) -> ca.SX:
+        low, high = (end[: self.m] for end in self.ends)
+        return ca.mmax(ca.fmax(ca.fmax(low - self.nlp.g, self.nlp.g - high), 0)) if self.m else ca.SX(0)
+
+    def stationarity(self, y: ca.SX) -> ca.SX:
+        # A multiplier that has only just joined says nothing yet.
+        return ca.mmax(
+            ca.fabs(
+                self.slope
+                + self.row_slopes.T @ (self.working[: self.m] * y[: self.m])
+                + self.working[self.m :] * y[self.m :]
+            )
+        )
