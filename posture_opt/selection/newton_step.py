@@ -16,7 +16,7 @@ from functools import cached_property
 
 import casadi as ca
 
-from posture_opt.model.ldl import ldl, modified_ldl, solved
+from posture_opt.model.ldl import Factors, ldl, solved
 from posture_opt.selection.nlp import Nlp
 
 LONGEST_STEP = 0.5
@@ -25,7 +25,9 @@ _PENALTY = 1e3  # of a squared row, in units of the objective (about 1): it make
 _TOUCH = 1e-8  # rad or m: a row or bound that is violated by more belongs to the working set
 _JOINED = 1e-12  # the multiplier of what has just joined, until the next step says how large it is
 _STILL = 1e-12  # a change below it meets nothing
-_LEAST_PIVOT = 1e-12  # rows that repeat each other, or more rows than joints, share a multiplier
+_DEPENDENT = 1e-10  # of a row's own square: rows that repeat others, or more rows than joints
+_MOST = 1e3  # of a multiplier in the Hessian: where the rows nearly depend on each other, estimates are anything
+_ROUNDING = 1e-9  # of the largest diagonal entry
 _FAR = 1e6  # instead of infinity, which makes NaN of zero
 
 
@@ -36,13 +38,14 @@ def newton_step(nlp: Nlp) -> ca.Function:
     zero outside of the working set, and all of them zero at first. ``step`` (n,) meets no bound or row that is not in
     the working set, to first order, and is no longer than `LONGEST_STEP` in a joint. ``before`` and ``after`` are the
     augmented Lagrangian at ``x`` with ``y`` and with ``y⁺``, ``violation`` is the largest one of a row, and
-    ``stationarity`` the largest component of ``∇f + Aᵀλ + z`` with the multipliers of the right sign alone.
+    ``stationarity`` the largest component of ``∇f + Aᵀλ + z`` with least-squares multipliers, those of the wrong sign
+    left out.
     """
     y = ca.SX.sym("y", len(nlp.rows) + len(nlp.variables))
     at = _Point(nlp, y)
     step, multipliers, indefinite = at.direct()
     y_next, step = at.advanced(step, multipliers, indefinite)
-    outputs = [step, y_next, at.merit(y), at.merit(y_next), nlp.objective, at.violation, at.stationarity(y_next)]
+    outputs = [step, y_next, at.merit(y), at.merit(y_next), nlp.objective, at.violation, at.stationarity]
     return ca.Function("newton_step", [nlp.x, y, nlp.p], ca.cse([ca.densify(ca.SX(output)) for output in outputs]))
 
 
@@ -96,36 +99,51 @@ class _Point:
         return ca.densify(ca.jacobian(self.nlp.g, self.nlp.x))
 
     @cached_property
+    def free_slopes(self) -> ca.SX:
+        """(m, n) slopes of the rows of the working set along the variables that are not held; zero elsewhere."""
+        rows, free = self.working[: self.m], 1 - self.working[self.m :]
+        return ca.repmat(rows, 1, free.shape[0]) * self.row_slopes * ca.repmat(free.T, self.m, 1)
+
+    @cached_property
+    def estimate(self) -> ca.SX:
+        """(m + n,) multipliers that leave the least residual (least squares), zero outside of the working set."""
+        rows, held = self.working[: self.m], self.working[self.m :]
+        A = self.free_slopes
+        weights = ca.SX(0, 1)
+        if self.m:
+            weights = -solved(ldl(A @ A.T + ca.diag(1 - rows), _DEPENDENT), rows * (A @ self.slope))
+        return ca.vertcat(weights, -held * (self.slope + self.row_slopes.T @ weights))
+
+    @cached_property
     def curvature(self) -> ca.SX:
-        """Hessian of the Lagrangian with the multipliers given."""
+        """Hessian of the Lagrangian with the multipliers estimated here: they keep up with the steps."""
         weights = ca.SX.sym("weights", self.m)
         lagrangian = self.nlp.objective + ca.dot(weights, self.nlp.g)
         hessian = ca.densify(ca.hessian(lagrangian, self.nlp.x)[0])
-        return ca.substitute(hessian, weights, self.working[: self.m] * self.y[: self.m])
+        bounded = ca.fmin(ca.fmax(self.estimate[: self.m], -_MOST), _MOST)
+        return ca.substitute(hessian, weights, bounded)
 
     def direct(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Newton's step (n,), its multipliers (m + n,), and whether the Hessian had to be made convex."""
-        m, n = self.m, len(self.nlp.variables)
+        m, A = self.m, self.free_slopes
         low, high = self.ends
         gap = self.working * (ca.if_else(self.above, high, low) - self.value)
         rows, held = self.working[:m], self.working[m:]
         fixed, free = gap[m:], 1 - held
         # What the held variables do is known; the others solve for the rest.
-        A = ca.repmat(rows, 1, n) * self.row_slopes
-        short, slope = gap[:m] - A @ fixed, free * (self.slope + self.curvature @ fixed)
-        A = A * ca.repmat(free.T, m, 1)
-        # The penalty does not change the step where the rows are met, and makes the matrix positive definite where
-        # the Hessian is so along them.
-        factors, indefinite = modified_ldl(self.curvature * (free @ free.T) + _PENALTY * (A.T @ A) + ca.diag(held))
+        short = gap[:m] - rows * (self.row_slopes @ fixed)
+        slope = free * (self.slope + self.curvature @ fixed)
+        factors, indefinite = _convexified(self.curvature * (free @ free.T), A, held)
         p = fixed - solved(factors, slope)
         multipliers = ca.SX(0, 1)
         if m:
             Y = ca.horzcat(*(solved(factors, A[i, :].T) for i in range(m)))
-            multipliers = solved(ldl(A @ Y + ca.diag(1 - rows), _LEAST_PIVOT), rows * (A @ (p - fixed) - short))
+            multipliers = solved(ldl(A @ Y + ca.diag(1 - rows), _DEPENDENT), rows * (A @ (p - fixed) - short))
             p = p - Y @ multipliers
             multipliers = rows * (multipliers + _PENALTY * short)
         z = -held * (self.slope + self.curvature @ p + self.row_slopes.T @ multipliers)
-        return p, ca.vertcat(multipliers, z), indefinite
+        # Those of a changed Hessian are no estimate.
+        return p, ca.if_else(indefinite, self.estimate, ca.vertcat(multipliers, z)), indefinite
 
     def advanced(self, p: ca.SX, multipliers: ca.SX, indefinite: ca.SX) -> tuple[ca.SX, ca.SX]:
         """The multipliers of the next working set, and the step up to what it meets first."""
@@ -138,8 +156,7 @@ class _Point:
         longest = ca.mmax(ca.fabs(p))
         # Where the objective bends downwards, Newton's length means nothing: as far as it may go.
         whole = LONGEST_STEP / ca.fmax(longest, ca.if_else(indefinite, 1e-6, LONGEST_STEP))
-        right = ca.if_else(self.above, ca.fmax(multipliers, 0), ca.fmin(multipliers, 0))
-        right = ca.if_else(self.equal, multipliers, right)
+        right = self.signed(multipliers)
         joined = (ratio <= first) * (first <= whole) * ca.sign(change) * _JOINED
         return self.working * right + (1 - self.working) * joined, ca.fmin(whole, first) * p
 
@@ -161,17 +178,34 @@ class _Point:
                 total = total + part * counted + _PENALTY / 2 * counted**2
         return total
 
+    def signed(self, multipliers: ca.SX) -> ca.SX:
+        """Zero where an inequality has a multiplier of the wrong sign."""
+        right = ca.if_else(self.above, ca.fmax(multipliers, 0), ca.fmin(multipliers, 0))
+        return self.working * ca.if_else(self.equal, multipliers, right)
+
     @property
     def violation(self) -> ca.SX:
         low, high = (end[: self.m] for end in self.ends)
         return ca.mmax(ca.fmax(ca.fmax(low - self.nlp.g, self.nlp.g - high), 0)) if self.m else ca.SX(0)
 
-    def stationarity(self, y: ca.SX) -> ca.SX:
-        # A multiplier that has only just joined says nothing yet.
-        return ca.mmax(
-            ca.fabs(
-                self.slope
-                + self.row_slopes.T @ (self.working[: self.m] * y[: self.m])
-                + self.working[self.m :] * y[self.m :]
-            )
-        )
+    @property
+    def stationarity(self) -> ca.SX:
+        y = self.signed(self.estimate)
+        return ca.mmax(ca.fabs(self.slope + self.row_slopes.T @ y[: self.m] + y[self.m :]))
+
+
+def _convexified(H: ca.SX, A: ca.SX, held: ca.SX) -> tuple[Factors, ca.SX]:
+    """L D Lᵀ of ``H + penalty AᵀA``, 1 on the diagonal where held, and whether H had to be shifted to be convex.
+
+    The penalty does not change a step that meets the rows, and makes the matrix positive definite where H is so along
+    them. Otherwise the identity is added, times a bound of H's largest eigenvalue (Gershgorin 1931).
+    """
+    n = H.shape[0]
+    K = H + _PENALTY * (A.T @ A) + ca.diag(held)
+    size = ca.mmax(ca.diag(K)) + 1e-300
+    # A joint that moves nothing has a zero pivot, and stays where it is.
+    K = K + _ROUNDING * size * ca.SX.eye(n)
+    _, pivots = ldl(K)
+    indefinite = ca.mmin(ca.vertcat(*pivots)) < 0
+    bound = ca.mmax(ca.sum2(ca.fabs(H)))
+    return ldl(K + indefinite * bound * ca.SX.eye(n)), indefinite

@@ -62,7 +62,7 @@ class Nlp:
     @cached_property
     def variable_bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """(n,) lower and upper bounds of the variables."""
-        return np.array([v.lower for v in self.variables]), np.array([v.upper for v in self.variables])
+        return np.array([v.lower for v in self.variables], float), np.array([v.upper for v in self.variables], float)
 
     @cached_property
     def indifferent(self) -> tuple[int, ...]:
