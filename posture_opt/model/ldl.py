@@ -13,8 +13,8 @@ _INFINITE = 1e200  # a pivot whose unknown is zero; its square is still a number
 def ldl(A: ca.SX, dependent: float = 0.0) -> Factors:
     """L D Lᵀ of a symmetric (n, n) matrix without pivoting.
 
-    Where a pivot is below ``dependent`` of its diagonal entry, the row depends on those before it: the unknown of such a
-    row of a positive semidefinite matrix is solved to be zero.
+    Where a pivot is below ``dependent`` of its diagonal entry, the row depends on those before it: the unknown of such
+    a row of a positive semidefinite matrix is solved to be zero.
     """
     n = A.shape[0]
     L: list[list[ca.SX]] = [[ca.SX(0)] * n for _ in range(n)]

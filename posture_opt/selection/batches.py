@@ -1,4 +1,4 @@
-"""A thorough search: independent batches of starts, until the best optimum has been found by two of them."""
+"""How long to search: until the best optimum has been found again, and again."""
 
 from __future__ import annotations
 
@@ -8,43 +8,65 @@ from dataclasses import replace
 
 import numpy as np
 
-from posture_opt.numerics import Array, Progress
+from posture_opt.numerics import Progress
 from posture_opt.selection.engine import Engine, Recipe
-from posture_opt.selection.multistart import MultistartResult, Sampled, multistart, rank
+from posture_opt.selection.multistart import MultistartResult, as_good, multistart
 from posture_opt.selection.task_target import TaskTarget
 
-SAME_OPTIMUM = 1e-4
-"""Of the objective: two optima no further apart count as one, as the rounding of the criteria."""
-_ENOUGH = 2  # batches that found the best optimum
-_MOST = 12
+_STARTS = 32  # of a batch where two degrees of freedom are left or fewer, and so many more for each further one
+_MOST_STARTS = 128
+_BATCHES = 2  # that are to find the best optimum
+_MOST = 12  # batches
+_HITS = 4  # local searches that are to find it, in a repeated solve
+_UNSEEN = 0.01  # probability that one more start leads to something better
+_PASSES = 6
+
+
+def usual_starts(engine: Engine) -> int:
+    """Starts of one batch: more where target and tool axis leave more freedom, and so more local optima."""
+    return min(_STARTS * max(engine.optimisation_problem.freedom - 1, 1), _MOST_STARTS)
+
+
+def until_found_often(
+    engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int | None = None
+) -> MultistartResult:
+    """Starts until some local searches have found the best optimum; all of them at once where ``starts`` is given."""
+    whole = multistart(engine, target, rng, starts or usual_starts(engine))
+    for _ in range(1, 1 if starts else _PASSES):
+        if not whole.found or (whole.hits >= _HITS and whole.unseen_better <= _UNSEEN):
+            break
+        whole = whole.joined(multistart(engine, whole.target, rng, usual_starts(engine)), engine)
+    return whole
 
 
 def until_recurrence(
-    engine: Engine, target: TaskTarget, seed: int, starts: int, workers: int = 1, progress: Progress | None = None
+    engine: Engine,
+    target: TaskTarget,
+    seed: int,
+    starts: int | None = None,
+    workers: int = 1,
+    progress: Progress | None = None,
 ) -> MultistartResult:
-    """Batches of ``starts`` local searches each, seeded by their number, until the best optimum recurs.
+    """Batches of starts, seeded by their number, until the best optimum has been found by two of them.
 
     Args:
+        starts: of each batch; default: by the freedom that is left.
         workers: processes that share the batches; the answer does not depend on it.
         progress: called with (done, total) batches.
     """
-    whole = multistart(engine, target, np.random.default_rng([seed, 0]), starts)
+    starts = starts or usual_starts(engine)
+    whole = multistart(engine, target, np.random.default_rng([seed, 0]), starts, every=True)
     if not whole.found:
         return whole
     values = [_best(whole)]
     for batch in _batches(engine, whole.target, seed, starts, workers):
-        whole = _joined(whole, batch)
+        whole = whole.joined(batch, engine)
         values.append(_best(batch))
         if progress is not None:
             progress(len(values), _MOST)
-        if _recurred(values) >= _ENOUGH:
+        if _recurred(values) >= _BATCHES and whole.unseen_better <= _UNSEEN / 2:
             break
     return replace(whole, batches=len(values), recurred=_recurred(values))
-
-
-def as_good(best: float) -> float:
-    """The objective up to which an optimum counts as the best one."""
-    return best + SAME_OPTIMUM * max(abs(best), 1e-9)
 
 
 def _recurred(values: list[float]) -> int:
@@ -60,7 +82,7 @@ def _best(found: MultistartResult) -> float:
 def _batches(engine: Engine, target: TaskTarget, seed: int, starts: int, workers: int) -> Iterator[MultistartResult]:
     if workers == 1:
         for k in range(1, _MOST):
-            yield multistart(engine, target, np.random.default_rng([seed, k]), starts)
+            yield multistart(engine, target, np.random.default_rng([seed, k]), starts, every=True)
         return
     with ProcessPoolExecutor(workers) as pool:
         for first in range(1, _MOST, workers):
@@ -71,16 +93,4 @@ def _batches(engine: Engine, target: TaskTarget, seed: int, starts: int, workers
 
 
 def _batch_there(recipe: Recipe, target: TaskTarget, seed: int, k: int, starts: int) -> MultistartResult:
-    return multistart(Engine.build(recipe), target, np.random.default_rng([seed, k]), starts)
-
-
-def _joined(a: MultistartResult, b: MultistartResult) -> MultistartResult:
-    sampled = Sampled(
-        a.sampled.robot, np.vstack([a.sampled.Q, b.sampled.Q]), _stacked(a.sampled.sigma, b.sampled.sigma)
-    )
-    found = tuple(sorted((*a.found, *b.found), key=rank))
-    return MultistartResult(a.target, found, sampled, a.arrived + b.arrived, a.tried + b.tried, a.polished + b.polished)
-
-
-def _stacked(a: Array, b: Array) -> Array:
-    return np.concatenate([a, b])
+    return multistart(Engine.build(recipe), target, np.random.default_rng([seed, k]), starts, every=True)

@@ -5,6 +5,7 @@ The `Aligner` says before what an arm can give of the tool axis that a task asks
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,7 +14,7 @@ import numpy as np
 
 from posture_opt.model.arm import Arm
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.inverse_kinematics import (
     ROW_TOLERANCE,
@@ -33,7 +34,10 @@ from posture_opt.selection.tasks import Task
 
 @dataclass(frozen=True)
 class CandidatePosture:
-    """One posture (n,): objective (scaled), worst violation of a row, σ_max [m], and the solver's word on it."""
+    """One posture (n,): objective (scaled), worst violation of a row, σ_max [m], and the solver's word on it.
+
+    ``count`` local searches ended there.
+    """
 
     q: Array
     objective: float
@@ -41,6 +45,7 @@ class CandidatePosture:
     sigma: float
     optimal: bool = False
     message: str = "not polished"
+    count: int = 1
 
     @property
     def feasible(self) -> bool:
@@ -50,6 +55,10 @@ class CandidatePosture:
 
 STEPS = 60
 """Of a local search that is followed to its end."""
+
+_DISTINCT = math.radians(5.0)  # apart in a joint: well above what a search leaves open in a flat valley
+_DISTINCT_SHIFT = 0.01  # m, the same of a slide
+_LAST_WORDS = 4  # of the solver, in one search
 
 Recipe = tuple[OptimisationProblem, Solver, bool | None]
 """What an engine is built from: this travels to other processes, the functions cannot."""
@@ -133,32 +142,42 @@ class Engine:
         return middle if middle > 0 else 1.0
 
     def polished(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
-        """The local optimum that a posture leads to; the posture itself where nothing better was found."""
-        return self.settled([start], self.descended(start.q[None], target, STEPS), target)[0]
-
-    def settled(
-        self, starts: Sequence[CandidatePosture], found: LocalOptima, target: TaskTarget
-    ) -> list[CandidatePosture]:
-        """What became of the starts, as people write it; the solver has the last word on what is not optimal.
+        """The local optimum that a posture leads to; the posture itself where nothing better was found.
 
         A start may gain a little objective from the last digits of its rows: a tie goes to the local search.
         """
+        end = self.settled(self.descended(start.q[None], target, STEPS), target)[0]
+        return end if _better(end, start) else self.tidied([replace(start, message=end.message)], target)[0]
+
+    def settled(self, found: LocalOptima, target: TaskTarget, count: Codes | None = None) -> list[CandidatePosture]:
+        """Where local searches ended, as people write it; the solver has the last word on a few that are not optimal.
+
+        Args:
+            count: (N,) how many searches each of them stands for.
+        """
+        counts = np.ones(len(found.q), dtype=int) if count is None else count
         ends = [
-            replace(end, optimal=bool(optimal), message="converged" if optimal else "not converged")
-            for end, optimal in zip(self.candidates(found.q, target), found.optimal, strict=True)
+            replace(end, optimal=bool(optimal), message="converged" if optimal else "not converged", count=int(n))
+            for end, optimal, n in zip(self.candidates(found.q, target), found.optimal, counts, strict=True)
         ]
-        ends = [end if end.optimal else self._last_word(end, target) for end in ends]
-        pairs = zip(starts, ends, strict=True)
-        return self.tidied(
-            [end if _better(end, start) else replace(start, message=end.message) for start, end in pairs], target
-        )
+        # Only where it would change the answer.
+        limit = min((end.objective for end in ends if end.optimal and end.feasible), default=np.inf)
+        doubtful = [k for k, end in enumerate(ends) if not end.optimal and (end.objective < limit or not end.feasible)]
+        for k in doubtful[: _LAST_WORDS if np.isinf(limit) or any(ends[k].feasible for k in doubtful) else 0]:
+            ends[k] = self._last_word(ends[k], target)
+        return self.tidied(ends, target)
 
     def _last_word(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
         outcome: Outcome = self.last_word(start.q, target.parameters())
         if not np.all(np.isfinite(outcome.x)):
             return replace(start, message=outcome.message)
         end = replace(self.candidates(outcome.x[None], target)[0], optimal=outcome.optimal, message=outcome.message)
+        end = replace(end, count=start.count)
         return end if _better(end, start) else replace(start, message=outcome.message)
+
+    def clusters(self, Q: Array, size: Codes | None = None) -> tuple[Codes, Codes]:
+        """As :func:`clusters`, by the joints that matter."""
+        return clusters(Q, self.robot, size, self.optimisation_problem.nlp.indifferent)
 
     def tidied(self, candidates: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
         """The same postures as people write them: joints that do not matter at zero, whole turns taken off."""
@@ -178,8 +197,34 @@ class Engine:
         found = []
         for given, *written in zip(candidates, tidy, tidy[len(candidates) :], strict=False):
             same = (c for c in written if not _worse(c, given))
-            found.append(next((replace(c, optimal=given.optimal, message=given.message) for c in same), given))
+            found.append(
+                next((replace(c, optimal=given.optimal, message=given.message, count=given.count) for c in same), given)
+            )
         return found
+
+
+def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequence[int] = ()) -> tuple[Codes, Codes]:
+    """Rows of Q (k, n) that differ from every earlier one, and how many rows, ``size`` each, differ from them by less.
+
+    By more than 5° or 10 mm in a joint, whole turns apart; the joints ``ignored`` make no difference.
+    """
+    near = np.ones((len(Q), len(Q)), dtype=bool)
+    for k, joint in enumerate(robot.joints):
+        if k not in ignored:
+            difference = Q[:, k : k + 1] - Q[:, k]
+            if joint.type == "revolute":
+                difference -= 2 * np.pi * np.rint(difference * (0.5 / np.pi))
+            near &= np.abs(difference) <= (_DISTINCT if joint.type == "revolute" else _DISTINCT_SHIFT)
+    left, sizes = np.ones(len(Q), dtype=bool), np.ones(len(Q), dtype=int) if size is None else size
+    first: list[int] = []
+    total: list[int] = []
+    for k in range(len(Q)):
+        if left[k]:
+            mine = near[k] & left
+            first.append(k)
+            total.append(int(sizes[mine].sum()))
+            left &= ~mine
+    return np.array(first, dtype=int), np.array(total, dtype=int)
 
 
 def _better(end: CandidatePosture, start: CandidatePosture) -> bool:

@@ -7,7 +7,7 @@ nearly always.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import casadi as ca
@@ -17,6 +17,7 @@ import numpy.typing as npt
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.model.row_loop import RowLoop
 from posture_opt.numerics import Array, Codes
+from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.newton_step import newton_step
 from posture_opt.selection.nlp import Nlp
 
@@ -39,20 +40,20 @@ long long posture_opt_loop(long long rows, long long n, long long size, double* 
   for (row = 0; row < rows && !failed; ++row) {
     double *x = space, *direction = x + n, *way = direction + n;
     double *back = way + n, *given = back + n, *next = given + size;
-    double *base = q + row * n, *kept = y + row * size, *out = result + 4 * row;
-    double values[5], distance, merit = INFINITY, length = 1;
+    double *base = q + row * n, *kept = y + row * size, *out = result + 5 * row;
+    double values[6], distance, merit = INFINITY, length = 1;
     for (i = 0; i < n; ++i) x[i] = base[i];
     for (i = 0; i < size; ++i) given[i] = kept[i];
     for (step = 0; step < steps; ++step) {
       newton.arg[0] = x; newton.arg[1] = given; newton.arg[2] = parameters + row * parameter_step;
       newton.res[0] = way; newton.res[1] = next;
-      for (k = 0; k < 5; ++k) newton.res[2 + k] = values + k;
+      for (k = 0; k < 6; ++k) newton.res[2 + k] = values + k;
       newton_step(newton.arg, newton.res, newton.iw, newton.w, 0);
       if (step == 0 || values[0] <= merit + NO_WORSE * fmax(1, fabs(merit))) {
         merit = values[1]; length = 1;
         for (i = 0; i < n; ++i) { base[i] = x[i]; direction[i] = way[i]; }
         for (i = 0; i < size; ++i) kept[i] = next[i];
-        out[0] = values[2]; out[1] = values[3]; out[2] = values[4];
+        out[0] = values[2]; out[1] = values[3]; out[2] = values[4]; out[3] = values[5];
         if (values[4] <= stationary && values[3] <= met) { ++step; break; }
       } else length *= BACK;
       if (!(length >= SHORTEST)) { ++step; break; }
@@ -61,7 +62,7 @@ long long posture_opt_loop(long long rows, long long n, long long size, double* 
       ik.arg[0] = back; ik.arg[1] = request + row * request_step; ik.res[0] = x; ik.res[1] = &distance;
       restore(ik.arg, ik.res, ik.iw, ik.w, 0);
     }
-    out[3] = (double)step;
+    out[4] = (double)step;
   }
   free(space); po_close(&newton); po_close(&ik);
   return failed;
@@ -80,6 +81,7 @@ class LocalOptima:
         q: (N, n) postures.
         multipliers: (N, m + n) of rows and bounds, to go on from.
         objective: (N,); violation: (N,) the largest of a row; stationarity: (N,).
+        gain: (N,) what the next step promises of the objective, large where no model tells.
         optimal: (N,) whether first-order conditions hold within the tolerances.
     """
 
@@ -88,7 +90,17 @@ class LocalOptima:
     objective: Array
     violation: Array
     stationarity: Array
+    gain: Array
     optimal: npt.NDArray[np.bool_]
+
+    @property
+    def excess(self) -> Array:
+        """(N,) violation of the rows, zero where they count as met."""
+        return np.where(self.violation <= ROW_TOLERANCE, 0.0, self.violation)
+
+    def rows(self, chosen: Codes) -> LocalOptima:
+        """Some of them, in this order."""
+        return LocalOptima(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
 class LocalSearch:
@@ -119,13 +131,13 @@ class LocalSearch:
         """
         size = len(self._nlp.rows) + Q.shape[1]
         y = np.zeros((len(Q), size)) if multipliers is None else multipliers.copy()
-        q, result = np.ascontiguousarray(Q, dtype=float).copy(), np.zeros((len(Q), 4))
+        q, result = np.ascontiguousarray(Q, dtype=float).copy(), np.zeros((len(Q), 5))
         parameters, request = np.atleast_2d(parameters), np.ascontiguousarray(np.atleast_2d(request))
         run = self._run_compiled if self._loop.compiled else self._run_interpreted
         run(q, y, parameters, request, steps, result)
-        objective, violation, stationarity, _ = result.T
+        objective, violation, stationarity, gain, _ = result.T
         optimal = (stationarity <= self._tolerance) & (violation <= MET)
-        return LocalOptima(q, y, objective, violation, stationarity, optimal)
+        return LocalOptima(q, y, objective, violation, stationarity, gain, optimal)
 
     def _run_compiled(self, q: Array, y: Array, parameters: Array, request: Array, steps: int, result: Array) -> None:
         strides = [array.shape[1] if len(array) > 1 else 0 for array in (parameters, request)]
@@ -154,9 +166,9 @@ class LocalSearch:
             taken = better if step else np.ones(len(rows), dtype=bool)
             at = rows[taken]
             merit[at], length[at], q[at], direction[at] = after[taken], 1.0, x[at], way[taken]
-            y[at], result[at, :3] = following[taken], np.column_stack(reported)[taken]
+            y[at], result[at, :4] = following[taken], np.column_stack(reported)[taken]
             length[rows[~taken]] *= _BACK
-            result[rows, 3] = step + 1
+            result[rows, 4] = step + 1
             ended = taken & (result[rows, 2] <= self._tolerance) & (result[rows, 1] <= MET)
             rows = rows[~ended & (length[rows] >= _SHORTEST)]
             if not len(rows):

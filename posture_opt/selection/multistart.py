@@ -8,19 +8,21 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.engine import STEPS, CandidatePosture, Engine, median
-from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.engine import STEPS, CandidatePosture, Engine, clusters, median
+from posture_opt.selection.inverse_kinematics import PATIENT_STEPS, ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.inverse_kinematics import STEPS as IK_STEPS
+from posture_opt.selection.local_search import LocalOptima
 from posture_opt.selection.task_target import TaskTarget
 
 _OVERSAMPLING = 2  # random postures for each start wanted at first: of a Panda's two in three arrive
-_FIRST_STEPS = 3  # of the local search from every start, before the best ones are chosen
+_FIRST_STEPS = 4  # of the local search from every start, before those are given up that promise nothing
+_PROMISE = 2.0  # times the gain of a quadratic model: what a start may still gain
+_MOST_DISTINCT = 12  # local optima that are kept: a 6R wrist has eight branches (Pieper 1968)
+_SAME_OPTIMUM = 1e-4  # of the objective
 _EFFORT = 80  # random postures for each start wanted at most: then the target counts as out of reach
 _RETRIES = (1, 4, 16)  # times the starts, where answers meet the target but not the further requirements
-_DISTINCT = math.radians(5.0)  # apart in a joint: well above what a solver leaves open in a flat valley
-_DISTINCT_SHIFT = 0.01  # m, the same of a slide
-_CLOSE = 0.3  # rad or m: starts nearer to each other than this mostly end at the same optimum
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,10 @@ class Sampled:
     def none(cls, robot: Robot) -> Sampled:
         """No posture at all."""
         return cls(robot, np.zeros((0, robot.n)), np.zeros(0))
+
+    def joined(self, other: Sampled) -> Sampled:
+        """Both."""
+        return Sampled(self.robot, np.vstack([self.Q, other.Q]), np.concatenate([self.sigma, other.sigma]))
 
     @cached_property
     def typical(self) -> float:
@@ -59,8 +65,8 @@ class MultistartResult:
         sampled: the starts that met every requirement before they were improved.
         arrived: how many starts met target and tool axis.
         tried: random postures that were led towards the target.
-        polished: number of local searches that were followed to their end.
-        batches: number of independent searches; ``recurred`` of them ended at the best optimum.
+        polished: number of local searches.
+        batches: number of independent batches of starts; ``recurred`` of them found the best optimum.
     """
 
     target: TaskTarget
@@ -71,6 +77,37 @@ class MultistartResult:
     polished: int
     batches: int = 1
     recurred: int = 1
+
+    @property
+    def hits(self) -> int:
+        """How many of the local searches ended at the best optimum."""
+        best = as_good(self.found[0].objective)
+        return sum(c.count for c in self.found if c.feasible and c.objective <= best)
+
+    @property
+    def unseen_better(self) -> float:
+        """About the probability that one more start leads to an optimum not seen yet that is better than all.
+
+        The share of starts that lead to unseen optima is about that of optima seen once (Good 1953, eq. 9); any rank of
+        a new one among the others is as likely. Optima of one value count as one.
+        """
+        groups: list[list[CandidatePosture]] = []
+        for candidate in self.found:
+            if groups and candidate.objective <= as_good(groups[-1][0].objective):
+                groups[-1].append(candidate)
+            else:
+                groups.append([candidate])
+        singles = sum(sum(c.count for c in group) == 1 for group in groups)
+        return singles / max(self.polished, 1) / (len(groups) + 1)
+
+    def joined(self, other: MultistartResult, engine: Engine) -> MultistartResult:
+        """Both searches as one; they have the same target and scale."""
+        sampled = self.sampled.joined(other.sampled)
+        both = sorted((*self.found, *other.found), key=rank)
+        chosen, count = engine.clusters(np.array([c.q for c in both]), np.array([c.count for c in both]))
+        found = tuple(replace(both[k], count=int(n)) for k, n in zip(chosen, count, strict=True))
+        counts = (getattr(self, name) + getattr(other, name) for name in ("arrived", "tried", "polished"))
+        return MultistartResult(self.target, found, sampled, *counts)
 
 
 def feasible_starts(engine: Engine, target: TaskTarget, count: int, rng: np.random.Generator) -> tuple[Array, int]:
@@ -83,8 +120,10 @@ def feasible_starts(engine: Engine, target: TaskTarget, count: int, rng: np.rand
     size = _OVERSAMPLING * count
     while len(arrived) < count and tried < _EFFORT * count:
         # Points of a region are drawn at first; where none of them is reached, any point of it will do.
-        request = engine.request(target, size, rng, whole_box=tried > 0 and not len(arrived))
-        Q, errors = engine.ik.solve(engine.ik.random_postures(size, rng), request, enough=count - len(arrived))
+        none_yet = tried > 0 and not len(arrived)
+        request = engine.request(target, size, rng, whole_box=none_yet)
+        starts, steps = engine.ik.random_postures(size, rng), PATIENT_STEPS if none_yet else IK_STEPS
+        Q, errors = engine.ik.solve(starts, request, count - len(arrived), steps)
         arrived = np.vstack([arrived, Q[errors < TOLERANCE]])
         tried += int(np.count_nonzero(np.isfinite(errors)))  # the others were not needed
         rate = max(len(arrived), 1) / tried
@@ -93,41 +132,56 @@ def feasible_starts(engine: Engine, target: TaskTarget, count: int, rng: np.rand
 
 
 def multistart(
-    engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int, polish: int | None = None
+    engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int, *, every: bool = False
 ) -> MultistartResult:
-    """Feasible starts, and the local optima that they lead to.
+    """Feasible starts, and the local optima that they lead to; all of these with ``every``, else what may be the best.
 
-    Args:
-        polish: with a number, all starts take a few steps and only the best distinct ones, so many, the others.
-
-    Starts meet target and tool axis. Where no answer meets the further requirements, many more are tried, and those few
-    of them polished that violate them least: they are nearer then.
+    Starts meet target and tool axis. Where no answer meets the further requirements, many more are tried.
     """
     found = MultistartResult(target, (), Sampled.none(engine.robot), 0, 0, 0)
     if engine.optimisation_problem.reach.misses(target.lower, target.upper):
         return found
     for more in _RETRIES if engine.optimisation_problem.task.subject_to else _RETRIES[:1]:
-        found = _multistart_once(engine, target, rng, more * starts, None if polish is None else more * polish)
-        if any(candidate.feasible for candidate in found.found):
+        found = _multistart_once(engine, target, rng, more * starts, every)
+        if not found.arrived or any(candidate.feasible for candidate in found.found):
             break
     return found
 
 
 def _multistart_once(
-    engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int, polish: int | None
+    engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int, every: bool
 ) -> MultistartResult:
     Q, tried = feasible_starts(engine, target, starts, rng)
     if not len(Q):
         return MultistartResult(target, (), Sampled.none(engine.robot), 0, tried, 0)
-    arrived, (target, sampled) = len(Q), _screened(engine, target, Q)
-    optima = engine.descended(Q, target, STEPS if polish is None else _FIRST_STEPS)
-    if polish is not None:
-        order = np.lexsort((optima.objective, np.where(optima.violation <= ROW_TOLERANCE, 0.0, optima.violation)))
-        first = order[_spread_out(optima.q[order], polish)]
-        optima = engine.descended(optima.q[first], target, STEPS, optima.multipliers[first])
-        Q = Q[first]
-    found = engine.settled(engine.candidates(Q, target), optima, target)
-    return MultistartResult(target, tuple(sorted(found, key=rank)), sampled, arrived, tried, len(found))
+    target, sampled = _screened(engine, target, Q)
+    first = engine.descended(Q, target, _FIRST_STEPS)
+    first = first.rows(_best_first(first) if every else _promising(first))
+    nearest, size = engine.clusters(first.q)
+    optima = engine.descended(first.q[nearest], target, STEPS, first.multipliers[nearest])
+    order = _best_first(optima)
+    again, total = engine.clusters(optima.q[order], size[order])
+    chosen = optima.rows(order[again[:_MOST_DISTINCT]])
+    found = tuple(sorted(engine.settled(chosen, target, total[:_MOST_DISTINCT]), key=rank))
+    return MultistartResult(target, found, sampled, len(Q), tried, len(Q))
+
+
+def as_good(best: float) -> float:
+    """The objective up to which an optimum counts as the best one: as the rounding of the criteria."""
+    return best + _SAME_OPTIMUM * max(abs(best), 1e-9)
+
+
+def _best_first(optima: LocalOptima) -> Codes:
+    return np.lexsort((optima.objective, optima.excess))
+
+
+def _promising(optima: LocalOptima) -> Codes:
+    """Those of some searches that may still get below the best one, by what Newton's model promises; best first."""
+    met = optima.excess == 0
+    limit = as_good(np.min(optima.objective[met])) if np.any(met) else np.inf
+    order = _best_first(optima)
+    hope = optima.objective - _PROMISE * np.maximum(optima.gain, 0.0)
+    return np.asarray(order[(hope <= limit)[order]])
 
 
 def _screened(engine: Engine, target: TaskTarget, Q: Array) -> tuple[TaskTarget, Sampled]:
@@ -148,24 +202,4 @@ def rank(candidate: CandidatePosture) -> tuple[bool, float, bool, float]:
 
 def distinct(Q: Array, robot: Robot) -> list[int]:
     """Rows of Q (k, n) that differ from every earlier one by more than 5° or 10 mm in a joint, whole turns apart."""
-    revolute = np.array([joint.type == "revolute" for joint in robot.joints])
-    kept: list[int] = []
-    for k, q in enumerate(Q):
-        difference = Q[kept] - q
-        turned = np.abs((difference + np.pi) % (2 * np.pi) - np.pi)
-        apart = np.where(revolute, turned > _DISTINCT, np.abs(difference) > _DISTINCT_SHIFT)
-        if np.all(np.any(apart, axis=1)):
-            kept.append(k)
-    return kept
-
-
-def _spread_out(Q: Array, count: int) -> list[int]:
-    """Rows of Q (N, n), sorted best first, that are not close to a better one; filled up with the best of the rest."""
-    chosen: list[int] = []
-    for k in range(len(Q)):
-        if len(chosen) == count:
-            return chosen
-        if not chosen or np.min(np.max(np.abs(Q[chosen] - Q[k]), axis=1)) > _CLOSE:
-            chosen.append(k)
-    rest = [k for k in range(len(Q)) if k not in chosen]
-    return sorted((chosen + rest)[:count])
+    return [int(k) for k in clusters(Q, robot)[0]]

@@ -32,20 +32,21 @@ _FAR = 1e6  # instead of infinity, which makes NaN of zero
 
 
 def newton_step(nlp: Nlp) -> ca.Function:
-    """``(x, y, p) -> (step, y⁺, before, after, objective, violation, stationarity)`` at one point.
+    """``(x, y, p) -> (step, y⁺, before, after, objective, violation, stationarity, gain)`` at one point.
 
     ``x`` (n,), ``p`` the parameters; ``y`` (m + n,) multipliers of the rows and of the bounds, positive at upper ends,
     zero outside of the working set, and all of them zero at first. ``step`` (n,) meets no bound or row that is not in
     the working set, to first order, and is no longer than `LONGEST_STEP` in a joint. ``before`` and ``after`` are the
     augmented Lagrangian at ``x`` with ``y`` and with ``y⁺``, ``violation`` is the largest one of a row, and
     ``stationarity`` the largest component of ``∇f + Aᵀλ + z`` with least-squares multipliers, those of the wrong sign
-    left out.
+    left out; and ``gain`` is what the quadratic model promises of the whole of Newton's step.
     """
     y = ca.SX.sym("y", len(nlp.rows) + len(nlp.variables))
     at = _Point(nlp, y)
     step, multipliers, indefinite = at.direct()
+    gain = ca.if_else(indefinite, _FAR, at.gain(step))
     y_next, step = at.advanced(step, multipliers, indefinite)
-    outputs = [step, y_next, at.merit(y), at.merit(y_next), nlp.objective, at.violation, at.stationarity]
+    outputs = [step, y_next, at.merit(y), at.merit(y_next), nlp.objective, at.violation, at.stationarity, gain]
     return ca.Function("newton_step", [nlp.x, y, nlp.p], ca.cse([ca.densify(ca.SX(output)) for output in outputs]))
 
 
@@ -144,6 +145,11 @@ class _Point:
         z = -held * (self.slope + self.curvature @ p + self.row_slopes.T @ multipliers)
         # Those of a changed Hessian are no estimate.
         return p, ca.if_else(indefinite, self.estimate, ca.vertcat(multipliers, z)), indefinite
+
+    def gain(self, p: ca.SX) -> ca.SX:
+        """The decrease of the Lagrangian's quadratic model by a step (n,)."""
+        weights = self.estimate[: self.m]
+        return -ca.dot(self.slope + self.row_slopes.T @ weights, p) - ca.dot(p, self.curvature @ p) / 2
 
     def advanced(self, p: ca.SX, multipliers: ca.SX, indefinite: ca.SX) -> tuple[ca.SX, ca.SX]:
         """The multipliers of the next working set, and the step up to what it meets first."""

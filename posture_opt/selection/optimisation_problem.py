@@ -159,6 +159,12 @@ class OptimisationProblem:
         worst = criteria.worst(self.quantities.projected(self.task.within)[0])
         return Nlp(self.q, self._symbols[0], variables, objective, rows, tuple(terms), worst)
 
+    @cached_property
+    def freedom(self) -> int:
+        """Degrees of freedom that target and tool axis leave, those that matter to nothing not counted."""
+        equal = sum(ca.is_equal(row.lower, row.upper, 2) for row in self.nlp.rows)
+        return max(self.robot.n - len(self.nlp.indifferent) - equal, 0)
+
     def _objective_terms(self) -> list[tuple[str, ca.SX]]:
         task, at = self.task, self.quantities
         C, bias = at.projected(task.within)

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.selection.batches import as_good
 from posture_opt.selection.engine import CandidatePosture, Engine
 from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, PoseRequest
-from posture_opt.selection.multistart import MultistartResult, Sampled
+from posture_opt.selection.multistart import MultistartResult, Sampled, as_good
 from posture_opt.selection.task_target import TaskTarget
 
 _SPINS = 120  # steps of 3°: the optimum over the spin is several of them wide
@@ -38,7 +37,7 @@ class SearchStatistics:
     Args:
         tried: random postures that were led towards the target.
         starts: those of them that arrived, with the tool axis as it should be.
-        polished: local searches; ``converged`` of them ended at an optimum.
+        polished: local searches; ``converged`` of the distinct optima kept are so by first-order conditions.
         distinct: different local optima among them; ``hits`` of the polished starts ended at the best one.
         sampled: those of these that meet all further requirements too.
         sweep: a systematic sweep beside the random starts, or None; ``sweep_sigma`` its best [m].
@@ -76,7 +75,7 @@ class SearchStatistics:
             polished=found.polished,
             converged=sum(c.optimal for c in feasible),
             distinct=distinct,
-            hits=sum(c.objective <= as_good(best.objective) for c in feasible),
+            hits=found.hits if found.found and found.found[0].objective <= as_good(best.objective) else 0,
             sampled=found.sampled,
             sweep=swept,
             sweep_sigma=math.nan if swept is None else swept.best.sigma,

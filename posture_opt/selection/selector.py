@@ -10,10 +10,10 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.batches import until_recurrence
+from posture_opt.selection.batches import until_found_often, until_recurrence
 from posture_opt.selection.engine import Aligner, CandidatePosture, Engine
 from posture_opt.selection.infeasible import explain_infeasibility, infeasible
-from posture_opt.selection.multistart import MultistartResult, distinct, multistart, rank
+from posture_opt.selection.multistart import MultistartResult, distinct, rank
 from posture_opt.selection.optimisation_problem import Alignment, OptimisationProblem
 from posture_opt.selection.search_statistics import SearchStatistics, Sweep, sweep
 from posture_opt.selection.solution import Alternative, HasTask, Solution, Status, critical_basis
@@ -24,10 +24,6 @@ from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.task_spread import lies_in_plane
 from posture_opt.uncertainty.tool_point import ToolPoint
 
-QUICK_STARTS = 48
-"""Feasible starts of a repeated solve: enough for the best one to lie in the best optimum's basin (benchmarks/)."""
-QUICK_POLISH = 8
-"""Of them those that are followed to a local optimum."""
 _MOST_ALTERNATIVES = 8  # a 6R wrist has that many branches (Pieper 1968)
 _ONE_ONLY = (
     "No random start met all requirements; one posture was found by relaxing them in turn. Whether a better one "
@@ -74,8 +70,7 @@ class PostureSelector:
         clearance: float | None = None,
         *,
         seed: int | None = None,
-        starts: int = QUICK_STARTS,
-        polish: int = QUICK_POLISH,
+        starts: int | None = None,
     ) -> Solution:
         """The best posture for the task, or for another position [m], direction or clearance [m], world frame.
 
@@ -84,8 +79,8 @@ class PostureSelector:
             direction: (3,) of any length.
             clearance: radial [m].
             seed: of the random starts; default: the problem's.
-            starts: feasible postures to compare.
-            polish: how many of them are followed to a local optimum.
+            starts: feasible postures that local searches start from; default: as many as it takes to find the best
+                optimum several times.
 
         Raises:
             NoSolutionError: nothing feasible; carries the nearest posture and the reasons.
@@ -94,7 +89,7 @@ class PostureSelector:
         began = time.perf_counter()
         target = self._target(position, direction, clearance)
         seed = self._problem.solver.seed if seed is None else seed
-        found = multistart(self.engine(target), target, np.random.default_rng(seed), starts, polish)
+        found = until_found_often(self.engine(target), target, np.random.default_rng(seed), starts)
         return self._answer(found, None, began)
 
     def solve_thoroughly(
@@ -162,6 +157,8 @@ class PostureSelector:
 
     def _beside(self, q: Array, target: TaskTarget) -> tuple[str, ...]:
         """How far the tool point of an arm that moves in a plane stays off a target that does not lie in it."""
+        if not self.reach.normals.shape[1]:
+            return ()
         point = np.array(self.tool_point.walk(q.tolist())[0].position, dtype=float)
         N = self.reach.normals
         off = N @ (N.T @ (point - np.clip(point, target.lower, target.upper)))

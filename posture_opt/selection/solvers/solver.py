@@ -28,13 +28,13 @@ Polish = Callable[[np.ndarray, np.ndarray], Outcome]
 
 
 class Solver(Spec):
-    """A local solver, the number of starts and the seed they are drawn with."""
+    """A local solver, the starts of a batch (default: by the freedom that is left) and the seed they are drawn with."""
 
     summary: ClassVar[str]
     """One line for ``optimize-posture list``."""
 
     kind: str
-    starts: int = Field(default=32, ge=1, le=100_000)
+    starts: int | None = Field(default=None, ge=1, le=100_000)
     seed: int = Field(default=0, ge=0)
     tolerance: float = Field(default=1e-6, gt=0)
 
