@@ -168,6 +168,8 @@ class Engine:
         return self.tidied(ends, target)
 
     def _last_word(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
+        if self.optimisation_problem.freedom == 0:
+            return start  # nothing is left to choose, and IPOPT would refuse more equalities than joints
         outcome: Outcome = self.last_word(start.q, target.parameters())
         if not np.all(np.isfinite(outcome.x)):
             return replace(start, message=outcome.message)

@@ -39,7 +39,7 @@ def newton_step(nlp: Nlp) -> ca.Function:
     the working set, to first order, and is no longer than `LONGEST_STEP` in a joint. ``before`` and ``after`` are the
     augmented Lagrangian at ``x`` with ``y`` and with ``y⁺``, ``violation`` is the largest one of a row, and
     ``stationarity`` the largest component of ``∇f + Aᵀλ + z`` with least-squares multipliers, those of the wrong sign
-    left out; and ``gain`` is what the quadratic model promises of the whole of Newton's step.
+    left out, or their complementarity; and ``gain`` is what the quadratic model promises of the whole of Newton's step.
     """
     y = ca.SX.sym("y", len(nlp.rows) + len(nlp.variables))
     at = _Point(nlp, y)
@@ -92,6 +92,12 @@ class _Point:
         return ca.fmin(self.above + self.below, 1)
 
     @cached_property
+    def gap(self) -> ca.SX:
+        """(m + n,) how far the ends in the working set are away."""
+        low, high = self.ends
+        return self.working * (ca.if_else(self.above, high, low) - self.value)
+
+    @cached_property
     def slope(self) -> ca.SX:
         return ca.densify(ca.gradient(self.nlp.objective, self.nlp.x))
 
@@ -127,8 +133,7 @@ class _Point:
     def direct(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Newton's step (n,), its multipliers (m + n,), and whether the Hessian had to be made convex."""
         m, A = self.m, self.free_slopes
-        low, high = self.ends
-        gap = self.working * (ca.if_else(self.above, high, low) - self.value)
+        gap = self.gap
         rows, held = self.working[:m], self.working[m:]
         fixed, free = gap[m:], 1 - held
         # What the held variables do is known; the others solve for the rest.
@@ -196,8 +201,10 @@ class _Point:
 
     @property
     def stationarity(self) -> ca.SX:
+        """The largest residual of stationarity, or of complementarity: a multiplier times what its end is away."""
         y = self.signed(self.estimate)
-        return ca.mmax(ca.fabs(self.slope + self.row_slopes.T @ y[: self.m] + y[self.m :]))
+        residual = self.slope + self.row_slopes.T @ y[: self.m] + y[self.m :]
+        return ca.mmax(ca.fabs(ca.vertcat(residual, (1 - self.equal) * y * self.gap)))
 
 
 def _convexified(H: ca.SX, A: ca.SX, held: ca.SX) -> tuple[Factors, ca.SX]:

@@ -141,3 +141,23 @@ def test_optima_are_those_of_ipopt_from_the_same_starts() -> None:
     scale = np.nanmin(values)
     assert np.min(found.objective[found.optimal]) == pytest.approx(scale, rel=1e-6)
     assert np.mean(np.abs(found.objective - values) < 1e-5 * scale) > 0.6
+
+
+def test_what_is_called_optimal_in_a_region_lies_where_its_multipliers_say() -> None:
+    """A row that has joined the working set and was then left by a step is no reason to stop."""
+    document = {
+        "robot": {"kind": "preset", "name": "planar_2r"},
+        "uncertainty": {"sigma": {"joint1.theta": "1 deg", "joint2.theta": "3 deg"}},
+        "task": {"kind": "place", "direction": [0, -1, 0], "region": {"min": ["0.5 m", "-0.5 m", "0 m"], "max": ["1.2 m", "-0.3 m", "0 m"]}},
+    }  # fmt: skip
+    selector = po.PostureSelector(po.problem_from_dict(document), compiled=False)
+    engine, target = selector.engine(selector.target), replace(selector.target, scale=1e-3)
+    rng = np.random.default_rng(4)
+    starts, errors = engine.ik.solve(engine.ik.random_postures(60, rng), engine.request(target, 60, rng))
+    found = engine.descended(starts[errors < 1e-7], target, 60)
+    values = found.objective[found.optimal]
+    assert len(values) > 20
+    # IPOPT from where the search ended gains nothing.
+    for q, value in zip(found.q[found.optimal][:10], values[:10], strict=True):
+        end = engine.last_word(q, target.parameters())
+        assert engine.candidates(end.x[None], target)[0].objective > value * (1 - 1e-5)
