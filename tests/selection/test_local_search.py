@@ -145,11 +145,12 @@ def test_optima_are_those_of_ipopt_from_the_same_starts() -> None:
 
 def test_what_is_called_optimal_in_a_region_lies_where_its_multipliers_say() -> None:
     """A row that has joined the working set and was then left by a step is no reason to stop."""
+    region = {"min": ["0.5 m", "-0.5 m", "0 m"], "max": ["1.2 m", "-0.3 m", "0 m"]}
     document = {
         "robot": {"kind": "preset", "name": "planar_2r"},
         "uncertainty": {"sigma": {"joint1.theta": "1 deg", "joint2.theta": "3 deg"}},
-        "task": {"kind": "place", "direction": [0, -1, 0], "region": {"min": ["0.5 m", "-0.5 m", "0 m"], "max": ["1.2 m", "-0.3 m", "0 m"]}},
-    }  # fmt: skip
+        "task": {"kind": "place", "direction": [0, -1, 0], "region": region},
+    }
     selector = po.PostureSelector(po.problem_from_dict(document), compiled=False)
     engine, target = selector.engine(selector.target), replace(selector.target, scale=1e-3)
     rng = np.random.default_rng(4)
