@@ -36,7 +36,7 @@ def solve(common: Common, explain: bool, **given: Any) -> None:
 
 def _solved(problem: Problem, common: Common) -> tuple[po.Solution, NoSolutionError | None]:
     """The solution, or the nearest posture with the reason why it is none."""
-    with progress_bar(common, "starts") as progress, placed(problem):
+    with progress_bar(common, "batches of starts") as progress, placed(problem):
         try:
             return po.select_posture(problem, seed=common.seed, workers=common.workers, progress=progress), None
         except NoSolutionError as error:

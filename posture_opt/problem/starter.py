@@ -42,7 +42,7 @@ task:
   subject_to:
     - {kind: limit_margin, at_least: 5 deg}     # no joint near its end
 $table
-solver: {kind: ipopt, starts: 32, seed: 0}
+solver: {kind: ipopt, seed: 0}
 """)
 
 _REPEATABILITY = string.Template("""\

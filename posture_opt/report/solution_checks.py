@@ -99,15 +99,15 @@ def _above(ratio: float) -> str:
 
 def _search(solution: Solution) -> list[tuple[str, str]]:
     e = solution.statistics
-    followed = "each" if e.polished >= e.starts else f"the best {e.polished}"
     text = (
         f"{count(e.tried, 'random start')} led towards the target, {e.starts} arrived, {e.feasible} of these meet "
-        f"every requirement; {followed} followed to a local optimum, {min(e.converged, e.polished)} converged"
+        "every requirement; local searches from all that arrived"
     )
     optima = count(e.distinct, "distinct optimum", "distinct optima")
     found = f"{optima}; the best one was found by {e.hits} of {count(e.polished, 'local search', 'local searches')}"
     again = f", in {e.recurred} of {e.batches} independent batches of starts" if e.batches > 1 else ""
-    rows = [("Search", text), ("", found + again)]
+    proof = "locally optimal" if solution.status == "optimal" else "not confirmed as locally optimal"
+    rows = [("Search", text), ("", found + again), ("", f"the answer is {proof}, and the best of so many searches")]
     if e.sweep is not None:
         rows.append(("Sweep", _sweep(solution, e.sweep)))
     return rows

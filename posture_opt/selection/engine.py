@@ -1,4 +1,4 @@
-"""``Engine``: the functions that screen, lead and polish the postures of one optimisation problem, built once.
+"""``Engine``: the functions that screen, lead and improve the postures of one optimisation problem, built once.
 
 The `Aligner` says before what an arm can give of the tool axis that a task asks for.
 """
@@ -44,7 +44,7 @@ class CandidatePosture:
     violation: float
     sigma: float
     optimal: bool = False
-    message: str = "not polished"
+    message: str = "not improved"
     count: int = 1
 
     @property

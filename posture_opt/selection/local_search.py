@@ -24,7 +24,7 @@ from posture_opt.selection.nlp import Nlp
 MET = 1e-9
 """Largest violation of a row [m, rad or 1] of a posture that counts as optimal, as IPOPT is asked for."""
 _BACK = 0.25  # of a step that made the merit worse
-_NO_WORSE = 1e-9  # of the merit: its rounding
+_NO_WORSE = 1e-7  # of the merit: what the last digits of the rows may cost
 _SHORTEST = 1e-4  # of a step: what is no better then stays where it is
 
 _LOOP = (

@@ -4,8 +4,9 @@ For ``min f(x)`` under rows ``l ≤ g(x) ≤ u`` and bounds of the variables the
 
 ``H p + ∇f + Aᵀλ + z = 0``,  ``A p = b − g`` for the rows of the working set,  ``p_j = b_j − x_j`` for its bounds,
 
-H being the Hessian of the Lagrangian. The working set changes as in a primal active set method (Nocedal and Wright
-2006, section 16.5), but once in a step instead of in a loop inside it: what a step meets first joins, what has a
+H being the Hessian of the Lagrangian: by the least step that meets the rows, and Newton's step with H projected onto
+the directions that keep them (Nocedal and Wright 2006, section 18.1). The working set changes as in a primal active set
+method (section 16.5), but once in a step instead of in a loop inside it: what a step meets first joins, what has a
 multiplier of the wrong sign leaves. So a step costs one linear system.
 """
 
@@ -21,13 +22,13 @@ from posture_opt.selection.nlp import Nlp
 
 LONGEST_STEP = 0.5
 """Of a joint [rad or m]: the quadratic model of a rotation means nothing beyond."""
-_PENALTY = 1e3  # of a squared row, in units of the objective (about 1): it makes H convex across the rows
+_PENALTY = 1e3  # of a squared row in the merit, in units of the objective (about 1)
 _TOUCH = 1e-8  # rad or m: a row or bound that is violated by more belongs to the working set
 _JOINED = 1e-12  # the multiplier of what has just joined, until the next step says how large it is
 _STILL = 1e-12  # a change below it meets nothing
 _DEPENDENT = 1e-10  # of a row's own square: rows that repeat others, or more rows than joints
 _MOST = 1e3  # of a multiplier in the Hessian: where the rows nearly depend on each other, estimates are anything
-_ROUNDING = 1e-9  # of the largest diagonal entry
+_FLAT = 1e-8  # of the largest row: the curvature of a direction that changes nothing, above its rounding
 _FAR = 1e6  # instead of infinity, which makes NaN of zero
 
 
@@ -112,14 +113,21 @@ class _Point:
         return ca.repmat(rows, 1, free.shape[0]) * self.row_slopes * ca.repmat(free.T, self.m, 1)
 
     @cached_property
-    def estimate(self) -> ca.SX:
-        """(m + n,) multipliers that leave the least residual (least squares), zero outside of the working set."""
+    def _gram(self) -> Factors:
+        """Of ``A Aᵀ``; the multiplier of a row that depends on others is zero."""
+        A, rows = self.free_slopes, self.working[: self.m]
+        return ldl(A @ A.T + ca.diag(1 - rows), _DEPENDENT)
+
+    def _multipliers(self, slope: ca.SX) -> ca.SX:
+        """(m + n,) multipliers that leave the least residual beside a slope (n,), zero outside of the working set."""
         rows, held = self.working[: self.m], self.working[self.m :]
-        A = self.free_slopes
-        weights = ca.SX(0, 1)
-        if self.m:
-            weights = -solved(ldl(A @ A.T + ca.diag(1 - rows), _DEPENDENT), rows * (A @ self.slope))
-        return ca.vertcat(weights, -held * (self.slope + self.row_slopes.T @ weights))
+        weights = -rows * solved(self._gram, self.free_slopes @ slope) if self.m else ca.SX(0, 1)
+        return ca.vertcat(weights, -held * (slope + self.row_slopes.T @ weights))
+
+    @cached_property
+    def estimate(self) -> ca.SX:
+        """(m + n,) the multipliers here, by least squares."""
+        return self._multipliers(self.slope)
 
     @cached_property
     def curvature(self) -> ca.SX:
@@ -132,24 +140,16 @@ class _Point:
 
     def direct(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Newton's step (n,), its multipliers (m + n,), and whether the Hessian had to be made convex."""
-        m, A = self.m, self.free_slopes
-        gap = self.gap
-        rows, held = self.working[:m], self.working[m:]
-        fixed, free = gap[m:], 1 - held
-        # What the held variables do is known; the others solve for the rest.
-        short = gap[:m] - rows * (self.row_slopes @ fixed)
-        slope = free * (self.slope + self.curvature @ fixed)
-        factors, indefinite = _convexified(self.curvature * (free @ free.T), A, held)
-        p = fixed - solved(factors, slope)
-        multipliers = ca.SX(0, 1)
+        m, n, A = self.m, len(self.nlp.variables), self.free_slopes
+        short, p = self.gap[:m] - self.working[:m] * (self.row_slopes @ self.gap[m:]), self.gap[m:]
+        project = ca.diag(1 - self.working[m:])
         if m:
-            Y = ca.horzcat(*(solved(factors, A[i, :].T) for i in range(m)))
-            multipliers = solved(ldl(A @ Y + ca.diag(1 - rows), _DEPENDENT), rows * (A @ (p - fixed) - short))
-            p = p - Y @ multipliers
-            multipliers = rows * (multipliers + _PENALTY * short)
-        z = -held * (self.slope + self.curvature @ p + self.row_slopes.T @ multipliers)
-        # Those of a changed Hessian are no estimate.
-        return p, ca.if_else(indefinite, self.estimate, ca.vertcat(multipliers, z)), indefinite
+            # The least step that meets the rows, and the projector onto the directions that keep them.
+            p = p + A.T @ solved(self._gram, short)
+            project = project - A.T @ ca.horzcat(*(solved(self._gram, A[:, k]) for k in range(n)))
+        factors, indefinite = _convexified(self.curvature, project)
+        p = p - project @ solved(factors, project @ (self.slope + self.curvature @ p))
+        return p, self._multipliers(self.slope + self.curvature @ p), indefinite
 
     def gain(self, p: ca.SX) -> ca.SX:
         """The decrease of the Lagrangian's quadratic model by a step (n,)."""
@@ -207,18 +207,14 @@ class _Point:
         return ca.mmax(ca.fabs(ca.vertcat(residual, (1 - self.equal) * y * self.gap)))
 
 
-def _convexified(H: ca.SX, A: ca.SX, held: ca.SX) -> tuple[Factors, ca.SX]:
-    """L D Lᵀ of ``H + penalty AᵀA``, 1 on the diagonal where held, and whether H had to be shifted to be convex.
+def _convexified(H: ca.SX, project: ca.SX) -> tuple[Factors, ca.SX]:
+    """L D Lᵀ of the projected Hessian, and whether it had to be shifted to be convex.
 
-    The penalty does not change a step that meets the rows, and makes the matrix positive definite where H is so along
-    them. Otherwise the identity is added, times a bound of H's largest eigenvalue (Gershgorin 1931).
+    Directions that the projector takes away get the size of H, those that change nothing a little of it, and where it
+    bends downwards the identity is added, times a bound of its largest eigenvalue (Gershgorin 1931).
     """
-    n = H.shape[0]
-    K = H + _PENALTY * (A.T @ A) + ca.diag(held)
-    size = ca.mmax(ca.diag(K)) + 1e-300
-    # A joint that moves nothing has a zero pivot, and stays where it is.
-    K = K + _ROUNDING * size * ca.SX.eye(n)
-    _, pivots = ldl(K)
-    indefinite = ca.mmin(ca.vertcat(*pivots)) < 0
-    bound = ca.mmax(ca.sum2(ca.fabs(H)))
-    return ldl(K + indefinite * bound * ca.SX.eye(n)), indefinite
+    one = ca.SX.eye(H.shape[0])
+    size = ca.mmax(ca.sum2(ca.fabs(H))) + _STILL
+    K = project @ H @ project + size * (one - project + _FLAT * one)
+    indefinite = ca.mmin(ca.vertcat(*ldl(K)[1])) < 0
+    return ldl(K + indefinite * size * one), indefinite

@@ -225,8 +225,8 @@ def select_posture(
     Args:
         problem: with a task and uncertain parameters.
         seed: of the random starts; the same seed gives the same answer. Default: the problem's.
-        workers: processes that share the local solves.
-        progress: called with (done, total) local solves.
+        workers: processes that share the batches of starts.
+        progress: called with (done, most) batches.
 
     Raises:
         NoSolutionError: nothing feasible; carries the nearest posture and the reasons.

@@ -13,9 +13,9 @@ from posture_opt.selection.solvers.solver import Outcome, Polish, Solver
 
 
 class Ipopt(Solver):
-    """IPOPT with exact Hessians, started close to a feasible posture."""
+    """IPOPT with exact Hessians, started close to a feasible posture: the last word where the local search stalls."""
 
-    summary: ClassVar[str] = "interior-point method (IPOPT), exact Hessians"
+    summary: ClassVar[str] = "sequential quadratic programming from every start; IPOPT where that does not converge"
 
     kind: Literal["ipopt"] = "ipopt"
     max_iterations: int = Field(default=200, ge=1)
