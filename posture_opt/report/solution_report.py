@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from posture_opt.selection.task_target import TaskTarget
     from posture_opt.selection.terms import Term
 
+_WIDE = 110  # characters of headers, which break at spaces: the text has lines of 100
 _STATUS = {"optimal": "Best posture", "feasible": "Best posture found", "infeasible": "No posture"}
 
 
@@ -174,8 +176,14 @@ def alternatives_block(solution: Solution) -> Block:
         row += [fixed(a.posture[j.name] * joint_unit(j.type)[1], 1) for j in joints]
         row += [fixed(1e3 * float(v), 1) for v in a.position] if free else []
         rows.append(tuple(row))
-    table = Table(tuple(headers), tuple(rows))
+    table = _turned(headers, rows) if sum(len(h) + 2 for h in headers) > _WIDE else Table(tuple(headers), tuple(rows))
     return Block("Alternatives", (*ranking_sentence(solution), table), figure="joint_map")
+
+
+def _turned(headers: Sequence[str], rows: Sequence[tuple[str, ...]]) -> Table:
+    """The table with a line for each column: joints may have long names, and there are few alternatives."""
+    lines = [(header, *(row[k] for row in rows)) for k, header in enumerate(headers)]
+    return Table(lines[0], tuple(lines[1:]))
 
 
 def _more(sigma: float, best: float) -> str:
