@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,20 +25,12 @@ from posture_opt.selection.task_target import TaskTarget
 _CHUNK = 32  # targets that are sought together
 
 
-@dataclass(frozen=True)
-class Effort:
-    """Random starts of a target, and how many that arrive are polished: where 0, 1, or more ways are left free.
+Effort = tuple[int, int, int]
+"""Random starts of a target where 0, 1, or more ways are left free."""
 
-    With none left, a start is an optimum as it is, and there are few; with more of them, screening tells less.
-    """
-
-    starts: tuple[int, int, int]
-    polished: tuple[int, int, int]
-
-
-_FIRST = Effort((48, 48, 48), (1, 1, 1))  # of every target
-_SECOND = Effort((144, 144, 144), (1, 3, 4))  # of those at the edge of the reach, and of a share of the others
-_THIRD = Effort((96, 288, 288), (1, 5, 8))  # of those that stand out
+_FIRST: Effort = (48, 48, 48)  # of every target
+_SECOND: Effort = (144, 144, 144)  # of those at the edge of the reach, and of a share of the others
+_THIRD: Effort = (96, 288, 288)  # of those that stand out
 _SHARE = 0.05  # of the targets, where any way is left free
 _ODD = 2e-3  # of the objective: a target so much above what its neighbours let expect stands out
 _MOST = 0.03  # of the targets: how many of them are searched again
@@ -162,11 +153,11 @@ def _explore(
     if not open_:
         return candidates
     free = min(max(freedom(engine, targets[0]), 0), 2)
-    starts = effort.starts[free]
+    starts = effort[free]
     rngs = [np.random.default_rng([seed, starts, indices[k]]) for k in open_]
     Q = [engine.ik.random_postures(starts, rng) for rng in rngs]
     requests = [engine.request(targets[k], starts, rng) for k, rng in zip(open_, rngs, strict=True)]
     for k, reached in zip(open_, engine.ik.reached(Q, requests), strict=True):
         if len(reached):
-            candidates[k] = best_among(engine, targets[k], reached, effort.polished[free])
+            candidates[k] = best_among(engine, targets[k], reached)
     return candidates

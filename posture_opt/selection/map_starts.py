@@ -8,15 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.selection.engine import CandidatePosture, Engine
-from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE
+from posture_opt.selection.engine import Engine
 from posture_opt.selection.map_points import MapCandidate
-from posture_opt.selection.multistart import rank
+from posture_opt.selection.multistart import local_optima
 from posture_opt.selection.task_target import TaskTarget
 
 _CLOSE = 0.3  # rad or m: postures nearer to each other than this mostly end at the same optimum
-_WORTH = 0.25  # of the objective: a start that lies so far above an optimum is not polished
-_POLISHED = 4  # of a target where no start meets the further requirements
 
 
 def by_engine(engines: Sequence[Engine], indices: Iterable[int]) -> list[tuple[Engine, list[int]]]:
@@ -39,20 +36,11 @@ def freedom(engine: Engine, target: TaskTarget) -> int:
     return engine.robot.n - held - len(problem.nlp.indifferent)
 
 
-def best_among(engine: Engine, target: TaskTarget, Q: Array, polished: int = 1) -> MapCandidate:
-    """The best candidate among postures (M, n) that reach the target, so many of them polished."""
-    _, violation, own, _ = (column[:, 0] for column in engine.screen(Q, target.parameters()))
+def best_among(engine: Engine, target: TaskTarget, Q: Array) -> MapCandidate:
+    """The best local optimum that postures (M, n), which reach the target, lead to."""
+    own = engine.screen(Q, target.parameters())[2][:, 0]
     scale = engine.scale_of(own)
-    target = replace(target, scale=scale)
-    postures = engine.candidates(Q, target)
-    if np.any(violation <= ROW_TOLERANCE):
-        chosen = _apart(engine, sorted((c for c in postures if c.feasible), key=rank), polished)
-    else:
-        chosen = [postures[k] for k in np.argsort(violation, kind="stable")[:_POLISHED]]
-    best = engine.polished(chosen[0], target)
-    for posture in chosen[1:]:
-        if not (best.feasible and posture.objective > best.objective + _WORTH * abs(best.objective)):
-            best = min(best, engine.polished(posture, target), key=rank)
+    best = local_optima(engine, replace(target, scale=scale), Q)[0]
     return MapCandidate("feasible", best, scale) if best.feasible else MapCandidate("requirement not met", None, scale)
 
 
@@ -77,12 +65,3 @@ def is_near(engine: Engine, q: Array, known: Sequence[Array]) -> bool:
     away = np.where(revolute, np.minimum(away % (2 * np.pi), 2 * np.pi - away % (2 * np.pi)), away)
     away[:, list(engine.optimisation_problem.nlp.indifferent)] = 0.0
     return bool(np.min(np.max(away, axis=1)) < _CLOSE)
-
-
-def _apart(engine: Engine, postures: Sequence[CandidatePosture], count: int) -> list[CandidatePosture]:
-    """The first of some postures, best first, that are not near to a better one."""
-    chosen: list[CandidatePosture] = []
-    for posture in postures:
-        if len(chosen) < count and not is_near(engine, posture.q, [other.q for other in chosen]):
-            chosen.append(posture)
-    return chosen

@@ -155,6 +155,15 @@ def _multistart_once(
     if not len(Q):
         return MultistartResult(target, (), Sampled.none(engine.robot), 0, tried, 0)
     target, sampled = _screened(engine, target, Q)
+    found = local_optima(engine, target, Q, every=every)
+    return MultistartResult(target, found, sampled, len(Q), tried, len(Q))
+
+
+def local_optima(engine: Engine, target: TaskTarget, Q: Array, *, every: bool = False) -> tuple[CandidatePosture, ...]:
+    """The distinct local optima that postures (N, n) on a target with its scale lead to, best first.
+
+    All of them with ``every``, else those that may be the best. Searches that have met are followed once.
+    """
     first = engine.descended(Q, target, _FIRST_STEPS)
     first = first.rows(_best_first(first) if every else _promising(first))
     nearest, size = engine.clusters(first.q)
@@ -162,8 +171,7 @@ def _multistart_once(
     order = _best_first(optima)
     again, total = engine.clusters(optima.q[order], size[order])
     chosen = optima.rows(order[again[:_MOST_DISTINCT]])
-    found = tuple(sorted(engine.settled(chosen, target, total[:_MOST_DISTINCT]), key=rank))
-    return MultistartResult(target, found, sampled, len(Q), tried, len(Q))
+    return tuple(sorted(engine.settled(chosen, target, total[:_MOST_DISTINCT]), key=rank))
 
 
 def as_good(best: float) -> float:

@@ -62,7 +62,7 @@ def test_targets_are_as_good_as_direct_searches(arm: str) -> None:
     feasible = np.flatnonzero(found.feasible)
     assert len(feasible) > 4
     for k in np.random.default_rng(1).choice(feasible, 4, replace=False):
-        direct = selector.solve(position=found.grid.points[k], starts=160, polish=10, seed=5)
+        direct = selector.solve(position=found.grid.points[k], starts=160, seed=5)
         assert found.map_points[k].optimal
         if criterion == "miss":
             missed = 1 - found.map_points[k].success_probability
@@ -80,7 +80,7 @@ def test_the_worst_place_of_the_panda_is_no_false_optimum() -> None:
     # Direct search with 1000 starts and 60 local solves.
     direct = 1e-3 * np.array([0.03801, 0.03812, 0.03822, 0.03829, 0.03833, 0.03832, 0.0366, 0.03653, 0.03644])
     np.testing.assert_allclose(found.sigma[:9], direct, rtol=2e-3)
-    assert found.solves.better >= 1
+    assert found.solves.again >= 1
     assert found.solves.most > 0.02
     assert f"{found.solves.better} became better" in " ".join(str(found.report()).split())
 
