@@ -81,7 +81,6 @@ def test_the_worst_place_of_the_panda_is_no_false_optimum() -> None:
     direct = 1e-3 * np.array([0.03801, 0.03812, 0.03822, 0.03829, 0.03833, 0.03832, 0.0366, 0.03653, 0.03644])
     np.testing.assert_allclose(found.sigma[:9], direct, rtol=2e-3)
     assert found.solves.again >= 1
-    assert f"{found.solves.better} became better" in " ".join(str(found.report()).split())
 
 
 def test_targets_that_joint_1_turns_onto_each_other_agree() -> None:
