@@ -1,17 +1,58 @@
-"""The fleet benchmark: its own model and criteria against outside truth."""
+"""The fleet benchmark: its own model and criteria against outside truth, and the search against its brute force."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks.fleet.brute import brute_force, values
-from benchmarks.fleet.cases import replayed
+import posture_opt as po
+from benchmarks.fleet.brute import better, brute_force, values
+from benchmarks.fleet.cases import Case, replayed
 from benchmarks.fleet.criterion import log_miss, smooth
+from benchmarks.fleet.judge import judge
 from benchmarks.fleet.requirements import Requirements
 from tests.helpers.factors import differences, parameter_jacobian, pose, random_postures
+
+# What three rounds of the brute force end at, each with 1200 random postures and 160 descents: standard deviations [m]
+# and logarithms of the probability to miss. A search of 48 starts with one polish missed all of them by 1 to 49 %.
+BEST_KNOWN = {
+    "panda/trace/0/0": 2.215576e-04,
+    "panda/miss/0/0": -4.648836,
+    "iiwa14/correlated/0/0": 1.764478e-04,
+    "irb120/correlated/0/0": 2.310259e-04,
+    "ur5e/tilt_region/0/0": 9.857862e-05,
+    "dh4/measure_worst/0/0": 1.767041e-04,
+    "dh5/margin/0/0": 2.552261e-04,
+    "dh6/region/0/0": 3.590226e-04,
+    "dh7/probe/0/0": 1.322723e-04,
+    "dh7/miss_tilt/0/0": -8.453421,
+    "dh8/trace/0/0": 1.164374e-04,
+    "dh8/tilt_region/0/0": 9.044412e-05,
+    "rail7/measure_worst/0/0": 3.018486e-04,
+}
+
+
+def answer(case: Case) -> Any:
+    return po.PostureSelector(po.problem_from_dict(case.document), compiled=False).solve()
+
+
+@pytest.mark.parametrize("key", BEST_KNOWN)
+def test_solve_is_within_a_percent_of_the_best_known(key: str) -> None:
+    target = Requirements(replayed(key))
+    solution = answer(target.case)
+    judged = judge(target, solution.q)
+    assert judged.met
+    assert better(judged.value, BEST_KNOWN[key], target.case.setup.task.criterion) < 0.01
+    assert solution.status == "optimal"
+
+
+def test_an_arm_with_more_equations_than_joints_is_optimal_without_a_warning(capfd: pytest.CaptureFixture[str]) -> None:
+    """Two joints, three coordinates: the posture that made the target is the only one, and so the best."""
+    assert answer(replayed("dh2/worst/0/0")).status == "optimal"
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("key", ["panda/correlated/0/0", "rail7/trace_criterion/0/0"])
