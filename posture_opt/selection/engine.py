@@ -58,6 +58,7 @@ STEPS = 60
 
 _DISTINCT = math.radians(5.0)  # apart in a joint: well above what a search leaves open in a flat valley
 _DISTINCT_SHIFT = 0.01  # m, the same of a slide
+_PRICE = 1e3  # of the objective for each m or rad of violation: the multipliers of rows are seldom larger
 _LAST_WORDS = 4  # of the solver, in one search
 
 Recipe = tuple[OptimisationProblem, Solver, bool | None]
@@ -230,7 +231,7 @@ def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequenc
 
 
 def _better(end: CandidatePosture, start: CandidatePosture) -> bool:
-    return end.feasible and (not start.feasible or end.objective <= start.objective + 1e-6)
+    return end.feasible and (not start.feasible or end.objective <= start.objective + 1e-6 + _PRICE * start.violation)
 
 
 def _worse(tidy: CandidatePosture, given: CandidatePosture) -> bool:

@@ -52,7 +52,7 @@ class PoseRequest:
         axis: (N, 3) or (3,) wanted direction of the tool axis, world.
         spin: (N, 3) or (3,) wanted direction of the tool's spin vector, world.
         weights: (3,) for position, axis and spin; zero leaves a part out.
-        slack: (3,) half sides of a box about ``position`` [m] that is as good as the point.
+        slack: (N, 3) or (3,) half sides of a box about ``position`` [m] that is as good as the point.
         cone: (N, 1) or (1,) distance of unit vectors within which an axis is as good as ``axis``.
     """
 
@@ -173,11 +173,11 @@ class InverseKinematics:
     def reached(self, groups: Sequence[Array], requests: Sequence[PoseRequest]) -> list[Array]:
         """Of each group of postures (M, n) those (m, n) that reach its request; all are moved in one batch.
 
-        Requests of one batch differ in what is wanted, not in ``weights`` and ``slack``: those of the first one count.
+        Requests of one batch differ in what is wanted, not in ``weights``: those of the first one count.
         """
         rows = [np.broadcast_to(request.rows, (len(Q), _WIDTH)) for request, Q in zip(requests, groups, strict=True)]
-        position, axis, spin, _, _, cone = np.split(np.vstack(rows), _PARTS[1:-1], axis=1)
-        batch = PoseRequest(position, axis, spin, requests[0].weights, requests[0].slack, cone)
+        position, axis, spin, _, slack, cone = np.split(np.vstack(rows), _PARTS[1:-1], axis=1)
+        batch = PoseRequest(position, axis, spin, requests[0].weights, slack, cone)
         moved, errors = self.solve(np.vstack(groups), batch)
         ends = np.cumsum([len(Q) for Q in groups])[:-1]
         parts = zip(np.split(moved, ends), np.split(errors < TOLERANCE, ends), strict=True)
@@ -201,8 +201,11 @@ def request_for(
     anywhere = target.kind == "anywhere"
     position = np.zeros(3) if anywhere else rng.uniform(target.lower, target.upper, (count, 3))
     slack = np.zeros(3)
-    if whole_box and target.kind == "region":
-        position, slack = (target.lower + target.upper) / 2, (target.upper - target.lower) / 2
+    if target.kind == "region":
+        # Half of the starts aim at drawn points; the others take any point, as a branch must that reaches a part only.
+        any_point = np.full(count, True) if whole_box else np.arange(count) // 2 % 2 == 1
+        position[any_point] = (target.lower + target.upper) / 2
+        slack = np.where(any_point[:, None], (target.upper - target.lower) / 2, 0.0)
     axis, cone = target.direction, np.array([slack_of_axis])
     if aligned and target.tilt > 0:
         # Half of the starts aim at drawn axes; the others take any axis of the cone, as an arm must that cannot

@@ -24,7 +24,8 @@ from posture_opt.selection.nlp import Nlp
 MET = 1e-9
 """Largest violation of a row [m, rad or 1] of a posture that counts as optimal, as IPOPT is asked for."""
 _BACK = 0.25  # of a step that made the merit worse
-_NO_WORSE = 1e-7  # of the merit: what the last digits of the rows may cost
+_NO_WORSE = 1e-7  # of the merit: its rounding
+_DIGITS = (100.0, 1e-5)  # of the merit for each m or rad of violation, and at most: what the last digits of rows cost
 _SHORTEST = 1e-4  # of a step: what is no better then stays where it is
 
 _LOOP = (
@@ -49,7 +50,7 @@ long long posture_opt_loop(long long rows, long long n, long long size, double* 
       newton.res[0] = way; newton.res[1] = next;
       for (k = 0; k < 6; ++k) newton.res[2 + k] = values + k;
       newton_step(newton.arg, newton.res, newton.iw, newton.w, 0);
-      if (step == 0 || values[0] <= merit + NO_WORSE * fmax(1, fabs(merit))) {
+      if (step == 0 || values[0] <= merit + NO_WORSE * fmax(1, fabs(merit)) + fmin(PRICE * out[1], MOST)) {
         merit = values[1]; length = 1;
         for (i = 0; i < n; ++i) { base[i] = x[i]; direction[i] = way[i]; }
         for (i = 0; i < size; ++i) kept[i] = next[i];
@@ -70,6 +71,8 @@ long long posture_opt_loop(long long rows, long long n, long long size, double* 
 """.replace("NO_WORSE", repr(_NO_WORSE))
     .replace("BACK", repr(_BACK))
     .replace("SHORTEST", repr(_SHORTEST))
+    .replace("PRICE", repr(_DIGITS[0]))
+    .replace("MOST", repr(_DIGITS[1]))
 )
 
 
@@ -162,7 +165,8 @@ class LocalSearch:
         for step in range(steps):
             way, following, *values = newton(x[rows], given[rows], _of(parameters, rows))
             before, after, *reported = (value[:, 0] for value in values)
-            better = before <= merit[rows] + _NO_WORSE * np.fmax(1, np.abs(merit[rows]))
+            allowed = _NO_WORSE * np.fmax(1, np.abs(merit[rows])) + np.fmin(_DIGITS[0] * result[rows, 1], _DIGITS[1])
+            better = before <= merit[rows] + allowed
             taken = better if step else np.ones(len(rows), dtype=bool)
             at = rows[taken]
             merit[at], length[at], q[at], direction[at] = after[taken], 1.0, x[at], way[taken]
