@@ -145,7 +145,7 @@ def _almost(gain: float) -> str:
 def explain_report(solution: Solution) -> Report:
     """The nonlinear program as it was solved."""
     nlp = solution.optimisation_problem.nlp
-    parameters = solution.target.parameters()
+    parameters = solution.target.parameters
     values = Values.of(nlp, solution.q, parameters)
     lead = (
         f"Minimise the objective over {len(nlp.variables)} joint values, subject to the bounds of the joints and to "

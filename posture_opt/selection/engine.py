@@ -59,6 +59,7 @@ STEPS = 60
 _DISTINCT = math.radians(5.0)  # apart in a joint: well above what a search leaves open in a flat valley
 _DISTINCT_SHIFT = 0.01  # m, the same of a slide
 _PRICE = 1e3  # of the objective for each m or rad of violation: the multipliers of rows are seldom larger
+_BLOCK = 64  # postures that are compared with all others at once: bounds the memory
 _LAST_WORDS = 4  # of the solver, in one search
 
 Recipe = tuple[OptimisationProblem, Solver, bool | None]
@@ -125,11 +126,24 @@ class Engine:
     def descended(self, Q: Array, target: TaskTarget, steps: int, multipliers: Array | None = None) -> LocalOptima:
         """The postures (N, n) after at most ``steps`` steps of the local search."""
         held = held_request(target, self.optimisation_problem.axis_rows > 0, self._slack_of_axis)
-        return self.local.descend(Q, target.parameters(), held.rows, steps, multipliers)
+        return self.local.descend(Q, target.parameters, held.rows, steps, multipliers)
 
-    def candidates(self, Q: Array, target: TaskTarget) -> list[CandidatePosture]:
-        """The postures (N, n) as candidates for one target."""
-        return self.screened(Q, target.parameters())
+    def candidates(
+        self,
+        Q: Array,
+        target: TaskTarget,
+        optimal: Sequence[bool] | None = None,
+        counts: Sequence[int] | None = None,
+    ) -> list[CandidatePosture]:
+        """The postures (N, n) as candidates for one target, with what a local search says of them."""
+        screened = self.screened(Q, target.parameters)
+        if optimal is None or counts is None:
+            return screened
+        words = ("not converged", "converged")
+        return [
+            CandidatePosture(c.q, c.objective, c.violation, c.sigma, yes, words[yes], n)
+            for c, yes, n in zip(screened, optimal, counts, strict=True)
+        ]
 
     def screened(self, Q: Array, parameters: Array) -> list[CandidatePosture]:
         """The postures (N, n) as candidates for the target of ``parameters`` (p,), or of one row (N, p) each."""
@@ -157,10 +171,7 @@ class Engine:
             count: (N,) how many searches each of them stands for.
         """
         counts = np.ones(len(found.q), dtype=int) if count is None else count
-        ends = [
-            replace(end, optimal=bool(optimal), message="converged" if optimal else "not converged", count=int(n))
-            for end, optimal, n in zip(self.candidates(found.q, target), found.optimal, counts, strict=True)
-        ]
+        ends = self.candidates(found.q, target, found.optimal.tolist(), counts.tolist())
         # Only where it would change the answer.
         limit = min((end.objective for end in ends if end.optimal and end.feasible), default=np.inf)
         doubtful = [k for k, end in enumerate(ends) if not end.optimal and (end.objective < limit or not end.feasible)]
@@ -171,7 +182,7 @@ class Engine:
     def _last_word(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
         if self.optimisation_problem.freedom == 0:
             return start  # nothing is left to choose, and IPOPT would refuse more equalities than joints
-        outcome: Outcome = self.last_word(start.q, target.parameters())
+        outcome: Outcome = self.last_word(start.q, target.parameters)
         if not np.all(np.isfinite(outcome.x)):
             return replace(start, message=outcome.message)
         end = replace(self.candidates(outcome.x[None], target)[0], optimal=outcome.optimal, message=outcome.message)
@@ -186,24 +197,30 @@ class Engine:
         """The same postures as people write them: joints that do not matter at zero, whole turns taken off."""
         if not candidates:
             return []
-        robot = self.robot
-        lower, upper = np.array(robot.lower), np.array(robot.upper)
-        turns = np.array([2 * np.pi * (joint.type == "revolute") for joint in robot.joints])
+        lower, upper, turns, idle = self._ends
         Q = np.array([candidate.q for candidate in candidates])
-        turned = Q - turns * np.round(Q / (2 * np.pi))
+        turned = Q - turns * np.rint(Q * (0.5 / np.pi))
         Q = np.where((turned >= lower) & (turned <= upper), turned, Q)
-        idle = list(self.optimisation_problem.nlp.indifferent)
         Q[:, idle] = np.clip(0.0, lower[idle], upper[idle])
         # Where the objective is flat, a whole degree is as good as 179.98.
-        rounded = np.clip(np.where(turns > 0, np.deg2rad(np.round(np.rad2deg(Q))), Q), lower, upper)
-        tidy = self.candidates(np.vstack([rounded, Q]), target)
+        rounded = np.clip(np.where(turns > 0, np.deg2rad(np.rint(np.rad2deg(Q))), Q), lower, upper)
+        tidy = self.candidates(np.concatenate([rounded, Q]), target)
         found = []
-        for given, *written in zip(candidates, tidy, tidy[len(candidates) :], strict=False):
-            same = (c for c in written if not _worse(c, given))
+        for k, given in enumerate(candidates):
+            best = next((c for c in (tidy[k], tidy[k + len(Q)]) if not _worse(c, given)), given)
             found.append(
-                next((replace(c, optimal=given.optimal, message=given.message, count=given.count) for c in same), given)
+                CandidatePosture(
+                    best.q, best.objective, best.violation, best.sigma, given.optimal, given.message, given.count
+                )
             )
         return found
+
+    @cached_property
+    def _ends(self) -> tuple[Array, Array, Array, list[int]]:
+        """Limits and whole turns of the joints, and those that matter to nothing."""
+        robot = self.robot
+        turns = np.array([2 * np.pi * (joint.type == "revolute") for joint in robot.joints])
+        return np.array(robot.lower), np.array(robot.upper), turns, list(self.optimisation_problem.nlp.indifferent)
 
 
 def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequence[int] = ()) -> tuple[Codes, Codes]:
@@ -211,22 +228,23 @@ def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequenc
 
     By more than 5° or 10 mm in a joint, whole turns apart; the joints ``ignored`` make no difference.
     """
-    near = np.ones((len(Q), len(Q)), dtype=bool)
-    for k, joint in enumerate(robot.joints):
-        if k not in ignored:
-            difference = Q[:, k : k + 1] - Q[:, k]
-            if joint.type == "revolute":
-                difference -= 2 * np.pi * np.rint(difference * (0.5 / np.pi))
-            near &= np.abs(difference) <= (_DISTINCT if joint.type == "revolute" else _DISTINCT_SHIFT)
+    joints = [k for k in range(robot.n) if k not in ignored]
+    Q = Q[:, joints]
+    revolute = np.array([robot.joints[k].type == "revolute" for k in joints], dtype=bool)
+    limit, turn = np.where(revolute, _DISTINCT, _DISTINCT_SHIFT), 2 * np.pi * revolute
     left, sizes = np.ones(len(Q), dtype=bool), np.ones(len(Q), dtype=int) if size is None else size
     first: list[int] = []
     total: list[int] = []
-    for k in range(len(Q)):
-        if left[k]:
-            mine = near[k] & left
-            first.append(k)
-            total.append(int(sizes[mine].sum()))
-            left &= ~mine
+    for block in range(0, len(Q), _BLOCK):
+        difference = Q[block : block + _BLOCK, None] - Q
+        difference -= turn * np.rint(difference * (0.5 / np.pi))
+        near = np.all(np.abs(difference) <= limit, axis=2)
+        for k, row in enumerate(near, start=block):
+            if left[k]:
+                mine = row & left
+                first.append(k)
+                total.append(int(sizes[mine].sum()))
+                left &= ~row
     return np.array(first, dtype=int), np.array(total, dtype=int)
 
 

@@ -82,7 +82,7 @@ class _Infeasibility:
         lo, hi = nlp.variable_bounds
         q = self._least(ca.sumsqr(ca.vertcat(*beyond)), starts[:_REFINED], lo, hi, required)
         at = ca.Function("rows", [nlp.x, nlp.p], [ca.vertcat(*beyond), ca.vertcat(*(r.expression for r in further))])
-        missing, values = (np.asarray(v).ravel() for v in at(q, self.target.parameters()))
+        missing, values = (np.asarray(v).ravel() for v in at(q, self.target.parameters))
         k = int(np.argmax(missing))
         if missing[k] < ROW_TOLERANCE:
             return q, []
@@ -142,7 +142,7 @@ class _Infeasibility:
         start, _ = self.engine.ik.solve(start, middle)
         lo, hi = self.problem.nlp.variable_bounds
         q = self._least(ca.sumsqr(gap), start, lo, hi, [])
-        return q, np.asarray(ca.Function("x", [at.q, p], [at.position])(q, self.target.parameters())).ravel()
+        return q, np.asarray(ca.Function("x", [at.q, p], [at.position])(q, self.target.parameters)).ravel()
 
     def _limits(self, starts: Array, with_axis: bool) -> tuple[Array, list[Reason]]:
         """Without limits it would work: which limits are in the way, and by how much at least."""
@@ -196,7 +196,7 @@ class _Infeasibility:
 
         With as many equalities as joints the starts are all there is, and IPOPT would refuse the problem.
         """
-        nlp, p = self.problem.nlp, self.target.parameters()
+        nlp, p = self.problem.nlp, self.target.parameters
         empty = ca.SX(0, 1)
         g = ca.vertcat(empty, *(row.expression for row in rows))
         ends = [ca.vertcat(empty, *(row.lower for row in rows)), ca.vertcat(empty, *(row.upper for row in rows))]

@@ -134,7 +134,7 @@ class NeighbourExchange:
         engine, target = self.engines[k], self.targets[k]
         known, scale = self.candidates[k].best, self.candidates[k].scale
         if math.isnan(scale):  # no start had reached this target
-            scale = engine.scale_of(np.asarray(engine.screen(posture.q[None], target.parameters())[2][:, 0]))
+            scale = engine.scale_of(np.asarray(engine.screen(posture.q[None], target.parameters)[2][:, 0]))
             posture = engine.candidates(posture.q[None], replace(target, scale=scale))[0]
         self.tried.setdefault(k, []).append(posture.q)
         end = engine.polished(posture, replace(target, scale=scale))
@@ -221,7 +221,7 @@ class NeighbourExchange:
                 arrived = zip(mine, engine.ik.reached(Q, requests), strict=True)
                 rows = [(k, q) for k, led in arrived for q in led]
                 if rows:
-                    parameters = [replace(self.targets[k], scale=self._known_scale(k)).parameters() for k, _ in rows]
+                    parameters = [replace(self.targets[k], scale=self._known_scale(k)).parameters for k, _ in rows]
                     moved = engine.screened(np.array([q for _, q in rows]), np.array(parameters))
                     yield from zip([k for k, _ in rows], moved, strict=True)
 

@@ -38,7 +38,7 @@ def freedom(engine: Engine, target: TaskTarget) -> int:
 
 def best_among(engine: Engine, target: TaskTarget, Q: Array) -> MapCandidate:
     """The best local optimum that postures (M, n), which reach the target, lead to."""
-    own = engine.screen(Q, target.parameters())[2][:, 0]
+    own = engine.screen(Q, target.parameters)[2][:, 0]
     scale = engine.scale_of(own)
     best = local_optima(engine, replace(target, scale=scale), Q)[0]
     return MapCandidate("feasible", best, scale) if best.feasible else MapCandidate("requirement not met", None, scale)

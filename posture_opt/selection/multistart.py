@@ -194,7 +194,7 @@ def _promising(optima: LocalOptima) -> Codes:
 
 def _screened(engine: Engine, target: TaskTarget, Q: Array) -> tuple[TaskTarget, Sampled]:
     """The target with a scale, the postures' median variance where it has none, and those that meet every row."""
-    _, violation, own, variance = (column[:, 0] for column in engine.screen(Q, target.parameters()))
+    _, violation, own, variance = (column[:, 0] for column in engine.screen(Q, target.parameters))
     if target.scale == 1.0:
         target = replace(target, scale=engine.scale_of(own))
     met = violation <= ROW_TOLERANCE

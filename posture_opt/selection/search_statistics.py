@@ -141,7 +141,7 @@ def _spun(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Array
 def _evaluate(engine: Engine, target: TaskTarget, Q: Array, over: str) -> Sweep | None:
     if not len(Q):
         return None
-    objective, violation = (column[:, 0] for column in engine.screen(Q, target.parameters())[:2])
+    objective, violation = (column[:, 0] for column in engine.screen(Q, target.parameters)[:2])
     feasible = violation <= ROW_TOLERANCE
     if not np.any(feasible):
         return None

@@ -126,7 +126,8 @@ class PostureSelector:
         best = feasible[0]
         # A solve that stalled is no optimum; it counts only where nothing better is known.
         ended = [c for c in feasible if c.optimal] or feasible[:1]
-        optima = [ended[k] for k in distinct(np.array([c.q for c in ended]), self._problem.robot)]
+        apart = distinct(np.array([c.q for c in ended]), self._problem.robot) if by_sweep else range(len(ended))
+        optima = [ended[k] for k in apart]
         seconds = time.perf_counter() - began
         statistics = SearchStatistics.of(found, swept, by_starts, best, len(optima), seconds)
 

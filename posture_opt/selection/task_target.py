@@ -200,13 +200,14 @@ class TaskTarget:
         d = d / np.linalg.norm(d)
         return replace(self, direction=d, basis=across_basis(d, reach.normal))
 
-    @property
+    @cached_property
     def kind(self) -> str:
         """``point``, ``region`` or ``anywhere``."""
         if np.array_equal(self.lower, self.upper):
             return "point"
         return "anywhere" if bool(np.all(self.upper >= FREE)) else "region"
 
+    @cached_property
     def parameters(self) -> Array:
         """(18,) the parameters of the optimisation problem, in the order of ``SIZES``."""
         clearance = 1.0 if math.isnan(self.clearance) else self.clearance

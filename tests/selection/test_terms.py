@@ -28,7 +28,7 @@ def evaluated(term: Term, robot: str = "ur10e") -> ca.Function:
     solved = po.PostureSelector(problem(robot), compiled=False)
     asked = solved.engine(solved.target).optimisation_problem
     values = ca.vertcat(ca.vec(term.quantity(asked.quantities)), term.cost(asked.quantities))
-    values = ca.substitute(values, asked.nlp.p, ca.DM(solved.target.parameters()))
+    values = ca.substitute(values, asked.nlp.p, ca.DM(solved.target.parameters))
     return ca.Function("term", [asked.q], [values, ca.jacobian(values, asked.q)])
 
 
