@@ -1,35 +1,23 @@
-"""``Engine``: the functions that screen, lead and improve the postures of one optimisation problem, built once.
-
-The `Aligner` says before what an arm can give of the tool axis that a task asks for.
-"""
+"""``Engine``: the functions that screen, lead and improve the postures of one optimisation problem, built once."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from posture_opt.model.arm import Arm
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.inverse_kinematics import (
-    ROW_TOLERANCE,
-    TOLERANCE,
-    InverseKinematics,
-    PoseRequest,
-    axis_can_reach,
-    held_request,
-    request_for,
-)
+from posture_opt.selection.clusters import clusters
+from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, InverseKinematics
 from posture_opt.selection.local_search import LocalOptima, LocalSearch
-from posture_opt.selection.optimisation_problem import Alignment, OptimisationProblem
+from posture_opt.selection.optimisation_problem import OptimisationProblem
+from posture_opt.selection.pose_request import PoseRequest, held_request, request_for
 from posture_opt.selection.solvers import Outcome, Polish, Solver
-from posture_opt.selection.task_target import Reach, TaskTarget
-from posture_opt.selection.tasks import Task
+from posture_opt.selection.task_target import TaskTarget
 
 
 @dataclass(frozen=True)
@@ -56,10 +44,7 @@ class CandidatePosture:
 STEPS = 60
 """Of a local search that is followed to its end."""
 
-_DISTINCT = math.radians(5.0)  # apart in a joint: well above what a search leaves open in a flat valley
-_DISTINCT_SHIFT = 0.01  # m, the same of a slide
 _PRICE = 1e3  # of the objective for each m or rad of violation: the multipliers of rows are seldom larger
-_BLOCK = 64  # postures that are compared with all others at once: bounds the memory
 _LAST_WORDS = 4  # of the solver, in one search
 
 Recipe = tuple[OptimisationProblem, Solver, bool | None]
@@ -223,31 +208,6 @@ class Engine:
         return np.array(robot.lower), np.array(robot.upper), turns, list(self.optimisation_problem.nlp.indifferent)
 
 
-def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequence[int] = ()) -> tuple[Codes, Codes]:
-    """Rows of Q (k, n) that differ from every earlier one, and how many rows, ``size`` each, differ from them by less.
-
-    By more than 5° or 10 mm in a joint, whole turns apart; the joints ``ignored`` make no difference.
-    """
-    joints = [k for k in range(robot.n) if k not in ignored]
-    Q = Q[:, joints]
-    revolute = np.array([robot.joints[k].type == "revolute" for k in joints], dtype=bool)
-    limit, turn = np.where(revolute, _DISTINCT, _DISTINCT_SHIFT), 2 * np.pi * revolute
-    left, sizes = np.ones(len(Q), dtype=bool), np.ones(len(Q), dtype=int) if size is None else size
-    first: list[int] = []
-    total: list[int] = []
-    for block in range(0, len(Q), _BLOCK):
-        difference = Q[block : block + _BLOCK, None] - Q
-        difference -= turn * np.rint(difference * (0.5 / np.pi))
-        near = np.all(np.abs(difference) <= limit, axis=2)
-        for k, row in enumerate(near, start=block):
-            if left[k]:
-                mine = row & left
-                first.append(k)
-                total.append(int(sizes[mine].sum()))
-                left &= ~row
-    return np.array(first, dtype=int), np.array(total, dtype=int)
-
-
 def _better(end: CandidatePosture, start: CandidatePosture) -> bool:
     return end.feasible and (not start.feasible or end.objective <= start.objective + 1e-6 + _PRICE * start.violation)
 
@@ -260,41 +220,3 @@ def median(values: Array) -> float:
     """The median of (N,) values; NumPy's own loads its masked arrays first, which a cold start can do without."""
     ordered = np.sort(values)
     return float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
-
-
-_TRIALS = 96  # random postures: where one in twenty arrives aligned, all of them fail at 0.7 % of the targets
-
-
-@dataclass(frozen=True)
-class Aligner:
-    """The arm and the axis that is asked of it; ``compiled`` as of the selector."""
-
-    arm: Arm
-    task: Task
-    reach: Reach
-    compiled: bool | None
-
-    def at(self, target: TaskTarget) -> Alignment:
-        """Whether the tool axis is asked for, and what the arm can give at such a target."""
-        reach = self.reach
-        if self.task.axis == "free" or reach.axis_rank == 0:
-            return "free"
-        if reach.axis_freedom == 2 and reach.orients_at_point:
-            return "exact"
-        # Too few joints to turn the tool at will: it depends on direction and target, so try.
-        if self._can_align(target, 0.0):
-            return "exact" if reach.axis_rank == 1 else "loose"
-        if self._can_align(target, reach.axis_slack / 2):
-            return "loose"
-        can_turn = target.kind != "point" or reach.orients_at_point
-        nearly = can_turn and axis_can_reach(self.arm, self.task.tool_axis, target, reach.axis_slack)
-        return "loose" if nearly else "free"
-
-    def _can_align(self, target: TaskTarget, slack: float) -> bool:
-        rng, ik = np.random.default_rng(0), self._trial
-        request = request_for(target, _TRIALS, True, rng, whole_box=True, slack_of_axis=slack)
-        return bool(np.min(ik.solve(ik.random_postures(_TRIALS, rng), request, enough=1)[1]) < TOLERANCE)
-
-    @cached_property
-    def _trial(self) -> InverseKinematics:
-        return InverseKinematics(self.arm, self.task.tool_axis, self.reach.directions, self.compiled)

@@ -17,10 +17,11 @@ import numpy as np
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.engine import Engine
-from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, InverseKinematics, PoseRequest, unlimited
+from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, InverseKinematics, unlimited
 from posture_opt.selection.multistart import MultistartResult
 from posture_opt.selection.nlp import IPOPT_OPTIONS, Row
 from posture_opt.selection.optimisation_problem import OptimisationProblem
+from posture_opt.selection.pose_request import PoseRequest
 from posture_opt.selection.search_statistics import SearchStatistics
 from posture_opt.selection.solution import HasTask, Reason, Solution
 from posture_opt.selection.task_target import TaskTarget

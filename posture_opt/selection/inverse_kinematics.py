@@ -10,7 +10,7 @@ A joint at a limit that the gradient pushes outward is held for the step, as in 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 
 import casadi as ca
@@ -22,7 +22,8 @@ from posture_opt.model.compiled import BatchFunction
 from posture_opt.model.ldl import ldl, solved
 from posture_opt.model.row_loop import RowLoop
 from posture_opt.numerics import Array
-from posture_opt.selection.task_target import FREE, TaskTarget, drawn_between
+from posture_opt.selection.pose_request import PARTS, WIDTH, PoseRequest
+from posture_opt.selection.task_target import TaskTarget, drawn_between
 
 ROW_TOLERANCE = 1e-6
 """Largest violation of a row [m, rad or 1] of a posture that counts as feasible."""
@@ -34,43 +35,8 @@ PATIENT_STEPS = 48
 """Where nothing arrived: beside a singular posture steps converge slowly."""
 _STANDSTILL = 1e-9  # rad or m: two orders below `TOLERANCE`, a posture that moves less will not arrive
 _LONGEST_STEP = 1.0  # rad or m: longer steps of a linear model of a rotation mean nothing
-_DAMPING = (
-    0.1  # of the squared error; Sugihara (2011, eq. 27 to 30) has a half: a third more steps for the same arrivals
-)
+_DAMPING = 0.1  # of the squared error; a half, as Sugihara (2011, eq. 27 to 30) has it, takes a third more steps
 _LEAST_DAMPING = 1e-9  # rad² or m²: his bias, so small that the last steps stay quadratic
-_INSIDE = 0.999  # of the tilt: an axis drawn a little inside the cone satisfies the row, an inequality
-_PARTS = (0, 3, 6, 9, 12, 15, 16)  # where position, axis, spin, weights, slack and cone of a request begin
-_WIDTH = _PARTS[-1]
-
-
-@dataclass(frozen=True)
-class PoseRequest:
-    """What every row of a batch is to reach, as weighted residuals.
-
-    Args:
-        position: (N, 3) or (3,) wanted tool point [m].
-        axis: (N, 3) or (3,) wanted direction of the tool axis, world.
-        spin: (N, 3) or (3,) wanted direction of the tool's spin vector, world.
-        weights: (3,) for position, axis and spin; zero leaves a part out.
-        slack: (N, 3) or (3,) half sides of a box about ``position`` [m] that is as good as the point.
-        cone: (N, 1) or (1,) distance of unit vectors within which an axis is as good as ``axis``.
-    """
-
-    position: Array
-    axis: Array
-    spin: Array
-    weights: Array
-    slack: Array = field(default_factory=lambda: np.zeros(3))
-    cone: Array = field(default_factory=lambda: np.zeros(1))
-
-    @property
-    def rows(self) -> Array:
-        """(N, 16) or (1, 16) all parts side by side, as the step takes them."""
-        parts = (self.position, self.axis, self.spin, self.weights, self.slack, self.cone)
-        rows = np.empty((max(len(part) if part.ndim == 2 else 1 for part in parts), _WIDTH))
-        for part, first in zip(parts, _PARTS, strict=False):
-            rows[:, first : first + part.shape[-1]] = part
-        return rows
 
 
 _LOOP = """
@@ -175,64 +141,13 @@ class InverseKinematics:
 
         Requests of one batch differ in what is wanted, not in ``weights``: those of the first one count.
         """
-        rows = [np.broadcast_to(request.rows, (len(Q), _WIDTH)) for request, Q in zip(requests, groups, strict=True)]
-        position, axis, spin, _, slack, cone = np.split(np.vstack(rows), _PARTS[1:-1], axis=1)
+        rows = [np.broadcast_to(request.rows, (len(Q), WIDTH)) for request, Q in zip(requests, groups, strict=True)]
+        position, axis, spin, _, slack, cone = np.split(np.vstack(rows), PARTS[1:-1], axis=1)
         batch = PoseRequest(position, axis, spin, requests[0].weights, slack, cone)
         moved, errors = self.solve(np.vstack(groups), batch)
         ends = np.cumsum([len(Q) for Q in groups])[:-1]
         parts = zip(np.split(moved, ends), np.split(errors < TOLERANCE, ends), strict=True)
         return [postures[arrived] for postures, arrived in parts]
-
-
-def request_for(
-    target: TaskTarget,
-    count: int,
-    aligned: bool,
-    rng: np.random.Generator,
-    *,
-    whole_box: bool = False,
-    slack_of_axis: float = 0.0,
-) -> PoseRequest:
-    """Targets for ``count`` starts: the point, or points drawn from the region; axes drawn within the tilt.
-
-    ``whole_box`` takes any point of the region: an arm with few joints cannot align its tool at a drawn one, while
-    an arm with many comes to lie at the region's edge. ``slack_of_axis`` is as good as no error of the axis.
-    """
-    anywhere = target.kind == "anywhere"
-    position = np.zeros(3) if anywhere else rng.uniform(target.lower, target.upper, (count, 3))
-    slack = np.zeros(3)
-    if target.kind == "region":
-        # Half of the starts aim at drawn points; the others take any point, as a branch must that reaches a part only.
-        any_point = np.full(count, True) if whole_box else np.arange(count) // 2 % 2 == 1
-        position[any_point] = (target.lower + target.upper) / 2
-        slack = np.where(any_point[:, None], (target.upper - target.lower) / 2, 0.0)
-    axis, cone = target.direction, np.array([slack_of_axis])
-    if aligned and target.tilt > 0:
-        # Half of the starts aim at drawn axes; the others take any axis of the cone, as an arm must that cannot
-        # turn its tool everywhere.
-        axis, any_axis = _within_tilt(target, count, rng), np.arange(count) % 2 == 1
-        axis[any_axis] = target.direction
-        cone = np.where(any_axis, 2 * np.sin(_INSIDE * target.tilt / 2), 0.0)[:, None]
-    weights = np.array([0.0 if anywhere else 1.0, 1.0 if aligned else 0.0, 0.0])
-    assert np.all(np.abs(position) < FREE)
-    return PoseRequest(position, axis, target.basis[:, 0], weights, slack, cone)
-
-
-def held_request(target: TaskTarget, aligned: bool, slack_of_axis: float) -> PoseRequest:
-    """What holds a posture on its target and no more: any point of a region, any axis within the tilt."""
-    anywhere = target.kind == "anywhere"
-    middle, half = (target.lower + target.upper) / 2, (target.upper - target.lower) / 2
-    weights = np.array([0.0 if anywhere else 1.0, 1.0 if aligned else 0.0, 0.0])
-    cone = max(2 * np.sin(target.tilt / 2), slack_of_axis)
-    return PoseRequest(middle, target.direction, target.basis[:, 0], weights, half, np.array([cone]))
-
-
-def _within_tilt(target: TaskTarget, count: int, rng: np.random.Generator) -> Array:
-    """(count, 3) axes spread over the cone of the allowed tilt, every fourth one straight."""
-    tilt = _INSIDE * target.tilt * np.sqrt(rng.uniform(size=count)) * (np.arange(count) % 4 != 0)
-    turn = rng.uniform(0, 2 * np.pi, count)
-    sideways = np.cos(turn)[:, None] * target.basis[:, 0] + np.sin(turn)[:, None] * target.basis[:, 1]
-    return np.asarray(np.cos(tilt)[:, None] * target.direction + np.sin(tilt)[:, None] * sideways)
 
 
 def unlimited(arm: Arm) -> Arm:
@@ -256,8 +171,8 @@ def axis_can_reach(arm: Arm, tool_axis: tuple[float, float, float], target: Task
 
 def _step_function(arm: Arm, tool_axis: tuple[float, float, float], directions: Array, spun: bool) -> ca.Function:
     """``(q, request) -> (next q, error at q)``: one damped least squares step within the limits."""
-    q, request = ca.SX.sym("q", arm.robot.n), ca.SX.sym("request", _WIDTH)
-    position, axis, spin, weights, slack, cone = ca.vertsplit(request, list(_PARTS))
+    q, request = ca.SX.sym("q", arm.robot.n), ca.SX.sym("request", WIDTH)
+    position, axis, spin, weights, slack, cone = ca.vertsplit(request, list(PARTS))
     robot, reached = arm.robot, arm.walk(q)
     R = ca.SX(stack(list(zip(*reached.columns, strict=True))))
     a = np.array(tool_axis) / np.linalg.norm(tool_axis)

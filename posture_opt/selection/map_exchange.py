@@ -16,11 +16,11 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.selection.engine import CandidatePosture, Engine
-from posture_opt.selection.inverse_kinematics import PoseRequest
 from posture_opt.selection.map_neighbours import Neighbourhood, Pairs
 from posture_opt.selection.map_points import MapCandidate
 from posture_opt.selection.map_starts import best_among, better_of, by_engine, freedom, is_near, out_of_plane
 from posture_opt.selection.multistart import distinct, rank
+from posture_opt.selection.pose_request import PoseRequest
 from posture_opt.selection.task_target import TaskTarget
 
 BETTER = 1e-4

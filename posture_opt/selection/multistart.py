@@ -10,7 +10,8 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.engine import STEPS, CandidatePosture, Engine, clusters, median
+from posture_opt.selection.clusters import clusters
+from posture_opt.selection.engine import STEPS, CandidatePosture, Engine, median
 from posture_opt.selection.inverse_kinematics import PATIENT_STEPS, ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.inverse_kinematics import STEPS as IK_STEPS
 from posture_opt.selection.local_search import LocalOptima

@@ -11,8 +11,9 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.selection.engine import CandidatePosture, Engine
-from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE, PoseRequest
+from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.multistart import MultistartResult, Sampled, as_good
+from posture_opt.selection.pose_request import PoseRequest
 from posture_opt.selection.task_target import TaskTarget
 
 _SPINS = 120  # steps of 3°: the optimum over the spin is several of them wide

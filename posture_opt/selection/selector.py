@@ -10,8 +10,9 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.numerics import Array, Progress
+from posture_opt.selection.aligner import Aligner
 from posture_opt.selection.batches import until_found_often, until_recurrence
-from posture_opt.selection.engine import Aligner, CandidatePosture, Engine
+from posture_opt.selection.engine import CandidatePosture, Engine
 from posture_opt.selection.infeasible import explain_infeasibility, infeasible
 from posture_opt.selection.multistart import MultistartResult, distinct, rank
 from posture_opt.selection.optimisation_problem import Alignment, OptimisationProblem
