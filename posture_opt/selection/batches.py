@@ -20,6 +20,7 @@ _MOST = 12  # batches
 _HITS = 4  # local searches that are to find it, in a repeated solve
 _UNSEEN = 0.01  # probability that one more start leads to something better
 _PASSES = 6
+_STILL_BETTER = 0.2  # better optima that as many starts again may be expected to find, in a thorough search
 
 
 def usual_starts(engine: Engine) -> int:
@@ -49,6 +50,8 @@ def until_recurrence(
 ) -> MultistartResult:
     """Batches of starts, seeded by their number, until the best optimum has been found by two of them.
 
+    By six, where so many optima were seen only once that better ones are likely.
+
     Args:
         starts: of each batch; default: by the freedom that is left.
         workers: processes that share the batches; the answer does not depend on it.
@@ -64,7 +67,8 @@ def until_recurrence(
         values.append(_best(batch))
         if progress is not None:
             progress(len(values), _MOST)
-        if _recurred(values) >= _BATCHES and whole.unseen_better <= _UNSEEN / 2:
+        enough = _BATCHES if whole.unseen_better * whole.polished <= _STILL_BETTER else 3 * _BATCHES
+        if _recurred(values) >= enough:
             break
     return replace(whole, batches=len(values), recurred=_recurred(values))
 

@@ -20,7 +20,7 @@ from posture_opt.selection.task_target import TaskTarget
 _OVERSAMPLING = 2  # random postures for each start wanted at first: of a Panda's two in three arrive
 _FIRST_STEPS = 4  # of the local search from every start, before those are given up that promise nothing
 _PROMISE = 2.0  # times the gain of a quadratic model: what a start may still gain
-_MOST_DISTINCT = 12  # local optima that are kept: a 6R wrist has eight branches (Pieper 1968)
+_MOST_DISTINCT = 12  # local optima that a repeated solve keeps: a 6R wrist has eight branches (Pieper 1968)
 _SAME_OPTIMUM = 1e-4  # of the objective
 _EFFORT = 80  # random postures for each start wanted at most: then the target counts as out of reach
 _RETRIES = (1, 4, 16)  # times the starts, where answers meet the target but not the further requirements
@@ -171,8 +171,9 @@ def local_optima(engine: Engine, target: TaskTarget, Q: Array, *, every: bool = 
     optima = engine.descended(first.q[nearest], target, STEPS, first.multipliers[nearest])
     order = _best_first(optima)
     again, total = engine.clusters(optima.q[order], size[order])
-    chosen = optima.rows(order[again[:_MOST_DISTINCT]])
-    return tuple(sorted(engine.settled(chosen, target, total[:_MOST_DISTINCT]), key=rank))
+    most = len(again) if every else _MOST_DISTINCT
+    chosen = optima.rows(order[again[:most]])
+    return tuple(sorted(engine.settled(chosen, target, total[:most]), key=rank))
 
 
 def as_good(best: float) -> float:
