@@ -12,6 +12,7 @@ from posture_opt.robot.format import FrameSpec, JointSpec, RobotFormat
 from posture_opt.robot.mdh import MdhRobot
 from posture_opt.robot.preset import PresetRobot, load_preset, preset_names, preset_text
 from posture_opt.robot.robot import Factor, Joint, Repeatability, Robot, frame_factors
+from posture_opt.robot.shape import Capsule
 from posture_opt.robot.urdf import UrdfRobot
 from posture_opt.spec import one_of
 
@@ -24,6 +25,7 @@ else:
 
 __all__ = [
     "FORMATS",
+    "Capsule",
     "DhRobot",
     "Factor",
     "FrameSpec",

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from posture_opt.errors import InputError, Issue, did_you_mean
+from posture_opt.robot.shape import Capsule
 
 Axis = Literal[0, 1, 2]
 
@@ -75,6 +76,8 @@ class Robot:
 
     ``skew`` [rad] and ``lift`` [m] bound how far corrections lean and shift the axes from where the drawing of the arm
     has them: what is parallel or in one plane there counts as such within them.
+
+    ``shape`` are the capsules that base, links and tool lie in; empty where the shape is not known.
     """
 
     name: str
@@ -91,6 +94,7 @@ class Robot:
     lift: float = 0.0
     sources: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
+    shape: tuple[Capsule, ...] = ()
 
     @property
     def n(self) -> int:
