@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.units_text import count, length, percent, quantity
 from posture_opt.report.words import CRITERIA, PARTS, source_words
 from posture_opt.selection.nlp import Values
-from posture_opt.selection.task_target import FREE, SIZES
+from posture_opt.selection.task_target import FREE, SIZES, TaskTarget
 from posture_opt.units import UNKNOWN, number
 
 if TYPE_CHECKING:
@@ -31,7 +33,11 @@ _MEANING = {
     "clearance": "clearance of the hole",
     "sin_tilt": "sine of the tilt that is allowed",
     "scale": "variance that the objective is divided by",
+    "axis": "where the tool axis is to point",
+    "a1": "first axis across that",
+    "a2": "second axis across that",
 }
+_OF_AXIS = ("axis", "a1", "a2")
 
 
 def checks_block(solution: Solution) -> Block:
@@ -145,8 +151,7 @@ def _almost(gain: float) -> str:
 def explain_report(solution: Solution) -> Report:
     """The nonlinear program as it was solved."""
     nlp = solution.optimisation_problem.nlp
-    parameters = solution.target.parameters
-    values = Values.of(nlp, solution.q, parameters)
+    values = Values.of(nlp, solution.q, solution.target.parameters)
     lead = (
         f"Minimise the objective over {len(nlp.variables)} joint values, subject to the bounds of the joints and to "
         f"{len(nlp.rows)} rows; values at the {'nearest' if solution.status == 'infeasible' else 'best'} posture.",
@@ -155,7 +160,7 @@ def explain_report(solution: Solution) -> Report:
         Block("Objective", (_objective(nlp, values),)),
         Block("Variables", (_variables(nlp, solution.q),)),
         Block("Rows", (_rows(nlp, values) if nlp.rows else "None: the tool point is free.",)),
-        Block("Parameters of the target", (_parameters(parameters),)),
+        Block("Parameters of the target", (_parameters(solution.target),)),
     )
     return Report(f"Nonlinear program of: {solution.problem.name}", lead, blocks)
 
@@ -190,11 +195,13 @@ def _binding(low: float, value: float, high: float) -> str:
     return "at its bound" if min(value - low, high - value) < tolerance else ""
 
 
-def _parameters(parameters: Array) -> Table:
-    rows, at = [], 0
+def _parameters(target: TaskTarget) -> Table:
+    rows, at, along = [], 0, np.array_equal(target.axis, target.direction)
     for name, size in SIZES.items():
-        entries = [float(v) for v in parameters[at : at + size]]
+        entries = [float(v) for v in target.parameters[at : at + size]]
         at += size
+        if name in _OF_AXIS and along:
+            continue  # the tool axis is held along the direction, which is told above
         rows.append((name, _MEANING[name], _entries(name, entries)))
     return Table(("parameter", "is", "value"), tuple(rows), text_columns=2)
 

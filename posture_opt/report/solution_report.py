@@ -129,7 +129,7 @@ def posture_block(solution: Solution) -> Block:
     facts = tool_facts(solution.spread)
     target, optimisation_problem = solution.target, solution.optimisation_problem
     if target.tilt and optimisation_problem.axis_rows:
-        leaning = math.degrees(lean(solution.spread, optimisation_problem.task.tool_axis, target.direction))
+        leaning = math.degrees(lean(solution.spread, optimisation_problem.task.tool_axis, target.axis))
         allowed = f"{math.degrees(target.tilt):.6g} deg is allowed"
         facts.append(("Tool leans", f"{fixed(leaning)} deg off the direction; {allowed}"))
     if solution.target.kind != "point":

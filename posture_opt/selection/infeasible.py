@@ -174,7 +174,7 @@ class _Infeasibility:
     def _tilt(self, starts: Array) -> tuple[Array, list[Reason]]:
         """The target is reached, but not with the tool axis along the direction: the least tilt that would do."""
         at, nlp = self.problem.quantities, self.problem.nlp
-        cosine = ca.dot(ca.DM(self.target.direction), at.axis)
+        cosine = ca.dot(ca.DM(self.target.axis), at.axis)
         order = np.argsort(-np.asarray(ca.Function("c", [nlp.x], [cosine]).map(len(starts))(starts.T)).ravel())
         lo, hi = nlp.variable_bounds
         q = self._least(-cosine, starts[order[:_REFINED]], lo, hi, self._rows("target"))

@@ -164,7 +164,7 @@ def unlimited(arm: Arm) -> Arm:
 def axis_can_reach(arm: Arm, tool_axis: tuple[float, float, float], target: TaskTarget, slack: float) -> bool:
     """Whether the tool axis can come within the allowed tilt and ``slack`` of the direction, anywhere."""
     ik = InverseKinematics(unlimited(arm), tool_axis, np.eye(3), compiled=False)
-    request = PoseRequest(np.zeros(3), target.direction, target.basis[:, 0], np.array([0.0, 1.0, 0.0]))
+    request = PoseRequest(np.zeros(3), target.axis, target.axis_basis[:, 0], np.array([0.0, 1.0, 0.0]))
     _, errors = ik.solve(ik.random_postures(64, np.random.default_rng(0)), request)
     return bool(np.min(errors) <= 2 * np.sin(target.tilt / 2) + slack)
 

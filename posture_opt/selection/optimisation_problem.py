@@ -61,7 +61,7 @@ class OptimisationProblem:
 
     def fixed_along(self, target: TaskTarget) -> bool:
         """Whether no joint turns the tool axis, and it lies along the direction (within the tilt) as it is."""
-        angle = math.acos(max(-1.0, min(1.0, float(self.reach.axis @ target.direction))))
+        angle = math.acos(max(-1.0, min(1.0, float(self.reach.axis @ target.axis))))
         return self.reach.axis_rank == 0 and angle <= target.tilt + self.reach.axis_slack
 
     def axis_note(self, target: TaskTarget) -> str:
@@ -203,9 +203,9 @@ class OptimisationProblem:
         if not self.axis_rows:
             return []
         at, p, zero = self.quantities, self._symbols[1], ca.SX(0)
-        sideways = [ca.dot(p[b], at.axis) for b in ("b1", "b2")]
+        sideways = [ca.dot(p[a], at.axis) for a in ("a1", "a2")]
         slack = ca.SX(0.0 if self.alignment == "exact" else self.reach.axis_slack)
-        facing = Row("tool_axis.facing", "1", ca.dot(p["direction"], at.axis), zero, ca.SX(math.inf))
+        facing = Row("tool_axis.facing", "1", ca.dot(p["axis"], at.axis), zero, ca.SX(math.inf))
         if self.task.tilt == 0:
             sideways = sideways[: self.axis_rows]
             return [Row(f"tool_axis.{k + 1}", "1", s, -slack, slack) for k, s in enumerate(sideways)] + [facing]

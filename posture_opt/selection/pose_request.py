@@ -68,16 +68,16 @@ def request_for(
         any_point = np.full(count, True) if whole_box else np.arange(count) // 2 % 2 == 1
         position[any_point] = (target.lower + target.upper) / 2
         slack = np.where(any_point[:, None], (target.upper - target.lower) / 2, 0.0)
-    axis, cone = target.direction, np.array([slack_of_axis])
+    axis, cone = target.axis, np.array([slack_of_axis])
     if aligned and target.tilt > 0:
         # Half of the starts aim at drawn axes; the others take any axis of the cone, as an arm must that cannot
         # turn its tool everywhere.
         axis, any_axis = _within_tilt(target, count, rng), np.arange(count) % 2 == 1
-        axis[any_axis] = target.direction
+        axis[any_axis] = target.axis
         cone = np.where(any_axis, 2 * np.sin(_INSIDE * target.tilt / 2), 0.0)[:, None]
     weights = np.array([0.0 if anywhere else 1.0, 1.0 if aligned else 0.0, 0.0])
     assert np.all(np.abs(position) < FREE)
-    return PoseRequest(position, axis, target.basis[:, 0], weights, slack, cone)
+    return PoseRequest(position, axis, target.axis_basis[:, 0], weights, slack, cone)
 
 
 def held_request(target: TaskTarget, aligned: bool, slack_of_axis: float) -> PoseRequest:
@@ -86,12 +86,12 @@ def held_request(target: TaskTarget, aligned: bool, slack_of_axis: float) -> Pos
     middle, half = (target.lower + target.upper) / 2, (target.upper - target.lower) / 2
     weights = np.array([0.0 if anywhere else 1.0, 1.0 if aligned else 0.0, 0.0])
     cone = max(2 * np.sin(target.tilt / 2), slack_of_axis)
-    return PoseRequest(middle, target.direction, target.basis[:, 0], weights, half, np.array([cone]))
+    return PoseRequest(middle, target.axis, target.axis_basis[:, 0], weights, half, np.array([cone]))
 
 
 def _within_tilt(target: TaskTarget, count: int, rng: np.random.Generator) -> Array:
     """(count, 3) axes spread over the cone of the allowed tilt, every fourth one straight."""
     tilt = _INSIDE * target.tilt * np.sqrt(rng.uniform(size=count)) * (np.arange(count) % 4 != 0)
     turn = rng.uniform(0, 2 * np.pi, count)
-    sideways = np.cos(turn)[:, None] * target.basis[:, 0] + np.sin(turn)[:, None] * target.basis[:, 1]
-    return np.asarray(np.cos(tilt)[:, None] * target.direction + np.sin(tilt)[:, None] * sideways)
+    sideways = np.cos(turn)[:, None] * target.axis_basis[:, 0] + np.sin(turn)[:, None] * target.axis_basis[:, 1]
+    return np.asarray(np.cos(tilt)[:, None] * target.axis + np.sin(tilt)[:, None] * sideways)

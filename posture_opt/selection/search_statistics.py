@@ -133,8 +133,8 @@ def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep
 def _spun(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Array:
     """Postures that reach the target with the tool's spin held at each of many angles, every branch sought anew."""
     angles = np.repeat(np.arange(_SPINS) * 2 * np.pi / _SPINS, _SEEDS)
-    spin = np.cos(angles)[:, None] * target.basis[:, 0] + np.sin(angles)[:, None] * target.basis[:, 1]
-    request = PoseRequest(target.lower, target.direction, spin, np.ones(3))
+    spin = np.cos(angles)[:, None] * target.axis_basis[:, 0] + np.sin(angles)[:, None] * target.axis_basis[:, 1]
+    request = PoseRequest(target.lower, target.axis, spin, np.ones(3))
     Q, errors = engine.ik.solve(engine.ik.random_postures(len(angles), rng), request)
     return Q[errors < TOLERANCE]
 

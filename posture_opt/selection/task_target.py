@@ -149,7 +149,19 @@ def _normal(axes: list[Array]) -> Array:
     return np.asarray(np.linalg.svd(np.array(axes))[2][-1])
 
 
-SIZES = {"lower": 3, "upper": 3, "direction": 3, "b1": 3, "b2": 3, "clearance": 1, "sin_tilt": 1, "scale": 1}
+SIZES = {
+    "lower": 3,
+    "upper": 3,
+    "direction": 3,
+    "b1": 3,
+    "b2": 3,
+    "clearance": 1,
+    "sin_tilt": 1,
+    "scale": 1,
+    "axis": 3,
+    "a1": 3,
+    "a2": 3,
+}
 FREE = 1e6
 """A bound on the tool point that no arm reaches: the target is free."""
 
@@ -160,10 +172,12 @@ class TaskTarget:
 
     Args:
         lower, upper: (3,) box for the tool point, world [m]; equal for a point, ±``FREE`` for anywhere.
-        direction: (3,) unit vector, world.
+        direction: (3,) unit vector, world: the spread counts across it, along it, or whole.
         basis: (3, 2) orthonormal complement of ``direction``; the first column in the plane of a planar arm.
+        axis: (3,) unit vector, world: where the tool axis is to point; the direction, unless a path says otherwise.
+        axis_basis: (3, 2) orthonormal complement of ``axis``, as ``basis``.
         clearance: radial [m], NaN where not given.
-        tilt: allowed angle between tool axis and direction [rad].
+        tilt: allowed angle between the tool axis and ``axis`` [rad].
         scale: variance [m²] that the objective is divided by.
     """
 
@@ -171,6 +185,8 @@ class TaskTarget:
     upper: Array
     direction: Array
     basis: Array
+    axis: Array
+    axis_basis: Array
     clearance: float = math.nan
     tilt: float = 0.0
     scale: float = 1.0
@@ -184,8 +200,9 @@ class TaskTarget:
         elif task.region is not None:
             lower, upper = np.array(task.region.min), np.array(task.region.max)
         d = np.array(task.direction) / np.linalg.norm(task.direction)
+        B = across_basis(d, reach.normal)
         clearance = math.nan if task.clearance is None else task.clearance
-        return cls(lower, upper, d, across_basis(d, reach.normal), clearance, task.tilt)
+        return cls(lower, upper, d, B, d, B, clearance, task.tilt)
 
     def with_position(self, position: Array) -> TaskTarget:
         """The same target at another point."""
@@ -193,12 +210,17 @@ class TaskTarget:
         return replace(self, lower=point, upper=point)
 
     def with_direction(self, direction: Array, reach: Reach) -> TaskTarget:
-        """The same target along another direction."""
+        """The same target along another direction, the tool axis along it."""
         d = _vector(direction, "direction")
         if np.linalg.norm(d) < 1e-12:
             raise InputError(Issue("a direction of length zero points nowhere", ("direction",), direction))
         d = d / np.linalg.norm(d)
-        return replace(self, direction=d, basis=across_basis(d, reach.normal))
+        B = across_basis(d, reach.normal)
+        return replace(self, direction=d, basis=B, axis=d, axis_basis=B)
+
+    def with_axis(self, axis: Array, reach: Reach) -> TaskTarget:
+        """The same target, the tool axis along the unit vector ``axis`` (3,), world, instead of the direction."""
+        return replace(self, axis=axis, axis_basis=across_basis(axis, reach.normal))
 
     @cached_property
     def kind(self) -> str:
@@ -209,10 +231,11 @@ class TaskTarget:
 
     @cached_property
     def parameters(self) -> Array:
-        """(18,) the parameters of the optimisation problem, in the order of ``SIZES``."""
+        """(27,) the parameters of the optimisation problem, in the order of ``SIZES``."""
         clearance = 1.0 if math.isnan(self.clearance) else self.clearance
-        tail = [clearance, math.sin(self.tilt), self.scale]
-        return np.concatenate([self.lower, self.upper, self.direction, self.basis[:, 0], self.basis[:, 1], tail])
+        numbers = [clearance, math.sin(self.tilt), self.scale]
+        spread = [self.lower, self.upper, self.direction, *self.basis.T]
+        return np.concatenate([*spread, numbers, self.axis, *self.axis_basis.T])
 
 
 def target_symbols() -> tuple[ca.SX, dict[str, ca.SX]]:
