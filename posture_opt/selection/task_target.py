@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -222,6 +223,16 @@ class TaskTarget:
         """The same target, the tool axis along the unit vector ``axis`` (3,), world, instead of the direction."""
         return replace(self, axis=axis, axis_basis=across_basis(axis, reach.normal))
 
+    def moved(self, w: Array) -> TaskTarget:
+        """The same point in a frame that was the world's and is now at the placement w = (x, y, z, yaw) [m, rad]."""
+        assert self.kind == "point", "a box that is turned is none"
+        turn = math.cos(w[3]), math.sin(w[3])
+        point = turned_about_z(self.lower, *turn) + w[:3]
+        vectors = (self.direction, *self.basis.T, self.axis, *self.axis_basis.T)
+        d, b1, b2, a, a1, a2 = (turned_about_z(vector, *turn) for vector in vectors)
+        basis, axis_basis = np.column_stack([b1, b2]), np.column_stack([a1, a2])
+        return replace(self, lower=point, upper=point, direction=d, basis=basis, axis=a, axis_basis=axis_basis)
+
     @cached_property
     def kind(self) -> str:
         """``point``, ``region`` or ``anywhere``."""
@@ -243,6 +254,12 @@ def target_symbols() -> tuple[ca.SX, dict[str, ca.SX]]:
     p = ca.SX.sym("p", sum(SIZES.values()))
     parts = ca.vertsplit(p, [0, *np.cumsum(list(SIZES.values())).tolist()])
     return p, dict(zip(SIZES, parts, strict=True))
+
+
+def turned_about_z(vector: Any, c: Any, s: Any) -> Any:
+    """(3,) a vector turned about z by the angle of that cosine and sine: numbers, or symbols of CasADi."""
+    parts = (c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2])
+    return np.array(parts) if isinstance(vector, np.ndarray) else ca.vertcat(*parts)
 
 
 def _vector(value: Array, what: str) -> Array:
