@@ -13,6 +13,7 @@ from pydantic_core import CoreSchema
 from posture_opt.errors import BadValueError, as_given
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.robot import Factor, Joint, Robot, frame_factors
+from posture_opt.robot.shape_section import ShapeSpec, shaped
 from posture_opt.spec import Spec
 from posture_opt.units import Angle, Length, Mass, Quantity, parse_quantity
 
@@ -145,6 +146,7 @@ class RobotFormat(Spec):
     payload: Mass = 0.0
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     corrections: dict[str, Quantity] = Field({}, description="PARAMETER: what is added to its nominal value")
+    shape: ShapeSpec | None = Field(None, description="capsules that base, links and tool lie in, for collision checks")
 
     @field_validator("payload")
     @classmethod
@@ -169,8 +171,8 @@ class RobotFormat(Spec):
         """The chain in numbers as the format gives it, without the corrections."""
 
     def assemble(self, name: str, joints: tuple[Joint, ...], links: tuple[tuple[Factor, ...], ...]) -> Robot:
-        """A ``Robot`` of these links between the base and the tool of this section."""
-        return Robot(
+        """A ``Robot`` of these links between the base and the tool of this section, in the shape that it states."""
+        robot = Robot(
             name=name,
             joints=joints,
             links=links,
@@ -181,6 +183,7 @@ class RobotFormat(Spec):
             base_free=self.base.free,
             tool_free=self.tool.free,
         )
+        return shaped(robot, self.shape)
 
 
 class TableRobot(RobotFormat):

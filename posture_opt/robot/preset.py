@@ -15,6 +15,7 @@ from posture_opt.robot.dh import DhRobot
 from posture_opt.robot.format import RobotFormat
 from posture_opt.robot.mdh import MdhRobot
 from posture_opt.robot.robot import Repeatability, Robot
+from posture_opt.robot.shape_section import shaped
 from posture_opt.spec import Spec
 from posture_opt.units import Length
 
@@ -65,7 +66,8 @@ class PresetRobot(RobotFormat):
             robot = replace(robot, base=self.base.factors("base"), base_free=self.base.free)
         if "tool" in given:
             robot = replace(robot, tool=self.tool.factors("tool"), tool_free=self.tool.free)
-        return replace(robot, **{key: getattr(self, key) for key in ("payload", "gravity") if key in given})
+        robot = replace(robot, **{key: getattr(self, key) for key in ("payload", "gravity") if key in given})
+        return shaped(robot, self.shape)
 
 
 def preset_names() -> tuple[str, ...]:

@@ -1,0 +1,63 @@
+"""``robot.shape`` in the problem file: capsules one by one, or one radius for all links."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated
+
+from pydantic import Field
+
+from posture_opt.errors import InputError, Issue, did_you_mean
+from posture_opt.robot.link_capsules import along_links
+from posture_opt.robot.robot import Robot
+from posture_opt.robot.shape import BASE, TOOL, Capsule
+from posture_opt.spec import Spec
+from posture_opt.units import Length
+
+_Radius = Annotated[Length, Field(gt=0)]
+
+
+class CapsuleSpec(Spec):
+    """All points within ``radius`` of the segment from ``from`` to ``to``, in the frame behind ``joint``.
+
+    That is the DH or MDH frame, or the child link of a URDF joint; ``base`` stands still, ``tool`` is the tool frame.
+    """
+
+    joint: str
+    start: tuple[Length, Length, Length] = Field(alias="from")
+    end: tuple[Length, Length, Length] = Field(alias="to")
+    radius: _Radius
+
+    def capsule(self) -> Capsule:
+        """The capsule in numbers."""
+        return Capsule(self.joint, self.start, self.end, self.radius)
+
+
+class LinksShape(Spec):
+    """Capsules of one ``radius`` along all links, for an arm whose shape is not known any better."""
+
+    radius: _Radius
+
+
+ShapeSpec = tuple[CapsuleSpec, ...] | LinksShape
+
+
+def shaped(robot: Robot, given: ShapeSpec | None) -> Robot:
+    """The robot with the shape that its section gives in place of its own; without one, the robot itself.
+
+    Raises:
+        InputError: capsules of joints that the robot lacks; keys relative to the ``robot`` section.
+    """
+    if given is None:
+        return robot
+    if isinstance(given, LinksShape):
+        return replace(robot, shape=along_links(robot, given.radius))
+    known = (*robot.joint_names, BASE, TOOL)
+    issues = [
+        Issue("the robot has no such joint", ("shape", i, "joint"), spec.joint, did_you_mean(spec.joint, known))
+        for i, spec in enumerate(given)
+        if spec.joint not in known
+    ]
+    if issues:
+        raise InputError(issues)
+    return replace(robot, shape=tuple(spec.capsule() for spec in given))
