@@ -14,6 +14,7 @@ from typing import Any, get_args
 import pytest
 
 import posture_opt
+from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.model.effects import EFFECTS, NOISES
 from posture_opt.robot import FORMATS
 from posture_opt.selection.solvers import SOLVERS
@@ -34,7 +35,7 @@ PACKAGE = Path(posture_opt.__file__).parent
 MODULES = modules_of(PACKAGE)
 README = (PACKAGE.parent / "README.md").read_text(encoding="utf-8")
 HOME = {
-    "casadi": {"model", "uncertainty", "selection", "calibration", "diagnosis"},
+    "casadi": {"model", "collision", "uncertainty", "selection", "calibration", "diagnosis"},
     "matplotlib": {"report"},
     "yaml": {"problem", "robot"},  # the presets are YAML, and robots stand below problems
 }
@@ -51,6 +52,7 @@ NAMED_ALIKE = ("posture_opt.cli", "posture_opt.report")
 
 LISTS: dict[str, tuple[type[Any], ...]] = {
     "robot": FORMATS,
+    "collision.obstacles": OBSTACLES,
     "model.effects": EFFECTS,
     "model.effects.noise": NOISES,
     "selection.tasks": TASKS,

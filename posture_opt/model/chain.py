@@ -72,10 +72,10 @@ def factor_values(
     return values
 
 
-def walk(factors: Sequence[Factor], values: Sequence[Scalar]) -> Walk:
-    """Forward kinematics: the product of all factors, from the base to the tool."""
-    columns: list[Vector] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
-    origin: Vector = (0.0, 0.0, 0.0)
+def walk(factors: Sequence[Factor], values: Sequence[Scalar], begin: Walk | None = None) -> Walk:
+    """Forward kinematics: the product of all factors, from the base to the tool; on from where ``begin`` ends."""
+    columns: list[Vector] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)] if begin is None else [*begin.columns]
+    origin: Vector = (0.0, 0.0, 0.0) if begin is None else begin.position
     screws = []
     for factor, value in zip(factors, values, strict=True):
         axis = columns[factor.axis]

@@ -5,11 +5,14 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from posture_opt.calibration.fitted_arm import FittedArm
+from posture_opt.collision.cell import CellSpec
+from posture_opt.collision.scene import Scene
 from posture_opt.errors import Issue, KeyPath
 from posture_opt.measurements.measurements import DataSpec
 from posture_opt.model.arm import Arm
@@ -33,9 +36,6 @@ from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.uncertainty_section import MeasurementSpec, UncertaintySpec
-
-_TARGETS: dict[str, tuple[str, ...]] = {"position": (), "region": (), "features": ("workpiece", "combine")}
-"""Keys of a task that say where, one of them at a time, each with those that mean nothing without it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +67,17 @@ class Problem:
     overridden: frozenset[KeyPath] = frozenset()
     attached: Mapping[str, str] = field(default_factory=dict)
     header: tuple[str, ...] = ()
+    cell: CellSpec | None = None
 
     @property
     def robot(self) -> Robot:
         """The arm without its effects."""
         return self.arm.robot
+
+    @cached_property
+    def scene(self) -> Scene:
+        """What the arm may collide with: obstacles, and itself."""
+        return Scene.of(self.robot, self.cell)
 
     @property
     def corrections(self) -> dict[str, float]:
@@ -98,11 +104,9 @@ class Problem:
         """
         former = dict(self.document.get("task") or {})
         task = {**former, **({"kind": kind} if kind else {}), **keys}
-        for rival in _TARGETS:
-            if rival in keys:
-                for other in set(_TARGETS) - {rival, *keys}:
-                    for key in (other, *_TARGETS[other]):
-                        task.pop(key, None)
+        for rival, other in (("position", "region"), ("region", "position")):
+            if rival in keys and other not in keys:
+                task.pop(other, None)
         document = {**self.document, "task": task}
         spec = parse_spec(Document(document))
         notes = self.notes
@@ -256,4 +260,5 @@ def build_problem(document: Document, folder: Path, name: str, *, attached: Mapp
         document=document.data,
         origin=document,
         attached=texts,
+        cell=spec.cell,
     )

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import ConfigDict, Field
 
+from posture_opt.collision.cell import CellSpec
 from posture_opt.errors import KeyPath
 from posture_opt.measurements.measurements import DataSpec
 from posture_opt.model.effects import EffectSpec
@@ -29,6 +30,7 @@ class ProblemSpec(Spec):
     robot: RobotSpec = Field(description="the nominal arm", examples=[{"kind": "preset", "name": "ur10e"}])
     uncertainty: UncertaintySpec = Field(UncertaintySpec(), description="where the scatter comes from")
     task: TaskSpec | None = Field(None, description="what the tool point has to do")
+    cell: CellSpec | None = Field(None, description="what stands around the arm; none leaves collisions unchecked")
     effects: tuple[EffectSpec, ...] = Field((), description="what moves the tool point beyond the geometry")
     solver: SolverSpec = Field(Ipopt(), description="how the best posture is searched for")
     data: DataSpec = Field(DataSpec(), description="what is known about measurements besides their file")

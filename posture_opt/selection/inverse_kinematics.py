@@ -22,8 +22,9 @@ from posture_opt.model.compiled import BatchFunction
 from posture_opt.model.ldl import ldl, solved
 from posture_opt.model.row_loop import RowLoop
 from posture_opt.numerics import Array
+from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.selection.pose_request import PARTS, WIDTH, PoseRequest
-from posture_opt.selection.task_target import TaskTarget, drawn_between
+from posture_opt.selection.task_target import TaskTarget
 
 ROW_TOLERANCE = 1e-6
 """Largest violation of a row [m, rad or 1] of a posture that counts as feasible."""

@@ -10,6 +10,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
+from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk, stack
@@ -31,7 +32,8 @@ class OptimisationProblem:
 
     ``kind`` is ``point``, ``region`` or ``anywhere``; ``alignment`` says whether the tool axis is held along the
     direction exactly, within ``reach.axis_slack`` (an arm with too few joints for more), or not at all; ``in_plane``
-    whether the direction lies in the plane of a planar arm. They decide which rows and which spread there are; the
+    whether the direction lies in the plane of a planar arm; ``scene`` is what the arm keeps clear of by rows, None
+    where collisions are not looked at. They decide which rows and which spread there are; the
     numbers come later.
     """
 
@@ -41,6 +43,7 @@ class OptimisationProblem:
     kind: str
     alignment: Alignment
     in_plane: bool
+    scene: Scene | None = None
 
     @property
     def arm(self) -> Arm:
@@ -155,7 +158,7 @@ class OptimisationProblem:
         variables = tuple(Variable(j.name, units[j.type], j.lower, j.upper) for j in self.robot.joints)
         terms = self._objective_terms()
         objective = sum((expression for _, expression in terms), ca.SX(0))
-        rows = (*self._target_rows(), *self._axis_rows(), *self._bound_rows())
+        rows = (*self._target_rows(), *self._axis_rows(), *self._clearance_rows(), *self._bound_rows())
         worst = criteria.worst(self.quantities.projected(self.task.within)[0])
         return Nlp(self.q, self._symbols[0], variables, objective, rows, tuple(terms), worst)
 
@@ -211,6 +214,12 @@ class OptimisationProblem:
             return [Row(f"tool_axis.{k + 1}", "1", s, -slack, slack) for k, s in enumerate(sideways)] + [facing]
         tilt = ca.sumsqr(ca.vertcat(*sideways))
         return [Row("tool_axis.sin2_tilt", "1", tilt, ca.SX(-math.inf), p["sin_tilt"] ** 2), facing]
+
+    def _clearance_rows(self) -> list[Row]:
+        if self.scene is None:
+            return []
+        margin = ca.SX(self.scene.margin)
+        return [Row(name, "m", bound, margin, ca.SX(math.inf)) for name, bound in self.scene.rows(self.q)]
 
     def _bound_rows(self) -> list[Row]:
         rows = []

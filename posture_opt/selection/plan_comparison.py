@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, NoSolutionError, SolverError
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import factor_values, walk
@@ -155,6 +156,7 @@ class _Assumed:
     task: Task | None
     solver: Solver
     notes: tuple[str, ...]
+    scene: Scene
 
     @property
     def robot(self) -> Robot:
@@ -164,7 +166,7 @@ class _Assumed:
 def _scattering(model: HasTask, sources: Sources) -> HasTask:
     if not model.sources.empty:
         return model
-    return _Assumed(model.name, model.arm, sources, model.task, model.solver, model.notes)
+    return _Assumed(model.name, model.arm, sources, model.task, model.solver, model.notes, model.scene)
 
 
 def _planned(problem: HasTask, seed: int | None, workers: int, hint: str) -> PlannedPosture:

@@ -47,7 +47,7 @@ class PostureSelector:
 
     def __init__(self, problem: HasTask, *, compiled: bool | None = None) -> None:
         self._problem, self._compiled = problem, compiled
-        self.task = one_target(task_of(problem))
+        self.task = task_of(problem)
         self.tool_point = ToolPoint.of(problem.arm, sources_of(problem))
         self.reach = Reach.of(problem.arm, self.task.tool_axis)
         self.target = TaskTarget.of(self.task, self.reach)
@@ -57,10 +57,11 @@ class PostureSelector:
 
     def engine(self, target: TaskTarget) -> Engine:
         """The functions that solve targets of this kind; built on first use."""
+        scene = self._problem.scene if self._problem.scene.explicit else None
         in_plane = lies_in_plane(target.direction, self.reach.normal)
         key = target.kind, self._aligner.at(target), in_plane
         if key not in self._engines:
-            problem = OptimisationProblem(self.tool_point, self.task, self.reach, *key)
+            problem = OptimisationProblem(self.tool_point, self.task, self.reach, *key, scene)
             self._engines[key] = Engine(problem, self._problem.solver, self._compiled)
         return self._engines[key]
 
@@ -202,16 +203,6 @@ def task_of(problem: HasTask) -> Task:
     if problem.task is None:
         raise InputError(Issue("the problem states no task", ("task",), mend="add task: {kind: insert}"))
     return problem.task
-
-
-def one_target(task: Task) -> Task:
-    """The same task, or an InputError where it has several targets."""
-    if task.features:
-        mend = "use select_posture, or name one target: problem.with_task(position=[...])"
-        raise InputError(
-            Issue("this takes a task with one target, and the task has features", ("task", "features"), mend=mend)
-        )
-    return task
 
 
 def sources_of(problem: HasTask) -> Sources:

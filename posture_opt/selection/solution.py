@@ -9,6 +9,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from posture_opt.collision.scene import Clearance, Scene
 from posture_opt.numerics import Array, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
@@ -38,6 +39,8 @@ class HasTask(HasSources, Protocol):
     def solver(self) -> Solver: ...
     @property
     def notes(self) -> tuple[str, ...]: ...
+    @property
+    def scene(self) -> Scene: ...
 
 
 @dataclass(frozen=True)
@@ -151,6 +154,12 @@ class Solution(Result):
         """A spread that no posture can beat at this target."""
         return lower_bound(self.optimisation_problem.tool_point, self.target, self.basis)
 
+    @cached_property
+    def clearance(self) -> Clearance | None:
+        """The least distance of the arm to what it is checked against; None where nothing is."""
+        found: Clearance | None = self.problem.scene.clearance(self.q)
+        return found
+
     def gain_over(self, sigma: float) -> float:
         """Relative reduction of σ_max against ``sigma`` [m], ``1 − σ_max/sigma``: 0.1 means 10 % smaller."""
         return 1.0 - self.critical.sigma_max / sigma if sigma > 0 else 0.0
@@ -172,6 +181,7 @@ class Solution(Result):
             "budget": budget_json(self.budget),
             "budget_groups": groups_json(self.task_spread.budget_groups),
             "validity": spread.validity.to_json(),
+            "clearance": None if self.clearance is None else self.clearance.to_json(),
             "alternatives": [alternative.to_json() for alternative in self.alternatives],
             "floor": self._lower_bound_json(),
             "typical_sigma_max": finite_or_none(statistics.typical),

@@ -12,6 +12,7 @@ import numpy as np
 from posture_opt.errors import NoSolutionError
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.result import Result
+from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.selection.grid_layout import GridRequest, Plane, grid_of
 from posture_opt.selection.map_neighbours import Neighbourhood
 from posture_opt.selection.map_points import Grid, MapPoint, NeighbourSolves, map_points_of
@@ -19,7 +20,7 @@ from posture_opt.selection.map_search import best_candidates
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.selector import PostureSelector
 from posture_opt.selection.solution import HasTask
-from posture_opt.selection.task_target import TaskTarget, drawn_between
+from posture_opt.selection.task_target import TaskTarget
 
 _SAMPLES = 4000  # tool points that show how far the workspace goes
 _MARGIN = 1e-6  # of σ: differences below it do not make one target better than another

@@ -16,7 +16,7 @@ import numpy as np
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
-from posture_opt.robot.robot import Robot
+from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.task_spread import across_basis
 
@@ -117,15 +117,6 @@ class Reach:
     def misses(self, lower: Array, upper: Array) -> bool:
         """Whether no point of the box lies in the plane (or line) of the tool point."""
         return bool(np.linalg.norm(self.outside(lower, upper)) > self.plane_slack)
-
-
-def drawn_between(robot: Robot) -> tuple[Array, Array]:
-    """(n,) bounds that random postures are drawn between: the limits; of a turning joint one turn at most of them."""
-    lower, upper = np.array(robot.lower), np.array(robot.upper)
-    low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
-    slides = np.array([joint.type == "prismatic" for joint in robot.joints])
-    whole = slides | (low >= high)
-    return np.where(whole, lower, low), np.where(whole, upper, high)
 
 
 def _range(columns: Array, lean: float = 0.0, least: float = 0.0) -> Array:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 ROOMS = ["errors", "units", "spec", "numerics", "files", "output", "result"]
-ROOMS += ["robot", "model", "uncertainty", "selection"]
+ROOMS += ["robot", "model", "collision", "uncertainty", "selection"]
 ROOMS += ["measurements", "calibration", "validation", "experiments", "diagnosis", "batch", "problem", "report", "cli"]
 """The rooms of the package in the order in which they may import each other: each only those before it."""
 

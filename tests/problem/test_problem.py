@@ -209,7 +209,7 @@ def test_sources_join_as_independent_blocks() -> None:
 
 def test_json_schema_serialises_and_knows_all_sections() -> None:
     schema = json.loads(json.dumps(json_schema()))
-    assert set(schema["properties"]) == {"name", "robot", "uncertainty", "task", "effects", "solver", "data"}
+    assert set(schema["properties"]) == {"name", "robot", "uncertainty", "cell", "task", "effects", "solver", "data"}
     assert schema["additionalProperties"] is False
 
 

@@ -1,0 +1,45 @@
+"""The ``cell`` section of the problem file: what stands around the arm, and how near it may come."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
+from pydantic_core import CoreSchema
+
+from posture_opt.collision.obstacles import Obstacle, ObstacleSpec
+from posture_opt.errors import BadValueError
+from posture_opt.spec import Spec
+from posture_opt.units import Length
+
+
+class CellSpec(Spec):
+    """Obstacles in the world frame, and the least distance to keep; ``cell: none`` checks no collisions at all."""
+
+    obstacles: tuple[ObstacleSpec, ...] = Field((), description="what stands around the arm, world frame")
+    clearance: Annotated[Length, Field(ge=0)] = Field(
+        0.0, description="least distance of the arm to the obstacles, and of links that are not neighbours"
+    )
+    checked: bool = Field(True, description="false, as cell: none, leaves all collisions unchecked")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _word(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            if value.strip() != "none":
+                raise BadValueError(f"'{value}' is no cell", "write none or {obstacles: [...], clearance: 20 mm}")
+            return {"checked": False}
+        return value
+
+    @field_validator("obstacles")
+    @classmethod
+    def _named_once(cls, obstacles: tuple[Obstacle, ...]) -> tuple[Obstacle, ...]:
+        names = [obstacle.name for obstacle in obstacles]
+        for name in dict.fromkeys(names):
+            if names.count(name) > 1:
+                raise BadValueError(f"{names.count(name)} obstacles are called '{name}'", "give each a name of its own")
+        return obstacles
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"anyOf": [handler(schema), {"const": "none"}]}

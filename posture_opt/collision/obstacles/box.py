@@ -1,0 +1,34 @@
+"""Obstacle ``box``: a table, a wall, a fixture."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+
+from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side
+from posture_opt.collision.segment_distances import to_box
+from posture_opt.collision.smooth_bounds import box_bound
+from posture_opt.numerics import Array
+
+
+class Box(PlacedObstacle):
+    """A box of three side lengths about the origin of its frame."""
+
+    summary: ClassVar[str] = "a box (size: its sides) about xyz, turned by rpy"
+
+    kind: Literal["box"]
+    size: tuple[Side, Side, Side]
+
+    @property
+    def half(self) -> tuple[float, float, float]:
+        """(3,) half sides [m]."""
+        x, y, z = self.size
+        return x / 2, y / 2, z / 2
+
+    def distance(self, start: Array, end: Array) -> Array:
+        return to_box(self.local(start), self.local(end), np.array(self.half))
+
+    def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
+        return [box_bound(*self.local_symbols(start, along), self.half, radius)]

@@ -1,0 +1,28 @@
+"""Obstacle ``cylinder``: a post, a drum, a pipe."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import casadi as ca
+
+from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side
+from posture_opt.collision.segment_distances import to_cylinder
+from posture_opt.collision.smooth_bounds import cylinder_bound
+from posture_opt.numerics import Array
+
+
+class Cylinder(PlacedObstacle):
+    """A solid cylinder with flat ends about z of its frame, half its length to either side of the origin."""
+
+    summary: ClassVar[str] = "a cylinder (radius, length) about the z axis of its frame, xyz in its middle"
+
+    kind: Literal["cylinder"]
+    radius: Side
+    length: Side
+
+    def distance(self, start: Array, end: Array) -> Array:
+        return to_cylinder(self.local(start), self.local(end), self.radius, self.length / 2)
+
+    def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
+        return [cylinder_bound(*self.local_symbols(start, along), self.radius, self.length / 2, radius)]

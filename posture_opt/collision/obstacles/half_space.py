@@ -1,0 +1,47 @@
+"""Obstacle ``half_space``: the floor, a wall, a ceiling."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Literal
+
+import casadi as ca
+import numpy as np
+from pydantic import field_validator
+
+from posture_opt.collision.obstacles.obstacle import Obstacle
+from posture_opt.collision.segment_distances import to_half_space
+from posture_opt.collision.smooth_bounds import half_space_bounds
+from posture_opt.errors import BadValueError
+from posture_opt.numerics import Array
+from posture_opt.units import Length
+
+
+class HalfSpace(Obstacle):
+    """All points with ``normal · x < offset``, the normal of any length taken as a unit vector."""
+
+    summary: ClassVar[str] = "solid where normal . x < offset: a floor, a wall"
+
+    kind: Literal["half_space"]
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    offset: Length = 0.0
+
+    @field_validator("normal")
+    @classmethod
+    def _points_somewhere(cls, normal: tuple[float, float, float]) -> tuple[float, float, float]:
+        if math.hypot(*normal) < 1e-12:
+            raise BadValueError("a normal of length zero points nowhere", "write for example [0, 0, 1]")
+        return normal
+
+    @property
+    def unit_normal(self) -> tuple[float, float, float]:
+        """(3,) out of the solid."""
+        x, y, z = self.normal
+        size = math.hypot(x, y, z)
+        return x / size, y / size, z / size
+
+    def distance(self, start: Array, end: Array) -> Array:
+        return to_half_space(start, end, np.array(self.unit_normal), self.offset)
+
+    def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
+        return half_space_bounds(start, along, self.unit_normal, self.offset, radius)

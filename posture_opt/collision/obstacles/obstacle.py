@@ -1,0 +1,73 @@
+"""``Obstacle``: a solid that stands in the world; a ``PlacedObstacle`` has a frame of its own."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from functools import cached_property
+from typing import Annotated, ClassVar
+
+import casadi as ca
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from posture_opt.errors import BadValueError
+from posture_opt.model.chain import walk
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import frame_factors
+from posture_opt.spec import Spec
+from posture_opt.units import Angle, Length
+
+Side = Annotated[Length, Field(gt=0)]
+Points = tuple[ca.SX, ca.SX]
+"""Where a segment starts and the vector to its end."""
+
+
+def _told(name: str) -> str:
+    if not name.strip():
+        raise BadValueError("an obstacle needs a name, by which reports speak of it", "write for example name: table")
+    return name
+
+
+class Obstacle(Spec):
+    """A convex solid at rest, in the world frame."""
+
+    summary: ClassVar[str]
+    """One line for ``optimize-posture list``."""
+
+    name: Annotated[str, AfterValidator(_told)]
+    kind: str
+
+    @abstractmethod
+    def distance(self, start: Array, end: Array) -> Array:
+        """(...) exact distance of segments (..., 3) [m], world; zero or less where they touch it."""
+
+    @abstractmethod
+    def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
+        """Smooth expressions whose least is a lower bound of the distance of a capsule [m].
+
+        Args:
+            start, along: (3,) where its segment starts and the vector to its end, world [m].
+            length: of the segment; ``radius`` of the capsule [m].
+        """
+
+
+class PlacedObstacle(Obstacle):
+    """An obstacle with a frame: ``T = Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)`` in the world."""
+
+    xyz: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    rpy: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+
+    @cached_property
+    def rotation(self) -> Array:
+        """(3, 3) from its frame to the world."""
+        factors = frame_factors("obstacle", (0.0, 0.0, 0.0), self.rpy)
+        return np.array(walk(factors, [factor.nominal for factor in factors]).columns, dtype=float).T
+
+    def local(self, points: Array) -> Array:
+        """(..., 3) points of the world in its frame [m]."""
+        return np.asarray((points - np.array(self.xyz)) @ self.rotation)
+
+    def local_symbols(self, start: ca.SX, along: ca.SX) -> Points:
+        """A segment in its frame."""
+        R = ca.DM(self.rotation.T)
+        return R @ (start - ca.DM(list(self.xyz))), R @ along

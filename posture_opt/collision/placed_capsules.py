@@ -1,0 +1,76 @@
+"""``PlacedCapsules``: the capsules of an arm at its postures, in numbers and as symbols."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from posture_opt.model.chain import Walk, add, factor_values, scale, stack, walk
+from posture_opt.model.compiled import BatchFunction
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Factor, Robot
+from posture_opt.robot.shape import BASE, TOOL, Capsule
+
+Placed = tuple[ca.SX, ca.SX]
+"""(3,) where the segment of a capsule starts, and the vector to its end [m]."""
+
+
+@dataclass(frozen=True)
+class PlacedCapsules:
+    """Capsules of a robot, each in one of the frames of its chain: 0 the base, k behind joint k, n + 1 the tool."""
+
+    robot: Robot
+    capsules: tuple[Capsule, ...]
+
+    @cached_property
+    def frames(self) -> tuple[int, ...]:
+        """The frame of each capsule."""
+        at = {BASE: 0, TOOL: self.robot.n + 1, **{name: k + 1 for k, name in enumerate(self.robot.joint_names)}}
+        return tuple(at[capsule.joint] for capsule in self.capsules)
+
+    @cached_property
+    def bodies(self) -> tuple[int, ...]:
+        """The joints that move each capsule: 0 the base, k the link behind joint k; a tool moves with the last one."""
+        return tuple(min(frame, self.robot.n) for frame in self.frames)
+
+    @cached_property
+    def radii(self) -> Array:
+        """(c,) [m]."""
+        return np.array([capsule.radius for capsule in self.capsules])
+
+    def segments(self, Q: Array) -> tuple[Array, Array]:
+        """(N, c, 3) starts and ends of the segments at the postures (N, n), world [m]."""
+        starts, ends = self._function(Q)
+        shape = len(starts), len(self.capsules), 3
+        return starts.reshape(shape), ends.reshape(shape)
+
+    @cached_property
+    def _function(self) -> BatchFunction:
+        q = ca.SX.sym("q", self.robot.n)
+        placed = [self.symbols(q, k) for k in range(len(self.capsules))]
+        points = [ca.vertcat(*ends) for ends in zip(*((start, start + along) for start, along in placed), strict=True)]
+        return BatchFunction(ca.Function("segments", [q], [ca.densify(ca.SX(p)) for p in points]), compiled=False)
+
+    def symbols(self, q: ca.SX, k: int, seen_from: int | None = None) -> Placed:
+        """Capsule k at the joint values ``q`` (n,), in the world, or in the frame ``seen_from`` that lies before it."""
+        reached = self._reached(q, self.frames[k], seen_from)
+        capsule = self.capsules[k]
+        start, end = (_point(reached, point) for point in (capsule.start, capsule.end))
+        return start, end - start
+
+    def _reached(self, q: ca.SX, frame: int, seen_from: int | None) -> Walk:
+        groups: Sequence[tuple[Factor, ...]] = (self.robot.base, *self.robot.links, self.robot.tool)
+        first = 0 if seen_from is None else seen_from + 1
+        factors = [factor for group in groups[first : frame + 1] for factor in group]
+        return walk(factors, factor_values(factors, ca.vertsplit(q)))
+
+
+def _point(reached: Walk, local: Sequence[float]) -> ca.SX:
+    moved = reached.position
+    for value, column in zip(local, reached.columns, strict=True):
+        moved = add(moved, scale(value, column))
+    return ca.SX(stack([ca.SX(entry) for entry in moved]))

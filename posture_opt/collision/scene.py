@@ -1,0 +1,158 @@
+"""``Scene``: an arm with its shape and what stands around it; how near they come to each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from posture_opt.collision.cell import CellSpec
+from posture_opt.collision.obstacles import Obstacle
+from posture_opt.collision.pairs import Pair, exposed, obstacle_distances, own_distances, own_pairs
+from posture_opt.collision.placed_capsules import PlacedCapsules
+from posture_opt.collision.smooth_bounds import segment_bound, soft_minimum
+from posture_opt.numerics import Array
+from posture_opt.robot.link_capsules import stand_in
+from posture_opt.robot.robot import Robot
+
+ITSELF = "clearance of the arm to itself"
+"""Name of the row that keeps links apart."""
+
+
+class Clearance(NamedTuple):
+    """The least distance [m], negative where bodies overlap, and between which: joints, or a joint and an obstacle."""
+
+    distance: float
+    between: tuple[str, str]
+
+    def to_json(self) -> dict[str, Any]:
+        """The key ``clearance`` of a document."""
+        return {"distance": self.distance, "between": list(self.between)}
+
+
+class ClearanceRow(NamedTuple):
+    """A smooth lower bound of the least distance of one group of pairs [m], under a name that tells which."""
+
+    name: str
+    bound: ca.SX
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is checked for collisions.
+
+    Args:
+        placed: the capsules of the arm.
+        obstacles: in the world.
+        margin: least distance to keep [m].
+        own: pairs of capsules that are checked against each other.
+        against: for each obstacle the capsules that are checked against it.
+        assumed: whether the shape is not known, and capsules along the links stand in for it.
+        mounted: (joint, obstacle) that always touch, as the first link on its table, and are not checked.
+        explicit: whether the problem file describes a cell.
+    """
+
+    placed: PlacedCapsules
+    obstacles: tuple[Obstacle, ...]
+    margin: float
+    own: tuple[Pair, ...]
+    against: tuple[tuple[int, ...], ...]
+    assumed: bool = False
+    mounted: tuple[tuple[str, str], ...] = ()
+    explicit: bool = False
+
+    @classmethod
+    def of(cls, robot: Robot, cell: CellSpec | None) -> Scene:
+        """An arm of known shape is checked against itself and all obstacles; one of unknown shape against obstacles.
+
+        Nothing is checked where the cell says so.
+        """
+        asked = CellSpec() if cell is None else cell
+        obstacles = asked.obstacles if asked.checked else ()
+        assumed = bool(obstacles) and not robot.shape
+        capsules = stand_in(robot) if assumed else robot.shape
+        placed = PlacedCapsules(robot, capsules if asked.checked else ())
+        shown = [exposed(placed, obstacle, asked.clearance) for obstacle in obstacles]
+        mounted = tuple(
+            (placed.capsules[k].joint, obstacle.name)
+            for obstacle, (_, always) in zip(obstacles, shown, strict=True)
+            for k in always
+        )
+        own = () if assumed else own_pairs(placed, asked.clearance)
+        against = tuple(checked for checked, _ in shown)
+        return cls(placed, obstacles, asked.clearance, own, against, assumed, mounted, bool(obstacles))
+
+    @property
+    def robot(self) -> Robot:
+        """The arm."""
+        return self.placed.robot
+
+    @property
+    def active(self) -> bool:
+        """Whether anything is checked."""
+        return bool(self.own) or any(self.against)
+
+    @cached_property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """The two names of everything that `distances` holds, column by column."""
+        joints = [capsule.joint for capsule in self.placed.capsules]
+        own = [(joints[i], joints[j]) for i, j in self.own]
+        others = zip(self.obstacles, self.against, strict=True)
+        return (*own, *((joints[k], obstacle.name) for obstacle, chosen in others for k in chosen))
+
+    def distances(self, Q: Array) -> Array:
+        """(N, k) exact distance of every pair at the postures (N, n) [m].
+
+        Zero or less where they overlap, but not how deep.
+        """
+        start, end = self.placed.segments(np.atleast_2d(Q))
+        parts = [own_distances(self.placed, start, end, self.own)] if self.own else []
+        parts += [
+            obstacle_distances(self.placed, obstacle, start, end, chosen)
+            for obstacle, chosen in zip(self.obstacles, self.against, strict=True)
+            if chosen
+        ]
+        return np.hstack([np.zeros((len(start), 0)), *parts])
+
+    def least(self, Q: Array) -> Array:
+        """(N,) least distance at each of the postures (N, n) [m]; infinite where nothing is checked."""
+        return np.asarray(np.min(self.distances(Q), axis=1, initial=np.inf)) if self.active else np.full(len(Q), np.inf)
+
+    def clearance(self, Q: Array) -> Clearance | None:
+        """The least distance over the postures (N, n) or (n,), and between which; None where nothing is checked."""
+        if not self.active:
+            return None
+        least = self.distances(Q).min(axis=0)
+        k = int(np.argmin(least))
+        return Clearance(float(least[k]), self.pairs[k])
+
+    def rows(self, q: ca.SX) -> list[ClearanceRow]:
+        """A lower bound of the least distance to each obstacle, and of the arm to itself, at joint values ``q`` (n,).
+
+        Each is to be at least ``margin``. At most `smooth_bounds.SLACK` below the true distance, and half of
+        `smooth_bounds.ROUNDING` for each doubling of pairs that are equally near.
+        """
+        found = []
+        for obstacle, chosen in zip(self.obstacles, self.against, strict=True):
+            bounds = [bound for k in chosen for bound in self._to_obstacle(q, obstacle, k)]
+            if bounds:
+                found.append(ClearanceRow(f"clearance to {obstacle.name}", soft_minimum(bounds)))
+        if self.own:
+            found.append(ClearanceRow(ITSELF, soft_minimum([self._between(q, i, j) for i, j in self.own])))
+        return found
+
+    def _to_obstacle(self, q: ca.SX, obstacle: Obstacle, k: int) -> list[ca.SX]:
+        capsule = self.placed.capsules[k]
+        return obstacle.bounds(*self.placed.symbols(q, k), capsule.length, capsule.radius)
+
+    def _between(self, q: ca.SX, i: int, j: int) -> ca.SX:
+        """Seen from the frame of the first one, so that only joints between them take part."""
+        first, second = self.placed.capsules[i], self.placed.capsules[j]
+        seen_from = self.placed.frames[i]
+        start, along = self.placed.symbols(q, i, seen_from)
+        other, other_along = self.placed.symbols(q, j, seen_from)
+        radius = first.radius + second.radius
+        return segment_bound(start, along, first.length, other, other_along, second.length, radius)

@@ -1,0 +1,185 @@
+"""Smooth lower bounds of the distance of a capsule to a solid, as expressions for a nonlinear program.
+
+The least squared distance of a segment ``a + s u`` to a convex solid is that of a convex function of the share s, but
+its gradient jumps where the segment is parallel to a face or to another segment. So ``ε s (s − 1) ≤ 0`` is added before
+the least is taken: the sum has one minimiser, its least value is differentiable (Danskin 1967), never above the true
+one, and below it by ``ε/4`` at most for each share. `SLACK` says what that may cost of the distance.
+
+Minimisers are found without a derivative where that is possible: at the minimiser it does not count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+
+SLACK = 5e-4
+"""How much below the true distance the bound of one pair may be [m], near contact."""
+ROUNDING = 1e-3
+"""Width of the soft minimum [m]: two equal distances count as half of it less."""
+_NEAR = 5e-3  # m: between centre lines; where they are nearer, a line takes the place of the root
+_STEPS = 5  # of Newton's method for a cylinder
+_DIGITS = 2.0**40
+_TINY = 1e-12
+_THIN = 1e-24  # m²: keeps the root away from zero on the axis of a cylinder
+
+
+def segment_bound(
+    start: ca.SX, along: ca.SX, length: float, other: ca.SX, other_along: ca.SX, other_length: float, radius: float
+) -> ca.SX:
+    """Lower bound of the distance of two capsules [m].
+
+    Args:
+        start, other: (3,) where the segments start; along, other_along: (3,) their ends less that.
+        length, other_length: of the segments [m].
+        radius: sum of the radii [m].
+    """
+    eps = 2 * SLACK * 2 * radius
+    w = start - other
+    A, C = length**2 + eps, other_length**2 + eps
+    b, d, e = ca.dot(along, other_along), ca.dot(along, w), ca.dot(other_along, w)
+    s = _clipped(((eps / 2 - d) * C + b * (e + eps / 2)) / (A * C - b * b))
+    t = _clipped((b * s + e + eps / 2) / C)
+    s = _clipped((b * t + eps / 2 - d) / A)
+    squared = ca.dot(w, w) + s * (A * s - 2 * b * t + 2 * d - eps) + t * (C * t - 2 * e - eps)
+    return _root(squared) - radius
+
+
+def point_bound(start: ca.SX, along: ca.SX, length: float, point: Sequence[float], radius: float) -> ca.SX:
+    """Distance of a capsule to a sphere about ``point`` (3,) [m], exact; ``radius`` is the sum of both."""
+    w = start - ca.DM(list(point))
+    s = _settled(_clipped(-ca.dot(along, w) / max(length**2, _TINY)))
+    s = _refined(s, ca.dot(along, w) + length**2 * s, ca.SX(max(length**2, _TINY)))
+    return _root(ca.sumsqr(w + s * along)) - radius
+
+
+def half_space_bounds(start: ca.SX, along: ca.SX, normal: Sequence[float], offset: float, radius: float) -> list[ca.SX]:
+    """Heights of both ends of a capsule over the plane ``normal · x = offset`` [m]; one where they are the same."""
+    n = ca.DM(list(normal))
+    ends = [start, start + along] if not along.is_zero() else [start]
+    return [ca.dot(n, end) - offset - radius for end in ends]
+
+
+def box_bound(start: ca.SX, along: ca.SX, half: Sequence[float], radius: float) -> ca.SX:
+    """Lower bound of the distance of a capsule to the box of half sides ``half`` (3,) about the origin [m].
+
+    The derivative along the segment is piecewise linear, with a corner where the segment crosses the plane of a face.
+    """
+    eps = 4 * SLACK * 2 * radius
+    h = ca.DM(list(half))
+
+    def excess(s: ca.SX) -> ca.SX:
+        point = start + s * along
+        return point - ca.fmin(ca.fmax(point, -h), h)
+
+    def slope(s: ca.SX) -> ca.SX:
+        return ca.dot(excess(s), along) + eps * (s - 0.5)
+
+    corners = [ca.SX(0), ca.SX(1)]
+    corners += [
+        _clipped((side * half[k] - start[k]) / ca.if_else(ca.fabs(along[k]) > _TINY, along[k], _TINY))
+        for k in range(3)
+        for side in (-1, 1)
+    ]
+    s = _settled(_between(corners, [slope(corner) for corner in corners]))
+    outside = ca.fabs(start + s * along) > h
+    s = _refined(s, slope(s), ca.dot(outside, along**2) + eps)
+    return _root(ca.sumsqr(excess(s)) + eps * s * (s - 1)) - radius
+
+
+def cylinder_bound(start: ca.SX, along: ca.SX, size: float, half: float, radius: float) -> ca.SX:
+    """Lower bound of the distance of a capsule to the solid cylinder of radius ``size`` about z, −half to half [m].
+
+    The corners of the derivative lie where the segment enters or leaves the infinite cylinder and the slab; Newton's
+    method goes on from the secant between two of them. What it may not have reached is taken off.
+    """
+    eps = 4 * SLACK * 2 * radius
+    flat = along[0] ** 2 + along[1] ** 2
+
+    def parts(s: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        x, y, z = ca.vertsplit(start + s * along)
+        rho = ca.sqrt(x * x + y * y + _THIN)
+        over = ca.fmax(rho - size, 0)
+        high = z - ca.fmin(ca.fmax(z, -half), half)
+        inward = (x * along[0] + y * along[1]) / rho
+        slope = over * inward + high * along[2] + eps * (s - 0.5)
+        beyond = (over > 0) * (inward**2 + over / rho * (flat - inward**2))
+        return over, high, slope, beyond + (high != 0) * along[2] ** 2 + eps
+
+    middle = -(start[0] * along[0] + start[1] * along[1]) / (flat + _TINY)
+    reach = (start[0] + middle * along[0]) ** 2 + (start[1] + middle * along[1]) ** 2
+    wide = ca.sqrt(ca.fmax(size**2 - reach, 0) / (flat + _TINY))
+    rise = ca.if_else(ca.fabs(along[2]) > _TINY, along[2], _TINY)
+    shares = [middle - wide, middle + wide, (half - start[2]) / rise, (-half - start[2]) / rise]
+    corners = [ca.SX(0), ca.SX(1), *map(_clipped, shares)]
+    slopes = [parts(corner)[2] for corner in corners]
+    low, high = _bracket(corners, slopes)
+    s = _between(corners, slopes)
+    for _ in range(_STEPS):
+        _, _, slope, curvature = parts(s)
+        s = ca.fmin(ca.fmax(s - slope / curvature, low), high)
+    s = _settled(s)
+    s = _refined(s, *parts(s)[2:])
+    over, above, slope, _ = parts(s)
+    left = ca.if_else((s <= 0) * (slope > 0) + (s >= 1) * (slope < 0), 0, slope)
+    return _root(over**2 + above**2 + eps * s * (s - 1) - _settled_up(left**2 / eps)) - radius
+
+
+def soft_minimum(distances: Sequence[ca.SX]) -> ca.SX:
+    """A smooth lower bound of the least of k distances [m], below it by ``½ ROUNDING ⌈log₂ k⌉`` at most.
+
+    ``min(a, b) ≥ (a + b − √((a − b)² + δ²))/2``, taken pair by pair.
+    """
+    level = list(distances)
+    while len(level) > 1:
+        paired = [_softer(level[k], level[k + 1]) for k in range(0, len(level) - 1, 2)]
+        level = paired + level[len(level) - len(level) % 2 :]
+    return level[0]
+
+
+def _softer(a: ca.SX, b: ca.SX) -> ca.SX:
+    return (a + b - ca.sqrt((a - b) ** 2 + ROUNDING**2)) / 2
+
+
+def _root(squared: ca.SX) -> ca.SX:
+    """The square root, below `_NEAR` its tangent: there is a slope to follow out of a collision."""
+    return ca.sqrt(ca.fmax(squared, _NEAR**2)) + ca.fmin(squared - _NEAR**2, 0) / (2 * _NEAR)
+
+
+def _clipped(share: ca.SX) -> ca.SX:
+    return ca.fmin(ca.fmax(share, 0), 1)
+
+
+def _settled(value: ca.SX) -> ca.SX:
+    """The same number without a derivative."""
+    return ca.floor(value * _DIGITS) / _DIGITS
+
+
+def _settled_up(value: ca.SX) -> ca.SX:
+    return -ca.floor(-value * _DIGITS) / _DIGITS
+
+
+def _refined(share: ca.SX, slope: ca.SX, curvature: ca.SX) -> ca.SX:
+    """Newton's step from a share that is as good as the minimiser: it has the minimiser's derivative."""
+    return _clipped(share - slope / curvature)
+
+
+def _bracket(corners: Sequence[ca.SX], slopes: Sequence[ca.SX]) -> tuple[ca.SX, ca.SX]:
+    """The last corner with a slope below zero and the first one with a slope above, of slopes that only rise."""
+    low, high = ca.SX(0), ca.SX(1)
+    for corner, slope in zip(corners, slopes, strict=True):
+        low = ca.fmax(low, ca.if_else(slope <= 0, corner, 0))
+        high = ca.fmin(high, ca.if_else(slope >= 0, corner, 1))
+    return low, high
+
+
+def _between(corners: Sequence[ca.SX], slopes: Sequence[ca.SX]) -> ca.SX:
+    """Where the slope crosses zero, were it linear between corners; an end of the segment where it nowhere does."""
+    low, high = _bracket(corners, slopes)
+    below, above = ca.SX(-ca.inf), ca.SX(ca.inf)
+    for slope in slopes:
+        below = ca.fmax(below, ca.if_else(slope <= 0, slope, -ca.inf))
+        above = ca.fmin(above, ca.if_else(slope >= 0, slope, ca.inf))
+    share = low - below * (high - low) / ca.fmax(above - below, _TINY)
+    return ca.if_else(slopes[0] >= 0, 0, ca.if_else(slopes[1] <= 0, 1, share))
