@@ -37,6 +37,9 @@ from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.uncertainty_section import MeasurementSpec, UncertaintySpec
 
+_TARGETS: dict[str, tuple[str, ...]] = {"position": (), "region": (), "features": ("workpiece", "combine")}
+"""Keys of a task that say where, one of them at a time, each with those that mean nothing without it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -104,9 +107,11 @@ class Problem:
         """
         former = dict(self.document.get("task") or {})
         task = {**former, **({"kind": kind} if kind else {}), **keys}
-        for rival, other in (("position", "region"), ("region", "position")):
-            if rival in keys and other not in keys:
-                task.pop(other, None)
+        for rival in _TARGETS:
+            if rival in keys:
+                for other in set(_TARGETS) - {rival, *keys}:
+                    for key in (other, *_TARGETS[other]):
+                        task.pop(key, None)
         document = {**self.document, "task": task}
         spec = parse_spec(Document(document))
         notes = self.notes

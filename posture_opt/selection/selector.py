@@ -47,7 +47,7 @@ class PostureSelector:
 
     def __init__(self, problem: HasTask, *, compiled: bool | None = None) -> None:
         self._problem, self._compiled = problem, compiled
-        self.task = task_of(problem)
+        self.task = one_target(task_of(problem))
         self.tool_point = ToolPoint.of(problem.arm, sources_of(problem))
         self.reach = Reach.of(problem.arm, self.task.tool_axis)
         self.target = TaskTarget.of(self.task, self.reach)
@@ -203,6 +203,16 @@ def task_of(problem: HasTask) -> Task:
     if problem.task is None:
         raise InputError(Issue("the problem states no task", ("task",), mend="add task: {kind: insert}"))
     return problem.task
+
+
+def one_target(task: Task) -> Task:
+    """The same task, or an InputError where it has several targets."""
+    if task.features:
+        mend = "use select_posture, or name one target: problem.with_task(position=[...])"
+        raise InputError(
+            Issue("this takes a task with one target, and the task has features", ("task", "features"), mend=mend)
+        )
+    return task
 
 
 def sources_of(problem: HasTask) -> Sources:

@@ -5,24 +5,17 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from posture_opt.errors import BadValueError
+from posture_opt.selection.direction import Direction
 from posture_opt.selection.terms import TermSpec
+from posture_opt.selection.workpiece import Combine, Features, Workpiece
 from posture_opt.spec import Spec
 from posture_opt.uncertainty.task_spread import Within
 from posture_opt.units import Angle, Celsius, Length, Mass, Time
 
 Criterion = Literal["worst", "trace", "area", "miss"]
-
-
-def _nonzero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    if math.hypot(*vector) < 1e-12:
-        raise BadValueError("a direction of length zero points nowhere", "write for example [0, 0, -1]")
-    return vector
-
-
-Direction = Annotated[tuple[float, float, float], AfterValidator(_nonzero)]
 
 
 class Region(Spec):
@@ -43,7 +36,8 @@ class Task(Spec):
     """A task at one place: where the tool point goes, along which direction, and which spread is minimised.
 
     ``direction`` and ``tool_axis`` are directions in the world and in the tool frame. Without ``position`` and
-    ``region`` the workpiece may stand anywhere in reach.
+    ``region`` the workpiece may stand anywhere in reach. With ``features`` the task is done at each of them, and
+    ``direction`` stands in the frame of the workpiece.
     """
 
     within: ClassVar[Within]
@@ -57,6 +51,9 @@ class Task(Spec):
     direction: Direction = (0.0, 0.0, -1.0)
     position: tuple[Length, Length, Length] | None = None
     region: Region | None = None
+    workpiece: Workpiece | None = Field(None, description="pose of the frame that features or a path stand in")
+    features: Features = Field((), description="places of the workpiece that are all served in one placement")
+    combine: Combine = "worst"
     tool_axis: Direction = (0.0, 0.0, 1.0)
     tilt: Annotated[Angle, Field(ge=0, le=math.pi / 2)] = 0.0
     clearance: Annotated[Length, Field(gt=0)] | None = None
@@ -81,8 +78,50 @@ class Task(Spec):
     def _one_target(self) -> Task:
         if self.position is not None and self.region is not None:
             raise BadValueError("position and region are both given", "keep one of them")
-        if self.criterion == "miss" and self.clearance is None:
+        if self.criterion == "miss" and not self._all_have_clearance:
             raise BadValueError("criterion miss needs the clearance of the hole", "add for example clearance: 0.2 mm")
         if self.criterion == "miss" and self.within == "all":
             raise BadValueError(f"criterion miss asks about a hole and task {self.kind} has none", "use worst or trace")
         return self
+
+    @model_validator(mode="after")
+    def _parts_of_a_workpiece(self) -> Task:
+        if self.features and (self.position is not None or self.region is not None):
+            word = "position" if self.position is not None else "region"
+            raise BadValueError(f"features and {word} are both given", "keep one of them: features have positions")
+        if self.workpiece is not None and not self.on_workpiece:
+            raise BadValueError(
+                "the workpiece has neither features nor a path",
+                "add features: [{name: hole 1, position: [30 mm, 0 m, 0 m]}]",
+            )
+        if "combine" in self.model_fields_set and not self.features:
+            raise BadValueError("combine says how features count together and there are none", "add features: [...]")
+        return self._combinable()
+
+    def _combinable(self) -> Task:
+        """The same task, where what it makes small of each feature can be combined as it says."""
+        if self.combine == "success":
+            if self.within == "all":
+                raise BadValueError(f"task {self.kind} has no hole to succeed at", "use combine: worst or mean")
+            if not self._all_have_clearance:
+                bare = next(feature.name for feature in self.features if feature.clearance is None)
+                mend = "add for example clearance: 0.2 mm to the task, or to every feature"
+                raise BadValueError(f"combine: success needs a clearance, and '{bare}' has none", mend)
+            if "criterion" in self.model_fields_set and self.criterion != "miss":
+                raise BadValueError(
+                    f"combine: success makes no use of criterion: {self.criterion}", "leave the criterion out"
+                )
+        if self.combine == "mean" and self.criterion == "miss":
+            raise BadValueError("probabilities to miss have no mean that matters", "write combine: success instead")
+        return self
+
+    @property
+    def on_workpiece(self) -> bool:
+        """Whether it names features, or a path, that stand in the frame of a workpiece."""
+        return bool(self.features)
+
+    @property
+    def _all_have_clearance(self) -> bool:
+        if self.clearance is not None:
+            return True
+        return bool(self.features) and all(feature.clearance is not None for feature in self.features)
