@@ -59,8 +59,10 @@ def solution_report(solution: Solution) -> Report:
     problem = solution.problem
     title = problem.name or "Posture selection"
     if solution.status == "infeasible":
-        return Report(title, ("There is no posture for this task.",), (
+        least = [f"The least change that helps: {r.change}." for r in solution.relaxations[:1]]
+        return Report(title, ("There is no posture for this task.", *least), (
             Block("Why", tuple(sentence(reason.message) for reason in solution.reasons)),
+            *changes_block(solution),
             problem_block(problem, solution),
             nearest_block(solution),
         ))  # fmt: skip
@@ -73,6 +75,12 @@ def solution_report(solution: Solution) -> Report:
         checks_block(solution),
     ]
     return Report(title, lead(solution), tuple(block for block in blocks if block.items))
+
+
+def changes_block(solution: Solution) -> tuple[Block, ...]:
+    """Changes of which any one makes the task possible, where there is a choice."""
+    changes = tuple(f"- {sentence(relaxation.change)}" for relaxation in solution.relaxations)
+    return (Block("Any one of these changes makes it possible", changes),) if len(changes) > 1 else ()
 
 
 def lead(solution: Solution) -> tuple[str, ...]:

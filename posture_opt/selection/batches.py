@@ -34,7 +34,7 @@ def until_found_often(
     """Starts until some local searches have found the best optimum; all of them at once where ``starts`` is given."""
     whole = multistart(engine, target, rng, starts or usual_starts(engine))
     for _ in range(1, 1 if starts else _PASSES):
-        if not whole.found or (whole.hits >= _HITS and whole.unseen_better <= _UNSEEN):
+        if not any(c.feasible for c in whole.found) or (whole.hits >= _HITS and whole.unseen_better <= _UNSEEN):
             break
         whole = whole.joined(multistart(engine, whole.target, rng, usual_starts(engine)), engine)
     return whole
@@ -59,8 +59,8 @@ def until_recurrence(
     """
     starts = starts or usual_starts(engine)
     whole = multistart(engine, target, np.random.default_rng([seed, 0]), starts, every=True)
-    if not whole.found:
-        return whole
+    if not any(candidate.feasible for candidate in whole.found):
+        return whole  # requirements that cannot be met are not met by more starts either
     values = [_best(whole)]
     for batch in _batches(engine, whole.target, seed, starts, workers):
         whole = whole.joined(batch, engine)

@@ -12,6 +12,7 @@ from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.clusters import clusters
+from posture_opt.selection.elastic_problem import ElasticProblem
 from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, InverseKinematics
 from posture_opt.selection.local_search import LocalOptima, LocalSearch
 from posture_opt.selection.optimisation_problem import OptimisationProblem
@@ -90,6 +91,11 @@ class Engine:
     def local(self) -> LocalSearch:
         """Follows postures to local optima."""
         return LocalSearch(self.optimisation_problem.nlp, self.ik.step, self.solver.tolerance, self.compiled)
+
+    @cached_property
+    def elastic(self) -> ElasticProblem:
+        """By how little requirements must give, where they cannot all be met."""
+        return ElasticProblem(self.optimisation_problem)
 
     @cached_property
     def last_word(self) -> Polish:

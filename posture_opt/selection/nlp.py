@@ -25,13 +25,22 @@ class Variable:
 
 @dataclass(frozen=True)
 class Row:
-    """A constraint ``lower ≤ expression ≤ upper`` [unit]; the bounds may depend on the target's parameters."""
+    """A constraint ``lower ≤ expression ≤ upper`` [unit]; the bounds may depend on the target's parameters.
+
+    ``term`` is the term or obstacle that it belongs to; the rows of target and tool axis say so in their names.
+    """
 
     name: str
     unit: str
     expression: ca.SX
     lower: ca.SX
     upper: ca.SX
+    term: str = ""
+
+    @property
+    def requirement(self) -> str:
+        """What people may change: ``target``, ``tool_axis``, or the term."""
+        return self.term or self.name.partition(".")[0]
 
 
 @dataclass(frozen=True)

@@ -223,12 +223,14 @@ class OptimisationProblem:
 
     def _bound_rows(self) -> list[Row]:
         rows = []
-        for term in self.task.subject_to:
+        kinds = [term.kind for term in self.task.subject_to]
+        for k, term in enumerate(self.task.subject_to):
+            name = term.kind if kinds.count(term.kind) == 1 else f"{term.kind} ({kinds[: k + 1].count(term.kind)})"
             low, high = term.bounds()
             if math.isinf(low) and math.isinf(high):
                 mend = "add at_most or at_least"
                 raise InputError(Issue(f"{term.kind} states no bound", ("task", "subject_to"), term.kind, mend))
             values = ca.vertsplit(ca.vec(term.quantity(self.quantities)))
             for label, value in zip(term.labels(self.quantities), values, strict=True):
-                rows.append(Row(label, term.unit, value, ca.SX(low), ca.SX(high)))
+                rows.append(Row(label, term.unit, value, ca.SX(low), ca.SX(high), name))
         return rows

@@ -146,11 +146,11 @@ class PostureSelector:
     def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:
         """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""
         engine = self.engine(found.target)
-        q, reasons = explain_infeasibility(engine, found)
-        if reasons:
-            solution = infeasible(self._problem, engine, found, q, reasons, time.perf_counter() - began)
-            raise NoSolutionError("\n".join(reason.message for reason in reasons), solution)
-        rescued = engine.polished(engine.candidates(q[None], found.target)[0], found.target)
+        why = explain_infeasibility(engine, found)
+        if why.reasons:
+            solution = infeasible(self._problem, engine, found, why, time.perf_counter() - began)
+            raise NoSolutionError("\n".join(reason.message for reason in why.reasons), solution)
+        rescued = engine.polished(engine.candidates(why.q[None], found.target)[0], found.target)
         if not rescued.feasible:
             raise SolverError(
                 "the solver failed: each requirement can be met, but no posture was found that meets all of them; "

@@ -15,6 +15,7 @@ from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.lower_bound import LowerBound, lower_bound
 from posture_opt.selection.optimisation_problem import OptimisationProblem
+from posture_opt.selection.relaxation import Reason, Relaxation
 from posture_opt.selection.search_statistics import SearchStatistics
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.task_target import TaskTarget
@@ -56,16 +57,6 @@ class Alternative:
         return {"posture": self.posture, "position": self.position.tolist(), "sigma_max": self.sigma_max}
 
 
-@dataclass(frozen=True)
-class Reason:
-    """One requirement that cannot be met: its name, a sentence, and by how much [unit]."""
-
-    requirement: str
-    message: str
-    amount: float
-    unit: str
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(Result):
     """The answer to one problem; where it is infeasible, the nearest posture and the reasons.
@@ -74,6 +65,7 @@ class Solution(Result):
         problem: with ``robot``, ``sources``, ``task`` and ``name``.
         q: (n,) the posture [rad or m].
         reasons: why there is no solution; empty where there is one.
+        relaxations: changes that would each make one possible, cheapest first.
         ranked: builds the alternatives when they are asked for.
     """
 
@@ -86,6 +78,7 @@ class Solution(Result):
     ranked: Callable[[], tuple[Alternative, ...]]
     notes: tuple[str, ...] = ()
     reasons: tuple[Reason, ...] = ()
+    relaxations: tuple[Relaxation, ...] = ()
 
     @property
     def posture(self) -> dict[str, float]:
@@ -188,6 +181,7 @@ class Solution(Result):
             "worst_sigma_max": finite_or_none(statistics.worst),
             "solver": statistics.to_json(),
             "reasons": [vars(reason) for reason in self.reasons],
+            "relaxations": [relaxation.to_json() for relaxation in self.relaxations],
             "notes": list(self.notes),
         }
 

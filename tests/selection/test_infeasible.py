@@ -1,0 +1,141 @@
+"""Tasks that cannot be done: the reason is the requirement that was made impossible, and what is offered does help."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.errors import NoSolutionError
+from posture_opt.selection.solution import Solution
+
+POINTS = {"ur10": [0.6, 0.2, 0.1], "panda": [0.45, 0.1, 0.2], "scara": [0.28, 0.15, -0.05]}
+FAR = {"ur10": [1.2, 0.9, 0.1], "panda": [0.8, 0.5, 0.2], "scara": [0.9, 0.2, -0.05]}
+TURNED = {
+    "ur10": {"shoulder_pan": "80 deg", "shoulder_lift": "80 deg"},
+    "panda": {"panda_joint1": "80 deg", "panda_joint2": "80 deg"},
+    "scara": {"joint1": "80 deg", "joint2": "80 deg"},
+}
+TERMS: dict[str, dict[str, Any]] = {
+    "link_height": {"at_least": "2 m"},
+    "singularity_margin": {"at_least": "2 m"},
+    "manipulability": {"at_least": "9 m"},
+    "spread": {"within": "all", "at_most": "1 um"},
+}
+EXTRA = 1.002  # of a move or a bound: what is told has four digits, and the optimum lies on the very boundary
+
+
+def asked(robot: str, position: list[float], **task: Any) -> dict[str, Any]:
+    return {
+        "robot": {"kind": "preset", "name": robot},
+        "uncertainty": {"repeatability": "0.05 mm"},
+        "task": {"kind": "insert", "position": [f"{x} m" for x in position], **task},
+    }
+
+
+def refused(data: dict[str, Any]) -> Solution:
+    with pytest.raises(NoSolutionError) as caught:
+        po.select_posture(po.problem_from_dict(data))
+    solution = caught.value.solution
+    assert isinstance(solution, Solution)
+    document = json.loads(json.dumps(solution.to_json(), allow_nan=False))
+    assert len(document["relaxations"]) == len(solution.relaxations) > 0
+    costs = [relaxation.cost for relaxation in solution.relaxations]
+    assert costs == sorted(costs)
+    return solution
+
+
+def changed(data: dict[str, Any], relaxation: Any, solution: Solution) -> dict[str, Any]:
+    """The data with the change made, by the numbers of its reasons and not by its words."""
+    data = copy.deepcopy(data)
+    task = data["task"]
+    for reason in relaxation.reasons:
+        kind = reason.requirement.split(" ")[0].split(".")[0]
+        if reason.requirement == "target":
+            q = list(relaxation.posture.values())
+            reached = np.array(po.propagate(solution.problem, q).position)
+            wanted = np.array([float(x.split()[0]) for x in task["position"]])
+            task["position"] = [f"{float(x)!r} m" for x in wanted + EXTRA * (reached - wanted)]
+        elif reason.requirement == "tool_axis":
+            task["tilt"] = f"{math.degrees(reason.amount) + 0.05} deg"
+        else:
+            (term,) = (term for term in task["subject_to"] if term["kind"] == kind)
+            key = "at_least" if "at_least" in term else "at_most"
+            value, unit = term[key].split()
+            size = {"m": 1.0, "um": 1e-6, "deg": math.radians(1.0)}[unit]
+            side = -1.0 if key == "at_least" else 1.0
+            bound = float(value) * size + side * reason.amount
+            term[key] = f"{(bound + side * (EXTRA - 1) * abs(bound)) / size} {unit}"
+    return data
+
+
+@pytest.mark.parametrize("robot", POINTS)
+class TestWhatIsOffered:
+    @pytest.mark.parametrize("kind", TERMS)
+    def test_a_term_is_named_and_each_change_helps(self, robot: str, kind: str) -> None:
+        data = asked(robot, POINTS[robot], subject_to=[{"kind": kind, **TERMS[kind]}])
+        solution = refused(data)
+        (reason,) = solution.reasons
+        assert reason.requirement.startswith(kind)
+        for relaxation in solution.relaxations:
+            assert po.select_posture(po.problem_from_dict(changed(data, relaxation, solution))).status != "infeasible"
+
+    def test_a_posture_far_away_offers_a_move_too(self, robot: str) -> None:
+        near = {"kind": "near_posture", "posture": TURNED[robot], "at_most": "2 deg"}
+        data = asked(robot, POINTS[robot], subject_to=[near])
+        solution = refused(data)
+        assert [reason.requirement for reason in solution.reasons] == ["near_posture"]
+        assert {r.reasons[0].requirement for r in solution.relaxations} >= {"near_posture", "target"}
+        for relaxation in solution.relaxations:
+            assert po.select_posture(po.problem_from_dict(changed(data, relaxation, solution))).status != "infeasible"
+
+    def test_two_terms_that_fail_are_both_named(self, robot: str) -> None:
+        terms = [{"kind": kind, **TERMS[kind]} for kind in ("spread", "link_height")]
+        data = asked(robot, POINTS[robot], subject_to=terms)
+        solution = refused(data)
+        assert {reason.requirement.split(" ")[0] for reason in solution.reasons} == {"spread", "link_height"}
+        for relaxation in solution.relaxations:
+            assert po.select_posture(po.problem_from_dict(changed(data, relaxation, solution))).status != "infeasible"
+
+    def test_a_move_into_reach_keeps_the_tool_axis(self, robot: str) -> None:
+        """The nearest point that the tool reaches at all would be out of reach again with the axis held."""
+        data = asked(robot, FAR[robot])
+        solution = refused(data)
+        assert [reason.requirement for reason in solution.reasons] == ["target"]
+        assert "towards the base" in solution.relaxations[0].change
+        moved = changed(data, solution.relaxations[0], solution)
+        assert po.select_posture(po.problem_from_dict(moved)).status != "infeasible"
+
+
+def test_the_move_is_the_least_one() -> None:
+    """No point nearer to the target is reached with the axis held: 2000 points on a sphere of 99 % of the distance."""
+    data = asked("panda", FAR["panda"])
+    solution = refused(data)
+    wanted, distance = np.array(FAR["panda"]), solution.reasons[0].amount
+    rng = np.random.default_rng(5)
+    away = rng.normal(size=(2000, 3))
+    away *= 0.99 * distance / np.linalg.norm(away, axis=1, keepdims=True)
+    selector = po.PostureSelector(po.problem_from_dict(data), compiled=False)
+    engine = selector.engine(selector.target)
+    for shift in away[:40]:
+        target = selector.target.with_position(wanted + shift)
+        Q, errors = engine.ik.solve(engine.ik.random_postures(200, rng), engine.request(target, 200, rng))
+        assert np.min(errors) > 1e-4, Q[np.argmin(errors)]
+
+
+def test_a_wrist_below_its_height_is_raised_by_what_it_lacks() -> None:
+    """The last frame of a UR10 is its tool point: at 100 mm with the target, asked to be at 150 mm."""
+    data = asked("ur10", POINTS["ur10"], subject_to=[{"kind": "link_height", "at_least": "150 mm"}])
+    solution = refused(data)
+    move, bound = solution.relaxations
+    assert move.reasons[0].amount == pytest.approx(0.05, abs=1e-6)
+    assert move.change == "move the target by (0.0, 0.0, 50.0) mm, 50 mm up"
+    assert bound.change == "set at_least of link_height to 100 mm (now 150 mm)"
+    report = solution.report()
+    assert "The least change that helps: move the target by (0.0, 0.0, 50.0) mm, 50 mm up." in report
+    assert "- Set at_least of link_height to 100 mm" in report
