@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BeforeValidator, WithJsonSchema
+from pydantic import BeforeValidator, PlainValidator, WithJsonSchema
 
 from posture_opt.errors import BadValueError, as_given
 
@@ -26,6 +27,7 @@ DIMENSIONS: dict[str, tuple[str, str]] = {
     "mass": ("kg", "2.5 kg"),
     "temperature": ("K", "20 K"),
     "time": ("s", "10 s"),
+    "torque": ("N*m", "50 N m"),
     "angle per torque": ("rad/(N*m)", "8 urad/(N m)"),
     "angle mass per torque": ("rad*kg/(N*m)", "30 urad kg/(N m)"),
     "length per temperature": ("m/K", "12 um/K"),
@@ -173,6 +175,44 @@ def _quantity(dimension: str) -> Any:
 Quantity = Annotated[Any, WithJsonSchema({"type": "string", "examples": ["1 deg", "10 mm"]})]
 
 
+@dataclass(frozen=True)
+class JointQuantity:
+    """An angle [rad] or a length [m], as the joint that it is meant for asks."""
+
+    value: float
+    dimension: str
+
+    @property
+    def unit(self) -> str:
+        """SI unit."""
+        return "rad" if self.dimension == "angle" else "m"
+
+
+def _joint_quantity(text: Any) -> JointQuantity:
+    if isinstance(text, JointQuantity):
+        return text
+    try:
+        return JointQuantity(parse_quantity(text, "angle"), "angle")
+    except BadValueError as error:
+        try:
+            return JointQuantity(parse_quantity(text, "length"), "length")
+        except BadValueError:
+            raise error from None
+
+
+def joint_text(value: float, unit: str) -> str:
+    """An angle [rad] or a length [m] as people write it, to four digits: 12.34 deg, 52.1 mm."""
+    return f"{math.degrees(value):.4g} deg" if unit == "rad" else f"{value * 1e3:.4g} mm"
+
+
+JointValue = Annotated[
+    JointQuantity,
+    PlainValidator(_joint_quantity),
+    WithJsonSchema({"type": "string", "description": "angle or length with its unit", "examples": ["30 deg", "80 mm"]}),
+]
+"""The value of a joint: an angle of a revolute one, a length of a prismatic one."""
+
+
 def parse_celsius(value: Any) -> float:
     """The temperature [degC] of a text such as ``"23.5 degC"``.
 
@@ -239,6 +279,7 @@ if TYPE_CHECKING:
     Angle = float
     Mass = float
     Time = float
+    Torque = float
     LengthPerLength = float
 else:
     Celsius = Annotated[
@@ -248,4 +289,5 @@ else:
     Angle = _quantity("angle")
     Mass = _quantity("mass")
     Time = _quantity("time")
+    Torque = _quantity("torque")
     LengthPerLength = _quantity("length per length")

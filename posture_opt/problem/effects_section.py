@@ -122,13 +122,22 @@ def of_a_type(effect: CatalogueEntry) -> bool:
 def _task_issues(robot: Robot, task: Task | None) -> list[Issue]:
     if task is None:
         return []
-    return [
+    issues = [
         Issue(
             "the robot has no such joint", ("task", "approach", name), name, one_of(name, robot.joint_names, "joints")
         )
         for name in task.approach
         if name not in robot.joint_names
     ]
+    for place, terms in (("minimize", task.minimize), ("subject_to", task.subject_to)):
+        for index, term in enumerate(terms):
+            try:
+                term.check(robot)
+                if place == "minimize" and term.held(robot):
+                    raise BadValueError(f"{term.kind} is no quantity to minimise", "move it to subject_to")
+            except BadValueError as error:
+                issues.append(error.issue(("task", place, index), term.kind))
+    return issues
 
 
 def _check_masses(robot: Robot, effect: CatalogueEntry) -> None:

@@ -16,7 +16,7 @@ from posture_opt.selection.task_target import FREE, SIZES, TaskTarget
 from posture_opt.units import UNKNOWN, number
 
 if TYPE_CHECKING:
-    from posture_opt.selection.nlp import Nlp
+    from posture_opt.selection.nlp import Nlp, Row
     from posture_opt.selection.search_statistics import Sweep
     from posture_opt.selection.solution import Solution
 
@@ -180,10 +180,18 @@ def _variables(nlp: Nlp, q: Array) -> Table:
 
 def _rows(nlp: Nlp, values: Values) -> Table:
     rows = tuple(
-        (row.name, *(quantity(float(x), row.unit) for x in (low, value, high)), _binding(low, value, high))
+        (row.name, *_told(row, float(low), float(value), float(high)), _binding(low, value, high))
         for row, low, value, high in zip(nlp.rows, values.row_lower, values.rows, values.row_upper, strict=True)
     )
     return Table(("row", "at least", "value", "at most", ""), rows)
+
+
+def _told(row: Row, low: float, value: float, high: float) -> list[str]:
+    """Lower end, value and upper end as people are told them: sizes without a sign, odds of success for a miss."""
+    ends = [row.shown(low), row.shown(high)]
+    if ends[0] == ends[1] and low < high:
+        ends[0] = -math.inf
+    return [quantity(told, row.unit) for told in (min(ends), row.shown(value), max(ends))]
 
 
 def _binding(low: float, value: float, high: float) -> str:

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
     from posture_opt.selection.solution import Solution
     from posture_opt.selection.task_target import TaskTarget
-    from posture_opt.selection.terms import Term
+    from posture_opt.selection.terms.term import Stated, Term
 
 _WIDE = 110  # characters of headers, which break at spaces: the text has lines of 100
 _STATUS = {"optimal": "Best posture", "feasible": "Best posture found", "infeasible": "No posture"}
@@ -125,11 +125,17 @@ def target_words(target: TaskTarget) -> str:
 
 
 def _bound_words(term: Term) -> str:
-    low, high = term.bounds()
-    sides = [f"at least {stated(low, term.unit)}"] * math.isfinite(low)
-    sides += [f"at most {stated(high, term.unit)}"] * math.isfinite(high)
     of = f" {PARTS[term.part]}" if term.part is not None else ""
-    return f"{term.kind.replace('_', ' ')}{of} {' and '.join(sides)}".strip()
+    name = f"{term.kind.replace('_', ' ')}{of}"
+    return ", ".join(f"{name}{f' of {bound.joint}' * bool(bound.joint)} {_sides(bound)}" for bound in term.stated())
+
+
+def _sides(bound: Stated) -> str:
+    if bound.low == bound.high:
+        return f"at {stated(bound.low, bound.unit)}"
+    sides = [f"at least {stated(bound.low, bound.unit)}"] * math.isfinite(bound.low)
+    sides += [f"at most {stated(bound.high, bound.unit)}"] * math.isfinite(bound.high)
+    return " and ".join(sides)
 
 
 def posture_block(solution: Solution) -> Block:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from posture_opt.units import UNKNOWN, fixed, number
 
 _SMALL = 1e-5  # m: below this a length is written in µm
+_NAMED = ("N m",)  # units that a number is told with; ratios and lengths per radian stand alone
 _NOTHING = 1e-12  # m: below this it is rounding
 
 
@@ -39,7 +40,14 @@ def stated(value: float, unit: str) -> str:
         return stated_angle(value)
     if unit == "m/rad":
         return f"{stated_length(value)} per rad"
-    return stated_length(value) if unit == "m" else f"{value:g}"
+    if unit == "probability":
+        return share(value)
+    return stated_length(value) if unit == "m" else f"{value:g}{f' {unit}' * (unit != '1')}"
+
+
+def share(p: float) -> str:
+    """A probability as a share, as many digits as its nines ask for: 95 %, 99.99 %."""
+    return f"{100 * p:.12g} %"
 
 
 def length_unit(metres: Iterable[float]) -> tuple[str, float]:
@@ -101,7 +109,11 @@ def quantity(value: float, unit: str) -> str:
         return "none"
     if unit == "rad":
         return f"{fixed(math.degrees(value), 3)} deg"
-    return f"{fixed(value * 1e3, 4)} mm" if unit == "m" else f"{0.0 if abs(value) < 1e-12 else value:.5g}"
+    if unit == "probability":
+        return f"{100 * value:.7g} %"
+    if unit == "m":
+        return f"{fixed(value * 1e3, 4)} mm"
+    return f"{0.0 if abs(value) < 1e-12 else value:.5g}{f' {unit}' * (unit in _NAMED)}"
 
 
 def percent(share: float) -> str:

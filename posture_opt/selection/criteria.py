@@ -24,6 +24,17 @@ def eigenvalues(C: ca.SX) -> list[ca.SX]:
     return _eigenvalues_3(C)
 
 
+def worst_across(C: ca.SX, axis: ca.SX) -> ca.SX:
+    """Largest eigenvalue of a symmetric (3, 3) matrix across a unit vector (3,), by trace and determinant there.
+
+    No basis across the vector is needed, so that nothing depends on how one would be turned about it.
+    """
+    mean = (ca.trace(C) - ca.dot(axis, C @ axis)) / 2
+    columns = [C[:, k] for k in range(3)]
+    minors = ca.vertcat(*(ca.dot(axis, ca.cross(columns[k - 2], columns[k - 1])) for k in range(3)))
+    return mean + ca.sqrt(ca.fmax(mean**2 - ca.dot(axis, minors), 0) + (_ROUNDING * mean) ** 2 + 1e-36)
+
+
 def _eigenvalues_3(C: ca.SX) -> list[ca.SX]:
     """Trigonometric solution of the characteristic equation (Smith 1961)."""
     mean = ca.trace(C) / 3

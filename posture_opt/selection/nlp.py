@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -28,6 +28,7 @@ class Row:
     """A constraint ``lower ≤ expression ≤ upper`` [unit]; the bounds may depend on the target's parameters.
 
     ``term`` is the term or obstacle that it belongs to; the rows of target and tool axis say so in their names.
+    ``shown`` turns a value of the expression into what people are told.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Row:
     lower: ca.SX
     upper: ca.SX
     term: str = ""
+    shown: Callable[[float], float] = float
 
     @property
     def requirement(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -19,7 +20,7 @@ from posture_opt.selection import criteria
 from posture_opt.selection.nlp import Nlp, Row, Variable
 from posture_opt.selection.task_target import PLANE_TOLERANCE, Reach, TaskTarget, target_symbols
 from posture_opt.selection.tasks import Task
-from posture_opt.selection.terms.term import Quantities
+from posture_opt.selection.terms.term import Quantities, Term
 from posture_opt.uncertainty.task_spread import Within
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
@@ -133,7 +134,8 @@ class OptimisationProblem:
             "all": all_axes,
         }
         return Quantities(
-            robot=self.robot,
+            tool_point=self.tool_point,
+            walk=moments.walk,
             q=self.q,
             position=position,
             axis=ca.SX(axis),
@@ -142,7 +144,9 @@ class OptimisationProblem:
             bias=ca.SX(moments.mean) - position,
             jacobian=ca.SX(U.T) @ ca.jacobian(position, self.q),
             bases=bases,
+            within=self.task.within,
             clearance=p["clearance"],
+            has_hole=self.task.clearance is not None,
         )
 
     def _frames(self, reached: Walk) -> ca.SX:
@@ -166,14 +170,15 @@ class OptimisationProblem:
     def freedom(self) -> int:
         """Degrees of freedom that target and tool axis leave, those that matter to nothing not counted."""
         equal = sum(ca.is_equal(row.lower, row.upper, 2) for row in self.nlp.rows)
-        return max(self.robot.n - len(self.nlp.indifferent) - equal, 0)
+        held = [k for k, joint in enumerate(self.robot.joints) if joint.lower == joint.upper]
+        return max(self.robot.n - len({*self.nlp.indifferent, *held}) - equal, 0)
 
     def _objective_terms(self) -> list[tuple[str, ca.SX]]:
         task, at = self.task, self.quantities
-        C, bias = at.projected(task.within)
+        C, _ = at.projected(task.within)
         scale = self._symbols[1]["scale"]
         if task.criterion == "miss":
-            main = ("log of the probability to miss the clearance", criteria.log_miss(C, bias, at.clearance))
+            main = ("log of the probability to miss the clearance", at.log_miss)
         else:
             measure = {"worst": criteria.worst, "trace": criteria.trace, "area": criteria.area}[task.criterion]
             main = (f"{task.criterion} of the spread {task.within}, over scale", measure(C) / scale)
@@ -225,12 +230,17 @@ class OptimisationProblem:
         rows = []
         kinds = [term.kind for term in self.task.subject_to]
         for k, term in enumerate(self.task.subject_to):
+            if term.held(self.robot):
+                continue  # they are bounds of the joints
             name = term.kind if kinds.count(term.kind) == 1 else f"{term.kind} ({kinds[: k + 1].count(term.kind)})"
-            low, high = term.bounds()
-            if math.isinf(low) and math.isinf(high):
-                mend = "add at_most or at_least"
-                raise InputError(Issue(f"{term.kind} states no bound", ("task", "subject_to"), term.kind, mend))
-            values = ca.vertsplit(ca.vec(term.quantity(self.quantities)))
-            for label, value in zip(term.labels(self.quantities), values, strict=True):
-                rows.append(Row(label, term.unit, value, ca.SX(low), ca.SX(high), name))
+            at, size, shown = self.quantities, term.row_size, _told_of(term)
+            values = ca.vertsplit(ca.vec(term.quantity(at)))
+            told = zip(term.labels(at), term.units_of(at), values, term.bounds_of(at), strict=True)
+            for label, unit, value, (low, high) in told:
+                rows.append(Row(label, unit, value / size, ca.SX(low / size), ca.SX(high / size), name, shown))
         return rows
+
+
+def _told_of(term: Term) -> Callable[[float], float]:
+    """From the value of a term's row to what people are told of its quantity."""
+    return lambda value: term.shown(value * term.row_size)

@@ -155,15 +155,16 @@ class _Told:
         return self._row(rows[k], missing[k], *values[k])
 
     def _row(self, row: Row, missing: float, value: float, low: float, high: float) -> tuple[str, Reason]:
-        below = value < low
-        reached = shown(value, row.unit)
+        told, bound = row.shown(value), row.shown(low if value < low else high)
+        below = told < bound
+        reached, stated = shown(told, row.unit), shown(bound, row.unit)
         if below:
-            message = f"{row.name} is {reached} at most, and at least {shown(low, row.unit)} is required"
+            message = f"{row.name} is {reached} at most, and at least {stated} is required"
         else:
-            message = f"{row.name} is {reached} at least, and at most {shown(high, row.unit)} is allowed"
-        key, stated = ("at_least", low) if below else ("at_most", high)
-        change = f"set {key} of {row.requirement} to {enough(value, row.unit, below)} (now {shown(stated, row.unit)})"
-        return change, Reason(row.name, message, missing, row.unit)
+            message = f"{row.name} is {reached} at least, and at most {stated} is allowed"
+        key = "at_least" if below else "at_most"
+        change = f"set {key} of {row.requirement} to {enough(told, row.unit, below)} (now {stated})"
+        return change, Reason(row.name, message, abs(told - bound), row.unit)
 
 
 def _up(value: float, digits: int) -> float:
@@ -173,7 +174,7 @@ def _up(value: float, digits: int) -> float:
 
 def enough(bound: float, unit: str, least: bool) -> str:
     """A bound that is met with it, rounded to the side that does: down for a least value, up for a largest one."""
-    size = {"rad": math.degrees(1.0), "m": 1e3}.get(unit, 1.0)
+    size = {"rad": math.degrees(1.0), "m": 1e3, "probability": 1e2}.get(unit, 1.0)
     digits = 3 - math.floor(math.log10(max(abs(bound) * size, 1e-12)))  # four of them
     rounded = (math.floor if least else math.ceil)(bound * size * 10**digits) / 10**digits
     return shown(rounded / size, unit)
@@ -183,6 +184,8 @@ def shown(value: float, unit: str) -> str:
     """A quantity as people write it."""
     if unit == "rad":
         return f"{math.degrees(value):.4g} deg"
+    if unit == "probability":
+        return f"{100 * value:.6g} %"
     return f"{value * 1e3:.4g} mm" if unit == "m" else f"{value:.4g} {unit}"
 
 

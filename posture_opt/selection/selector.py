@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from posture_opt.numerics import Array, Progress
 from posture_opt.selection.aligner import Aligner
 from posture_opt.selection.batches import until_found_often, until_recurrence
 from posture_opt.selection.engine import CandidatePosture, Engine
-from posture_opt.selection.infeasible import explain_infeasibility, infeasible
-from posture_opt.selection.multistart import MultistartResult, distinct, rank
+from posture_opt.selection.held_joints import explain_held, held_joints, released, with_held_joints
+from posture_opt.selection.infeasible import Explanation, explain_infeasibility, infeasible
+from posture_opt.selection.multistart import MultistartResult, distinct, multistart, rank
 from posture_opt.selection.optimisation_problem import Alignment, OptimisationProblem
 from posture_opt.selection.search_statistics import SearchStatistics, Sweep, sweep
 from posture_opt.selection.solution import Alternative, HasTask, Solution, Status, critical_basis
@@ -30,6 +32,7 @@ _ONE_ONLY = (
     "No random start met all requirements; one posture was found by relaxing them in turn. Whether a better one "
     "exists is not known."
 )
+_FREED = 64  # starts with held joints released, to say which of them is in the way
 _LINK_HEIGHT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
 
 
@@ -48,10 +51,11 @@ class PostureSelector:
     def __init__(self, problem: HasTask, *, compiled: bool | None = None) -> None:
         self._problem, self._compiled = problem, compiled
         self.task = one_target(task_of(problem))
-        self.tool_point = ToolPoint.of(problem.arm, sources_of(problem))
-        self.reach = Reach.of(problem.arm, self.task.tool_axis)
+        arm = with_held_joints(problem.arm, self.task)
+        self.tool_point = ToolPoint.of(arm, sources_of(problem))
+        self.reach = Reach.of(arm, self.task.tool_axis)
         self.target = TaskTarget.of(self.task, self.reach)
-        self._aligner = Aligner(problem.arm, self.task, self.reach, compiled)
+        self._aligner = Aligner(arm, self.task, self.reach, compiled)
         self._engines: dict[tuple[str, Alignment, bool], Engine] = {}
         self.engine(self.target).optimisation_problem.check_axis(self.target)
 
@@ -146,7 +150,7 @@ class PostureSelector:
     def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:
         """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""
         engine = self.engine(found.target)
-        why = explain_infeasibility(engine, found)
+        why = self._with_joints_released(found) or explain_infeasibility(engine, found)
         if why.reasons:
             solution = infeasible(self._problem, engine, found, why, time.perf_counter() - began)
             raise NoSolutionError("\n".join(reason.message for reason in why.reasons), solution)
@@ -157,6 +161,18 @@ class PostureSelector:
                 "more starts may help (solver: {starts: 500})"
             )
         return [rescued]
+
+    def _with_joints_released(self, found: MultistartResult) -> Explanation | None:
+        """The nearest posture and the reasons, where the task could be done if no joint were held; None elsewhere."""
+        problem: Any = self._problem
+        robot, held = problem.robot, held_joints(problem.robot, self.task)
+        if not held:
+            return None
+        selector = PostureSelector(replace(problem, task=released(robot, self.task)), compiled=False)
+        freed = multistart(selector.engine(found.target), found.target, np.random.default_rng(0), _FREED)
+        if not freed.found or not freed.found[0].feasible:
+            return None
+        return explain_held(robot, held, freed.found[0].q)
 
     def _beside(self, q: Array, target: TaskTarget) -> tuple[str, ...]:
         """How far the tool point of an arm that moves in a plane stays off a target that does not lie in it."""

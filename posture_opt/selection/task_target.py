@@ -67,12 +67,13 @@ class Reach:
         """What ``arm`` can do with ``tool_axis`` (3,), tool frame, found at random postures."""
         rng = np.random.default_rng(0)
         robot = arm.robot
+        moving = [k for k, joint in enumerate(robot.joints) if joint.lower < joint.upper]
         a_tool = np.array(tool_axis) / np.linalg.norm(tool_axis)
         points, axes, jacobians, turns = [], [], [], []
         for _ in range(_SAMPLES):
             q = rng.uniform(*drawn_between(robot))
             T = np.asarray(arm.pose(q), dtype=float)
-            J = np.asarray(arm.jacobian(q), dtype=float)
+            J = np.asarray(arm.jacobian(q), dtype=float)[:, moving]
             axis = T[:3, :3] @ a_tool
             points.append(T[:3, 3])
             axes.append(axis)

@@ -62,7 +62,7 @@ def pose_covariance(tool_point: ToolPoint, q: Sequence[float], position: Array) 
     Args:
         q: (n,) posture [rad or m].
     """
-    linear = _linear(tool_point, q)
+    linear = np.asarray(tool_point.effects_of_pose(q, tool_point.walk(q)[0]), dtype=float)
     chain, integration = position - linear[:3, :3], None
     found = np.zeros((6, 6))
     found[:3, :3] = chain
@@ -128,17 +128,6 @@ def _with_position(nodes: Array, position: Array) -> Array:
     values, vectors = np.linalg.eigh((rest + rest.T) / 2)
     rest = (vectors * np.maximum(values, 0.0)) @ vectors.T  # what rounding left below zero is zero
     return np.block([[position, position @ B.T], [B @ position, B @ position @ B.T + rest]])
-
-
-def _linear(tool_point: ToolPoint, q: Sequence[float]) -> Array:
-    """(6, 6) what the effects add, to first order."""
-    if tool_point.effects is None:
-        return np.zeros((6, 6))
-    reached, _ = tool_point.walk(q)
-    T = np.asarray(tool_point.twists(q, reached)) if tool_point.indices else np.zeros((6, 0))
-    E = np.asarray(tool_point.effect_columns(q, reached, turns=True), dtype=float)
-    cross = T @ tool_point.effects.cross @ E.T
-    return np.asarray(E @ tool_point.effects.covariance @ E.T + cross + cross.T)
 
 
 def covariance_root(covariance: Array) -> Array:

@@ -205,6 +205,22 @@ class ToolPoint:
         """(6, k) shift of the tool point and small rotation per source, world-aligned axes."""
         return stack(list(zip(*((*v, *w) for v, w in self.arm.twists(self.indices, q, reached)), strict=True)))
 
+    def pose_first_order(self, q: Sequence[Scalar], reached: Walk) -> Any:
+        """(6, 6) ``J Σ Jᵀ`` of the shift of the tool point and the small rotation of the tool, world-aligned axes."""
+        if not self.indices:
+            return self.effects_of_pose(q, reached)
+        T = self.twists(q, reached)
+        return T @ self.covariance @ transpose(T) + self.effects_of_pose(q, reached)
+
+    def effects_of_pose(self, q: Sequence[Scalar], reached: Walk) -> Any:
+        """(6, 6) the part of `pose_first_order` that the effects add."""
+        if self.effects is None:
+            return np.zeros((6, 6))
+        T = self.twists(q, reached) if self.indices else np.zeros((6, 0))
+        E = self.effect_columns(q, reached, turns=True)
+        cross = T @ self.effects.cross @ transpose(E)
+        return E @ self.effects.covariance @ transpose(E) + cross + transpose(cross)
+
     def variances(self, of_sources: Array) -> list[float]:
         """The variance of every factor of the chain from those of the sources (k,)."""
         variances = [0.0] * len(self.robot.factors)

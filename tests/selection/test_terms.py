@@ -13,14 +13,17 @@ from posture_opt.selection.terms import TERMS, Term
 from posture_opt.selection.terms.manipulability import Manipulability
 from tests.helpers.factors import differences, joint_jacobian
 
-STATED: dict[str, Any] = {"near_posture": {"posture": {"elbow": "30 deg", "wrist_1": "-20 deg"}}}
+STATED: dict[str, Any] = {
+    "near_posture": {"posture": {"elbow": "30 deg", "wrist_1": "-20 deg"}},
+    "fixed_joints": {"values": {"elbow": "30 deg", "wrist_1": "-20 deg"}},
+}
 """What a term cannot do without."""
 
 
 def problem(robot: str = "ur10e", **task: Any) -> Any:
     given = {"robot": {"kind": "preset", "name": robot}, "uncertainty": {"repeatability": "0.05 mm"}}
     region = {"min": ["0.4 m"] * 3, "max": ["0.7 m"] * 3} if robot == "ur10e" else None
-    return po.problem_from_dict({**given, "task": {"kind": "insert", "region": region, **task}})
+    return po.problem_from_dict({**given, "task": {"kind": "insert", "region": region, "clearance": "0.2 mm", **task}})
 
 
 def evaluated(term: Term, robot: str = "ur10e") -> ca.Function:

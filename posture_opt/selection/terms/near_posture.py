@@ -6,36 +6,79 @@ import math
 from typing import Annotated, ClassVar, Literal
 
 import casadi as ca
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from posture_opt.errors import InputError, Issue
-from posture_opt.selection.terms.term import BoundedTerm, Quantities
-from posture_opt.units import Angle
+from posture_opt.errors import BadValueError
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.terms.joint_bounds import joint_values
+from posture_opt.selection.terms.term import BoundedTerm, Quantities, Stated
+from posture_opt.units import Angle, JointQuantity, JointValue
 
 
 class NearPosture(BoundedTerm):
-    """Root mean square difference of the named revolute joints from ``posture`` [rad]."""
+    """Root mean square difference of the named joints from ``posture`` [rad], or the difference of each of them.
 
-    summary: ClassVar[str] = "root mean square distance from a posture (at_most, or weight)"
+    In the mean the stroke of a prismatic joint counts as the angle that moves the tool of the stretched arm as far:
+    stroke / length of the arm. ``at_most: {JOINT: bound}`` bounds joints one by one, each in its own unit.
+    """
+
+    summary: ClassVar[str] = "distance from a posture: root mean square, or JOINT: bound (at_most, or weight)"
     unit: ClassVar[str] = "rad"
 
     kind: Literal["near_posture"]
-    posture: Annotated[dict[str, Angle], Field(min_length=1)]
-    at_most: Annotated[Angle, Field(gt=0)] | None = None
+    posture: Annotated[dict[str, JointValue], Field(min_length=1)]
+    at_most: Annotated[Angle, Field(gt=0)] | Annotated[dict[str, JointValue], Field(min_length=1)] | None = None
+
+    @model_validator(mode="after")
+    def _bounds_of_named_joints(self) -> NearPosture:
+        for name, most in self._each().items():
+            if name not in self.posture:
+                raise BadValueError(f"{name} has a bound and no place in posture", f"add {name} to posture")
+            if most.value <= 0:
+                raise BadValueError(f"the bound of {name} is not above zero", "write for example 10 deg")
+        return self
+
+    def _each(self) -> dict[str, JointQuantity]:
+        return self.at_most if isinstance(self.at_most, dict) else {}
+
+    def check(self, robot: Robot) -> None:
+        joint_values(self.posture, robot)
+        joint_values(self._each(), robot)
 
     def quantity(self, at: Quantities) -> ca.SX:
-        names = at.robot.joint_names
-        unknown = [name for name in self.posture if name not in names]
-        if unknown:
-            mend = f"the joints are {', '.join(names)}"
-            raise InputError(
-                Issue(f"near_posture names {', '.join(unknown)}, no joint of this arm", ("task",), mend=mend)
-            )
-        differences = [at.q[names.index(name)] - value for name, value in self.posture.items()]
+        wanted = joint_values(self.posture, at.robot)
+        if self._each():
+            return ca.vertcat(*(at.q[joint] - wanted[joint] for joint in joint_values(self._each(), at.robot)))
+        return self._distance(at, wanted)
+
+    def cost(self, at: Quantities) -> ca.SX:
+        return self._distance(at, joint_values(self.posture, at.robot)) ** 2
+
+    @staticmethod
+    def _distance(at: Quantities, wanted: dict[int, float]) -> ca.SX:
+        sizes = {"revolute": 1.0, "prismatic": max(at.robot.length, 1e-3)}
+        differences = [(at.q[k] - value) / sizes[at.robot.joints[k].type] for k, value in wanted.items()]
         return ca.sqrt(ca.sumsqr(ca.vertcat(*differences)) / len(differences) + 1e-12)
 
+    def labels(self, at: Quantities) -> list[str]:
+        return [f"near_posture of {name}" for name in self._each()] or [self.kind]
+
     def bounds(self) -> tuple[float, float]:
-        return -math.inf, math.inf if self.at_most is None else self.at_most
+        return -math.inf, self.at_most if isinstance(self.at_most, float) else math.inf
+
+    def bounds_of(self, at: Quantities) -> list[tuple[float, float]]:
+        if self._each():
+            return [(-most.value, most.value) for most in self._each().values()]
+        return super().bounds_of(at)
+
+    def units_of(self, at: Quantities) -> list[str]:
+        return [most.unit for most in self._each().values()] or super().units_of(at)
+
+    def shown(self, value: float) -> float:
+        return abs(value)
+
+    def stated(self) -> list[Stated]:
+        return [Stated(-math.inf, m.value, m.unit, name) for name, m in self._each().items()] or super().stated()
 
     def scale(self, at: Quantities) -> float:
         return 1.0

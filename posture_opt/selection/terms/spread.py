@@ -33,5 +33,9 @@ class SpreadTerm(BoundedTerm):
     def bounds(self) -> tuple[float, float]:
         return -math.inf, math.inf if self.at_most is None else self.at_most
 
+    @property
+    def row_size(self) -> float:
+        return self.at_most or 1e-3
+
     def scale(self, at: Quantities) -> float:
         return self.at_most or 1e-3

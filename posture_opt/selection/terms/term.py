@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import casadi as ca
 from pydantic import Field, model_validator
 
-from posture_opt.errors import BadValueError
+from posture_opt.errors import BadValueError, InputError, Issue
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.chain import Walk
 from posture_opt.robot.robot import Robot
+from posture_opt.selection import criteria
 from posture_opt.spec import Spec
 from posture_opt.uncertainty.task_spread import Within
+from posture_opt.uncertainty.tool_point import ToolPoint
 
 
 @dataclass(frozen=True)
 class Quantities:
-    """Expressions in the joints ``q`` (n,) and in the target's parameters.
+    """Expressions in the joints ``q`` (n,) and in the target's parameters; the cached ones cost nothing unasked.
 
     Args:
+        walk: along the chain at ``q``.
         position: (3,) nominal tool point in the world [m].
         axis: (3,) tool axis in the world.
         frames: (3, n) origins of the frames behind the joints, world [m].
@@ -27,10 +34,12 @@ class Quantities:
         bias: (3,) exact mean minus nominal [m].
         jacobian: (r, n) Jacobian of the tool point in the r directions that the arm can move it in [m/rad].
         bases: (3, m) orthonormal bases, for each part of the spread that can be asked for.
-        clearance: radial clearance of the hole [m].
+        within: the part of the spread that the task minds.
+        clearance: radial clearance of the hole [m]; ``has_hole`` says whether the task states one.
     """
 
-    robot: Robot
+    tool_point: ToolPoint
+    walk: Walk
     q: ca.SX
     position: ca.SX
     axis: ca.SX
@@ -39,12 +48,46 @@ class Quantities:
     bias: ca.SX
     jacobian: ca.SX
     bases: dict[Within, ca.SX]
+    within: Within
     clearance: ca.SX
+    has_hole: bool
+
+    @property
+    def robot(self) -> Robot:
+        """The arm without effects."""
+        return self.tool_point.robot
 
     def projected(self, within: Within) -> tuple[ca.SX, ca.SX]:
         """Covariance (m, m) [m²] and bias (m,) [m] of the part of the spread."""
         basis = self.bases[within]
         return basis.T @ self.covariance @ basis, basis.T @ self.bias
+
+    @cached_property
+    def log_miss(self) -> ca.SX:
+        """Logarithm of the probability that the tool point lies outside of the clearance."""
+        C, bias = self.projected(self.within)
+        return criteria.log_miss(C, bias, self.clearance)
+
+    @cached_property
+    def turning(self) -> ca.SX:
+        """(3, 3) first-order covariance of the rotation of the tool [rad²], world axes."""
+        return ca.SX(self.tool_point.pose_first_order(ca.vertsplit(self.q), self.walk))[3:, 3:]
+
+    @cached_property
+    def state(self) -> ArmState:
+        """The arm with its weights at ``q``."""
+        arm, q = self.tool_point.arm, ca.vertsplit(self.q)
+        return ArmState(arm.robot, q, arm.inputs, carried=arm.carried(q))
+
+
+@dataclass(frozen=True)
+class Stated:
+    """A bound as a user states it: ``low`` to ``high`` [unit], of one joint where ``joint`` names it."""
+
+    low: float
+    high: float
+    unit: str
+    joint: str = ""
 
 
 class Term(Spec):
@@ -65,6 +108,13 @@ class Term(Spec):
         """The part of the spread that it speaks of, None where it does not speak of the spread."""
         return None
 
+    def check(self, robot: Robot) -> None:
+        """Raise BadValueError where the term does not fit the robot: a joint that it has not, a mass not stated."""
+
+    def held(self, robot: Robot) -> dict[int, float]:
+        """Joint -> value [rad or m] at which the search holds it; such a term has no rows."""
+        return {}
+
     @abstractmethod
     def quantity(self, at: Quantities) -> ca.SX:
         """The (k,) expression [unit]."""
@@ -80,6 +130,32 @@ class Term(Spec):
     @abstractmethod
     def bounds(self) -> tuple[float, float]:
         """Lower and upper bound of every entry, infinite where there is none."""
+
+    def bounds_of(self, at: Quantities) -> list[tuple[float, float]]:
+        """Lower and upper bound of each entry [unit]."""
+        low, high = self.bounds()
+        if math.isinf(low) and math.isinf(high):
+            raise InputError(
+                Issue(f"{self.kind} states no bound", ("task", "subject_to"), self.kind, "add at_most or at_least")
+            )
+        return [self.bounds()] * len(self.labels(at))
+
+    def units_of(self, at: Quantities) -> list[str]:
+        """SI unit of each entry."""
+        return [self.unit] * len(self.labels(at))
+
+    def stated(self) -> list[Stated]:
+        """What it asks for, as people say it."""
+        return [Stated(*self.bounds(), self.unit)]
+
+    @property
+    def row_size(self) -> float:
+        """What rows are divided by: solvers and tolerances take values about one [unit]."""
+        return 1.0
+
+    def shown(self, value: float) -> float:
+        """A value of the quantity as people are told it."""
+        return value
 
     @abstractmethod
     def scale(self, at: Quantities) -> float:

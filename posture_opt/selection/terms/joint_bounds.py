@@ -1,0 +1,44 @@
+"""Values and bounds that a term states for named joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from posture_opt.errors import BadValueError, did_you_mean
+from posture_opt.robot.robot import Robot
+from posture_opt.units import JointQuantity
+
+
+def joints_named(names: Iterable[str], robot: Robot) -> list[int]:
+    """The joints of these names.
+
+    Raises:
+        BadValueError: a name that no joint has.
+    """
+    known = robot.joint_names
+    for name in names:
+        if name not in known:
+            raise BadValueError(f"'{name}' is no joint of this arm", did_you_mean(name, known))
+    return [known.index(name) for name in names]
+
+
+def joint_values(values: Mapping[str, JointQuantity], robot: Robot, *, within_limits: bool = False) -> dict[int, float]:
+    """Joint -> value [rad or m].
+
+    Raises:
+        BadValueError: a name that no joint has, an angle for a prismatic joint, a length for a revolute one, or a
+            value beyond the limits where it has to lie within them.
+    """
+    found = {}
+    for index, (name, given) in zip(joints_named(values, robot), values.items(), strict=True):
+        joint = robot.joints[index]
+        wanted = "angle" if joint.type == "revolute" else "length"
+        if given.dimension != wanted:
+            example = "30 deg" if wanted == "angle" else "80 mm"
+            raise BadValueError(
+                f"{name} is {joint.type} and takes an {wanted}".replace("an l", "a l"), f"write {name}: {example}"
+            )
+        if within_limits and not joint.lower <= given.value <= joint.upper:
+            raise BadValueError(f"{name} cannot stand there: it lies beyond its limits", "choose a value within them")
+        found[index] = given.value
+    return found

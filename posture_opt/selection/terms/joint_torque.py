@@ -1,0 +1,78 @@
+"""Term ``joint_torque``: what gravity asks of the joints, payload included."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, ClassVar, Literal
+
+import casadi as ca
+from pydantic import Field
+
+from posture_opt.errors import BadValueError
+from posture_opt.model.arm_state import ArmState
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.terms.joint_bounds import joints_named
+from posture_opt.selection.terms.term import Quantities, Stated, Term
+from posture_opt.units import Torque
+
+Bound = Annotated[Torque, Field(gt=0)]
+
+
+class JointTorque(Term):
+    """Torque of gravity on every revolute joint, arm at rest [N m]: links with their masses, and the payload.
+
+    ``τ_i = Σ_k m_k (a_i × (x_k − o_i)) · g`` over the masses behind joint i, with the payload at the tool point.
+    """
+
+    summary: ClassVar[str] = "torque of gravity on every revolute joint, payload included (at_most, or weight)"
+    unit: ClassVar[str] = "N m"
+
+    kind: Literal["joint_torque"]
+    at_most: Bound | Annotated[dict[str, Bound], Field(min_length=1)] | None = None
+
+    def check(self, robot: Robot) -> None:
+        if not ArmState(robot, [0.0] * robot.n).weighed:
+            message = "masses or centres of mass of some links are not stated, so no torque is known"
+            raise BadValueError(message, "add mass: 2.5 kg and com: [0 m, 0 m, 0 m] to the joints")
+        for index in joints_named(self.at_most, robot) if isinstance(self.at_most, dict) else ():
+            if robot.joints[index].type == "prismatic":
+                raise BadValueError(
+                    f"{robot.joints[index].name} is prismatic: it bears a force and no torque", "leave it out"
+                )
+
+    def quantity(self, at: Quantities) -> ca.SX:
+        return ca.vertcat(ca.SX(0, 1), *(ca.SX(at.state.torque(joint)) for joint in self._joints(at.robot)))
+
+    def labels(self, at: Quantities) -> list[str]:
+        return [f"joint_torque of {at.robot.joints[joint].name}" for joint in self._joints(at.robot)]
+
+    def bounds(self) -> tuple[float, float]:
+        most = (
+            math.inf if self.at_most is None else max(self._each()) if isinstance(self.at_most, dict) else self.at_most
+        )
+        return -most, most
+
+    def _joints(self, robot: Robot) -> list[int]:
+        if isinstance(self.at_most, dict):
+            return joints_named(self.at_most, robot)
+        return [k for k, joint in enumerate(robot.joints) if joint.type == "revolute"]
+
+    def _each(self) -> list[float]:
+        return list(self.at_most.values()) if isinstance(self.at_most, dict) else []
+
+    def bounds_of(self, at: Quantities) -> list[tuple[float, float]]:
+        if isinstance(self.at_most, dict):
+            return [(-most, most) for most in self._each()]
+        return super().bounds_of(at)
+
+    def stated(self) -> list[Stated]:
+        each = self.at_most if isinstance(self.at_most, dict) else {"": self.bounds()[1]}
+        return [Stated(-math.inf, most, self.unit, name) for name, most in each.items()]
+
+    def shown(self, value: float) -> float:
+        return abs(value)
+
+    def scale(self, at: Quantities) -> float:
+        """All weights on a lever as long as half of the arm."""
+        weights = sum(float(mass) for _, mass, _ in at.state.loads)
+        return max(weights * math.hypot(*at.robot.gravity) * at.robot.length / 2, 1.0)

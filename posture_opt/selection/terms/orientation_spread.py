@@ -1,0 +1,49 @@
+"""Term ``orientation_spread``: how far the tool is tilted, or turned about its axis, by the errors."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, ClassVar, Literal
+
+import casadi as ca
+from pydantic import Field
+
+from posture_opt.selection import criteria
+from posture_opt.selection.terms.term import BoundedTerm, Quantities
+from posture_opt.units import Angle
+
+Rotation = Literal["tilt", "spin", "all"]
+
+
+class OrientationSpread(BoundedTerm):
+    """The largest standard deviation of the rotation of the tool [rad]: tilt of its axis, spin about it, or any.
+
+    ``sqrt(λ_max(Bᵀ J Σ Jᵀ B))`` with the rotation rows J (3, k) of the tool and B (3, m) the two directions across its
+    axis, the axis itself, or all three: first order, as rotation vectors have no closed form beyond.
+    """
+
+    summary: ClassVar[str] = "largest standard deviation of the tilt of the tool axis, of the spin, or of all (at_most)"
+    unit: ClassVar[str] = "rad"
+
+    kind: Literal["orientation_spread"]
+    of: Rotation = "tilt"
+    at_most: Annotated[Angle, Field(gt=0)] | None = None
+
+    def quantity(self, at: Quantities) -> ca.SX:
+        C, axis = at.turning, at.axis
+        variance = {"tilt": criteria.worst_across(C, axis), "spin": ca.dot(axis, C @ axis), "all": criteria.worst(C)}
+        # A tool that no error turns still has a slope: 1e-9 rad is far below any arm.
+        return ca.sqrt(variance[self.of] + 1e-18)
+
+    def labels(self, at: Quantities) -> list[str]:
+        return [f"orientation_spread of the {self.of}" if self.of != "all" else "orientation_spread"]
+
+    def bounds(self) -> tuple[float, float]:
+        return -math.inf, math.inf if self.at_most is None else self.at_most
+
+    @property
+    def row_size(self) -> float:
+        return self.at_most or 1e-3
+
+    def scale(self, at: Quantities) -> float:
+        return self.at_most or 1e-3
