@@ -22,6 +22,11 @@ ITSELF = "clearance of the arm to itself"
 """Name of the row that keeps links apart."""
 
 
+def row_name(obstacle: str) -> str:
+    """Name of the row that keeps the arm away from an obstacle."""
+    return f"clearance to {obstacle}"
+
+
 class Clearance(NamedTuple):
     """The least distance [m], negative where bodies overlap, and between which: joints, or a joint and an obstacle."""
 
@@ -139,7 +144,7 @@ class Scene:
         for obstacle, chosen in zip(self.obstacles, self.against, strict=True):
             bounds = [bound for k in chosen for bound in self._to_obstacle(q, obstacle, k)]
             if bounds:
-                found.append(ClearanceRow(f"clearance to {obstacle.name}", soft_minimum(bounds)))
+                found.append(ClearanceRow(row_name(obstacle.name), soft_minimum(bounds)))
         if self.own:
             found.append(ClearanceRow(ITSELF, soft_minimum([self._between(q, i, j) for i, j in self.own])))
         return found

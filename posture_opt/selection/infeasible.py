@@ -1,8 +1,8 @@
 """Why nothing is feasible, and what would help: which requirement is in the way, and by how little it must give.
 
 Only asked when restarts of the search found nothing. Each requirement gives alone, as little as it can, while all the
-others are met; where none suffices alone, two give, and so on. What is not met to the last is the reason that is told:
-a term or an obstacle before a limit, a limit before the tool axis, and the place of the target last.
+others are met; where none suffices alone, terms and obstacles give together, and then everything. The reason that is
+told is the most particular one: a term or an obstacle before a limit, a limit before the tool axis, the target last.
 """
 
 from __future__ import annotations
@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.selection.elastic_problem import AXIS, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.selection.engine import Engine
-from posture_opt.selection.inverse_kinematics import InverseKinematics, unlimited
+from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, InverseKinematics, unlimited
 from posture_opt.selection.multistart import MultistartResult
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.relaxation import Reason, Relaxation, plane_reason, relaxation
@@ -26,9 +25,7 @@ from posture_opt.selection.solution import HasTask, Solution
 from posture_opt.selection.task_target import TaskTarget
 
 _LED = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
-_STARTS = 12  # of them, for a requirement that gives alone: those that lack least of all the others
-_FEWER_STARTS = 3  # for each pair of them, beside the least compromise of all
-_MOST_TOGETHER = 3  # requirements that give together
+_STARTS = 6  # of them, for a requirement that gives: those that lack least, and as many that lack least of the others
 
 
 @dataclass(frozen=True)
@@ -94,29 +91,38 @@ class _Infeasibility:
     def _ways(self) -> list[tuple[tuple[str, ...], Compromise]]:
         """The requirements that suffice when they give, each way with the compromise that they come to."""
         names = [name for name in self.elastic.requirements if self._may_give(name)]
-        alone = [((name,), self._least((name,))) for name in names]
-        if any(way is not None for _, way in alone):
-            return [(given, way) for given, way in alone if way is not None]
-        every = self._least(names)
-        for together in range(2, _MOST_TOGETHER + 1 if every is not None else 0):
-            tried = [(given, self._least(given, every)) for given in combinations(names, together)]
-            if any(way is not None for _, way in tried):
-                return [(given, way) for given, way in tried if way is not None]
-        return [] if every is None else [(tuple(names), every)]
+        alone: dict[str, Compromise] = {}
+        for name in reversed(names):  # a term that gives shows postures near the target: where the others may start
+            way = self._least((name,), [other.q for other in alone.values()])
+            if way is not None:
+                alone[name] = way
+        if alone:
+            return [((name,), way) for name, way in alone.items()]
+        further = [name for name in names if name in self.elastic.further]
+        for together in (further, names):  # what was added to the task, before the task itself
+            way = self._least(together)
+            if way is not None:
+                return [(self._giving(way), way)]
+        return []
+
+    def _giving(self, way: Compromise) -> tuple[str, ...]:
+        """The requirements that give; none where nothing is missing."""
+        lacks = way.lacking > ROW_TOLERANCE
+        return tuple(name for name, gives in zip(self.elastic.requirements, lacks, strict=True) if gives)
 
     def _may_give(self, name: str) -> bool:
         if name == TARGET:
             return self.target.kind != "anywhere"
         return name != AXIS or self.problem.axis_rows > 0
 
-    def _least(self, given: Sequence[str], near: Compromise | None = None) -> Compromise | None:
-        """The least that the requirements ``given`` must give, sought from the best postures, or fewer beside one."""
+    def _least(self, given: Sequence[str], near: Sequence[Array] = ()) -> Compromise | None:
+        """The least that the requirements ``given`` must give, sought from ``near`` and the best others."""
         held = np.array([name not in given for name in self.elastic.requirements])
-        order = np.lexsort((self._cost(~held), np.round(self._cost(held), 4)))
-        starts = self._pool[order[: _STARTS if near is None else _FEWER_STARTS]]
-        if near is not None:
-            starts = np.vstack([near.q, starts])
-        return self.elastic.least(self.target.parameters, given, starts)
+        # Postures that lack nothing else may be far from what is asked for; those that lack least in all are near.
+        whole, others = self._cost(np.ones_like(held)), np.round(self._cost(held), 4)
+        orders = np.argsort(whole), np.lexsort((self._cost(~held), others))
+        chosen = self._pool[np.concatenate([order[:_STARTS] for order in orders])]
+        return self.elastic.least(self.target.parameters, given, np.vstack([*near, chosen]))
 
     def _cost(self, counted: Array) -> Array:
         return self.elastic.cost(np.where(counted, self._lacking, 0.0))

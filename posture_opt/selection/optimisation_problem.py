@@ -224,7 +224,7 @@ class OptimisationProblem:
         if self.scene is None:
             return []
         margin = ca.SX(self.scene.margin)
-        return [Row(name, "m", bound, margin, ca.SX(math.inf)) for name, bound in self.scene.rows(self.q)]
+        return [Row(name, "m", bound, margin, ca.SX(math.inf), name) for name, bound in self.scene.rows(self.q)]
 
     def _bound_rows(self) -> list[Row]:
         rows = []

@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from posture_opt.collision.scene import ITSELF, row_name
 from posture_opt.numerics import Array
 from posture_opt.selection.elastic_problem import AXIS, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.selection.nlp import Row
@@ -162,9 +163,29 @@ class _Told:
             message = f"{row.name} is {reached} at most, and at least {stated} is required"
         else:
             message = f"{row.name} is {reached} at least, and at most {stated} is allowed"
+        if row.name in self._obstacles:
+            change = self._too_near(self._obstacles[row.name], missing, value, low)
+            return change, Reason(row.name, message, missing, row.unit)
         key = "at_least" if below else "at_most"
         change = f"set {key} of {row.requirement} to {enough(told, row.unit, below)} (now {stated})"
         return change, Reason(row.name, message, abs(told - bound), row.unit)
+
+    @property
+    def _obstacles(self) -> dict[str, str]:
+        """Name of a row of the cell -> of what has to make room."""
+        scene = self.problem.scene
+        if scene is None:
+            return {}
+        return {row_name(o.name): f"obstacle {o.name} must give" for o in scene.obstacles} | {
+            ITSELF: "links that are not neighbours would have to give"
+        }
+
+    def _too_near(self, what: str, missing: float, value: float, margin: float) -> str:
+        """How much room there must be; a smaller clearance is offered where there is any."""
+        room = f"{what} {_up(missing * 1e3, 1):g} mm"
+        if value <= 0:
+            return room
+        return f"{room}, or set clearance of the cell to {enough(value, 'm', True)} (now {shown(margin, 'm')})"
 
 
 def _up(value: float, digits: int) -> float:

@@ -139,3 +139,32 @@ def test_a_wrist_below_its_height_is_raised_by_what_it_lacks() -> None:
     report = solution.report()
     assert "The least change that helps: move the target by (0.0, 0.0, 50.0) mm, 50 mm up." in report
     assert "- Set at_least of link_height to 100 mm" in report
+
+
+SOLIDS: dict[str, dict[str, Any]] = {
+    "post": {"kind": "cylinder", "radius": "60 mm", "length": "0.6 m", "shift": [0.07, 0, 0.3]},
+    "lid": {"kind": "box", "size": ["0.3 m", "0.3 m", "20 mm"], "shift": [0, 0, 0.1]},
+    "ball": {"kind": "sphere", "radius": "80 mm", "shift": [0, 0.1, 0]},
+}
+
+
+@pytest.mark.parametrize("robot", POINTS)
+@pytest.mark.parametrize("name", SOLIDS)
+def test_an_obstacle_is_named_and_a_move_gets_out_of_its_way(robot: str, name: str) -> None:
+    solid = dict(SOLIDS[name])
+    place = [f"{x + d} m" for x, d in zip(POINTS[robot], solid.pop("shift"), strict=True)]
+    data = asked(robot, POINTS[robot])
+    data["cell"] = {"obstacles": [{"name": name, "xyz": place, **solid}], "clearance": "20 mm"}
+    solution = refused(data)
+    assert [reason.requirement for reason in solution.reasons] == [f"clearance to {name}"]
+    of_obstacle = solution.relaxations[-1]
+    assert of_obstacle.change.startswith(f"obstacle {name} must give ")
+    # What it must give is what the exact distance lacks in that posture, but for the rounding of smooth distances.
+    problem = po.problem_from_dict(data)
+    q = np.array(list(of_obstacle.posture.values()))
+    exact = problem.scene.clearance(q)
+    if exact.distance > 0:  # exact distances do not say how deep
+        assert 0.02 - exact.distance == pytest.approx(of_obstacle.reasons[0].amount, abs=3e-3)
+    moves = [r for r in solution.relaxations if r.reasons[0].requirement == "target"]
+    assert moves
+    assert po.select_posture(po.problem_from_dict(changed(data, moves[0], solution))).status != "infeasible"
