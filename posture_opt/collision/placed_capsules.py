@@ -51,22 +51,30 @@ class PlacedCapsules:
     @cached_property
     def _function(self) -> BatchFunction:
         q = ca.SX.sym("q", self.robot.n)
-        placed = [self.symbols(q, k) for k in range(len(self.capsules))]
+        placed = self.symbols(q)
         points = [ca.vertcat(*ends) for ends in zip(*((start, start + along) for start, along in placed), strict=True)]
         return BatchFunction(ca.Function("segments", [q], [ca.densify(ca.SX(p)) for p in points]), compiled=False)
 
-    def symbols(self, q: ca.SX, k: int, seen_from: int | None = None) -> Placed:
-        """Capsule k at the joint values ``q`` (n,), in the world, or in the frame ``seen_from`` that lies before it."""
-        reached = self._reached(q, self.frames[k], seen_from)
-        capsule = self.capsules[k]
-        start, end = (_point(reached, point) for point in (capsule.start, capsule.end))
-        return start, end - start
+    def symbols(self, q: ca.SX, seen_from: int | None = None) -> tuple[Placed, ...]:
+        """All capsules at the joint values ``q`` (n,), in the world.
 
-    def _reached(self, q: ca.SX, frame: int, seen_from: int | None) -> Walk:
+        Or in the frame ``seen_from``, those of it and behind it; a point at its origin stands for those before.
+        """
+        reached = self._frames(q, seen_from)
+        placed = []
+        for capsule, frame in zip(self.capsules, self.frames, strict=True):
+            start, end = (_point(reached[frame], point) for point in (capsule.start, capsule.end))
+            placed.append((start, end - start))
+        return tuple(placed)
+
+    def _frames(self, q: ca.SX, seen_from: int | None) -> list[Walk]:
+        """(n + 2) the frames of base, links and tool, each walked to from the one before."""
         groups: Sequence[tuple[Factor, ...]] = (self.robot.base, *self.robot.links, self.robot.tool)
-        first = 0 if seen_from is None else seen_from + 1
-        factors = [factor for group in groups[first : frame + 1] for factor in group]
-        return walk(factors, factor_values(factors, ca.vertsplit(q)))
+        values, reached = ca.vertsplit(q), [walk((), ())]
+        for frame, factors in enumerate(groups):
+            met = () if seen_from is not None and frame <= seen_from else factors
+            reached.append(walk(met, factor_values(met, values), reached[-1]))
+        return reached[1:]
 
 
 def _point(reached: Walk, local: Sequence[float]) -> ca.SX:

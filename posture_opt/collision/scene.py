@@ -12,7 +12,7 @@ import numpy as np
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.obstacles import Obstacle
 from posture_opt.collision.pairs import Pair, exposed, obstacle_distances, own_distances, own_pairs
-from posture_opt.collision.placed_capsules import PlacedCapsules
+from posture_opt.collision.placed_capsules import Placed, PlacedCapsules
 from posture_opt.collision.smooth_bounds import segment_bound, soft_minimum
 from posture_opt.numerics import Array
 from posture_opt.robot.link_capsules import stand_in
@@ -140,24 +140,27 @@ class Scene:
         Each is to be at least ``margin``. At most `smooth_bounds.SLACK` below the true distance, and half of
         `smooth_bounds.ROUNDING` for each doubling of pairs that are equally near.
         """
+        placed = self.placed.symbols(q)
         found = []
         for obstacle, chosen in zip(self.obstacles, self.against, strict=True):
-            bounds = [bound for k in chosen for bound in self._to_obstacle(q, obstacle, k)]
+            bounds = [bound for k in chosen for bound in self._to_obstacle(placed[k], obstacle, k)]
             if bounds:
                 found.append(ClearanceRow(row_name(obstacle.name), soft_minimum(bounds)))
         if self.own:
-            found.append(ClearanceRow(ITSELF, soft_minimum([self._between(q, i, j) for i, j in self.own])))
+            found.append(ClearanceRow(ITSELF, soft_minimum(self._between(q))))
         return found
 
-    def _to_obstacle(self, q: ca.SX, obstacle: Obstacle, k: int) -> list[ca.SX]:
+    def _to_obstacle(self, placed: Placed, obstacle: Obstacle, k: int) -> list[ca.SX]:
         capsule = self.placed.capsules[k]
-        return obstacle.bounds(*self.placed.symbols(q, k), capsule.length, capsule.radius)
+        return obstacle.bounds(*placed, capsule.length, capsule.radius)
 
-    def _between(self, q: ca.SX, i: int, j: int) -> ca.SX:
-        """Seen from the frame of the first one, so that only joints between them take part."""
-        first, second = self.placed.capsules[i], self.placed.capsules[j]
-        seen_from = self.placed.frames[i]
-        start, along = self.placed.symbols(q, i, seen_from)
-        other, other_along = self.placed.symbols(q, j, seen_from)
-        radius = first.radius + second.radius
-        return segment_bound(start, along, first.length, other, other_along, second.length, radius)
+    def _between(self, q: ca.SX) -> list[ca.SX]:
+        """For every pair, seen from the frame of the first one: only joints between them take part."""
+        frames, capsules = self.placed.frames, self.placed.capsules
+        seen = {frame: self.placed.symbols(q, frame) for frame in {frames[i] for i, _ in self.own}}
+        bounds = []
+        for i, j in self.own:
+            first, other, placed = capsules[i], capsules[j], seen[frames[i]]
+            radius = first.radius + other.radius
+            bounds.append(segment_bound(*placed[i], first.length, *placed[j], other.length, radius))
+        return bounds
