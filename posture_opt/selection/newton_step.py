@@ -4,14 +4,16 @@ For ``min f(x)`` under rows ``l ≤ g(x) ≤ u`` and bounds of the variables the
 
 ``H p + ∇f + Aᵀλ + z = 0``,  ``A p = b − g`` for the rows of the working set,  ``p_j = b_j − x_j`` for its bounds,
 
-H being the Hessian of the Lagrangian: by the least step that meets the rows, and Newton's step with H projected onto
-the directions that keep them (Nocedal and Wright 2006, section 18.1). The working set changes as in a primal active set
-method (section 16.5), but once in a step instead of in a loop inside it: what a step meets first joins, what has a
-multiplier of the wrong sign leaves. So a step costs one linear system.
+H being the Hessian of the Lagrangian, less the curvature of convex rows where they bend it downwards: by the least step
+that meets the rows, and Newton's step with H projected onto the directions that keep them (Nocedal and Wright 2006,
+section 18.1). The working set changes as in a primal active set method (section 16.5), but once in a step instead of in
+a loop inside it: what a step meets first joins, what has a multiplier of the wrong sign leaves. So a step costs one
+linear system.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -131,22 +133,39 @@ class _Point:
 
     @cached_property
     def curvature(self) -> ca.SX:
-        """Hessian of the Lagrangian with the multipliers estimated here: they keep up with the steps."""
+        """Hessian of the Lagrangian with the multipliers estimated here: they keep up with the steps.
+
+        Without the curvature of convex rows where the Lagrangian bends downwards with it along what the rows leave
+        free: far from an optimum it means nothing, and a step that is turned uphill by it has to be found by halving.
+        """
+        convex = [row.convex for row in self.nlp.rows]
+        others = self._hessian(self.nlp.objective, [not yes for yes in convex])
+        if not any(convex):
+            return others
+        whole = others + self._hessian(ca.SX(0), convex)
+        return ca.if_else(_shifted(whole, self.projector)[1] < 0, others, whole)
+
+    def _hessian(self, objective: ca.SX, chosen: Sequence[bool]) -> ca.SX:
+        """Hessian of an objective and of some rows times their multipliers."""
         weights = ca.SX.sym("weights", self.m)
-        lagrangian = self.nlp.objective + ca.dot(weights, self.nlp.g)
+        lagrangian = objective + ca.dot(ca.DM([float(yes) for yes in chosen]) * weights, self.nlp.g)
         hessian = ca.densify(ca.hessian(lagrangian, self.nlp.x)[0])
         bounded = ca.fmin(ca.fmax(self.estimate[: self.m], -_MOST), _MOST)
         return ca.substitute(hessian, weights, bounded)
 
+    @cached_property
+    def projector(self) -> ca.SX:
+        """(n, n) onto the directions that keep the rows of the working set and what is held."""
+        m, n, A = self.m, len(self.nlp.variables), self.free_slopes
+        project = ca.diag(1 - self.working[m:])
+        return project - A.T @ ca.horzcat(*(solved(self._gram, A[:, k]) for k in range(n))) if m else project
+
     def direct(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Newton's step (n,), its multipliers (m + n,), and whether the Hessian had to be made convex."""
-        m, n, A = self.m, len(self.nlp.variables), self.free_slopes
+        m, A, project = self.m, self.free_slopes, self.projector
         short, p = self.gap[:m] - self.working[:m] * (self.row_slopes @ self.gap[m:]), self.gap[m:]
-        project = ca.diag(1 - self.working[m:])
         if m:
-            # The least step that meets the rows, and the projector onto the directions that keep them.
-            p = p + A.T @ solved(self._gram, short)
-            project = project - A.T @ ca.horzcat(*(solved(self._gram, A[:, k]) for k in range(n)))
+            p = p + A.T @ solved(self._gram, short)  # the least step that meets the rows
         factors, indefinite = _convexified(self.curvature, project)
         p = p - project @ solved(factors, project @ (self.slope + self.curvature @ p))
         return p, self._multipliers(self.slope + self.curvature @ p), indefinite
@@ -213,8 +232,17 @@ def _convexified(H: ca.SX, project: ca.SX) -> tuple[Factors, ca.SX]:
     Directions that the projector takes away get the size of H, those that change nothing a little of it, and where it
     bends downwards the identity is added, times a bound of its largest eigenvalue (Gershgorin 1931).
     """
+    K, least = _shifted(H, project)
+    indefinite = least < 0
+    return ldl(K + indefinite * _size(H) * ca.SX.eye(H.shape[0])), indefinite
+
+
+def _shifted(H: ca.SX, project: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """The projected Hessian, filled up along the directions that are taken away, and its least pivot."""
     one = ca.SX.eye(H.shape[0])
-    size = ca.mmax(ca.sum2(ca.fabs(H))) + _STILL
-    K = project @ H @ project + size * (one - project + _FLAT * one)
-    indefinite = ca.mmin(ca.vertcat(*ldl(K)[1])) < 0
-    return ldl(K + indefinite * size * one), indefinite
+    K = project @ H @ project + _size(H) * (one - project + _FLAT * one)
+    return K, ca.mmin(ca.vertcat(*ldl(K)[1]))
+
+
+def _size(H: ca.SX) -> ca.SX:
+    return ca.mmax(ca.sum2(ca.fabs(H))) + _STILL

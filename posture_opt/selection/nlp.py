@@ -29,6 +29,8 @@ class Row:
 
     ``term`` is the term or obstacle that it belongs to; the rows of target and tool axis say so in their names.
     ``shown`` turns a value of the expression into what people are told.
+    ``convex`` says that the expression mostly bends upwards, as a distance does: its curvature makes the Lagrangian of
+    a lower bound bend downwards.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Row:
     upper: ca.SX
     term: str = ""
     shown: Callable[[float], float] = float
+    convex: bool = False
 
     @property
     def requirement(self) -> str:

@@ -223,8 +223,9 @@ class OptimisationProblem:
     def _clearance_rows(self) -> list[Row]:
         if self.scene is None:
             return []
-        margin = ca.SX(self.scene.margin)
-        return [Row(name, "m", bound, margin, ca.SX(math.inf), name) for name, bound in self.scene.rows(self.q)]
+        margin, endless = ca.SX(self.scene.margin), ca.SX(math.inf)
+        bounds = self.scene.rows(self.q)
+        return [Row(name, "m", bound, margin, endless, name, convex=True) for name, bound in bounds]
 
     def _bound_rows(self) -> list[Row]:
         rows = []

@@ -16,8 +16,9 @@ from posture_opt.selection.batches import until_found_often, until_recurrence
 from posture_opt.selection.engine import CandidatePosture, Engine
 from posture_opt.selection.held_joints import explain_held, held_joints, released, with_held_joints
 from posture_opt.selection.infeasible import Explanation, explain_infeasibility, infeasible
-from posture_opt.selection.multistart import MultistartResult, distinct, multistart, rank
+from posture_opt.selection.multistart import MultistartResult, distinct, multistart
 from posture_opt.selection.optimisation_problem import Alignment, OptimisationProblem
+from posture_opt.selection.search_outcome import SearchOutcome, Seek, searched
 from posture_opt.selection.search_statistics import SearchStatistics, Sweep, sweep
 from posture_opt.selection.solution import Alternative, HasTask, Solution, Status, critical_basis
 from posture_opt.selection.task_target import PLANE_TOLERANCE, Reach, TaskTarget
@@ -56,16 +57,22 @@ class PostureSelector:
         self.reach = Reach.of(arm, self.task.tool_axis)
         self.target = TaskTarget.of(self.task, self.reach)
         self._aligner = Aligner(arm, self.task, self.reach, compiled)
-        self._engines: dict[tuple[str, Alignment, bool], Engine] = {}
+        self._engines: dict[tuple[str, Alignment, bool, bool], Engine] = {}
         self.engine(self.target).optimisation_problem.check_axis(self.target)
 
-    def engine(self, target: TaskTarget) -> Engine:
-        """The functions that solve targets of this kind; built on first use."""
-        scene = self._problem.scene if self._problem.scene.explicit else None
+    def engine(self, target: TaskTarget, guarded: bool | None = None) -> Engine:
+        """The functions that solve targets of this kind; built on first use.
+
+        Args:
+            guarded: whether rows keep the arm clear of collisions; default: where there are obstacles.
+        """
+        scene = self._problem.scene
+        guarded = scene.explicit if guarded is None else guarded and scene.active
         in_plane = lies_in_plane(target.direction, self.reach.normal)
-        key = target.kind, self._aligner.at(target), in_plane
+        kind = target.kind, self._aligner.at(target), in_plane
+        key = *kind, guarded
         if key not in self._engines:
-            problem = OptimisationProblem(self.tool_point, self.task, self.reach, *key, scene)
+            problem = OptimisationProblem(self.tool_point, self.task, self.reach, *kind, scene if guarded else None)
             self._engines[key] = Engine(problem, self._problem.solver, self._compiled)
         return self._engines[key]
 
@@ -95,19 +102,28 @@ class PostureSelector:
         began = time.perf_counter()
         target = self._target(position, direction, clearance)
         seed = self._problem.solver.seed if seed is None else seed
-        found = until_found_often(self.engine(target), target, np.random.default_rng(seed), starts)
-        return self._answer(found, None, began)
+
+        def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
+            return until_found_often(engine, target, np.random.default_rng(seed), starts), None
+
+        return self._answer(self._searched(seek, target), began)
 
     def solve_thoroughly(
         self, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
     ) -> Solution:
         """The best posture with the evidence that it is: found again by independent starts, the freedom left swept."""
         began = time.perf_counter()
-        engine, solver = self.engine(self.target), self._problem.solver
-        seed = solver.seed if seed is None else seed
-        found = until_recurrence(engine, self.target, seed, solver.starts, workers, progress)
-        swept = sweep(engine, found.target, np.random.default_rng(seed)) if found.found else None
-        return self._answer(found, swept, began)
+        solver = self._problem.solver
+        first = solver.seed if seed is None else seed
+
+        def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
+            found = until_recurrence(engine, self.target, first, solver.starts, workers, progress)
+            return found, sweep(engine, found.target, np.random.default_rng(first)) if found.found else None
+
+        return self._answer(self._searched(seek, self.target), began)
+
+    def _searched(self, seek: Seek, target: TaskTarget) -> SearchOutcome:
+        return searched(seek, self.engine(target), lambda: self.engine(target, guarded=True), self._problem.scene)
 
     def _target(
         self, position: Sequence[float] | None, direction: Sequence[float] | None, clearance: float | None
@@ -123,19 +139,17 @@ class PostureSelector:
             target = replace(target, clearance=float(clearance))
         return target
 
-    def _answer(self, found: MultistartResult, swept: Sweep | None, began: float) -> Solution:
-        engine = self.engine(found.target)
-        problem = engine.optimisation_problem
-        by_starts = [c for c in found.found if c.feasible]
-        by_sweep = [engine.polished(swept.best, found.target)] if swept is not None else []
-        feasible = sorted(by_starts + by_sweep, key=rank) or self._rescued(found, began)
+    def _answer(self, outcome: SearchOutcome, began: float) -> Solution:
+        found, by_starts, by_sweep = outcome.found, outcome.by_starts, outcome.by_sweep
+        problem = outcome.engine.optimisation_problem
+        feasible = outcome.feasible or self._rescued(outcome.engine, found, began)
         best = feasible[0]
         # A solve that stalled is no optimum; it counts only where nothing better is known.
         ended = [c for c in feasible if c.optimal] or feasible[:1]
         apart = distinct(np.array([c.q for c in ended]), self._problem.robot) if by_sweep else range(len(ended))
         optima = [ended[k] for k in apart]
         seconds = time.perf_counter() - began
-        statistics = SearchStatistics.of(found, swept, by_starts, best, len(optima), seconds)
+        statistics = SearchStatistics.of(found, outcome.swept, by_starts, best, len(optima), seconds)
 
         def ranked() -> tuple[Alternative, ...]:
             return self._alternatives(problem, found.target, optima)
@@ -147,9 +161,8 @@ class PostureSelector:
         status: Status = "optimal" if best.optimal else "feasible"
         return Solution(self._problem, problem, found.target, status, best.q, statistics, ranked, notes)
 
-    def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:
+    def _rescued(self, engine: Engine, found: MultistartResult, began: float) -> list[CandidatePosture]:
         """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""
-        engine = self.engine(found.target)
         why = self._with_joints_released(found) or explain_infeasibility(engine, found)
         if why.reasons:
             solution = infeasible(self._problem, engine, found, why, time.perf_counter() - began)
