@@ -42,7 +42,7 @@ _OF_AXIS = ("axis", "a1", "a2")
 
 def checks_block(solution: Solution) -> Block:
     """Gain, lower bound, what the search did lest a better posture be missed, time."""
-    rows = [*_gain(solution), *_lower_bound(solution), *_search(solution)]
+    rows = [*_gain(solution), *_most_manipulable(solution), *_lower_bound(solution), *_search(solution)]
     rows.append(("Time", f"{solution.statistics.seconds:.2f} s"))
     return Block("Checks", (*ranking_sentence(solution), Facts(tuple(rows)), *_advice(solution)))
 
@@ -68,6 +68,16 @@ def _gain(solution: Solution) -> list[tuple[str, str]]:
         ),
         ("", f"{_less(solution.gain_over(worst))} the worst one that was found ({_size(solution, worst)})"),
     ]
+
+
+def _most_manipulable(solution: Solution) -> list[tuple[str, str]]:
+    other = solution.most_manipulable
+    if other is None or solution.critical.sigma_max <= 0:
+        return []
+    more = other.sigma_max / solution.critical.sigma_max - 1
+    size = "the same scatter" if abs(more) < 5e-4 else f"{percent(abs(more))} {'more' if more > 0 else 'less'} scatter"
+    told = f" ({_size(solution, other.sigma_max)})" * (abs(more) >= 5e-4)
+    return [("Manipulability", f"the posture of greatest manipulability would have {size}{told}")]
 
 
 def _size(solution: Solution, sigma: float, digits: int = 3) -> str:

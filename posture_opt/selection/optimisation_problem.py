@@ -175,6 +175,9 @@ class OptimisationProblem:
 
     def _objective_terms(self) -> list[tuple[str, ca.SX]]:
         task, at = self.task, self.quantities
+        extra = [(f"{term.weight:g} x {term.kind}", term.weight * term.cost(at)) for term in task.minimize]
+        if task.criterion == "none":
+            return extra
         C, _ = at.projected(task.within)
         scale = self._symbols[1]["scale"]
         if task.criterion == "miss":
@@ -182,7 +185,6 @@ class OptimisationProblem:
         else:
             measure = {"worst": criteria.worst, "trace": criteria.trace, "area": criteria.area}[task.criterion]
             main = (f"{task.criterion} of the spread {task.within}, over scale", measure(C) / scale)
-        extra = [(f"{term.weight:g} x {term.kind}", term.weight * term.cost(at)) for term in task.minimize]
         return [main, *extra]
 
     def _target_rows(self) -> list[Row]:

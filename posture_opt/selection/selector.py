@@ -159,7 +159,8 @@ class PostureSelector:
             notes = (*notes, _ONE_ONLY)
         notes += self._beside(best.q, found.target)
         status: Status = "optimal" if best.optimal else "feasible"
-        return Solution(self._problem, problem, found.target, status, best.q, statistics, ranked, notes)
+        seen = np.vstack([best.q, found.sampled.Q])
+        return Solution(self._problem, problem, found.target, status, best.q, statistics, ranked, notes, feasible=seen)
 
     def _rescued(self, engine: Engine, found: MultistartResult, began: float) -> list[CandidatePosture]:
         """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""

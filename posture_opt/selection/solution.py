@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal, Protocol
 
@@ -14,6 +14,7 @@ from posture_opt.numerics import Array, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.lower_bound import LowerBound, lower_bound
+from posture_opt.selection.most_manipulable import ManipulablePosture, most_manipulable
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.relaxation import Reason, Relaxation
 from posture_opt.selection.search_statistics import SearchStatistics
@@ -67,6 +68,7 @@ class Solution(Result):
         reasons: why there is no solution; empty where there is one.
         relaxations: changes that would each make one possible, cheapest first.
         ranked: builds the alternatives when they are asked for.
+        feasible: (N, n) postures of the search that do the task, none where they are not kept.
     """
 
     problem: Any
@@ -79,6 +81,12 @@ class Solution(Result):
     notes: tuple[str, ...] = ()
     reasons: tuple[Reason, ...] = ()
     relaxations: tuple[Relaxation, ...] = ()
+    feasible: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @cached_property
+    def most_manipulable(self) -> ManipulablePosture | None:
+        """The posture of greatest manipulability that does the task too; None where nothing was found."""
+        return most_manipulable(self.optimisation_problem, self.target, self.problem.solver, self.feasible)
 
     @property
     def posture(self) -> dict[str, float]:
@@ -177,6 +185,7 @@ class Solution(Result):
             "clearance": None if self.clearance is None else self.clearance.to_json(),
             "alternatives": [alternative.to_json() for alternative in self.alternatives],
             "floor": self._lower_bound_json(),
+            "most_manipulable": self.most_manipulable and self.most_manipulable.to_json(),
             "typical_sigma_max": finite_or_none(statistics.typical),
             "worst_sigma_max": finite_or_none(statistics.worst),
             "solver": statistics.to_json(),

@@ -15,7 +15,7 @@ from posture_opt.spec import Spec
 from posture_opt.uncertainty.task_spread import Within
 from posture_opt.units import Angle, Celsius, Length, Mass, Time
 
-Criterion = Literal["worst", "trace", "area", "miss"]
+Criterion = Literal["worst", "trace", "area", "miss", "none"]
 
 
 class Region(Spec):
