@@ -43,8 +43,10 @@ if TYPE_CHECKING:
     from posture_opt.model.arm import Arm
     from posture_opt.problem.fitted_problem import calibrated_problem, extended_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
+    from posture_opt.selection.paths.path_solution import PathSolution
     from posture_opt.selection.plan_comparison import Comparison, compare_plans
-    from posture_opt.selection.selector import PostureSelector, select_posture
+    from posture_opt.selection.select_posture import select_posture
+    from posture_opt.selection.selector import PostureSelector
     from posture_opt.selection.solution import Solution
     from posture_opt.selection.target_map import TargetMap, map_targets
     from posture_opt.uncertainty.cloud import Cloud, simulate
@@ -68,6 +70,7 @@ __all__ = [
     "Diagnosis",
     "MeasurementPlan",
     "Measurements",
+    "PathSolution",
     "PostureSelector",
     "Solution",
     "Spread",
@@ -109,6 +112,7 @@ _HOMES = {
     "Diagnosis": "diagnosis.diagnosis",
     "MeasurementPlan": "experiments.measurement_plan",
     "Measurements": "measurements.measurements",
+    "PathSolution": "selection.paths.path_solution",
     "PostureSelector": "selection.selector",
     "Solution": "selection.solution",
     "Spread": "uncertainty.spread",
@@ -131,7 +135,7 @@ _HOMES = {
     "problem_from_dict": "problem.load",
     "propagate": "uncertainty.spread",
     "read_measurements": "measurements.reading",
-    "select_posture": "selection.selector",
+    "select_posture": "selection.select_posture",
     "simulate": "uncertainty.cloud",
 }
 

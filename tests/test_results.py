@@ -38,8 +38,14 @@ def compared() -> po.Comparison:
     return found
 
 
+def followed() -> Any:
+    points = [["0.9 m", "0.5 m", "0 m"], ["1 m", "0.55 m", "0 m"], ["1.1 m", "0.5 m", "0 m"]]
+    return po.load_problem("insert_planar_2r").with_task("trace", points=points)
+
+
 MADE: dict[str, Callable[[], Result]] = {
     "Solution": lambda: po.select_posture(po.load_problem("insert_planar_2r_fixed_hole")),
+    "PathSolution": lambda: po.select_posture(followed()),
     "Spread": lambda: po.propagate(po.load_problem("insert_planar_2r"), [0.3, 0.5]),
     "Cloud": lambda: po.simulate(po.load_problem("insert_planar_2r"), [0.3, 0.5], n=200),
     "TargetMap": lambda: po.map_targets(po.load_problem("insert_planar_2r_fixed_hole"), counts=(3, 3)),

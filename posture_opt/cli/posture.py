@@ -17,6 +17,8 @@ from posture_opt.output import staged_folder
 from posture_opt.problem.problem import Problem
 from posture_opt.uncertainty.spread_function import covariance_c
 
+Answer = po.Solution | po.PathSolution
+
 
 def solve(common: Common, explain: bool, **given: Any) -> None:
     """Select the posture of the requested problem, write the files, print the report.
@@ -34,7 +36,7 @@ def solve(common: Common, explain: bool, **given: Any) -> None:
         raise reason
 
 
-def _solved(problem: Problem, common: Common) -> tuple[po.Solution, NoSolutionError | None]:
+def _solved(problem: Problem, common: Common) -> tuple[Answer, NoSolutionError | None]:
     """The solution, or the nearest posture with the reason why it is none."""
     with progress_bar(common, "batches of starts") as progress, placed(problem):
         try:
@@ -45,7 +47,7 @@ def _solved(problem: Problem, common: Common) -> tuple[po.Solution, NoSolutionEr
             return error.solution, error
 
 
-def _text(solution: po.Solution, explain: bool) -> str:
+def _text(solution: Answer, explain: bool) -> str:
     return f"{solution.report()}\n{solution.explain()}" if explain else solution.report()
 
 

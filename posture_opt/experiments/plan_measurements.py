@@ -23,7 +23,7 @@ from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, T
 from posture_opt.experiments.plan_search import PlanSearch, tour
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.selector import select_posture
+from posture_opt.selection.select_posture import planned_posture
 from posture_opt.selection.solution import HasTask
 from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.link_height import LinkHeight
@@ -126,7 +126,7 @@ def _target(problem: PlannedProblem, needed: bool) -> tuple[Target | None, tuple
         mend = "add task: {kind: insert, position: [...]}, or plan for parameters"
         raise InputError(Issue("the problem states no task to plan for", ("task",), mend=mend))
     try:
-        solution = select_posture(problem)
+        solution = planned_posture(problem)
         if solution.status == "infeasible":
             raise NoSolutionError("the task has no posture")
     except (InputError, NoSolutionError) as error:

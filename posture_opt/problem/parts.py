@@ -17,6 +17,7 @@ from posture_opt.problem.effects_section import (
     noisy_sources,
 )
 from posture_opt.problem.issues import schema_issues
+from posture_opt.problem.path_file import with_path
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.corrections import corrected
@@ -42,6 +43,8 @@ def read_parts(
     if spec is not None:
         read = spec
         arms = _collect(issues, lambda: _arms(read, folder))
+        task = _collect(issues, lambda: with_path(read.task, folder))
+        spec = spec.model_copy(update={"task": task})
     if spec is not None and arms is not None and "uncertainty" not in broken:
         arm = arms[1]
         sources = _collect(issues, lambda: _sources(read, arm, folder, texts))

@@ -29,15 +29,21 @@ from posture_opt.problem.fitting import (
     sources_text,
 )
 from posture_opt.problem.parts import input_notes, parse_spec, problem_notes, read_parts
+from posture_opt.problem.path_file import with_path
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document, read_yaml
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.solvers import Solver
-from posture_opt.selection.tasks import Task
+from posture_opt.selection.tasks import Task, known_to
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.uncertainty_section import MeasurementSpec, UncertaintySpec
 
-_TARGETS: dict[str, tuple[str, ...]] = {"position": (), "region": (), "features": ("workpiece", "combine")}
+_TARGETS: dict[str, tuple[str, ...]] = {
+    "position": (),
+    "region": (),
+    "features": ("workpiece", "combine"),
+    **dict.fromkeys(("path", "points"), ("workpiece", "axes", "spacing", "largest_step")),
+}
 """Keys of a task that say where, one of them at a time, each with those that mean nothing without it."""
 
 
@@ -106,25 +112,26 @@ class Problem:
             InputError: unknown kind or key, or a value that does not fit.
         """
         former = dict(self.document.get("task") or {})
-        task = {**former, **({"kind": kind} if kind else {}), **keys}
+        task = {**known_to(kind, former), **({"kind": kind} if kind else {}), **keys}
         for rival in _TARGETS:
             if rival in keys:
                 for other in set(_TARGETS) - {rival, *keys}:
-                    for key in (other, *_TARGETS[other]):
-                        task.pop(key, None)
+                    gone = {other, *_TARGETS[other]} - set(keys)
+                    task = {key: value for key, value in task.items() if key not in gone}
         document = {**self.document, "task": task}
         spec = parse_spec(Document(document))
         notes = self.notes
         if kind and former.get("kind", kind) != kind:
             notes = (*notes, f"the task '{former['kind']}' of the file is overridden by '{kind}'")
         overridden = self.overridden | {("task", key) for key in (*keys, *(["kind"] if kind else []))}
-        arm = arm_with(self.robot, self.effects, spec.task)
+        found = with_path(spec.task, self.folder)
+        arm = arm_with(self.robot, self.effects, found)
         former_notes = input_notes(self.arm)
         notes = (*(note for note in notes if note not in former_notes), *input_notes(arm))
         return replace(
             self,
             arm=arm,
-            task=spec.task,
+            task=found,
             document=document,
             notes=notes,
             overridden=frozenset(overridden),
@@ -209,6 +216,7 @@ class Problem:
         for section, key, name in (
             ("uncertainty", "covariance", f"{stem}_covariance.csv"),
             ("robot", "file", f"{stem}.urdf"),
+            ("task", "path", f"{stem}_path.csv"),
         ):
             given = (document.get(section) or {}).get(key)
             if given:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 CAPTIONS = {
     "arm": "The arm in its posture, with the region that holds 95 % of the tool points (enlarged as stated).",
     "cloud": "Simulated tool points and the ellipse that holds 95 % of them.",
+    "path": "Scatter along the path and where it comes from, and the joints.",
     "budget": "Which source the scatter comes from.",
     "plan_points": "Where the tool point goes to be measured, over all places that it may reach.",
     "plan_errors": "How well each parameter will be known: the further left the better.",
@@ -52,7 +53,7 @@ DOCUMENTS = frozenset((*(f"{name}.json" for name in _JSON), "report.txt", "repor
 OWN_FILES = DOCUMENTS | frozenset(
     (
         *(f"{name}{end}" for name in ("calibrated", "extended") for end in (".yaml", "_covariance.csv", ".urdf")),
-        *("cloud.csv", "plan_points.csv", "uncertainty.yaml", "map.csv"),
+        *("cloud.csv", "plan_points.csv", "uncertainty.yaml", "map.csv", "postures.csv"),
         *(f"{name}.{kind}" for name in CAPTIONS for kind in ("png", "svg")),
     )
 )

@@ -183,7 +183,7 @@ def posture_columns(found: TargetMap) -> dict[str, list[float]]:
 def map_csv(columns: Columns, joints: int) -> str:
     """The table of a map as a file: places to 0.1 µm, joints to 1e-6 deg or mm, the rest to six digits."""
     heads = list(columns)
-    decimals = {**dict.fromkeys(heads[:3], 4), "feasible": 0, **dict.fromkeys(heads[-joints:], 6)}
+    decimals = {**dict.fromkeys(heads[:3], 4), "feasible": 0, "listed": 0, **dict.fromkeys(heads[-joints:], 6)}
     cells = [[_cell(value, decimals.get(head)) for value in columns[head]] for head in heads]
     return "".join(", ".join(row) + "\n" for row in (heads, *zip(*cells, strict=True)))
 

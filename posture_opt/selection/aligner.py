@@ -29,7 +29,7 @@ class Aligner:
     def at(self, target: TaskTarget) -> Alignment:
         """Whether the tool axis is asked for, and what the arm can give at such a target."""
         reach = self.reach
-        if self.task.axis == "free" or reach.axis_rank == 0:
+        if self.task.axis_request == "free" or reach.axis_rank == 0:
             return "free"
         if reach.axis_freedom == 2 and reach.orients_at_point:
             return "exact"

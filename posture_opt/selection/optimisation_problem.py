@@ -70,7 +70,7 @@ class OptimisationProblem:
 
     def axis_note(self, target: TaskTarget) -> str:
         """What became of the request to have the tool axis along the direction, in words."""
-        if self.task.axis == "free":
+        if self.task.axis_request == "free":
             return "The task leaves the tool axis free."
         if self.axis_rows:
             tilt = f", within a tilt of {math.degrees(target.tilt):g} deg" if target.tilt else ""
@@ -81,7 +81,7 @@ class OptimisationProblem:
 
     def check_axis(self, target: TaskTarget) -> None:
         """Raise InputError where the task requires an axis that the arm cannot give."""
-        if self.task.axis == "required" and not self.axis_rows and not self.fixed_along(target):
+        if self.task.axis_request == "required" and not self.axis_rows and not self.fixed_along(target):
             raise InputError(
                 Issue(
                     f"{self.task.kind} needs the tool axis along the direction, which this arm cannot give",

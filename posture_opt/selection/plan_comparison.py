@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from posture_opt.collision.scene import Scene
-from posture_opt.errors import InputError, NoSolutionError, SolverError
+from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.posture_distance import PostureDistance
-from posture_opt.selection.selector import select_posture
+from posture_opt.selection.select_posture import planned_posture
 from posture_opt.selection.solution import HasTask, Solution
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
@@ -174,7 +174,10 @@ def _planned(problem: HasTask, seed: int | None, workers: int, hint: str) -> Pla
     if far := _far_away(problem):
         return PlannedPosture(reasons=(far, *told))
     try:
-        return PlannedPosture(select_posture(problem, seed=seed, workers=workers))
+        if problem.task is not None and problem.task.on_path:
+            mend = "plan one point of it: task: {kind: trace, position: [...]}"
+            raise InputError(Issue("models are not compared along a path", ("task", "path"), mend=mend))
+        return PlannedPosture(planned_posture(problem, seed=seed, workers=workers))
     except (NoSolutionError, InputError, SolverError) as error:
         return PlannedPosture(reasons=(*str(error).splitlines(), *told))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -66,10 +66,15 @@ class PostureSelector:
         Args:
             guarded: whether rows keep the arm clear of collisions; default: where there are obstacles.
         """
+        return self.engine_of_all([target], guarded)
+
+    def engine_of_all(self, targets: Sequence[TaskTarget], guarded: bool | None = None) -> Engine:
+        """The functions that solve every one of some targets of a kind: what one of them cannot have, none has."""
         scene = self._problem.scene
         guarded = scene.explicit if guarded is None else guarded and scene.active
-        in_plane = lies_in_plane(target.direction, self.reach.normal)
-        kind = target.kind, self._aligner.at(target), in_plane
+        in_plane = all(lies_in_plane(target.direction, self.reach.normal) for target in targets)
+        alignments = [self._aligner.at(target) for target in targets]
+        kind = targets[0].kind, max(alignments, key=get_args(Alignment).index), in_plane
         key = *kind, guarded
         if key not in self._engines:
             problem = OptimisationProblem(self.tool_point, self.task, self.reach, *kind, scene if guarded else None)
@@ -242,6 +247,9 @@ def one_target(task: Task) -> Task:
         raise InputError(
             Issue("this takes a task with one target, and the task has features", ("task", "features"), mend=mend)
         )
+    if task.on_path:
+        mend = "use select_posture, or name one target: problem.with_task(position=[...])"
+        raise InputError(Issue("this takes a task with one target, and the task has a path", ("task",), mend=mend))
     return task
 
 
@@ -254,25 +262,3 @@ def sources_of(problem: HasTask) -> Sources:
             Issue("nothing is uncertain, so no posture is better than another", ("uncertainty",), mend=mend)
         )
     return problem.sources
-
-
-def select_posture(
-    problem: HasTask, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
-) -> Solution:
-    """The posture whose spread hurts the task least, with alternatives and evidence.
-
-    By the criterion ``worst`` it is ``min_q λ_max(Bᵀ C(q) B)``, the largest variance in the directions that the task
-    minds: C (3, 3) [m²] the covariance of the tool point, B (3, m) a basis of those directions, both world; subject to
-    the target, the tool axis, the limits of the joints and what the task adds.
-
-    Args:
-        problem: with a task and uncertain parameters.
-        seed: of the random starts; the same seed gives the same answer. Default: the problem's.
-        workers: processes that share the batches of starts.
-        progress: called with (done, most) batches.
-
-    Raises:
-        NoSolutionError: nothing feasible; carries the nearest posture and the reasons.
-        InputError: no task, nothing uncertain, or a task that the arm cannot do.
-    """
-    return PostureSelector(problem, compiled=False).solve_thoroughly(seed=seed, workers=workers, progress=progress)

@@ -20,6 +20,7 @@ from posture_opt.report.figures.batch import plot_batch
 from posture_opt.report.figures.comparison import plot_landing
 from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram, plot_scores
 from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
+from posture_opt.report.figures.path import plot_path
 from posture_opt.report.figures.plan import plot_plan_errors, plot_plan_points
 from posture_opt.report.figures.residual_scatter import plot_region, plot_repeats, plot_shape
 from posture_opt.report.figures.residual_trends import plot_residuals_over_inputs, plot_residuals_over_joints
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from posture_opt.report.comparison_report import ComparisonPresenter
     from posture_opt.report.diagnosis_report import DiagnosisPresenter
     from posture_opt.report.measurement_plan_report import MeasurementPlanPresenter
+    from posture_opt.report.path_solution_report import PathSolutionPresenter
     from posture_opt.report.presenter import Drawings
     from posture_opt.report.solution_report import SolutionPresenter
     from posture_opt.report.spread_check_report import SpreadCheckPresenter
@@ -64,6 +66,18 @@ def solution(shown: SolutionPresenter) -> Drawings:
     if found.optimisation_problem.robot.n == 2:
         drawings["joint_map"] = partial(plot_joint_map, found)
     return drawings
+
+
+def path_solution(shown: PathSolutionPresenter) -> Drawings:
+    """Spread and joints along the path; the arm at its worst point."""
+    found = shown.result
+    return {
+        "path": partial(plot_path, found),
+        "arm": partial(plot_solution, found.worst),
+        "budget": lambda: plot_budget(
+            found.worst.spread, found.worst.task_spread.budget_groups, found.worst.critical.worst_axis
+        ),
+    }
 
 
 def spread(shown: SpreadPresenter) -> Drawings:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from posture_opt.selection.tasks.drill import Drill
 from posture_opt.selection.tasks.insert import Insert
@@ -20,4 +21,17 @@ if TYPE_CHECKING:
 else:
     TaskSpec = one_of(TASKS)
 
-__all__ = ["TASKS", "Criterion", "Region", "Task", "TaskSpec"]
+
+def known_to(kind: str | None, keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Those ``keys`` of a section ``task`` that a task of another kind has too; all of them where there is none."""
+    for task in TASKS:
+        if task.model_fields["kind"].annotation.__args__[0] == kind:  # type: ignore[union-attr]
+            return {key: value for key, value in keys.items() if key in task.model_fields or not _of_any_task(key)}
+    return dict(keys)
+
+
+def _of_any_task(key: str) -> bool:
+    return any(key in task.model_fields for task in TASKS)
+
+
+__all__ = ["TASKS", "Criterion", "Region", "Task", "TaskSpec", "known_to"]

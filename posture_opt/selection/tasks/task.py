@@ -65,6 +65,16 @@ class Task(Spec):
     temperature: Celsius | None = Field(None, description="at which the task is done, for effects of it")
     time: Time | None = Field(None, ge=0, description="of the task since the first measurement, for effects of time")
 
+    @property
+    def on_path(self) -> bool:
+        """Whether it is done along a path, at one posture a point."""
+        return False
+
+    @property
+    def axis_request(self) -> Literal["aligned", "required", "free"]:
+        """What is asked of the tool axis: ``axis``, unless the values of the task change it."""
+        return self.axis
+
     @field_validator("position", mode="before")
     @classmethod
     def _three(cls, value: Any, info: ValidationInfo) -> Any:

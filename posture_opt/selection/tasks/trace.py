@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from posture_opt.selection.tasks.task import Criterion, Task
+from posture_opt.selection.tasks.path_task import PathTask
+from posture_opt.selection.tasks.task import Criterion
 from posture_opt.uncertainty.task_spread import Within
 
 
-class Trace(Task):
-    """Passing a point along ``direction``, the direction of travel: the spread across it is made small."""
+class Trace(PathTask):
+    """Following a path, or passing one point along ``direction``: the spread across the way of travel is made small."""
 
     within: ClassVar[Within] = "across"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "free"

@@ -1,0 +1,134 @@
+"""The points of a path from their CSV file: ``x [mm], y [mm], z [mm]``, and ``dx, dy, dz`` for the tool axis."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from posture_opt.errors import BadValueError, InputError, nearest
+from posture_opt.measurements.table import Faults, RawTable, open_table
+from posture_opt.numerics import Array
+from posture_opt.selection.tasks import Task
+from posture_opt.selection.tasks.path_task import PathTask, repeated
+from posture_opt.units import parse_quantity
+
+Vectors = tuple[tuple[float, float, float], ...]
+"""Points [m] or directions, one a row."""
+_HEAD = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
+_POINT, _AXIS = ("x", "y", "z"), ("dx", "dy", "dz")
+_SHORTEST = 1e-12  # of dx, dy, dz
+
+
+def with_path(task: Task | None, folder: Path) -> Task | None:
+    """The task with the points of the file that it names, if it names one.
+
+    Args:
+        folder: where relative names start.
+
+    Raises:
+        InputError: no such file, or everything wrong with its header and rows, each with its line.
+    """
+    if not isinstance(task, PathTask) or task.path is None:
+        return task
+    try:
+        return task.with_points(*_read(open_table(folder / Path(task.path).expanduser())))
+    except InputError as error:
+        raise InputError([issue if issue.file else issue.at("task", "path") for issue in error.issues]) from None
+
+
+def _read(
+    raw: RawTable,
+) -> tuple[Vectors, Vectors | None]:
+    """Points [m] and axes of the rows."""
+    columns = _columns(raw)
+    lines: list[int] = []
+    rows: list[list[float]] = []
+    for block in raw.blocks:
+        for r, line in enumerate(block.lines):
+            lines.append(line)
+            rows.append([_number(block.cells[i][r], name, line, raw.faults) * f for name, (i, f) in columns.items()])
+    table = np.array(rows, dtype=float).reshape(len(rows), len(columns))
+    by_name = dict(zip(columns, table.T, strict=True))
+    points = _together(by_name, _POINT, len(rows))
+    axes = _together(by_name, _AXIS, len(rows)) if "dx" in columns else None
+    _check(points, axes, lines, raw)
+    return _tuples(points), None if axes is None else _tuples(axes)
+
+
+def _columns(raw: RawTable) -> dict[str, tuple[int, float]]:
+    """Name -> index and factor to SI of the known columns."""
+    found: dict[str, tuple[int, float]] = {}
+    for index, head in enumerate(raw.heads):
+        match = _HEAD.match(head)
+        name, unit = (match["name"], (match["unit"] or "").strip()) if match else (head.strip(), "")
+        if name not in (*_POINT, *_AXIS):
+            near = nearest(name, (*_POINT, *_AXIS))
+            mend = f"did you mean '{near}'?" if near else "a path has x [mm], y [mm], z [mm] and optionally dx, dy, dz"
+            raw.faults.add("unknown column", name, name, mend, raw.line)
+        elif name in found:
+            raw.faults.add("two columns have this name", name, mend="keep one", line=raw.line)
+        else:
+            found[name] = index, _factor(name, unit, raw)
+    _missing(found, raw)
+    raw.faults.refuse()
+    return found
+
+
+def _factor(name: str, unit: str, raw: RawTable) -> float:
+    if name in _AXIS:
+        if unit not in ("", "-", "1"):
+            raw.faults.add(f"a direction has no unit, '{unit}' is given", name, unit, f"write {name}", raw.line)
+        return 1.0
+    if not unit:
+        raw.faults.add("the column has no unit", name, None, f"write {name} [mm]", raw.line)
+        return 1.0
+    try:
+        return parse_quantity(f"1 {unit}", "length")
+    except BadValueError as error:
+        raw.faults.add(error.message, name, unit, f"write {name} [mm]", raw.line)
+        return 1.0
+
+
+def _missing(found: dict[str, tuple[int, float]], raw: RawTable) -> None:
+    """Planar arms may leave out z; dx, dy, dz come together."""
+    for name in ("x", "y"):
+        if name not in found:
+            raw.faults.add("the column is missing", name, mend=f"add {name} [mm]", line=raw.line)
+    axis = [name for name in _AXIS if name in found]
+    if axis and axis[:2] != ["dx", "dy"]:
+        raw.faults.add(f"{', '.join(axis)} alone make no direction", axis[0], mend="add dx, dy, dz", line=raw.line)
+
+
+def _number(cell: str, name: str, line: int, faults: Faults) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        faults.add(f"'{str(cell).strip()}' is not a finite number", name, cell, "write a number like 12.5", line)
+    return value
+
+
+def _together(columns: Mapping[str, Array], names: tuple[str, ...], rows: int) -> Array:
+    """(N, 3) of columns; one that is left out is zero."""
+    return np.column_stack([columns.get(name, np.zeros(rows)) for name in names])
+
+
+def _check(points: Array, axes: Array | None, lines: list[int], raw: RawTable) -> None:
+    faults = raw.faults
+    faults.refuse()
+    if len(points) < 2:
+        faults.stop(f"a path has at least two points, {len(points)} given", "add rows", raw.line + len(points))
+    for k in repeated(_tuples(points)):
+        faults.add(f"the point of line {lines[k]} again", mend="leave out one of the two rows", line=lines[k + 1])
+    short = [] if axes is None else np.flatnonzero(np.linalg.norm(axes, axis=1) < _SHORTEST).tolist()
+    for k in short:
+        faults.add("dx, dy, dz of length zero point nowhere", "dx", mend="write for example 0, 0, -1", line=lines[k])
+    faults.refuse()
+
+
+def _tuples(rows: Array) -> Vectors:
+    return tuple((float(x), float(y), float(z)) for x, y, z in rows)

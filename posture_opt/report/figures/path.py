@@ -1,0 +1,86 @@
+"""A path over its length: the spread with what it is made of, and the joints."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from posture_opt.numerics import Array, Codes
+from posture_opt.report.style import BLUE, GREEN, GREY, LIGHT, ORANGE, PURPLE, VERMILLION, new_figure, styled
+from posture_opt.report.units_text import joint_unit, length_unit
+from posture_opt.report.words import PARTS, source_words
+
+if TYPE_CHECKING:
+    from posture_opt.selection.paths.path_solution import PathSolution
+
+_NAMED = 5  # sources that are drawn by themselves
+_SMALL = 0.02  # of the variance, on the mean along the path: sources below are lumped
+_MOST = 61  # points whose budget is drawn
+_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION)
+_LINES = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, GREY, "black")
+
+
+@styled
+def plot_path(found: PathSolution) -> Figure:
+    """The largest standard deviation in the part that counts, divided by the sources' shares in its variance, and the
+    joints, each as its change from the first point on.
+    """
+    figure = new_figure(8.2, 6.2)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    _spread(above, found)
+    _joints(below, found)
+    below.set_xlabel("way along the path [mm]")
+    below.set_xlim(0.0, 1e3 * float(found.path.lengths[-1]))
+    for axes in (above, below):
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+def _spread(axes: Any, found: PathSolution) -> None:
+    sigma, way = found.motion.sigma, 1e3 * found.path.lengths
+    unit, factor = length_unit(sigma.tolist())
+    every = np.unique(np.linspace(0, len(sigma) - 1, min(_MOST, len(sigma))).round().astype(int))
+    names, shares = _shares(found, every)
+    heights = factor * shares * sigma[every]
+    colours = [*_COLOURS[: len(names) - 1], LIGHT] if names[-1] == "others" else list(_COLOURS[: len(names)])
+    axes.stackplot(way[every], heights, labels=names, colors=colours, alpha=0.85, lw=0)
+    axes.plot(way, factor * sigma, color="black", lw=1.4)
+    axes.plot(*_listed(found, way, factor * sigma), "o", color="black", ms=3.5, ls="none", label="listed points")
+    worst = found.motion.worst
+    axes.plot(way[worst], factor * sigma[worst], "*", color=VERMILLION, mec="black", ms=13, ls="none", label="worst")
+    axes.axhline(factor * found.bound, color=GREY, ls="--", lw=1.0, label="lower bound of the worst")
+    axes.set_ylim(0.0, 1.12 * factor * float(sigma.max()))
+    part = PARTS[found.optimisation_problem.task.within]
+    axes.set_ylabel(f"standard deviation [{unit}]\n{part}")
+
+
+def _listed(found: PathSolution, way: Array, values: Array) -> tuple[Array, Array]:
+    return way[found.path.listed], values[found.path.listed]
+
+
+def _shares(found: PathSolution, points: Codes) -> tuple[list[str], Array]:
+    """Names of the main sources, and their shares (m, N) in the variance along the worst axis of some points.
+
+    A source whose errors cancel others' has a share below zero somewhere and no meaning by itself: it is lumped.
+    """
+    budgets = [{s.parameter: s.share for s in found.points[k].budget} for k in points.tolist()]
+    every = {name: np.array([budget.get(name, 0.0) for budget in budgets]) for name in budgets[0]}
+    own = {name: share for name, share in every.items() if share.mean() >= _SMALL and share.min() > -1e-3}
+    main = sorted(own, key=lambda name: -float(own[name].mean()))[:_NAMED]
+    shares = [np.maximum(every[name], 0.0) for name in main]
+    left = 1.0 - np.sum(shares, axis=0) if shares else np.ones(len(points))
+    arm = found.optimisation_problem.arm
+    names = [source_words(name, arm) for name in main]
+    if float(np.max(left)) < 1e-3:
+        return names, np.array(shares)
+    return [*names, "others"], np.array([*shares, np.maximum(left, 0.0)])
+
+
+def _joints(axes: Any, found: PathSolution) -> None:
+    way, Q = 1e3 * found.path.lengths, found.motion.Q
+    for k, (joint, colour) in enumerate(zip(found.optimisation_problem.robot.joints, _LINES * 3, strict=False)):
+        unit, factor = joint_unit(joint.type)
+        axes.plot(way, factor * (Q[:, k] - Q[0, k]), color=colour, label=f"{joint.name} [{unit}]", lw=1.5)
+    axes.set_ylabel("joints, from the first point")

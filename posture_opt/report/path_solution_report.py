@@ -1,0 +1,211 @@
+"""The report on a path: the worst point and its spread, the postures of all points, how sure one may be of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.parts import (
+    frame_notes,
+    input_facts,
+    joint_values,
+    note_facts,
+    robot_facts,
+    sentence,
+    source_facts,
+)
+from posture_opt.report.presenter import Columns, Presenter, problem_of
+from posture_opt.report.solution_checks import explain_report
+from posture_opt.report.solution_report import posture_block, spread_block
+from posture_opt.report.target_map_report import map_csv
+from posture_opt.report.task_parts import critical_size, task_budget_block
+from posture_opt.report.text import render
+from posture_opt.report.units_text import angle, count, joint_unit, length, length_unit, percent, place, stated_length
+from posture_opt.report.words import CRITERIA, PARTS
+from posture_opt.units import fixed, number
+
+if TYPE_CHECKING:
+    from posture_opt.report.save import Files
+    from posture_opt.selection.paths.motion import Motion
+    from posture_opt.selection.paths.path_solution import PathSolution
+
+_SHOWN = 8  # points of a path in the report; all of them stand in postures.csv
+_SAME = 5e-4  # of a standard deviation: what no report tells apart
+_STATUS = {"optimal": "Best motion along", "feasible": "Best motion found along", "infeasible": "No motion along"}
+
+
+def path_report(found: PathSolution) -> Report:
+    """The blocks of a motion, or those of a failure: why, and the motion of least largest step."""
+    title = found.problem.name or "Postures along a path"
+    if found.status == "infeasible":
+        why = Block("Why", tuple(sentence(reason.message) for reason in found.reasons))
+        return Report(title, ("There is no motion along this path.",), (why, _problem(found), _points(found)))
+    worst = found.worst
+    problem = problem_of(found)
+    at_worst = posture_block(worst)
+    name = f"Posture at {_name(found, found.motion.worst)}, where the scatter is largest"
+    blocks = (
+        _problem(found),
+        _points(found),
+        Block(name, at_worst.items, figure="arm"),
+        spread_block(worst),
+        task_budget_block(problem, worst.task_spread),
+        _checks(found),
+    )
+    return Report(title, _lead(found), tuple(block for block in blocks if block.items))
+
+
+def _lead(found: PathSolution) -> tuple[str, ...]:
+    part = PARTS[found.critical.within]
+    return (
+        f"The tool point scatters {part} by at most {critical_size(found.critical)}, at "
+        f"{_name(found, found.motion.worst)} of {count(len(found.stations), 'point')}.",
+        f"From point to point no joint moves by more than {step_words(found, found.largest_joint_step)}.",
+    )
+
+
+def _name(found: PathSolution, k: int) -> str:
+    return found.path.numbers[k]
+
+
+def step_words(found: PathSolution, step: float) -> str:
+    """A step of a joint; where the arm has slides, as they count too."""
+    slides = any(joint.type == "prismatic" for joint in found.optimisation_problem.robot.joints)
+    return f"{angle(step)} (a slide: {stated_length(float(f'{step:.3g}'))})" if slides else angle(step)
+
+
+def _problem(found: PathSolution) -> Block:
+    problem, task = problem_of(found), found.optimisation_problem.task
+    added = len(found.path.listed) - len(found.stations)
+    more = f", and {added} more between them" if added else ""
+    ends = found.path.points[[0, -1]]
+    rows = [
+        *robot_facts(problem),
+        ("Task", f"{task.kind} - {task.summary}"),
+        ("Path", f"{count(len(found.stations), 'point')}{more}, {length(found.path.lengths[-1], 4)} long"),
+        ("", f"from {place(ends[0])} to {place(ends[1])}"),
+        ("Minimised", f"at the worst point, {CRITERIA[task.criterion].format(part=PARTS[task.within])}"),
+        ("Steps", f"of a joint between listed points: at most {step_words(found, found.largest_step)}"),
+        *input_facts(problem),
+        *source_facts(problem),
+        *note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes)),
+    ]
+    return Block("Problem", (Facts(tuple(rows)),))
+
+
+def _points(found: PathSolution) -> Block:
+    robot, listed = found.optimisation_problem.robot, np.flatnonzero(found.path.listed)
+    shown = listed[np.unique(np.linspace(0, len(listed) - 1, min(_SHOWN, len(listed))).round().astype(int))]
+    unit, factor = length_unit(found.motion.sigma.tolist())
+    heads = ["point", f"scatter [{unit}]", *(f"{c} [mm]" for c in "xyz")]
+    heads += [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
+    rows = []
+    for k in shown:
+        q = [fixed(v * joint_unit(j.type)[1], 1) for v, j in zip(found.motion.Q[k], robot.joints, strict=True)]
+        xyz = [fixed(1e3 * float(v), 1) for v in found.path.points[k]]
+        number_of = str(int(np.searchsorted(listed, k)) + 1)
+        rows.append((number_of, number(factor * float(found.motion.sigma[k]), 4), *xyz, *q))
+    table = Table(tuple(heads), tuple(rows)).transposed()
+    left = len(found.path.points) - len(shown)
+    text = (f"{count(left, 'point')} more in postures.csv.",) if left else ()
+    return Block("Postures along the path", (table, *text), figure="path")
+
+
+def _checks(found: PathSolution) -> Block:
+    sigma, motion = float(found.motion.sigma.max()), found.motion
+    rows = [*_naive_rows(found)]
+    bound = f"no motion gets below {length(found.bound)}: the best posture of the worst point alone"
+    rows.append(("Lower bound", f"{bound}; {_above(sigma, found.bound)}"))
+    rows.append(
+        ("Steps", f"the smallest largest step that was found possible is {step_words(found, found.smallest_step)}")
+    )
+    rows.append(("Between points", f"the tool leaves the straight line by up to {length(found.off_line)}"))
+    rows.append(("", "where all joints move evenly from one point of postures.csv to the next"))
+    compared = f"{sum(found.candidates)} candidate postures of {count(len(found.candidates), 'point')}"
+    proof = "locally optimal" if motion.optimal else "not confirmed as locally optimal"
+    rows.append(("Search", f"dynamic programming over {compared}, and one problem over all points from the best ways"))
+    rows.append(("", f"the answer is {proof}, and the best of these searches"))
+    rows.append(("Time", f"{found.seconds:.2f} s"))
+    return Block("Checks", (Facts(tuple(rows)),))
+
+
+def _above(sigma: float, bound: float) -> str:
+    return (
+        f"the answer lies {percent(sigma / bound - 1)} above" if sigma > bound * (1 + _SAME) else "the answer is there"
+    )
+
+
+def _naive_rows(found: PathSolution) -> list[tuple[str, str]]:
+    each, onward = found.naive.each, found.naive.onward
+    alone = f"{length(float(each.sigma.max()))} at the worst point, and a joint jumps by {angle(each.largest_step)}"
+    if onward is None:
+        reached = count(found.naive.reached, "point")
+        follow = f"comes to a limit after {reached}"
+    else:
+        follow = f"{_gain(found, onward)}, with steps up to {angle(onward.largest_step)}"
+    return [
+        ("Each point alone", alone),
+        ("Onward", f"following the best posture of the first point without look-ahead {follow}"),
+    ]
+
+
+def _gain(found: PathSolution, other: Motion) -> str:
+    sigma = float(other.sigma.max())
+    gain = found.gain_over(sigma)
+    if abs(gain) < _SAME:
+        return f"gives the same {length(sigma)}"
+    return f"gives {length(sigma)}: the answer has {percent(abs(gain))} {'less' if gain > 0 else 'more'}"
+
+
+def _columns(found: PathSolution) -> dict[str, list[float]]:
+    """One row a point, listed or added: where it is, the posture, its scatter."""
+    robot, motion = found.optimisation_problem.robot, found.motion
+    points = {f"{c} [mm]": (1e3 * found.path.points[:, k]).tolist() for k, c in enumerate("xyz")}
+    joints = [(joint.name, *joint_unit(joint.type)) for joint in robot.joints]
+    part = PARTS[found.optimisation_problem.task.within]
+    return {
+        **points,
+        "listed": [int(v) for v in found.path.listed],
+        f"sigma {part} [mm]": (1e3 * motion.sigma).tolist(),
+        **{f"{name} [{unit}]": (factor * motion.Q[:, k]).tolist() for k, (name, unit, factor) in enumerate(joints)},
+    }
+
+
+class PathSolutionPresenter(Presenter["PathSolution"]):
+    """The postures along a path."""
+
+    document = "solution"
+
+    def summary(self) -> Summary:
+        found = self.result
+        sigma = float(found.motion.sigma.max())
+        facts: tuple[tuple[str, str], ...] = (
+            ("Points", f"{len(found.stations)}, {length(found.path.lengths[-1], 4)} long"),
+            ("Scatter", f"at most {length(sigma)} {PARTS[found.critical.within]} (1 σ)"),
+            ("Steps", f"no joint moves by more than {step_words(found, found.largest_joint_step)}"),
+            ("First posture", joint_values(found.optimisation_problem.robot, found.motion.Q[0])),
+        )
+        if found.reasons:
+            facts = (facts[0], ("Why", sentence(found.reasons[0].message)))
+        asked = found.problem.name or found.optimisation_problem.task.kind
+        return Summary(f"{_STATUS[found.status]} the path of: {asked}", facts)
+
+    def report(self) -> Report:
+        return path_report(self.result)
+
+    def columns(self) -> Columns:
+        return _columns(self.result)
+
+    def files(self) -> Files:
+        return {"postures.csv": postures_csv(self.result)}
+
+    def explain(self) -> str:
+        """The optimisation problem of the worst point with its values there."""
+        return render(explain_report(self.result.worst))
+
+
+def postures_csv(found: PathSolution) -> bytes:
+    """All points of the path as a file: places to 0.1 µm, joints to 1e-6 deg or mm, scatter to six digits."""
+    return map_csv(_columns(found), found.optimisation_problem.robot.n).encode()

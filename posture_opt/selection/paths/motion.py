@@ -1,0 +1,91 @@
+"""``Motion``: postures along a path, how good they are, and how far the joints move between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from posture_opt.collision.scene import Scene
+from posture_opt.model.compiled import BatchFunction
+from posture_opt.numerics import Array
+from posture_opt.selection.engine import Engine
+from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE
+from posture_opt.selection.paths.task_path import stacked
+from posture_opt.selection.search_outcome import is_clear
+from posture_opt.selection.task_target import TaskTarget
+
+_BETWEEN = 7  # postures between two points that are looked at
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Postures Q (K, n) [rad or m] of the points of a path.
+
+    Args:
+        objectives: (K,), scaled; violations: (K,) the worst row of each [m, rad or 1].
+        clear: whether the arm collides with nothing at any point.
+        sigma: (K,) largest standard deviation in the part that counts [m].
+        steps: (K − 1,) largest change of a joint, as it counts between listed points [rad or m].
+        optimal: whether first-order conditions hold, or nothing was left to choose but between separate postures.
+    """
+
+    Q: Array
+    objectives: Array
+    violations: Array
+    sigma: Array
+    steps: Array
+    optimal: bool
+    clear: bool
+
+    @classmethod
+    def of(
+        cls, engine: Engine, targets: Sequence[TaskTarget], Q: Array, steps: Array, scene: Scene, optimal: bool
+    ) -> Motion:
+        """The motion evaluated."""
+        clear = bool(np.all(is_clear(scene, Q)))
+        objective, violation, _, variance = (column[:, 0] for column in engine.screen(Q, stacked(targets)))
+        return cls(Q, objective, violation, np.sqrt(np.maximum(variance, 0.0)), steps, optimal, clear)
+
+    @property
+    def objective(self) -> float:
+        """Of the worst point."""
+        return float(np.max(self.objectives))
+
+    @property
+    def feasible(self) -> bool:
+        """Whether all requirements are met at all points."""
+        return self.clear and float(np.max(self.violations)) <= ROW_TOLERANCE
+
+    @property
+    def largest_step(self) -> float:
+        """Between listed points [rad or m]."""
+        return float(np.max(self.steps))
+
+    def to_json(self) -> dict[str, float]:
+        """Largest scatter [m] and largest step [rad or m]."""
+        return {"sigma_max": float(self.sigma.max()), "step": self.largest_step}
+
+    @property
+    def worst(self) -> int:
+        """Number of the point with the largest scatter."""
+        return int(np.argmax(self.sigma))
+
+
+def off_line(engine: Engine, Q: Array) -> float:
+    """Largest distance [m] of the tool point from the straight lines between points, where all joints move evenly.
+
+    Args:
+        Q: (K, n) postures at the points.
+    """
+    shares = np.linspace(0.0, 1.0, _BETWEEN + 2)[1:-1]
+    between = Q[:-1, None] + shares[:, None] * (Q[1:] - Q[:-1])[:, None]
+    at = engine.optimisation_problem.quantities
+    position = BatchFunction(ca.Function("position", [at.q], [at.position]), compiled=False)
+    reached = position(between.reshape(-1, Q.shape[1])).reshape(len(Q) - 1, _BETWEEN, 3)
+    ends = position(Q)
+    start, way = ends[:-1, None], (ends[1:] - ends[:-1])[:, None]
+    along = np.clip(np.sum((reached - start) * way, axis=2) / np.sum(way**2, axis=2), 0.0, 1.0)
+    return float(np.max(np.linalg.norm(reached - start - along[..., None] * way, axis=2)))

@@ -1,0 +1,50 @@
+"""What simpler ways to choose the postures of a path give: each point by itself, or the first one and then on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from posture_opt.collision.scene import Scene
+from posture_opt.selection.engine import Engine
+from posture_opt.selection.inverse_kinematics import TOLERANCE
+from posture_opt.selection.paths.joint_steps import JointSteps
+from posture_opt.selection.paths.motion import Motion
+from posture_opt.selection.paths.path_candidates import PathCandidates
+from posture_opt.selection.paths.task_path import TaskPath
+from posture_opt.selection.pose_request import held_request
+
+
+@dataclass(frozen=True)
+class Naive:
+    """Two motions without look-ahead.
+
+    Args:
+        each: the best posture of every point, whatever those beside it.
+        onward: from the best posture of the first point by inverse kinematics, each from the one before; None where
+            that comes to a limit.
+        reached: how many points it got to.
+    """
+
+    each: Motion
+    onward: Motion | None
+    reached: int
+
+
+def naive_motions(engine: Engine, found: PathCandidates, steps: JointSteps, path: TaskPath, scene: Scene) -> Naive:
+    """What is to be had without look-ahead."""
+    best = np.array([Q[int(np.argmin(costs))] for Q, costs in zip(found.postures, found.costs, strict=True)])
+    apart = np.array([steps.between(a[None], b[None])[0, 0] for a, b in pairwise(best)])
+    each = Motion.of(engine, found.targets, best, apart * path.parts, scene, True)
+    way = [best[0]]
+    for target in found.targets[1:]:
+        problem = engine.optimisation_problem
+        slack = problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
+        moved, error = engine.ik.solve(way[-1][None], held_request(target, problem.axis_rows > 0, slack))
+        if error[0] >= TOLERANCE:
+            return Naive(each, None, len(way))
+        way.append(moved[0])
+    Q = np.array(way)
+    return Naive(each, Motion.of(engine, found.targets, Q, steps.along(Q) * path.parts, scene, True), len(way))

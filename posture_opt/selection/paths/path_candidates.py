@@ -1,0 +1,138 @@
+"""Candidate postures for every point of a path: random ones led onto it, followed along it, and local optima."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posture_opt.collision.scene import Scene
+from posture_opt.numerics import Array
+from posture_opt.selection.engine import Engine
+from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.multistart import feasible_starts
+from posture_opt.selection.paths.joint_steps import JointSteps
+from posture_opt.selection.paths.task_path import stacked
+from posture_opt.selection.pose_request import PoseRequest, held_request
+from posture_opt.selection.search_outcome import is_clear
+from posture_opt.selection.task_target import TaskTarget
+
+_ANCHORS = 6  # points that random postures are led to
+_STARTS = 48  # of them at each anchor, times the freedom that is left, and at most:
+_MOST_STARTS = 120
+_FEW = 12  # random postures at every other point: what cannot be followed from an anchor is found here
+_FOLLOWED = 48  # local optima of an anchor that are followed along the path
+_SETTLED = 30  # steps of the local search at an anchor
+_RENEWED = 3  # of it at each point that follows: from an optimum of the point before
+
+
+@dataclass(frozen=True)
+class PathCandidates:
+    """Candidates of each point: K arrays of postures (N_k, n) and of objectives (N_k,), all of them feasible.
+
+    Args:
+        targets: of the points, with one scale.
+        arrived: postures found for each point (K,) that meet target and tool axis, whatever else is required.
+    """
+
+    targets: tuple[TaskTarget, ...]
+    postures: tuple[Array, ...]
+    costs: tuple[Array, ...]
+    arrived: tuple[int, ...]
+
+
+def find_candidates(
+    engine: Engine, targets: Sequence[TaskTarget], steps: JointSteps, scene: Scene, rng: np.random.Generator
+) -> PathCandidates:
+    """Candidates for all points.
+
+    Random postures at some anchors are followed along the whole path, each from point to point by inverse kinematics,
+    so that neighbouring points have candidates that belong together; so are the local optima that they lead to.
+
+    Args:
+        scene: what the arm must not collide with.
+    """
+    search = _Following(engine, tuple(targets), steps)
+    return search.screened(search.all(rng), scene)
+
+
+@dataclass(frozen=True)
+class _Following:
+    engine: Engine
+    targets: tuple[TaskTarget, ...]
+    steps: JointSteps
+
+    def all(self, rng: np.random.Generator) -> tuple[_Following, list[Array]]:
+        """The same search with the scale of its first postures, and the postures of each point."""
+        engine, count = self.engine, len(self.targets)
+        anchors = sorted({round(k) for k in np.linspace(0, count - 1, min(_ANCHORS, count))})
+        starts = min(_STARTS * max(engine.optimisation_problem.freedom, 1), _MOST_STARTS)
+        sizes = [starts if k in anchors else _FEW for k in range(count)]
+        own = [feasible_starts(engine, target, size, rng)[0] for target, size in zip(self.targets, sizes, strict=True)]
+        search = self._scaled(own)
+        found = [[self.steps.wrapped(Q)] for Q in own]
+        for k in anchors:
+            Q = own[k][engine.clusters(own[k])[0]] if len(own[k]) else own[k]
+            search._follow(k, Q, found, 0)
+            if len(Q) and engine.optimisation_problem.freedom:
+                optima = engine.descended(Q, search.targets[k], _SETTLED)
+                order = np.lexsort((optima.objective, optima.excess))
+                nearest, _ = engine.clusters(optima.q[order])
+                search._follow(k, optima.q[order][nearest][:_FOLLOWED], found, _RENEWED)
+        return search, [search._plain(np.vstack(Q)) for Q in found]
+
+    def _scaled(self, own: Sequence[Array]) -> _Following:
+        """The same search with objectives divided by the median variance of some postures (K arrays)."""
+        rows = [(Q, target) for Q, target in zip(own, self.targets, strict=True) if len(Q)]
+        if not rows:
+            return self
+        parameters = np.repeat(stacked([target for _, target in rows]), [len(Q) for Q, _ in rows], axis=0)
+        variances = self.engine.screen(np.vstack([Q for Q, _ in rows]), parameters)[2][:, 0]
+        scale = self.engine.scale_of(variances)
+        return replace(self, targets=tuple(replace(target, scale=scale) for target in self.targets))
+
+    def _follow(self, k: int, Q: Array, found: list[list[Array]], improved: int) -> None:
+        """Postures (N, n) of point ``k`` followed to both ends of the path; each point's join ``found``."""
+        if not len(Q):
+            return
+        found[k].append(self.steps.wrapped(Q))
+        for way in (range(k + 1, len(self.targets)), range(k - 1, -1, -1)):
+            for j, reached in self._followed(Q, way, improved):
+                found[j].append(reached)
+
+    def _followed(self, Q: Array, way: range, improved: int) -> Iterator[tuple[int, Array]]:
+        for j in way:
+            request, target = self._request(self.targets[j]), self.targets[j]
+            moved, errors = self.engine.ik.solve(self.steps.wrapped(Q), request)
+            Q = moved[errors < TOLERANCE]
+            if not len(Q):
+                return
+            if improved:
+                better = self.engine.descended(Q, target, improved)
+                Q = np.where((better.excess == 0)[:, None], better.q, Q)
+            yield j, self.steps.wrapped(Q)
+
+    def _request(self, target: TaskTarget) -> PoseRequest:
+        problem = self.engine.optimisation_problem
+        slack = problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
+        return held_request(target, problem.axis_rows > 0, slack)
+
+    def _plain(self, Q: Array) -> Array:
+        """The same postures, joints that matter to nothing at zero."""
+        robot, idle = self.engine.robot, list(self.engine.optimisation_problem.nlp.indifferent)
+        Q[:, idle] = np.clip(0.0, np.array(robot.lower)[idle], np.array(robot.upper)[idle])
+        return Q
+
+    def screened(self, given: tuple[_Following, list[Array]], scene: Scene) -> PathCandidates:
+        """Those postures that meet every requirement, with their objectives."""
+        search, found = given
+        postures, costs = [], []
+        for Q, target in zip(found, search.targets, strict=True):
+            Q = self.steps.turned(Q)
+            objective, violation = (column[:, 0] for column in self.engine.screen(Q, target.parameters)[:2])
+            met = violation <= ROW_TOLERANCE
+            met[met] = is_clear(scene, Q[met])
+            postures.append(Q[met])
+            costs.append(objective[met])
+        return PathCandidates(search.targets, tuple(postures), tuple(costs), tuple(map(len, found)))

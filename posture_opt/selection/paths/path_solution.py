@@ -1,0 +1,160 @@
+"""``PathSolution``: the postures along a path, and how sure one may be of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from posture_opt.collision.scene import Clearance
+from posture_opt.numerics import Array
+from posture_opt.result import Result
+from posture_opt.selection.multistart import Sampled
+from posture_opt.selection.optimisation_problem import OptimisationProblem
+from posture_opt.selection.paths.motion import Motion
+from posture_opt.selection.paths.naive import Naive
+from posture_opt.selection.paths.task_path import TaskPath
+from posture_opt.selection.relaxation import Reason, Relaxation
+from posture_opt.selection.search_statistics import SearchStatistics
+from posture_opt.selection.solution import Solution, Status
+from posture_opt.selection.task_target import TaskTarget
+from posture_opt.uncertainty.budget import Share
+from posture_opt.uncertainty.task_spread import Critical
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PathSolution(Result):
+    """The answer to a problem whose task follows a path; where it is infeasible, the motion of least largest step.
+
+    Args:
+        problem: with ``robot``, ``sources``, ``task`` and ``name``.
+        path: K points, listed and added; ``targets`` those of each point.
+        largest_step: allowed change of a joint between listed points [rad or m]; ``smallest_step`` the least possible.
+        bound: σ_max [m] of the best posture at the point where that is largest: no motion gets below it.
+        off_line: largest distance [m] of the tool point from the straight line between points where joints move evenly.
+        naive: what simpler ways give.
+        candidates: (K,) postures that were compared at each point.
+    """
+
+    problem: Any
+    optimisation_problem: OptimisationProblem
+    path: TaskPath
+    targets: tuple[TaskTarget, ...]
+    motion: Motion
+    status: Status
+    largest_step: float
+    smallest_step: float
+    bound: float
+    off_line: float
+    naive: Naive
+    candidates: tuple[int, ...]
+    seconds: float
+    notes: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
+    relaxations: tuple[Relaxation, ...] = ()
+
+    @cached_property
+    def points(self) -> tuple[Solution, ...]:
+        """All points, listed and added, in their order."""
+        return tuple(self._point(k) for k in range(len(self.targets)))
+
+    @cached_property
+    def stations(self) -> tuple[Solution, ...]:
+        """The listed points."""
+        return tuple(point for point, listed in zip(self.points, self.path.listed, strict=True) if listed)
+
+    def _point(self, k: int) -> Solution:
+        count = self.candidates[k]
+        sampled = Sampled.none(self.optimisation_problem.robot)
+        statistics = SearchStatistics(count, count, 0, 0, 0, 0, sampled, None, float("nan"), 1, 0, self.seconds)
+        return Solution(
+            self.problem, self.optimisation_problem, self.targets[k], self.status, self.motion.Q[k], statistics,
+            lambda: (), self.notes, self.reasons, self.relaxations,
+        )  # fmt: skip
+
+    @property
+    def worst(self) -> Solution:
+        """The point that scatters most."""
+        return self.points[self.motion.worst]
+
+    @property
+    def posture(self) -> dict[str, float]:
+        """Joint name -> value [rad or m] at the first point."""
+        return self.points[0].posture
+
+    @property
+    def covariance(self) -> Array:
+        """(3, 3) exact covariance of the tool point at the first point, world [m²]."""
+        return self.points[0].covariance
+
+    @property
+    def ellipse(self) -> Any:
+        """Ellipse of a planar arm, else ellipsoid, of the tool point at the first point."""
+        return self.points[0].ellipse
+
+    @property
+    def alternatives(self) -> tuple[Any, ...]:
+        """None: other motions are not kept."""
+        return ()
+
+    @property
+    def critical(self) -> Critical:
+        """The spread across the path where it is largest."""
+        return self.worst.critical
+
+    @property
+    def budget(self) -> tuple[Share, ...]:
+        """Share of each source in the variance along the worst axis at the point that scatters most."""
+        return self.worst.budget
+
+    @property
+    def largest_joint_step(self) -> float:
+        """Largest change of any joint between listed points [rad, or m of a slide]."""
+        Q = self.motion.Q[self.path.listed]
+        moved = np.abs(np.diff(Q, axis=0))
+        return float(np.max(moved))
+
+    @cached_property
+    def clearance(self) -> Clearance | None:
+        """The least distance of the arm to what it is checked against, at all points; None where nothing is."""
+        found: Clearance | None = self.problem.scene.clearance(self.motion.Q)
+        return found
+
+    def gain_over(self, sigma: float) -> float:
+        """Relative reduction of the largest σ_max along the path against ``sigma`` [m]."""
+        return 1.0 - float(self.motion.sigma.max()) / sigma if sigma > 0 else 0.0
+
+    def explain(self) -> str:
+        """The optimisation problem of the point that scatters most, and its values there."""
+        return str(self._presenter.explain())
+
+    def to_json(self) -> dict[str, Any]:
+        """The document ``solution.json``: SI units, finite numbers only; the first point at its top level."""
+        onward = self.naive.onward
+        return self.points[0].to_json() | {
+            "clearance": None if self.clearance is None else self.clearance.to_json(),
+            "path": [_point_json(point) for point in self.stations],
+            "largest_joint_step": self.largest_joint_step,
+            "largest_step": self.largest_step,
+            "smallest_step": self.smallest_step,
+            "sigma_max": float(self.motion.sigma.max()),
+            "sigma_max_bound": self.bound,
+            "off_line": self.off_line,
+            "without_look_ahead": {
+                "each_point_alone": self.naive.each.to_json(),
+                "following_the_first": None if onward is None else onward.to_json(),
+            },
+            "solver": {"starts": sum(self.candidates), "converged": int(self.motion.optimal), "distinct": 1,
+                       "seconds": self.seconds},
+        }  # fmt: skip
+
+
+def _point_json(point: Solution) -> dict[str, Any]:
+    spread = point.spread
+    return {
+        "posture": point.posture,
+        "tool": {"position": spread.position.tolist(), "quaternion_wxyz": spread.quaternion_wxyz.tolist()},
+        **point.task_spread.to_json(),
+    }

@@ -1,0 +1,114 @@
+"""``TaskPath``: the points that a task follows, with their tangents and tool axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.selection.task_target import Reach, TaskTarget
+from posture_opt.selection.tasks.path_task import PathTask
+from posture_opt.uncertainty.task_spread import across_basis
+
+_CLOSED = 1e-9  # m: first and last point of a closed path are one
+_OPPOSITE = 1e-9  # length of the sum of two unit vectors that point in opposite directions
+
+
+@dataclass(frozen=True)
+class TaskPath:
+    """Points to be passed in this order: those that are listed, and more between them where they stand far apart.
+
+    Args:
+        points: (K, 3) world [m].
+        tangents: (K, 3) unit vectors of travel: at a listed point that bisects the directions of the two segments that
+            meet there, whatever their lengths; at the ends of an open path, and between listed points, the segment's.
+        axes: (K, 3) unit vectors, world, where the tool axis is to point; turned evenly between listed points.
+        listed: (K,) whether the point is one of the task's own.
+        parts: (K − 1,) into how many steps the step between two listed points is divided there.
+    """
+
+    points: Array
+    tangents: Array
+    axes: Array
+    listed: Mask
+    parts: Codes
+
+    @classmethod
+    def of(cls, task: PathTask) -> TaskPath:
+        """The path of a task; its ``direction`` is the tool axis where no ``axes`` are given."""
+        assert task.points is not None
+        points = np.array(task.points)
+        axes = np.array(task.axes if task.axes is not None else [task.direction] * len(points), dtype=float)
+        axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+        count = len(points) - 1
+        listed = cls(points, tangents(points), axes, np.ones(count + 1, dtype=bool), np.ones(count, dtype=int))
+        return listed if task.spacing is None else listed._spaced(task.spacing)
+
+    def targets(self, base: TaskTarget, reach: Reach) -> list[TaskTarget]:
+        """The target of each point: the spread across the tangent, the tool along the axis."""
+        return [
+            replace(
+                base, lower=x, upper=x, direction=t, basis=across_basis(t, reach.normal),
+                axis=a, axis_basis=across_basis(a, reach.normal),
+            )
+            for x, t, a in zip(self.points, self.tangents, self.axes, strict=True)
+        ]  # fmt: skip
+
+    @cached_property
+    def lengths(self) -> Array:
+        """(K,) way along the path up to each point [m]."""
+        return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))])
+
+    @cached_property
+    def numbers(self) -> list[str]:
+        """What each point is called: its number in the task, or the two that it lies between."""
+        count, names = 0, []
+        for listed in self.listed:
+            count += int(listed)
+            names.append(f"point {count}" if listed else f"between points {count} and {count + 1}")
+        return names
+
+    def _spaced(self, spacing: float) -> TaskPath:
+        """The same path with points between those that are farther apart than ``spacing`` [m]."""
+        rows: list[tuple[Array, Array, Array, bool]] = []
+        parts: list[int] = []
+        for k, gap in enumerate(np.linalg.norm(np.diff(self.points, axis=0), axis=1)):
+            count = max(int(np.ceil(gap / spacing - 1e-9)), 1)
+            along = (self.points[k + 1] - self.points[k]) / gap
+            rows.append((self.points[k], self.tangents[k], self.axes[k], True))
+            for s in (np.arange(1, count) / count).tolist():
+                point = (1 - s) * self.points[k] + s * self.points[k + 1]
+                rows.append((point, along, between(self.axes[k], self.axes[k + 1], s), False))
+            parts += [count] * count
+        rows.append((self.points[-1], self.tangents[-1], self.axes[-1], True))
+        points, directions, axes, listed = zip(*rows, strict=True)
+        return TaskPath(np.array(points), np.array(directions), np.array(axes), np.array(listed), np.array(parts))
+
+
+def tangents(points: Array) -> Array:
+    """(K, 3) unit vectors of travel at the points (K, 3) of a polyline, as told at `TaskPath`."""
+    along = np.diff(points, axis=0)
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    closed = np.linalg.norm(points[0] - points[-1]) < _CLOSED
+    into = np.vstack([along[-1:] if closed else along[:1], along])
+    out = np.vstack([along, along[:1] if closed else along[-1:]])
+    both = into + out
+    length = np.linalg.norm(both, axis=1, keepdims=True)
+    # Where the path turns back on itself the line is the same both ways.
+    return np.where(length > _OPPOSITE, both / np.maximum(length, _OPPOSITE), out)
+
+
+def between(a: Array, b: Array, s: float) -> Array:
+    """(3,) the unit vector that lies a share ``s`` of the angle from unit vector ``a`` to ``b``."""
+    angle = float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+    if np.sin(angle) < 1e-9:
+        return np.asarray(a if s < 0.5 else b)
+    return np.asarray((np.sin((1 - s) * angle) * a + np.sin(s * angle) * b) / np.sin(angle))
+
+
+def stacked(targets: Sequence[TaskTarget]) -> Array:
+    """(K, p) the parameters of some targets."""
+    return np.array([target.parameters for target in targets])

@@ -1,0 +1,79 @@
+"""``PathTask``: a task that follows a path of points, one posture for each of them."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from posture_opt.errors import BadValueError
+from posture_opt.selection.direction import Direction
+from posture_opt.selection.tasks.task import Task
+from posture_opt.units import Angle, Length
+
+Point = tuple[Length, Length, Length]
+_APART = 1e-9  # m: points nearer to each other than this are one
+
+
+class PathTask(Task):
+    """A task along a path; without ``path`` and ``points`` it is one at a single place, as the others are.
+
+    The spread counts across the tangent of the path, and the postures follow each other without jumps.
+    """
+
+    path: str | None = Field(None, min_length=1, description="CSV file: x, y, z with a length unit; dx, dy, dz: axis")
+    points: tuple[Point, ...] | None = Field(None, description="the points, where they do not stand in a file")
+    axes: tuple[Direction, ...] | None = Field(None, description="where the tool axis points, one for each point")
+    largest_step: Annotated[Angle, Field(gt=0)] | None = Field(
+        None, description="of any joint between listed points; a slide may move 1 m where a joint may turn by 1 rad"
+    )
+    spacing: Annotated[Length, Field(gt=0)] | None = Field(None, description="largest distance; more points are added")
+
+    @property
+    def on_path(self) -> bool:
+        """Whether there is a path to follow."""
+        return self.points is not None or self.path is not None
+
+    @property
+    def axis_request(self) -> Literal["aligned", "required", "free"]:
+        """As of the task; a path that says where the tool axis points wants it there where the arm can."""
+        return "aligned" if self.axis == "free" and self.axes is not None else self.axis
+
+    def with_points(self, points: tuple[Point, ...], axes: tuple[Direction, ...] | None) -> PathTask:
+        """The same task with the points [m] and tool axes that its file holds."""
+        return self.model_copy(update={"points": points, "axes": axes})
+
+    @field_validator("points", mode="after")
+    @classmethod
+    def _distinct_points(cls, points: tuple[Point, ...] | None, info: ValidationInfo) -> tuple[Point, ...] | None:
+        if points is not None:
+            if len(points) < 2:
+                raise BadValueError("a path has at least two points", "add points, or give the point as position")
+            for k in repeated(points):
+                raise BadValueError(f"point {k + 2} is where point {k + 1} is", "leave one of them out")
+        return points
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_path(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            given = [key for key in ("path", "points", "position", "region") if data.get(key) is not None]
+            if len(given) > 1 and given[0] in ("path", "points"):
+                raise BadValueError(f"{' and '.join(given)} are given", "keep one of them")
+        return data
+
+    @model_validator(mode="after")
+    def _axes_belong_to_points(self) -> PathTask:
+        if self.axes is not None and (self.points is None or len(self.axes) != len(self.points)):
+            raise BadValueError(
+                f"{len(self.axes)} axes for {len(self.points or ())} points",
+                "give one axis [dx, dy, dz] for each point",
+            )
+        return self
+
+
+def repeated(points: tuple[Point, ...]) -> list[int]:
+    """Points (their numbers from 0) that the next one repeats."""
+    return [k for k, (a, b) in enumerate(pairwise(points)) if math.dist(a, b) < _APART]
