@@ -23,7 +23,7 @@ from posture_opt.report.target_map_report import map_csv
 from posture_opt.report.task_parts import critical_size, task_budget_block
 from posture_opt.report.text import render
 from posture_opt.report.units_text import angle, count, joint_unit, length, length_unit, percent, place, stated_length
-from posture_opt.report.words import CRITERIA, PARTS
+from posture_opt.report.words import CRITERIA
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from posture_opt.selection.paths.motion import Motion
     from posture_opt.selection.paths.path_solution import PathSolution
 
+ACROSS = "across the path"
 _SHOWN = 8  # points of a path in the report; all of them stand in postures.csv
 _SAME = 5e-4  # of a standard deviation: what no report tells apart
 _STATUS = {"optimal": "Best motion along", "feasible": "Best motion found along", "infeasible": "No motion along"}
@@ -58,9 +59,8 @@ def path_report(found: PathSolution) -> Report:
 
 
 def _lead(found: PathSolution) -> tuple[str, ...]:
-    part = PARTS[found.critical.within]
     return (
-        f"The tool point scatters {part} by at most {critical_size(found.critical)}, at "
+        f"The tool point scatters {ACROSS} by at most {critical_size(found.critical)}, at "
         f"{_name(found, found.motion.worst)} of {count(len(found.stations), 'point')}.",
         f"From point to point no joint moves by more than {step_words(found, found.largest_joint_step)}.",
     )
@@ -86,7 +86,7 @@ def _problem(found: PathSolution) -> Block:
         ("Task", f"{task.kind} - {task.summary}"),
         ("Path", f"{count(len(found.stations), 'point')}{more}, {length(found.path.lengths[-1], 4)} long"),
         ("", f"from {place(ends[0])} to {place(ends[1])}"),
-        ("Minimised", f"at the worst point, {CRITERIA[task.criterion].format(part=PARTS[task.within])}"),
+        ("Minimised", f"at the worst point, {CRITERIA[task.criterion].format(part=ACROSS)}"),
         ("Steps", f"of a joint between listed points: at most {step_words(found, found.largest_step)}"),
         *input_facts(problem),
         *source_facts(problem),
@@ -164,11 +164,10 @@ def _columns(found: PathSolution) -> dict[str, list[float]]:
     robot, motion = found.optimisation_problem.robot, found.motion
     points = {f"{c} [mm]": (1e3 * found.path.points[:, k]).tolist() for k, c in enumerate("xyz")}
     joints = [(joint.name, *joint_unit(joint.type)) for joint in robot.joints]
-    part = PARTS[found.optimisation_problem.task.within]
     return {
         **points,
         "listed": [int(v) for v in found.path.listed],
-        f"sigma {part} [mm]": (1e3 * motion.sigma).tolist(),
+        f"sigma {ACROSS} [mm]": (1e3 * motion.sigma).tolist(),
         **{f"{name} [{unit}]": (factor * motion.Q[:, k]).tolist() for k, (name, unit, factor) in enumerate(joints)},
     }
 
@@ -183,7 +182,7 @@ class PathSolutionPresenter(Presenter["PathSolution"]):
         sigma = float(found.motion.sigma.max())
         facts: tuple[tuple[str, str], ...] = (
             ("Points", f"{len(found.stations)}, {length(found.path.lengths[-1], 4)} long"),
-            ("Scatter", f"at most {length(sigma)} {PARTS[found.critical.within]} (1 σ)"),
+            ("Scatter", f"at most {length(sigma)} {ACROSS} (1 σ)"),
             ("Steps", f"no joint moves by more than {step_words(found, found.largest_joint_step)}"),
             ("First posture", joint_values(found.optimisation_problem.robot, found.motion.Q[0])),
         )

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from posture_opt.numerics import Array, Codes
 from posture_opt.report.style import BLUE, GREEN, GREY, LIGHT, ORANGE, PURPLE, VERMILLION, new_figure, styled
 from posture_opt.report.units_text import joint_unit, length_unit
-from posture_opt.report.words import PARTS, source_words
+from posture_opt.report.words import source_words
 
 if TYPE_CHECKING:
     from posture_opt.selection.paths.path_solution import PathSolution
@@ -49,11 +49,10 @@ def _spread(axes: Any, found: PathSolution) -> None:
     axes.plot(way, factor * sigma, color="black", lw=1.4)
     axes.plot(*_listed(found, way, factor * sigma), "o", color="black", ms=3.5, ls="none", label="listed points")
     worst = found.motion.worst
-    axes.plot(way[worst], factor * sigma[worst], "*", color=VERMILLION, mec="black", ms=13, ls="none", label="worst")
+    axes.plot(way[worst], factor * sigma[worst], "*", color=VERMILLION, mec="black", ms=13, ls="none", label="worst", clip_on=False)
     axes.axhline(factor * found.bound, color=GREY, ls="--", lw=1.0, label="lower bound of the worst")
     axes.set_ylim(0.0, 1.12 * factor * float(sigma.max()))
-    part = PARTS[found.optimisation_problem.task.within]
-    axes.set_ylabel(f"standard deviation [{unit}]\n{part}")
+    axes.set_ylabel(f"standard deviation across the path [{unit}]")
 
 
 def _listed(found: PathSolution, way: Array, values: Array) -> tuple[Array, Array]:

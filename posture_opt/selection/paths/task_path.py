@@ -38,13 +38,10 @@ class TaskPath:
 
     @classmethod
     def of(cls, task: PathTask) -> TaskPath:
-        """The path of a task; its ``direction`` is the tool axis where no ``axes`` are given."""
-        assert task.points is not None
-        points = np.array(task.points)
-        axes = np.array(task.axes if task.axes is not None else [task.direction] * len(points), dtype=float)
-        axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+        """The path of a task that its points are known of: where the tool point goes, travel as of the points."""
+        points, axes, along = np.array(task.tool_points), np.array(task.unit_axes), tangents(np.array(task.points))
         count = len(points) - 1
-        listed = cls(points, tangents(points), axes, np.ones(count + 1, dtype=bool), np.ones(count, dtype=int))
+        listed = cls(points, along, axes, np.ones(count + 1, dtype=bool), np.ones(count, dtype=int))
         return listed if task.spacing is None else listed._spaced(task.spacing)
 
     def targets(self, base: TaskTarget, reach: Reach) -> list[TaskTarget]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from posture_opt.selection.tasks.dispense import Dispense
 from posture_opt.selection.tasks.drill import Drill
 from posture_opt.selection.tasks.insert import Insert
 from posture_opt.selection.tasks.measure import Measure
@@ -12,9 +13,10 @@ from posture_opt.selection.tasks.place import Place
 from posture_opt.selection.tasks.probe import Probe
 from posture_opt.selection.tasks.task import Criterion, Region, Task
 from posture_opt.selection.tasks.trace import Trace
+from posture_opt.selection.tasks.weld import Weld
 from posture_opt.spec import one_of
 
-TASKS: tuple[type[Task], ...] = (Insert, Drill, Probe, Measure, Trace, Place)
+TASKS: tuple[type[Task], ...] = (Insert, Drill, Probe, Measure, Trace, Weld, Dispense, Place)
 
 if TYPE_CHECKING:
     TaskSpec = Task

@@ -41,6 +41,18 @@ class PathTask(Task):
         """As of the task; a path that says where the tool axis points wants it there where the arm can."""
         return "aligned" if self.axis == "free" and self.axes is not None else self.axis
 
+    @property
+    def unit_axes(self) -> tuple[Point, ...]:
+        """Where the tool axis is to point at each point: ``axes``, or ``direction`` everywhere."""
+        axes = self.axes if self.axes is not None else (self.direction,) * len(self.points or ())
+        return tuple((x / r, y / r, z / r) for x, y, z in axes for r in (math.hypot(x, y, z),))
+
+    @property
+    def tool_points(self) -> tuple[Point, ...]:
+        """Where the tool point goes [m]."""
+        assert self.points is not None
+        return self.points
+
     def with_points(self, points: tuple[Point, ...], axes: tuple[Direction, ...] | None) -> PathTask:
         """The same task with the points [m] and tool axes that its file holds."""
         return self.model_copy(update={"points": points, "axes": axes})

@@ -1,0 +1,17 @@
+"""Task ``dispense``: lay a bead: the spread across it, height included, counts; tool axis held, stand-off."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from posture_opt.selection.tasks.seam_task import SeamTask
+from posture_opt.selection.tasks.task import Criterion
+
+
+class Dispense(SeamTask):
+    """Dispensing along a line: sideways errors misplace the bead, errors of height change its width."""
+
+    summary: ClassVar[str] = "lay a bead: the spread across it, height included, counts; tool axis held, stand-off."
+
+    kind: Literal["dispense"]
+    criterion: Criterion = "worst"

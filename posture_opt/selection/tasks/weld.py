@@ -1,0 +1,17 @@
+"""Task ``weld``: weld a seam: the spread across it, height included, counts; tool axis held, stand-off."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from posture_opt.selection.tasks.seam_task import SeamTask
+from posture_opt.selection.tasks.task import Criterion
+
+
+class Weld(SeamTask):
+    """Welding along a seam: sideways errors miss the joint, errors of height change arc and heat."""
+
+    summary: ClassVar[str] = "weld a seam: the spread across it, height included, counts; tool axis held, stand-off."
+
+    kind: Literal["weld"]
+    criterion: Criterion = "worst"
