@@ -49,7 +49,8 @@ def _spread(axes: Any, found: PathSolution) -> None:
     axes.plot(way, factor * sigma, color="black", lw=1.4)
     axes.plot(*_listed(found, way, factor * sigma), "o", color="black", ms=3.5, ls="none", label="listed points")
     worst = found.motion.worst
-    axes.plot(way[worst], factor * sigma[worst], "*", color=VERMILLION, mec="black", ms=13, ls="none", label="worst", clip_on=False)
+    star = {"color": VERMILLION, "mec": "black", "ms": 13, "ls": "none", "clip_on": False}
+    axes.plot(way[worst], factor * sigma[worst], "*", **star, label="worst")
     axes.axhline(factor * found.bound, color=GREY, ls="--", lw=1.0, label="lower bound of the worst")
     axes.set_ylim(0.0, 1.12 * factor * float(sigma.max()))
     axes.set_ylabel(f"standard deviation across the path [{unit}]")
