@@ -52,7 +52,8 @@ def ranking_sentence(solution: Solution) -> tuple[str, ...]:
     task = solution.optimisation_problem.task
     if task.criterion == "worst" and not task.minimize:
         return ()
-    asked = " and ".join([CRITERIA[task.criterion].format(part=PARTS[task.within]), *(t.kind for t in task.minimize)])
+    spread = [CRITERIA[task.criterion].format(part=PARTS[task.within])] * (task.criterion != "none")
+    asked = " and ".join([*spread, *(term.kind for term in task.minimize)])
     told = f"the largest standard deviation {PARTS[task.within]}"
     return (f"Postures are ranked by {asked.replace('_', ' ')}; the scatter told of them here is {told}.",)
 

@@ -28,7 +28,15 @@ from posture_opt.report.parts import (
 )
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.solution_checks import checks_block, explain_report, ranking_sentence
-from posture_opt.report.task_parts import clearance_facts, critical_rows, critical_size, task_budget_block, task_facts
+from posture_opt.report.task_parts import (
+    clearance_facts,
+    critical_rows,
+    critical_size,
+    minimised_words,
+    point_words,
+    task_budget_block,
+    task_facts,
+)
 from posture_opt.report.text import render
 from posture_opt.report.units_text import (
     joint_unit,
@@ -40,7 +48,7 @@ from posture_opt.report.units_text import (
     probability,
     stated,
 )
-from posture_opt.report.words import CRITERIA, PARTS
+from posture_opt.report.words import PARTS
 from posture_opt.uncertainty.regions import deviation
 from posture_opt.units import fixed, number
 
@@ -90,21 +98,19 @@ def lead(solution: Solution) -> tuple[str, ...]:
     answer = f"Best posture: {values}."
     if solution.status != "optimal":
         answer += " The solver did not confirm that it is an optimum; it is the best of all that were compared."
-    part = PARTS[solution.critical.within]
-    return answer, f"{part[0].upper()}{part[1:]} the tool point then scatters by {critical_size(solution.critical)}."
+    part, size = PARTS[solution.critical.within], critical_size(solution.critical)
+    return answer, f"{part[0].upper()}{part[1:]} {point_words(solution.task_spread)} then scatters by {size}."
 
 
 def problem_block(problem: Problem, solution: Solution) -> Block:
     """What was asked."""
     optimisation_problem, target = solution.optimisation_problem, solution.target
     task = optimisation_problem.task
-    minimised = CRITERIA[task.criterion].format(part=PARTS[task.within])
-    further = [f"{term.kind} (weight {term.weight:g})" for term in task.minimize]
     rows = [
         *robot_facts(problem),
         *task_facts(task, target.direction),
         ("Target", target_words(target)),
-        ("Minimised", minimised + (", and " + ", ".join(further) if further else "")),
+        ("Minimised", ", and ".join(minimised_words(task))),
         *input_facts(problem),
     ]
     if task.subject_to:

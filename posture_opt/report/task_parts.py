@@ -12,18 +12,21 @@ from posture_opt.report.blocks import Block, Facts
 from posture_opt.report.budget_parts import budget_block
 from posture_opt.report.parts import lean
 from posture_opt.report.presenter import problem_of
-from posture_opt.report.units_text import length, lengths, place, probability, stated_length
-from posture_opt.report.words import PARTS, REGIONS, direction_words, line_words
+from posture_opt.report.units_text import angle, length, lengths, place, probability, stated_length
+from posture_opt.report.words import CRITERIA, PARTS, REGIONS, direction_words, line_words
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
     from posture_opt.selection.tasks import Task
+    from posture_opt.uncertainty.critical import Critical
+    from posture_opt.uncertainty.peg_spread import PegSpread
     from posture_opt.uncertainty.spread import Spread
-    from posture_opt.uncertainty.task_spread import Critical, TaskSpread
+    from posture_opt.uncertainty.task_spread import TaskSpread
 
 _APART = 1e-4  # m: a tool point that is farther from the target of the task stands at another place
+_NEVER = 1e-6
 _LEANS = 0.05  # deg: less is the rounding of joint values as people type them
 _PART = {"across": "Across", "along": "Along", "all": "In space"}
 _MEASURED = {
@@ -38,9 +41,53 @@ def task_facts(task: Task, direction: Array) -> list[tuple[str, str]]:
     return [("Task", f"{task.kind} - {task.summary}"), ("Direction", f"{direction_words(direction)} in the world")]
 
 
+def minimised_words(task: Task) -> tuple[str, ...]:
+    """What is made small: the spread, unless the task leaves it out, and the further terms together."""
+    spread = CRITERIA[task.criterion].format(part=PARTS[task.within])
+    if task.part is not None:
+        spread = f"{spread}, of the worse end of the peg"
+    further = ", ".join(f"{term.kind} (weight {term.weight:g})" for term in task.minimize)
+    return tuple(words for words in (spread if task.criterion != "none" else "", further) if words)
+
+
 def clearance_facts(seen: TaskSpread) -> list[tuple[str, str]]:
-    """The clearance, where the task states one."""
-    return [("Clearance", f"{stated_length(seen.clearance)} to every side")] if seen.clearance > 0 else []
+    """The peg and the clearance, where the task states them."""
+    facts = []
+    if seen.peg is not None:
+        part = seen.peg.part
+        told = f"{stated_length(part.length)} long, its tip at the tool point"
+        if part.diameter > 0:
+            told = f"{told}; diameter {stated_length(part.diameter)}, friction {part.friction:g}"
+        facts.append(("Peg", told))
+    if seen.clearance > 0:
+        facts.append(("Clearance", f"{stated_length(seen.clearance)} to every side"))
+    return facts
+
+
+def point_words(seen: TaskSpread) -> str:
+    """What scatters: the tool point, or the end of the peg that counts."""
+    if seen.peg is None:
+        return "the tool point"
+    return "the top end of the peg" if seen.critical is seen.peg.top else "the tip of the peg"
+
+
+def _peg_rows(peg: PegSpread, among: list[float]) -> list[tuple[str, str]]:
+    """Both ends of the peg, its tilt, and what the tilt may do."""
+    ends = (("Tip", peg.tip), ("Top end", peg.top))
+    rows = [(name, f"{length(end.sigma_max, among=among)} (one standard deviation, worst axis)") for name, end in ends]
+    rows.append(("Tilt", f"{angle(peg.tilt_sigma)} (one standard deviation, worst axis)"))
+    risks = (
+        ("Two-point contact", "the peg touches the hole at both ends when it is in", peg.two_point_contact),
+        ("Wedging", "two-point contact begins so early that friction can hold the peg", peg.wedging),
+    )
+    for name, words, risk in risks:
+        if risk is not None:
+            rows.append((name, f"beyond a tilt of {angle(risk.angle)} {words}: {_odds_of_tilt(risk.probability)}"))
+    return rows
+
+
+def _odds_of_tilt(p: float) -> str:
+    return "practically never (less than once in a million)" if p < _NEVER else f"{100 * p:.2g} % of the time"
 
 
 def beside_target(spread: Spread) -> list[tuple[str, str]]:
@@ -75,7 +122,7 @@ def posture_lead(seen: TaskSpread) -> tuple[str, ...]:
     """How far the tool point scatters at a posture in the part that counts, and its odds."""
     critical, odds = seen.critical, seen.success_probability
     part = PARTS[critical.within]
-    scatter = f"At this posture the tool point scatters {part} by {critical_size(critical)}."
+    scatter = f"At this posture {point_words(seen)} scatters {part} by {critical_size(critical)}."
     if odds is None:
         return (scatter,)
     return scatter, f"It stays within the clearance of {stated_length(seen.clearance)} {probability(odds)}."
@@ -95,9 +142,12 @@ def critical_rows(seen: TaskSpread, among: list[float], origin: str) -> list[tup
         rows += _region_row(critical, among)
     radius = length(critical.radius95, among=among)
     rows.append(("95 % of the time", f"no more than {radius} off the {origin}{_MEASURED[within]}"))
+    if seen.peg is not None:
+        rows += _peg_rows(seen.peg, among)
     if seen.success_probability is not None:
+        which = "both ends " if seen.peg is not None else ""
         clearance = stated_length(seen.clearance)
-        rows.append(("Success", f"within the clearance of {clearance} {probability(seen.success_probability)}"))
+        rows.append(("Success", f"{which}within the clearance of {clearance} {probability(seen.success_probability)}"))
     return rows
 
 

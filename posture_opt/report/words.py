@@ -33,6 +33,7 @@ CRITERIA = {
     "trace": "the mean square distance {part}",
     "area": "the size of the region of scatter {part}",
     "miss": "the probability to miss the clearance",
+    "none": "nothing of the spread {part}",
 }
 REGIONS = {0: "95 % region", 1: "95 % interval", 2: "95 % ellipse", 3: "95 % ellipsoid"}
 """What the 95 % region of a covariance of that rank is called."""

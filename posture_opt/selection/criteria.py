@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import casadi as ca
 
@@ -52,6 +53,14 @@ def _det3(M: ca.SX) -> ca.SX:
 def worst(C: ca.SX) -> ca.SX:
     """Largest eigenvalue [m²]: the variance along the worst axis."""
     return eigenvalues(C)[-1]
+
+
+def largest(variances: Sequence[ca.SX]) -> ca.SX:
+    """The largest of some variances [m²], rounded where they are equal, as eigenvalues are."""
+    found = variances[0]
+    for other in variances[1:]:
+        found = eigenvalues(ca.diag(ca.vertcat(found, other)))[-1]
+    return found
 
 
 def trace(C: ca.SX) -> ca.SX:

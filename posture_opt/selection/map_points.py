@@ -11,13 +11,13 @@ from typing import Any, Literal
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, finite_or_none
+from posture_opt.selection.end_moments import end_moments, success_with_peg
 from posture_opt.selection.engine import CandidatePosture
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.solution import critical_basis
 from posture_opt.selection.task_target import TaskTarget
 from posture_opt.uncertainty.clearance import within_clearance
 from posture_opt.uncertainty.coverage_radius import central_radii, coverage_radius
-from posture_opt.uncertainty.regions import deviation
 from posture_opt.uncertainty.task_spread import sigma_along
 
 ALIGNED = 1e-9  # off one, of the largest component of a unit vector along an axis: rounding
@@ -202,9 +202,8 @@ def map_points_of(
     if not found:
         return [_empty(target, candidate.fate, nothing) for target, candidate in zip(targets, candidates, strict=True)]
     Q = np.array([postures[k] for k in found])
-    moments = problem.tool_point.moments([np.ascontiguousarray(column) for column in Q.T])
-    C = np.broadcast_to(moments.covariance, (len(Q), 3, 3))
-    bias = np.broadcast_to(moments.mean - moments.position, (len(Q), 3))
+    moments = end_moments(problem, Q, B)
+    C, bias = moments.covariance, moments.bias
     own = B.T @ C @ B
     row, central = {k: i for i, k in enumerate(found)}, central_radii(0.95, own)
     map_points = []
@@ -213,11 +212,12 @@ def map_points_of(
             map_points.append(_empty(target, candidate.fate, nothing))
             continue
         i = row[k]
-        b, sigma = B.T @ bias[i], deviation(float(np.linalg.eigvalsh(own[i])[-1]), C[i])
+        b, sigma = B.T @ bias[i], float(moments.sigma[i])
         radius = float(central[i])
         if float(np.linalg.norm(b)) > _CENTRAL * sigma:
             radius = coverage_radius(0.95, own[i], b)
-        hit = within_clearance(own[i], target.clearance, b)
+        hit = success_with_peg(problem, Q[i], B, target.clearance)
+        hit = within_clearance(own[i], target.clearance, b) if hit is None else hit
         along = sigma_along(d, C[i])
         map_points.append(
             MapPoint(target.lower, "feasible", candidate.best.optimal, Q[i], C[i], bias[i], sigma, along, radius,

@@ -21,7 +21,7 @@ from posture_opt.selection.nlp import Nlp, Row, Variable
 from posture_opt.selection.task_target import PLANE_TOLERANCE, Reach, TaskTarget, target_symbols
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.terms.term import Quantities, Term
-from posture_opt.uncertainty.task_spread import Within
+from posture_opt.uncertainty.critical import Within
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
 
 Alignment = Literal["exact", "loose", "free"]
@@ -81,6 +81,15 @@ class OptimisationProblem:
 
     def check_axis(self, target: TaskTarget) -> None:
         """Raise InputError where the task requires an axis that the arm cannot give."""
+        if self.task.part is not None and not self.axis_rows and not self.fixed_along(target):
+            raise InputError(
+                Issue(
+                    "the length of a peg counts along the tool axis, which this arm cannot bring along the direction",
+                    ("task", "length"),
+                    self.task.part.length,
+                    "name the tool_axis that it can, of a planar arm [1, 0, 0], or leave out the length",
+                )
+            )
         if self.task.axis_request == "required" and not self.axis_rows and not self.fixed_along(target):
             raise InputError(
                 Issue(
@@ -145,6 +154,7 @@ class OptimisationProblem:
             jacobian=ca.SX(U.T) @ ca.jacobian(position, self.q),
             bases=bases,
             within=self.task.within,
+            part=self.task.part,
             clearance=p["clearance"],
             has_hole=self.task.clearance is not None,
         )
@@ -163,7 +173,7 @@ class OptimisationProblem:
         terms = self._objective_terms()
         objective = sum((expression for _, expression in terms), ca.SX(0))
         rows = (*self._target_rows(), *self._axis_rows(), *self._clearance_rows(), *self._bound_rows())
-        worst = criteria.worst(self.quantities.projected(self.task.within)[0])
+        worst = self.quantities.largest(criteria.worst)
         return Nlp(self.q, self._symbols[0], variables, objective, rows, tuple(terms), worst)
 
     @cached_property
@@ -178,13 +188,12 @@ class OptimisationProblem:
         extra = [(f"{term.weight:g} x {term.kind}", term.weight * term.cost(at)) for term in task.minimize]
         if task.criterion == "none":
             return extra
-        C, _ = at.projected(task.within)
         scale = self._symbols[1]["scale"]
         if task.criterion == "miss":
             main = ("log of the probability to miss the clearance", at.log_miss)
         else:
             measure = {"worst": criteria.worst, "trace": criteria.trace, "area": criteria.area}[task.criterion]
-            main = (f"{task.criterion} of the spread {task.within}, over scale", measure(C) / scale)
+            main = (f"{task.criterion} of the spread {task.within}, over scale", at.largest(measure) / scale)
         return [main, *extra]
 
     def _target_rows(self) -> list[Row]:

@@ -13,6 +13,7 @@ from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.aligner import Aligner
 from posture_opt.selection.batches import until_found_often, until_recurrence
+from posture_opt.selection.end_moments import end_moments
 from posture_opt.selection.engine import CandidatePosture, Engine
 from posture_opt.selection.held_joints import explain_held, held_joints, released, with_held_joints
 from posture_opt.selection.infeasible import Explanation, explain_infeasibility, infeasible
@@ -23,7 +24,6 @@ from posture_opt.selection.search_statistics import SearchStatistics, Sweep, swe
 from posture_opt.selection.solution import Alternative, HasTask, Solution, Status, critical_basis
 from posture_opt.selection.task_target import PLANE_TOLERANCE, Reach, TaskTarget
 from posture_opt.selection.tasks import Task
-from posture_opt.uncertainty.regions import deviation
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.task_spread import lies_in_plane
 from posture_opt.uncertainty.tool_point import ToolPoint
@@ -221,15 +221,11 @@ class PostureSelector:
         self, problem: OptimisationProblem, target: TaskTarget, optima: Sequence[CandidatePosture]
     ) -> tuple[Alternative, ...]:
         Q = np.array([c.q for c in optima[:_MOST_ALTERNATIVES]])
-        moments = self.tool_point.moments([Q[:, k] for k in range(Q.shape[1])])
-        B = critical_basis(problem, target)
-        C = np.broadcast_to(moments.covariance, (len(Q), 3, 3))
-        sigmas = [deviation(float(np.linalg.eigvalsh(B.T @ c @ B)[-1]), c) for c in C]
-        positions = np.broadcast_to(moments.position, (len(Q), 3))
+        moments = end_moments(problem, Q, critical_basis(problem, target))
         names = self._problem.robot.joint_names
         return tuple(
-            Alternative(dict(zip(names, map(float, q), strict=True)), x, s)
-            for q, x, s in zip(Q, positions, sigmas, strict=True)
+            Alternative(dict(zip(names, map(float, q), strict=True)), x, float(s))
+            for q, x, s in zip(Q, moments.position, moments.sigma, strict=True)
         )
 
 

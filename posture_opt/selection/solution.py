@@ -22,8 +22,9 @@ from posture_opt.selection.solvers import Solver
 from posture_opt.selection.task_target import TaskTarget
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.budget import Share
+from posture_opt.uncertainty.critical import Critical
 from posture_opt.uncertainty.spread import HasSources, Spread, budget_json, groups_json, propagate
-from posture_opt.uncertainty.task_spread import Critical, TaskSpread, sigma_along
+from posture_opt.uncertainty.task_spread import TaskSpread, sigma_along
 
 Status = Literal["optimal", "feasible", "infeasible"]
 
@@ -128,7 +129,8 @@ class Solution(Result):
         task, target, spread = self.optimisation_problem.task, self.target, self.spread
         critical = Critical.of(task.within, self.basis, spread.covariance, spread.bias)
         axes, along = np.vstack([target.basis.T, target.direction]), sigma_along(target.direction, spread.covariance)
-        return TaskSpread(task.kind, axes, target.clearance, critical, along, spread.tool_point, spread.q)
+        seen = TaskSpread(task.kind, axes, target.clearance, critical, along, spread.tool_point, spread.q)
+        return seen.with_part(task.part, self.basis)
 
     @property
     def critical(self) -> Critical:

@@ -66,16 +66,16 @@ def pose_covariance(tool_point: ToolPoint, q: Sequence[float], position: Array) 
     chain, integration = position - linear[:3, :3], None
     found = np.zeros((6, 6))
     found[:3, :3] = chain
-    span = _span(tool_point)
+    span = every_source(tool_point)
     if span.count:
         mixed = converged(lambda segments: _at_nodes(tool_point, q, segments[0]), [span], _GOAL, _MOST)
-        found, integration = _with_position(mixed.covariance, chain), mixed.integration
+        found, integration = regressed_on(mixed.covariance, chain), mixed.integration
     found = found + linear
     found[:3, :3] = position
     return PoseCovariance((found + found.T) / 2, integration)
 
 
-def _span(tool_point: ToolPoint) -> SharedSpan:
+def every_source(tool_point: ToolPoint) -> SharedSpan:
     """All sources of the chain as independent standard normal factors."""
     root = covariance_root(tool_point.covariance)
     root = root[:, (root != 0).any(axis=0)]
@@ -118,7 +118,7 @@ def turns(nominal: Walk, errors: dict[int, Array]) -> Array:
     return vector
 
 
-def _with_position(nodes: Array, position: Array) -> Array:
+def regressed_on(nodes: Array, position: Array) -> Array:
     """The covariance (6, 6) of the nodes with another one of the position, by regression of the rotation on it."""
     xx, px, pp = nodes[:3, :3], nodes[3:, :3], nodes[3:, 3:]
     variances, axes = np.linalg.eigh(xx)

@@ -93,7 +93,7 @@ class PowerSums:
         self.second += pose.T @ pose
         self.fourth += products.T @ products
         if spread.for_task is not None:
-            self.hits += spread.for_task.hits(shift)
+            self.hits += spread.for_task.hits(shift, rotation)
         self.inside += int(np.count_nonzero(self._region.contains(shift @ spread.basis.T, 0.95)))
 
     def moments(self, n: int) -> tuple[Array, Array]:

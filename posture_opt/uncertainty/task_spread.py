@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -13,12 +13,12 @@ from posture_opt.numerics import Array
 from posture_opt.uncertainty.budget import Share, budget
 from posture_opt.uncertainty.budget_groups import ShareGroup, share_groups
 from posture_opt.uncertainty.clearance import within_clearance
-from posture_opt.uncertainty.coverage_radius import coverage_radius
-from posture_opt.uncertainty.regions import RANK_TOLERANCE, deviation
+from posture_opt.uncertainty.critical import Critical, Within
+from posture_opt.uncertainty.held_part import HeldPart
+from posture_opt.uncertainty.peg_spread import PegSpread, peg_spread
+from posture_opt.uncertainty.regions import deviation
 from posture_opt.uncertainty.tool_point import ToolPoint
 
-Within = Literal["across", "along", "all"]
-"""The part of the spread: across the direction of the task, along it, or all of it."""
 Vector = tuple[float, float, float]
 _IN_PLANE = 1e-9  # cosine: a direction that leaves the plane of an arm by less lies in it
 
@@ -36,51 +36,8 @@ class HasDirection(Protocol):
     def position(self) -> Vector | None: ...
     @property
     def clearance(self) -> float | None: ...
-
-
-@dataclass(frozen=True)
-class Critical:
-    """The part of the spread that the task cares about.
-
-    Args:
-        within: ``across`` the direction, ``along`` it, or ``all`` of it.
-        basis: (m, 3) unit vectors, one a row, world.
-        covariance: (m, m) in that basis [m²].
-        bias: (m,) [m].
-        sigma_max: largest standard deviation [m].
-        worst_axis: (3,) the direction of it, world; its largest component is positive.
-        radius95: distance from the target that 95 % of all tool points stay within [m].
-    """
-
-    within: Within
-    basis: Array
-    covariance: Array
-    bias: Array
-    sigma_max: float
-    worst_axis: Array
-    radius95: float
-
-    @classmethod
-    def of(cls, within: Within, basis: Array, covariance: Array, bias: Array) -> Critical:
-        """The part in ``basis`` (3, m) of a covariance (3, 3) [m²] and a mean shift (3,) [m], world."""
-        C, b = basis.T @ covariance @ basis, basis.T @ bias
-        values, vectors = np.linalg.eigh(C)
-        if values[-1] <= RANK_TOLERANCE * np.trace(covariance):
-            C = np.zeros_like(C)  # what nothing moves: rounding
-        worst = basis @ vectors[:, -1]
-        worst = worst * np.sign(worst[np.argmax(np.abs(worst))])  # as the axes of an ellipse: a line, told one way
-        sigma_max = deviation(float(values[-1]), covariance)
-        return cls(within, basis.T, C, b, sigma_max, worst, coverage_radius(0.95, C, b))
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain numbers, SI."""
-        return {
-            "within": self.within,
-            "sigma_max": self.sigma_max,
-            "basis": self.basis.tolist(),
-            "covariance": self.covariance.tolist(),
-            "radius95": self.radius95,
-        }
+    @property
+    def part(self) -> HeldPart | None: ...
 
 
 @dataclass(frozen=True)
@@ -94,6 +51,7 @@ class TaskSpread:
         critical: the part of the spread that counts.
         sigma_along: standard deviation along the direction [m].
         tool_point, q: whose budget it is, at which posture.
+        peg: where the task has a peg, its two ends; ``critical`` is then that of the worse one.
     """
 
     kind: str
@@ -103,6 +61,7 @@ class TaskSpread:
     sigma_along: float
     tool_point: ToolPoint
     q: tuple[float, ...]
+    peg: PegSpread | None = None
 
     @property
     def direction(self) -> Array:
@@ -112,6 +71,8 @@ class TaskSpread:
     @cached_property
     def success_probability(self) -> float | None:
         """Probability to stay within the clearance, mean shift included; None without a clearance."""
+        if self.peg is not None:
+            return self.peg.success
         return within_clearance(self.critical.covariance, self.clearance, self.critical.bias)
 
     @cached_property
@@ -127,17 +88,36 @@ class TaskSpread:
     def sampled(self, covariance: Array, bias: Array) -> TaskSpread:
         """The same task with another covariance (3, 3) [m²] and mean shift (3,) [m], of a sample say."""
         critical = Critical.of(self.critical.within, self.critical.basis.T, covariance, bias)
-        return replace(self, critical=critical, sigma_along=sigma_along(self.direction, covariance))
+        return replace(self, peg=None, critical=critical, sigma_along=sigma_along(self.direction, covariance))
 
-    def hits(self, shift: Array) -> int:
-        """How many of the tool points (N, 3), off the nominal one [m], stay within the clearance."""
-        return int(np.count_nonzero(np.linalg.norm(shift @ self.critical.basis.T, axis=1) <= self.clearance))
+    def hits(self, shift: Array, rotation: Array) -> int:
+        """How many tool poses stay within the clearance.
+
+        Args:
+            shift: (N, 3) of the tool point from the nominal one [m]; rotation: (N, 3) rotation vectors [rad], world.
+        """
+        within = np.linalg.norm(shift @ self.critical.basis.T, axis=1) <= self.clearance
+        if self.peg is not None:
+            within &= (
+                np.linalg.norm(self.peg.top_shift(shift, rotation) @ self.critical.basis.T, axis=1) <= self.clearance
+            )
+        return int(np.count_nonzero(within))
+
+    def with_part(self, part: HeldPart | None, basis: Array) -> TaskSpread:
+        """The same with the peg that the task states: its worse end counts, in ``basis`` (3, m)."""
+        if part is None:
+            return self
+        peg = peg_spread(part, self.tool_point, self.q, (self.critical, basis), self.clearance)
+        if peg.top.sigma_max <= peg.tip.sigma_max:
+            return replace(self, peg=peg)
+        return replace(self, peg=peg, critical=peg.top, tool_point=part.behind(self.tool_point))
 
     def to_json(self) -> dict[str, Any]:
         """What the documents say of it."""
         return {
             "critical": self.critical.to_json() | {"sigma_along": self.sigma_along},
             "success_probability": self.success_probability,
+            **({} if self.peg is None else {"peg": self.peg.to_json()}),
         }
 
 
@@ -153,9 +133,11 @@ def task_spread(
     bias, covariance = moments
     d = np.array(task.direction) / math.hypot(*task.direction)
     axes = np.vstack([across_basis(d, normal).T, d])
-    critical = Critical.of(task.within, task_basis(task.within, d, normal), covariance, bias)
+    basis = task_basis(task.within, d, normal)
+    critical = Critical.of(task.within, basis, covariance, bias)
     clearance = math.nan if task.clearance is None else task.clearance
-    return TaskSpread(task.kind, axes, clearance, critical, sigma_along(d, covariance), tool_point, q)
+    seen = TaskSpread(task.kind, axes, clearance, critical, sigma_along(d, covariance), tool_point, q)
+    return seen.with_part(task.part, basis)
 
 
 def sigma_along(direction: Array, covariance: Array) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Scalar, Vector, Walk, add, stack
 from posture_opt.numerics import Array
-from posture_opt.robot.robot import Robot
+from posture_opt.robot.robot import Axis, Factor, Robot
 from posture_opt.uncertainty.conditional_moments import Segment, conditional_moments
 from posture_opt.uncertainty.exact_moments import exact_moments
 from posture_opt.uncertainty.integration import Integration, SharedSpan, converged, spans
@@ -127,6 +127,16 @@ class ToolPoint:
     def spans(self) -> list[SharedSpan]:
         """Where along the chain the shared factors act."""
         return spans(self.shared, self.indices, self.robot.factors)
+
+    def behind(self, offset: Vector) -> ToolPoint:
+        """Another point (3,) of the tool [m], in the tool frame, under the same errors.
+
+        What effects do with the payload they do as if it hung there.
+        """
+        axes: tuple[Axis, ...] = (0, 1, 2)
+        more = tuple(Factor("translate", axis, length) for axis, length in zip(axes, offset, strict=True))
+        robot = replace(self.robot, tool=(*self.robot.tool, *more))
+        return replace(self, arm=replace(self.arm, robot=robot), plane=plane_of(robot, self.indices))
 
     def walk(self, q: Sequence[Scalar]) -> tuple[Walk, list[Scalar]]:
         """The walk along the nominal chain at ``q`` (n,), with its effects, and the value of every factor."""

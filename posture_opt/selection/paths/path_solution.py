@@ -21,7 +21,7 @@ from posture_opt.selection.search_statistics import SearchStatistics
 from posture_opt.selection.solution import Solution, Status
 from posture_opt.selection.task_target import TaskTarget
 from posture_opt.uncertainty.budget import Share
-from posture_opt.uncertainty.task_spread import Critical
+from posture_opt.uncertainty.critical import Critical
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+import math
+from typing import Annotated, ClassVar, Literal
 
+from pydantic import Field, model_validator
+
+from posture_opt.errors import BadValueError
 from posture_opt.selection.tasks.task import Criterion, Task
-from posture_opt.uncertainty.task_spread import Within
+from posture_opt.uncertainty.critical import Within
+from posture_opt.uncertainty.held_part import HeldPart
+from posture_opt.units import Length
+
+Positive = Annotated[Length, Field(gt=0)]
 
 
 class Insert(Task):
-    """Insertion along ``direction``: the worst axis of the spread across it is made small."""
+    """Insertion along ``direction``: the worst axis of the spread across it is made small.
+
+    With the ``length`` of the peg the tilt counts too: the peg's tip is the tool point, its body goes back along the
+    tool axis, and the worse of its two ends is what is made small.
+    """
 
     within: ClassVar[Within] = "across"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "aligned"
@@ -17,3 +29,23 @@ class Insert(Task):
 
     kind: Literal["insert"]
     criterion: Criterion = "worst"
+    length: Positive | None = Field(None, description="of the peg: its tilt counts")
+    diameter: Positive | None = Field(None, description="of the peg, for the odds of wedging")
+    friction: float | None = Field(None, gt=0, description="between peg and hole, for the odds of wedging")
+
+    @model_validator(mode="after")
+    def _whole_peg(self) -> Insert:
+        if (self.diameter is None) != (self.friction is None):
+            raise BadValueError("diameter and friction tell the odds of wedging together", "state both or neither")
+        if self.diameter is not None and (self.length is None or self.clearance is None):
+            raise BadValueError("wedging needs the length of the peg and the clearance of the hole", "add them")
+        return self
+
+    @property
+    def part(self) -> HeldPart | None:
+        if self.length is None:
+            return None
+        size = math.hypot(*self.tool_axis)
+        x, y, z = self.tool_axis
+        unknown = math.nan
+        return HeldPart(self.length, (x / size, y / size, z / size), self.diameter or unknown, self.friction or unknown)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 from posture_opt.selection.tasks.task import Criterion, Task
-from posture_opt.uncertainty.task_spread import Within
+from posture_opt.uncertainty.critical import Within
 
 
 class Measure(Task):

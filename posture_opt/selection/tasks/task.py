@@ -12,7 +12,8 @@ from posture_opt.selection.direction import Direction
 from posture_opt.selection.terms import TermSpec
 from posture_opt.selection.workpiece import Combine, Features, Workpiece
 from posture_opt.spec import Spec
-from posture_opt.uncertainty.task_spread import Within
+from posture_opt.uncertainty.critical import Within
+from posture_opt.uncertainty.held_part import HeldPart
 from posture_opt.units import Angle, Celsius, Length, Mass, Time
 
 Criterion = Literal["worst", "trace", "area", "miss", "none"]
@@ -75,6 +76,11 @@ class Task(Spec):
         """What is asked of the tool axis: ``axis``, unless the values of the task change it."""
         return self.axis
 
+    @property
+    def part(self) -> HeldPart | None:
+        """The part in the tool whose two ends count; None for a task that minds the tool point alone."""
+        return None
+
     @field_validator("position", mode="before")
     @classmethod
     def _three(cls, value: Any, info: ValidationInfo) -> Any:
@@ -90,6 +96,10 @@ class Task(Spec):
             raise BadValueError("position and region are both given", "keep one of them")
         if self.criterion == "miss" and not self._all_have_clearance:
             raise BadValueError("criterion miss needs the clearance of the hole", "add for example clearance: 0.2 mm")
+        if self.criterion == "none" and not self.minimize:
+            raise BadValueError(
+                "criterion none leaves nothing to minimise", "add for example minimize: [{kind: manipulability}]"
+            )
         if self.criterion == "miss" and self.within == "all":
             raise BadValueError(f"criterion miss asks about a hole and task {self.kind} has none", "use worst or trace")
         return self

@@ -9,7 +9,7 @@ import casadi as ca
 
 from posture_opt.selection import criteria
 from posture_opt.selection.terms.term import BoundedTerm, Quantities
-from posture_opt.uncertainty.task_spread import Within
+from posture_opt.uncertainty.critical import Within
 from posture_opt.units import Length
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -17,7 +18,8 @@ from posture_opt.model.chain import Walk
 from posture_opt.robot.robot import Robot
 from posture_opt.selection import criteria
 from posture_opt.spec import Spec
-from posture_opt.uncertainty.task_spread import Within
+from posture_opt.uncertainty.critical import Within
+from posture_opt.uncertainty.held_part import HeldPart
 from posture_opt.uncertainty.tool_point import ToolPoint
 
 
@@ -34,7 +36,7 @@ class Quantities:
         bias: (3,) exact mean minus nominal [m].
         jacobian: (r, n) Jacobian of the tool point in the r directions that the arm can move it in [m/rad].
         bases: (3, m) orthonormal bases, for each part of the spread that can be asked for.
-        within: the part of the spread that the task minds.
+        within: the part of the spread that the task minds; ``part`` is the peg whose other end it minds too.
         clearance: radial clearance of the hole [m]; ``has_hole`` says whether the task states one.
     """
 
@@ -49,6 +51,7 @@ class Quantities:
     jacobian: ca.SX
     bases: dict[Within, ca.SX]
     within: Within
+    part: HeldPart | None
     clearance: ca.SX
     has_hole: bool
 
@@ -63,10 +66,27 @@ class Quantities:
         return basis.T @ self.covariance @ basis, basis.T @ self.bias
 
     @cached_property
+    def ends(self) -> tuple[tuple[ca.SX, ca.SX], ...]:
+        """Covariance (m, m) and bias (m,) of what the task minds: of the tool point, and of a peg's other end."""
+        basis, every = self.bases[self.within], [self.projected(self.within)]
+        if self.part is not None:
+            moments = self.part.behind(self.tool_point).moments(ca.vertsplit(self.q))
+            bias = ca.SX(moments.mean) - ca.SX(moments.position)
+            every.append((basis.T @ ca.SX(moments.covariance) @ basis, basis.T @ bias))
+        return tuple(every)
+
+    def largest(self, measure: Callable[[ca.SX], ca.SX]) -> ca.SX:
+        """A measure [m²] of the covariance of the end that has more of it."""
+        return criteria.largest([measure(C) for C, _ in self.ends])
+
+    @cached_property
     def log_miss(self) -> ca.SX:
-        """Logarithm of the probability that the tool point lies outside of the clearance."""
-        C, bias = self.projected(self.within)
-        return criteria.log_miss(C, bias, self.clearance)
+        """Logarithm of the probability that the tool point lies outside of the clearance.
+
+        Of a peg the sum over its ends: no less than the probability that either misses, and at most twice that.
+        """
+        misses = [criteria.log_miss(C, bias, self.clearance) for C, bias in self.ends]
+        return misses[0] if len(misses) == 1 else ca.logsumexp(ca.vertcat(*misses))
 
     @cached_property
     def turning(self) -> ca.SX:
