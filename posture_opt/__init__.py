@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from posture_opt.model.arm import Arm
     from posture_opt.problem.fitted_problem import calibrated_problem, extended_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
+    from posture_opt.selection.features_solution import FeaturesSolution
     from posture_opt.selection.paths.path_solution import PathSolution
     from posture_opt.selection.plan_comparison import Comparison, compare_plans
     from posture_opt.selection.select_posture import select_posture
@@ -68,6 +69,7 @@ __all__ = [
     "Cloud",
     "Comparison",
     "Diagnosis",
+    "FeaturesSolution",
     "MeasurementPlan",
     "Measurements",
     "PathSolution",
@@ -110,6 +112,7 @@ _HOMES = {
     "Cloud": "uncertainty.cloud",
     "Comparison": "selection.plan_comparison",
     "Diagnosis": "diagnosis.diagnosis",
+    "FeaturesSolution": "selection.features_solution",
     "MeasurementPlan": "experiments.measurement_plan",
     "Measurements": "measurements.measurements",
     "PathSolution": "selection.paths.path_solution",

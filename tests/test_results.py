@@ -46,6 +46,7 @@ def followed() -> Any:
 MADE: dict[str, Callable[[], Result]] = {
     "Solution": lambda: po.select_posture(po.load_problem("insert_planar_2r_fixed_hole")),
     "PathSolution": lambda: po.select_posture(followed()),
+    "FeaturesSolution": lambda: po.select_posture(po.load_problem("insert_scara_tray")),
     "Spread": lambda: po.propagate(po.load_problem("insert_planar_2r"), [0.3, 0.5]),
     "Cloud": lambda: po.simulate(po.load_problem("insert_planar_2r"), [0.3, 0.5], n=200),
     "TargetMap": lambda: po.map_targets(po.load_problem("insert_planar_2r_fixed_hole"), counts=(3, 3)),

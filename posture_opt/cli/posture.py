@@ -17,7 +17,7 @@ from posture_opt.output import staged_folder
 from posture_opt.problem.problem import Problem
 from posture_opt.uncertainty.spread_function import covariance_c
 
-Answer = po.Solution | po.PathSolution
+Answer = po.Solution | po.FeaturesSolution | po.PathSolution
 
 
 def solve(common: Common, explain: bool, **given: Any) -> None:

@@ -30,6 +30,7 @@ CAPTIONS = {
     "map_bias": "How far off the target the arm lands without its corrections; arrows show which way (enlarged).",
     "map_spread": "The distance from its mean that the tool point keeps with 95 % probability: dark is good.",
     "joint_map": "The scatter over both joints: dark is good.",
+    "bench": "The scatter over where the workpiece stands: dark is good, hatched is out of reach of some feature.",
     "landing": "Where the tool lands in the old posture and in the new one: ellipses hold 95 %.",
     "residual_vectors": "Errors as arrows, from where the model says to where was measured (enlarged as stated).",
     "residual_joints": "Errors along each joint's motion, where it moves the tool: a line off zero is systematic.",

@@ -116,8 +116,16 @@ class Engine:
 
     def descended(self, Q: Array, target: TaskTarget, steps: int, multipliers: Array | None = None) -> LocalOptima:
         """The postures (N, n) after at most ``steps`` steps of the local search."""
-        held = held_request(target, self.optimisation_problem.axis_rows > 0, self._slack_of_axis)
-        return self.local.descend(Q, target.parameters, held.rows, steps, multipliers)
+        return self.local.descend(Q, target.parameters, self._held(target), steps, multipliers)
+
+    def descended_each(self, Q: Array, targets: Sequence[TaskTarget], of: Codes, steps: int) -> LocalOptima:
+        """The same, the posture in row r (N, n) for ``targets[of[r]]``."""
+        parameters = np.array([target.parameters for target in targets])[of]
+        held = np.vstack([self._held(target) for target in targets])[of]
+        return self.local.descend(Q, parameters, held, steps)
+
+    def _held(self, target: TaskTarget) -> Array:
+        return held_request(target, self.optimisation_problem.axis_rows > 0, self._slack_of_axis).rows
 
     def candidates(
         self,

@@ -102,6 +102,12 @@ class MultistartResult:
         singles = sum(sum(c.count for c in group) == 1 for group in groups)
         return singles / max(self.polished, 1) / (len(groups) + 1)
 
+    def with_known(self, engine: Engine, q: Array) -> MultistartResult:
+        """The same search and the local optimum that a known posture (n,) leads to."""
+        own = engine.polished(engine.candidates(q[None], self.target)[0], self.target)
+        alone = MultistartResult(self.target, (own,), Sampled.none(engine.robot), 0, 0, 1)
+        return replace(self.joined(alone, engine), batches=self.batches, recurred=self.recurred)
+
     def joined(self, other: MultistartResult, engine: Engine) -> MultistartResult:
         """Both searches as one; they have the same target and scale."""
         sampled = self.sampled.joined(other.sampled)

@@ -16,7 +16,7 @@ from posture_opt.numerics import Array
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.posture_distance import PostureDistance
-from posture_opt.selection.select_posture import planned_posture
+from posture_opt.selection.select_posture import at_one_feature, planned_posture
 from posture_opt.selection.solution import HasTask, Solution
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
@@ -125,7 +125,8 @@ def compare_plans(
 ) -> Comparison | None:  # fmt: skip
     """The task planned with each model, every posture judged by the last of them; None without a task.
 
-    A model that states no scatter takes that of the reference. Where the reference has no posture for the task, the
+    Of a task with features, the one that scatters most by the reference is planned, where the reference places it. A
+    model that states no scatter takes that of the reference. Where the reference has no posture for the task, the
     others are not asked: the search for reasons is long, and theirs would be the same.
 
     Args:
@@ -134,9 +135,14 @@ def compare_plans(
         measured: (N, n) postures that the reference was learned from [rad or m].
     """
     *others, reference = models
-    known = models[reference]
     if any(model.task is None for model in models.values()):
         return None
+    try:
+        models = at_one_feature(models, models[reference], seed=seed, workers=workers)
+    except (NoSolutionError, InputError, SolverError) as error:
+        failed = PlannedPosture(reasons=tuple(str(error).splitlines()))
+        return Comparison({**dict.fromkeys(others, PlannedPosture()), reference: failed}, models[reference])
+    known = models[reference]
     chosen = _planned(known, seed, workers, hint)
     if chosen.solution is None:
         return Comparison({**dict.fromkeys(others, PlannedPosture()), reference: chosen}, known)

@@ -1,32 +1,64 @@
-"""``select_posture``: the answer to a problem, whatever its task asks for: one posture, or one for each point."""
+"""``select_posture``: the answer to a problem, whatever its task asks for: one posture, one a feature, one a point."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
 from posture_opt.numerics import Progress
+from posture_opt.selection.features_selection import select_for_features
+from posture_opt.selection.features_solution import FeaturesSolution
 from posture_opt.selection.paths.path_selector import PathSelector
 from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.selector import PostureSelector, task_of
 from posture_opt.selection.solution import HasTask, Solution
 
+Answer = Solution | FeaturesSolution | PathSolution
+
 
 def planned_posture(problem: HasTask, *, seed: int | None = None, workers: int = 1) -> Solution:
-    """The one posture that stands for the answer to a problem: the worst one of a path.
+    """The one posture that stands for the answer to a problem: the worst one of a path, or of several features.
 
     Raises:
         NoSolutionError, InputError: as `select_posture`.
     """
     found = select_posture(problem, seed=seed, workers=workers)
+    if isinstance(found, FeaturesSolution):
+        return found.stations[found.worst]
     return found.worst if isinstance(found, PathSolution) else found
+
+
+def at_one_feature(
+    models: Mapping[str, HasTask], problem: HasTask, *, seed: int | None, workers: int
+) -> Mapping[str, HasTask]:
+    """The same models with one target: where ``problem`` has features, the one that scatters most, where it puts it.
+
+    Raises:
+        NoSolutionError, InputError: as `select_posture`.
+    """
+    if problem.task is None or not problem.task.features:
+        return models
+    target = planned_posture(problem, seed=seed, workers=workers).target
+    task = problem.task.model_copy(
+        update={
+            "features": (), "workpiece": None, "combine": "worst", "clearance": target.given_clearance,
+            "position": tuple(map(float, target.lower)), "direction": tuple(map(float, target.direction)),
+        }
+    )  # fmt: skip
+    placed: Any = models
+    return {name: replace(model, task=task) for name, model in placed.items()}
 
 
 def select_posture(
     problem: HasTask, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
-) -> Solution | PathSolution:
+) -> Answer:
     """The posture whose spread hurts the task least, with alternatives and evidence; for a path one at each point.
 
     By the criterion ``worst`` it is ``min_q λ_max(Bᵀ C(q) B)``, the largest variance in the directions that the task
     minds: C (3, 3) [m²] the covariance of the tool point, B (3, m) a basis of those directions, both world; subject to
-    the target, the tool axis, the limits of the joints and what the task adds.
+    the target, the tool axis, the limits of the joints and what the task adds. A task with features has a posture for
+    each of them and one placement of the workpiece, chosen together.
 
     Args:
         problem: with a task and uncertain parameters.
@@ -38,6 +70,9 @@ def select_posture(
         NoSolutionError: nothing feasible; carries the nearest posture and the reasons.
         InputError: no task, nothing uncertain, or a task that the arm cannot do.
     """
-    if task_of(problem).on_path:
+    task = task_of(problem)
+    if task.features:
+        return select_for_features(problem, seed=seed, workers=workers, progress=progress)
+    if task.on_path:
         return PathSelector.of(problem).solve(seed=seed)
     return PostureSelector(problem, compiled=False).solve_thoroughly(seed=seed, workers=workers, progress=progress)

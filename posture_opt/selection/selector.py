@@ -104,28 +104,42 @@ class PostureSelector:
             NoSolutionError: nothing feasible; carries the nearest posture and the reasons.
             InputError: a target that is not three finite numbers.
         """
-        began = time.perf_counter()
-        target = self._target(position, direction, clearance)
         seed = self._problem.solver.seed if seed is None else seed
+        return self.solve_target(self._target(position, direction, clearance), seed, starts)
+
+    def solve_target(
+        self, target: TaskTarget, seed: int, starts: int | None = None, known: Array | None = None
+    ) -> Solution:
+        """The best posture for a target; a ``known`` one (n,) is improved beside the random starts."""
+        began = time.perf_counter()
 
         def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
-            return until_found_often(engine, target, np.random.default_rng(seed), starts), None
+            found = until_found_often(engine, target, np.random.default_rng(seed), starts)
+            return found if known is None else found.with_known(engine, known), None
 
         return self._answer(self._searched(seek, target), began)
 
     def solve_thoroughly(
-        self, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
+        self,
+        *,
+        seed: int | None = None,
+        workers: int = 1,
+        progress: Progress | None = None,
+        target: TaskTarget | None = None,
     ) -> Solution:
-        """The best posture with the evidence that it is: found again by independent starts, the freedom left swept."""
+        """The best posture with the evidence that it is: found again by independent starts, the freedom left swept.
+
+        At the target of the task, or at another one.
+        """
         began = time.perf_counter()
-        solver = self._problem.solver
+        solver, aim = self._problem.solver, self.target if target is None else target
         first = solver.seed if seed is None else seed
 
         def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
-            found = until_recurrence(engine, self.target, first, solver.starts, workers, progress)
+            found = until_recurrence(engine, aim, first, solver.starts, workers, progress)
             return found, sweep(engine, found.target, np.random.default_rng(first)) if found.found else None
 
-        return self._answer(self._searched(seek, self.target), began)
+        return self._answer(self._searched(seek, aim), began)
 
     def _searched(self, seek: Seek, target: TaskTarget) -> SearchOutcome:
         return searched(seek, self.engine(target), lambda: self.engine(target, guarded=True), self._problem.scene)

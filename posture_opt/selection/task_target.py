@@ -225,6 +225,11 @@ class TaskTarget:
         basis, axis_basis = np.column_stack([b1, b2]), np.column_stack([a1, a2])
         return replace(self, lower=point, upper=point, direction=d, basis=basis, axis=a, axis_basis=axis_basis)
 
+    @property
+    def given_clearance(self) -> float | None:
+        """The clearance [m]; None where none is given."""
+        return None if math.isnan(self.clearance) else self.clearance
+
     @cached_property
     def kind(self) -> str:
         """``point``, ``region`` or ``anywhere``."""

@@ -58,11 +58,11 @@ def spread_parts(spread: Spread, basis: Array) -> SpreadParts:
     The systematic part is the covariance of the tool point by the errors that stay alone, computed as that of the
     spread; scatter is the rest, the sides of approach that nobody knows included.
     """
-    names, J = _columns(spread)
-    C = _constant(spread, names)
+    names, J = source_columns(spread)
+    C = constant_covariance(spread, names)
     J = basis.T @ J
-    systematic = _positive(J @ C @ J.T + basis.T @ _bent(spread) @ basis)
-    scatter = _positive(basis.T @ spread.covariance @ basis - systematic)
+    systematic = positive_part(J @ C @ J.T + basis.T @ _bent(spread) @ basis)
+    scatter = positive_part(basis.T @ spread.covariance @ basis - systematic)
     values, axes = np.linalg.eigh(systematic)
     parameters = leading_parameters(names, axes[:, -1] @ J, C) if values[-1] > 0 else ()
     among = spread.covariance
@@ -84,7 +84,7 @@ def leading_parameters(names: Sequence[str], c: Array, C: Array) -> tuple[str, .
     return tuple(names[i] for i in ranked if weight[i] >= _PART * weight[ranked[0]])
 
 
-def _columns(spread: Spread) -> tuple[tuple[str, ...], Array]:
+def source_columns(spread: Spread) -> tuple[tuple[str, ...], Array]:
     """Names of all sources and the shift of the tool point by each (3, k)."""
     point = spread.tool_point
     reached = point.walk(spread.q)[0]
@@ -95,7 +95,7 @@ def _columns(spread: Spread) -> tuple[tuple[str, ...], Array]:
     return (*point.names, *point.effects.names), np.concatenate([J, E], axis=1)
 
 
-def _constant(spread: Spread, names: Sequence[str]) -> Array:
+def constant_covariance(spread: Spread, names: Sequence[str]) -> Array:
     """(k, k) covariance of the errors of ``names`` that stay; zero of what the problem does not state."""
     sources = spread.problem.sources
     at = {name: k for k, name in enumerate(sources.names)}
@@ -121,7 +121,7 @@ def _size(C: Array, among: Array) -> tuple[float, float]:
     return sigma, coverage_radius(0.95, C, np.zeros(len(C))) if sigma > 0 else 0.0
 
 
-def _positive(C: Array) -> Array:
+def positive_part(C: Array) -> Array:
     """What rounding and higher orders left below zero is zero."""
     values, V = np.linalg.eigh((C + C.T) / 2)
     return np.asarray((V * np.maximum(values, 0.0)) @ V.T)

@@ -17,6 +17,7 @@ from posture_opt.report.figures import (
 )
 from posture_opt.report.figures.accuracy_map import plot_bias, plot_spread_map
 from posture_opt.report.figures.batch import plot_batch
+from posture_opt.report.figures.bench import plot_bench
 from posture_opt.report.figures.comparison import plot_landing
 from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram, plot_scores
 from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from posture_opt.report.cloud_report import CloudPresenter
     from posture_opt.report.comparison_report import ComparisonPresenter
     from posture_opt.report.diagnosis_report import DiagnosisPresenter
+    from posture_opt.report.features_solution_report import FeaturesSolutionPresenter
     from posture_opt.report.measurement_plan_report import MeasurementPlanPresenter
     from posture_opt.report.path_solution_report import PathSolutionPresenter
     from posture_opt.report.presenter import Drawings
@@ -78,6 +80,22 @@ def path_solution(shown: PathSolutionPresenter) -> Drawings:
             found.worst.spread, found.worst.task_spread.budget_groups, found.worst.critical.worst_axis
         ),
     }
+
+
+def features_solution(shown: FeaturesSolutionPresenter) -> Drawings:
+    """The bench with the placement, where there is a choice; the arm at the first feature; the worst one's cloud and
+    budget.
+    """
+    found = shown.result
+    if not found.stations:
+        return {}
+    arm: Drawings = {"arm": partial(plot_solution, found.stations[0])}
+    if found.status == "infeasible":
+        return arm
+    worst = found.stations[found.worst]
+    budget = lambda: plot_budget(worst.spread, worst.task_spread.budget_groups, worst.critical.worst_axis)  # noqa: E731
+    bench: Drawings = {"bench": partial(plot_bench, found)} if found.placement.free.sum() > 1 else {}
+    return {**bench, **arm, "cloud": partial(plot_cross_section, worst.spread, worst.task_spread), "budget": budget}
 
 
 def spread(shown: SpreadPresenter) -> Drawings:

@@ -1,0 +1,87 @@
+"""The bench: the spread over the placement of the workpiece, and where its features then lie."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from posture_opt.report.style import COLOUR_MAP, GREY, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.units_text import length_unit
+
+if TYPE_CHECKING:
+    from posture_opt.selection.features_solution import BenchMap, FeaturesSolution
+
+_NAMED = 6  # features that fit as names beside their points
+_UNITS = (1e3, 1e3, 1e3, math.degrees(1.0))
+_LABELS = ("x of the workpiece [mm]", "y of the workpiece [mm]", "z of the workpiece [mm]", "yaw [deg]")
+_WORDS = ("x", "y", "z", "yaw")
+
+
+@styled
+def plot_bench(found: FeaturesSolution) -> Figure:
+    """Spread of the worst feature (or the mean) over two coordinates of the placement; hatched: not every feature can
+    be done. At least two coordinates are free.
+    """
+    bench = found.bench
+    assert bench is not None, "a map has two axes"
+    figure = new_figure(6.8, 6.2)
+    axes = figure.add_subplot()
+    _draw_map(figure, axes, found, bench)
+    level = bench.axes == (0, 1)
+    if level:
+        _draw_features(axes, found)
+    first, second = bench.axes
+    here = [_UNITS[k] * float(found.w[k]) for k in bench.axes]
+    axes.plot(*here, "*", color=VERMILLION, mec="white", ms=17, zorder=6, label="workpiece placed here")
+    axes.set(xlabel=_LABELS[first], ylabel=_LABELS[second])
+    if level:
+        axes.set_aspect("equal")
+    others = [k for k in range(4) if k not in bench.axes and found.placement.free[k]]
+    if others:
+        held = ", ".join(f"{_WORDS[k]} {_UNITS[k] * found.w[k]:.1f} {'deg' if k == 3 else 'mm'}" for k in others)
+        axes.set_title(f"at {held}, as in the answer", fontsize=9)
+    legend_below(axes, 3)
+    return figure
+
+
+def _draw_map(figure: Figure, axes: Any, found: FeaturesSolution, bench: BenchMap) -> None:
+    from matplotlib.patches import Rectangle
+    from matplotlib.ticker import MaxNLocator
+
+    unit, factor = length_unit(bench.sigma[np.isfinite(bench.sigma)].tolist() or [found.sigma])
+    x, y = (_UNITS[k] * values for k, values in zip(bench.axes, bench.values, strict=True))
+    bad = ~np.isfinite(bench.sigma)
+    axes.set_facecolor("white")
+    if bad.any():
+        step = [(v[-1] - v[0]) / (len(v) - 1) for v in (x, y)]
+        size = [v[-1] - v[0] + d for v, d in zip((x, y), step, strict=True)]
+        corner = (x[0] - step[0] / 2, y[0] - step[1] / 2)
+        cannot = Rectangle(corner, *size, hatch="////", fc="white", ec=GREY, lw=0.5, label="a feature cannot be done")
+        cannot.set_zorder(1)
+        axes.add_patch(cannot)
+    if (~bad).any():
+        mesh = axes.pcolormesh(
+            x, y, np.ma.masked_invalid(factor * bench.sigma.T), cmap=COLOUR_MAP, shading="nearest", zorder=2
+        )
+        mesh.set_rasterized(True)
+        bar = figure.colorbar(mesh, ax=axes, shrink=0.85, ticks=MaxNLocator(7))
+        what = "mean" if found.task.combine == "mean" else "worst feature"
+        bar.set_label(f"standard deviation, {what} [{unit}]")
+
+
+def _draw_features(axes: Any, found: FeaturesSolution) -> None:
+    points = 1e3 * np.array([station.target.lower for station in found.stations])
+    axes.plot(points[:, 0], points[:, 1], "o", color="black", mec="white", ms=6, zorder=7, label="features")
+    worst = points[found.worst]
+    axes.plot(*worst[:2], "o", color="none", mec=VERMILLION, mew=2, ms=11, zorder=7, label="worst feature")
+    if len(points) <= _NAMED:
+        for name, point in zip(found.names, points, strict=True):
+            text = axes.annotate(name, point[:2], xytext=(7, 4), textcoords="offset points", fontsize=8, zorder=8)
+            text.set_bbox({"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1})
+    # The part may reach beyond the range of its origin.
+    for pick, limits, k in ((axes.set_xlim, axes.get_xlim(), 0), (axes.set_ylim, axes.get_ylim(), 1)):
+        margin = 0.04 * (limits[1] - limits[0])
+        pick(min(limits[0], points[:, k].min() - margin), max(limits[1], points[:, k].max() + margin))
