@@ -23,7 +23,9 @@ from tests.hidden.designs import Session
 from tests.hidden.effects import Site
 
 EVERY = sorted(problems_folder().glob("*.yaml"))
-FILES = [path for path in EVERY if not load_problem(path).task.on_path]  # paths: tests/selection/test_paths.py
+TASKS_OF = {path: load_problem(path).task for path in EVERY}
+# Paths: tests/selection/test_paths.py, features: tests/selection/test_features.py.
+FILES = [path for path, task in TASKS_OF.items() if not task.on_path and not task.features]
 PLANAR = [path for path in FILES if "planar_2r" in path.stem or path.stem.startswith("lecture_")]
 WHOLE_TURN = 2 * math.pi
 
