@@ -247,6 +247,9 @@ class OptimisationProblem:
             name = term.kind if kinds.count(term.kind) == 1 else f"{term.kind} ({kinds[: k + 1].count(term.kind)})"
             at, size, shown = self.quantities, term.row_size, _told_of(term)
             values = ca.vertsplit(ca.vec(term.quantity(at)))
+            if not values:
+                message = f"{term.kind} bounds nothing on this arm: no joint of it can change that"
+                raise InputError(Issue(message, ("task", "subject_to", k), term.kind, "leave it out"))
             told = zip(term.labels(at), term.units_of(at), values, term.bounds_of(at), strict=True)
             for label, unit, value, (low, high) in told:
                 rows.append(Row(label, unit, value / size, ca.SX(low / size), ca.SX(high / size), name, shown))

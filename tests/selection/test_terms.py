@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.errors import InputError
 from posture_opt.selection.terms import TERMS, Term
 from posture_opt.selection.terms.manipulability import Manipulability
 from tests.helpers.factors import differences, joint_jacobian
@@ -78,3 +79,11 @@ def test_a_bound_on_manipulability_is_met_and_its_weight_pulls() -> None:
     assert bounded.critical.sigma_max > free.critical.sigma_max
     pulled = po.select_posture(problem(minimize=[{"kind": "manipulability", "weight": 10.0}]))
     assert manipulability(pulled) > manipulability(free)
+
+
+def test_a_term_that_bounds_nothing_is_refused() -> None:
+    """Every link of an arm in the horizontal plane is as high as it was built: no bound would ever hold it up."""
+    task = {"kind": "insert", "direction": [0, -1, 0], "subject_to": [{"kind": "link_height", "at_least": "50 mm"}]}
+    problem = po.load_problem("insert_planar_2r").with_task(**task)
+    with pytest.raises(InputError, match=r"link_height bounds nothing on this arm.*leave it out"):
+        po.select_posture(problem)
