@@ -19,9 +19,9 @@ from posture_opt.selection.solution import Alternative, Solution, Status
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.visiting_order import VisitingOrder, best_order
 from posture_opt.uncertainty.budget import Share
+from posture_opt.uncertainty.critical import Critical
 from posture_opt.uncertainty.joint_success import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread import Spread
-from posture_opt.uncertainty.task_spread import Critical
 
 _GRID = 21  # placements along each side of the map
 
@@ -200,8 +200,11 @@ class FeaturesSolution(Result):
 
     @cached_property
     def success(self) -> JointSuccess | None:
-        """The probability that all features succeed; None without a clearance."""
-        if any(station.success_probability is None for station in self.stations):
+        """The probability that all features succeed; None without a clearance, and for a peg whose length counts.
+
+        Of a peg, tip and top are one draw of the scatter at each feature, which this does not join with what stays.
+        """
+        if any(s.success_probability is None or s.task_spread.peg is not None for s in self.stations):
             return None
         return success_of_all(
             [PlaceErrors.of(station.spread, station.basis, station.target.clearance) for station in self.stations]

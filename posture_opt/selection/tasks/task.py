@@ -123,6 +123,10 @@ class Task(Spec):
         if self.combine == "success":
             if self.within == "all":
                 raise BadValueError(f"task {self.kind} has no hole to succeed at", "use combine: worst or mean")
+            if self.part is not None:
+                raise BadValueError(
+                    "combine: success does not know the length of a peg", "use combine: worst, or leave out the length"
+                )
             if not self._all_have_clearance:
                 bare = next(feature.name for feature in self.features if feature.clearance is None)
                 mend = "add for example clearance: 0.2 mm to the task, or to every feature"
