@@ -57,7 +57,7 @@ class Scene:
         against: for each obstacle the capsules that are checked against it.
         assumed: whether the shape is not known, and capsules along the links stand in for it.
         mounted: (joint, obstacle) that always touch, as the first link on its table, and are not checked.
-        explicit: whether the problem file describes a cell.
+        switched_off: whether the problem file asks for no checks (``cell: none``).
     """
 
     placed: PlacedCapsules
@@ -67,7 +67,7 @@ class Scene:
     against: tuple[tuple[int, ...], ...]
     assumed: bool = False
     mounted: tuple[tuple[str, str], ...] = ()
-    explicit: bool = False
+    switched_off: bool = False
 
     @classmethod
     def of(cls, robot: Robot, cell: CellSpec | None) -> Scene:
@@ -88,12 +88,17 @@ class Scene:
         )
         own = () if assumed else own_pairs(placed, asked.clearance)
         against = tuple(checked for checked, _ in shown)
-        return cls(placed, obstacles, asked.clearance, own, against, assumed, mounted, bool(obstacles))
+        return cls(placed, obstacles, asked.clearance, own, against, assumed, mounted, not asked.checked)
 
     @property
     def robot(self) -> Robot:
         """The arm."""
         return self.placed.robot
+
+    @property
+    def explicit(self) -> bool:
+        """Whether there are obstacles: then the search keeps clear from the beginning."""
+        return any(self.against)
 
     @property
     def active(self) -> bool:

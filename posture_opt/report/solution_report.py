@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.collision_parts import collision_facts, distance_facts
 from posture_opt.report.parts import (
     ellipse_facts,
     first_order_fact,
@@ -116,6 +117,7 @@ def problem_block(problem: Problem, solution: Solution) -> Block:
     if task.subject_to:
         rows.append(("Required", ", ".join(_bound_words(term) for term in task.subject_to)))
     rows += clearance_facts(solution.task_spread)
+    rows += collision_facts(problem.scene)
     rows += source_facts(problem)
     rows += note_facts((*problem.notes, *frame_notes(problem.robot), *solution.notes))
     return Block("Problem", (Facts(tuple(rows)),))
@@ -152,6 +154,7 @@ def posture_block(solution: Solution) -> Block:
         leaning = math.degrees(lean(solution.spread, optimisation_problem.task.tool_axis, target.axis))
         allowed = f"{math.degrees(target.tilt):.6g} deg is allowed"
         facts.append(("Tool leans", f"{fixed(leaning)} deg off the direction; {allowed}"))
+    facts += distance_facts(solution.clearance)
     if solution.target.kind != "point":
         facts = [("Workpiece", f"place it so that the target is at {place(solution.spread.position)}"), *facts]
     return Block(
@@ -162,7 +165,8 @@ def posture_block(solution: Solution) -> Block:
 def nearest_block(solution: Solution) -> Block:
     """The posture that violates the requirements least."""
     table = joint_table(solution.optimisation_problem.robot, solution.q)
-    return Block("The posture that comes nearest", (table, Facts(tuple(tool_facts(solution.spread)))), figure="arm")
+    facts = (*tool_facts(solution.spread), *distance_facts(solution.clearance))
+    return Block("The posture that comes nearest", (table, Facts(facts)), figure="arm")
 
 
 def spread_block(solution: Solution) -> Block:

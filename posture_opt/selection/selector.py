@@ -34,6 +34,7 @@ _ONE_ONLY = (
     "exists is not known."
 )
 _FREED = 64  # starts with held joints released, to say which of them is in the way
+_UNCHECKED = "Collisions are not checked: the shape of the arm is not known (robot: shape: {radius: 60 mm})."
 _LINK_HEIGHT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
 
 
@@ -225,11 +226,12 @@ class PostureSelector:
 
     def remarks(self) -> tuple[str, ...]:
         """Sentences on what is not looked at."""
-        if self._problem.robot.n < 3:
+        scene = self._problem.scene
+        if self._problem.robot.n < 3 or scene.active or scene.switched_off:
             return ()
         tipped = any(f.kind == "rotate" and f.axis != 2 and abs(f.nominal) > 1e-6 for f in self._problem.robot.base)
         asked = any(term.keeps_clear for term in self.task.subject_to)
-        return (f"Collisions are not checked.{'' if tipped or asked else _LINK_HEIGHT}",)
+        return (_UNCHECKED + ("" if tipped or asked else _LINK_HEIGHT),)
 
     def _alternatives(
         self, problem: OptimisationProblem, target: TaskTarget, optima: Sequence[CandidatePosture]

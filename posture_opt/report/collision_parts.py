@@ -1,0 +1,45 @@
+"""What a report says of collisions: what was checked, and how near the arm comes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from posture_opt.errors import listed
+from posture_opt.report.units_text import length, stated_length
+
+if TYPE_CHECKING:
+    from posture_opt.collision.scene import Clearance, Scene
+
+Fact = tuple[str, str]
+
+
+def distance_facts(clearance: Clearance | None) -> list[Fact]:
+    """How near the arm comes to what it is checked against, and where; nothing where it is not checked."""
+    if clearance is None:
+        return []
+    a, b = clearance.between
+    if clearance.distance <= 0:
+        return [("Clearance", f"none: {a} and {b} overlap")]
+    return [("Clearance", f"{length(clearance.distance)} between {a} and {b}")]
+
+
+def collision_facts(scene: Scene) -> list[Fact]:
+    """What was checked for collisions, and what was not; a remark says so where the shape is not known."""
+    if scene.switched_off:
+        return [("Collisions", "not checked (cell: none)")]
+    if not scene.active:
+        return []
+    names = listed(obstacle.name for obstacle in scene.obstacles)
+    facts = []
+    if scene.assumed:
+        radius = length(float(scene.placed.radii[0]))
+        facts.append(f"the arm is checked against {names}, not against itself: its shape is not known, and capsules of "
+                     f"radius {radius} along its links stand in for it (robot: shape)")  # fmt: skip
+    elif scene.obstacles:
+        facts.append(f"the arm is checked against {names}{' and against itself' if scene.own else ''}")
+    else:
+        facts.append("the arm is checked against itself; no obstacles are stated (cell: obstacles)")
+    if scene.margin:
+        facts.append(f"at least {stated_length(scene.margin)} is kept")
+    facts += [f"{joint} is not checked against {name}, which it always touches" for joint, name in scene.mounted]
+    return [("Collisions", "; ".join(facts))]
