@@ -30,7 +30,7 @@ def own_pairs(placed: PlacedCapsules, clearance: float) -> tuple[Pair, ...]:
     apart = [(i, j) if bodies[i] < bodies[j] else (j, i) for i in count for j in count[:i] if _far(bodies, i, j)]
     if not apart:
         return ()
-    near = own_distances(placed, *placed.segments(_random(placed)), apart) < clearance
+    near = own_distances(placed, *placed.segments(random_postures(placed, _POSTURES)), apart) < clearance
     return tuple(pair for pair, always in zip(apart, _always(near), strict=True) if not always)
 
 
@@ -48,7 +48,7 @@ def exposed(placed: PlacedCapsules, obstacle: Obstacle, clearance: float) -> tup
     as it stands on the table that the arm is mounted on.
     """
     moving = [k for k, body in enumerate(placed.bodies) if body > 0]
-    start, end = placed.segments(_random(placed))
+    start, end = placed.segments(random_postures(placed, _POSTURES))
     near = obstacle_distances(placed, obstacle, start, end, moving) < clearance
     mounted = [k for k, always in zip(moving, _always(near), strict=True) if always and placed.bodies[k] == _FIRST]
     return tuple(k for k in moving if k not in mounted), tuple(mounted)
@@ -70,6 +70,7 @@ def _always(near: Mask) -> Mask:
     return np.asarray(near.mean(axis=0) >= _NEARLY_ALL)
 
 
-def _random(placed: PlacedCapsules) -> Array:
+def random_postures(placed: PlacedCapsules, count: int) -> Array:
+    """(count, n) always the same ones, within the limits."""
     rng = np.random.default_rng(0)
-    return rng.uniform(*drawn_between(placed.robot), (_POSTURES, placed.robot.n))
+    return rng.uniform(*drawn_between(placed.robot), (count, placed.robot.n))

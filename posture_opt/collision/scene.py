@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -11,7 +12,14 @@ import numpy as np
 
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.obstacles import Obstacle
-from posture_opt.collision.pairs import Pair, exposed, obstacle_distances, own_distances, own_pairs
+from posture_opt.collision.pairs import (
+    Pair,
+    exposed,
+    obstacle_distances,
+    own_distances,
+    own_pairs,
+    random_postures,
+)
 from posture_opt.collision.placed_capsules import Placed, PlacedCapsules
 from posture_opt.collision.smooth_bounds import segment_bound, soft_minimum
 from posture_opt.numerics import Array
@@ -20,6 +28,10 @@ from posture_opt.robot.robot import Robot
 
 ITSELF = "clearance of the arm to itself"
 """Name of the row that keeps links apart."""
+FAR = 0.1
+"""Beyond the margin [m]: pairs that keep so far apart need no row."""
+_POSTURES = 4000
+_TOLERANCE = 2e-6  # m: more than a solver may leave of a row that counts as met
 
 
 def row_name(obstacle: str) -> str:
@@ -142,29 +154,45 @@ class Scene:
     def rows(self, q: ca.SX) -> list[ClearanceRow]:
         """A lower bound of the least distance to each obstacle, and of the arm to itself, at joint values ``q`` (n,).
 
-        Each is to be at least ``margin``. At most `smooth_bounds.SLACK` below the true distance, and half of
-        `smooth_bounds.ROUNDING` for each doubling of pairs that are equally near.
+        Each is to be at least ``margin``. Where it is below that it is at most `smooth_bounds.SLACK` below the true
+        distance, and half of `smooth_bounds.ROUNDING` for each doubling of pairs that are equally near. Pairs that
+        thousands of random postures leave farther apart than the margin and `FAR` have no part in it, and it never
+        exceeds that.
         """
-        placed = self.placed.symbols(q)
+        placed, near = self.placed.symbols(q), self._nearing
         found = []
         for obstacle, chosen in zip(self.obstacles, self.against, strict=True):
-            bounds = [bound for k in chosen for bound in self._to_obstacle(placed[k], obstacle, k)]
+            close = [k for k in chosen if near[k, obstacle.name]]
+            bounds = [bound for k in close for bound in self._to_obstacle(placed[k], obstacle, k)]
             if bounds:
-                found.append(ClearanceRow(row_name(obstacle.name), soft_minimum(bounds)))
-        if self.own:
-            found.append(ClearanceRow(ITSELF, soft_minimum(self._between(q))))
+                found.append(self._row(f"clearance to {obstacle.name}", bounds))
+        own = [pair for pair in self.own if near[pair]]
+        if own:
+            found.append(self._row(ITSELF, self._between(q, own)))
         return found
 
     def _to_obstacle(self, placed: Placed, obstacle: Obstacle, k: int) -> list[ca.SX]:
         capsule = self.placed.capsules[k]
         return obstacle.bounds(*placed, capsule.length, capsule.radius)
 
-    def _between(self, q: ca.SX) -> list[ca.SX]:
+    def _row(self, name: str, bounds: list[ca.SX]) -> ClearanceRow:
+        return ClearanceRow(name, soft_minimum([*bounds, ca.SX(self.margin + FAR)]) - _TOLERANCE)
+
+    @cached_property
+    def _nearing(self) -> dict[tuple[int, int | str], bool]:
+        """Which pairs of capsules, or of a capsule and an obstacle, random postures bring nearer than `FAR`."""
+        others = zip(self.obstacles, self.against, strict=True)
+        keys: list[tuple[int, int | str]] = [*self.own]
+        keys += [(k, obstacle.name) for obstacle, chosen in others for k in chosen]
+        least = self.distances(random_postures(self.placed, _POSTURES)).min(axis=0)
+        return dict(zip(keys, (least < self.margin + FAR).tolist(), strict=True))
+
+    def _between(self, q: ca.SX, pairs: Sequence[Pair]) -> list[ca.SX]:
         """For every pair, seen from the frame of the first one: only joints between them take part."""
         frames, capsules = self.placed.frames, self.placed.capsules
-        seen = {frame: self.placed.symbols(q, frame) for frame in {frames[i] for i, _ in self.own}}
+        seen = {frame: self.placed.symbols(q, frame) for frame in {frames[i] for i, _ in pairs}}
         bounds = []
-        for i, j in self.own:
+        for i, j in pairs:
             first, other, placed = capsules[i], capsules[j], seen[frames[i]]
             radius = first.radius + other.radius
             bounds.append(segment_bound(*placed[i], first.length, *placed[j], other.length, radius))

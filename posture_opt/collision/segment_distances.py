@@ -6,15 +6,14 @@ capsule around a segment is as much nearer as its radius.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
 
 from posture_opt.numerics import Array
 
-_TINY = 1e-300  # instead of zero squared length: a point has no direction
-_HALVINGS = 60  # of the segment: to rounding
+_TINY = 1e-200  # instead of zero: a point has no direction
+_SECANTS = 20  # to rounding
 
 
 def to_point(start: Array, end: Array, point: Array) -> Array:
@@ -54,41 +53,64 @@ def to_box(start: Array, end: Array, half: Array) -> Array:
     """(...) distance of segments (..., 3) to the box of half sides ``half`` (3,) about the origin [m]."""
 
     def excess(points: Array) -> Array:
-        return np.asarray(np.sign(points) * np.maximum(np.abs(points) - half, 0.0))
+        return np.asarray(points - np.clip(points, -half, half))
 
-    return _least(start, end, excess)
+    along = _nonzero(end - start)
+    corners = np.concatenate([(half - start) / along, (-half - start) / along], axis=-1)
+    return _least(start, end, excess, corners, steps=1)  # linear between corners
 
 
 def to_cylinder(start: Array, end: Array, radius: float, half: float) -> Array:
     """(...) distance of segments (..., 3) to the solid cylinder about the z axis from −half to half [m]."""
 
     def excess(points: Array) -> Array:
-        rho = np.linalg.norm(points[..., :2], axis=-1)
-        beyond = np.maximum(rho - radius, 0.0) / np.maximum(rho, math.sqrt(_TINY))
-        z = points[..., 2]
-        high = np.sign(z) * np.maximum(np.abs(z) - half, 0.0)
-        return np.concatenate([beyond[..., None] * points[..., :2], high[..., None]], axis=-1)
+        rho = np.linalg.norm(points[..., :2], axis=-1, keepdims=True)
+        sideways = points[..., :2] * (np.maximum(rho - radius, 0.0) / np.maximum(rho, _TINY))
+        return np.concatenate([sideways, points[..., 2:] - np.clip(points[..., 2:], -half, half)], axis=-1)
 
-    return _least(start, end, excess)
+    along = end - start
+    flat, rise = np.maximum(_dot(along[..., :2], along[..., :2]), _TINY), _nonzero(along[..., 2])
+    middle = -_dot(start[..., :2], along[..., :2]) / flat
+    beside = start[..., :2] + middle[..., None] * along[..., :2]
+    wide = np.sqrt(np.maximum(radius**2 - _dot(beside, beside), 0.0) / flat)
+    level = [(side * half - start[..., 2]) / rise for side in (-1, 1)]
+    corners = np.stack(np.broadcast_arrays(middle - wide, middle + wide, *level), axis=-1)
+    return _least(start, end, excess, corners, steps=_SECANTS)
 
 
-def _least(start: Array, end: Array, excess: Callable[[Array], Array]) -> Array:
+def _least(start: Array, end: Array, excess: Callable[[Array], Array], corners: Array, steps: int) -> Array:
     """The least distance along the segments to a convex solid; ``excess`` leads from its nearest point to a point.
 
-    The squared distance is convex along the segment, and half its derivative is ``excess · (end − start)``: where that
-    changes its sign is found by halving.
+    The squared distance is convex along the segment, and half its derivative is ``excess · (end − start)``, with
+    corners at the shares ``corners`` (..., k). Where it changes its sign is found by secants between the two corners
+    beside it, by the Illinois variant of the false position (Dowell and Jarratt 1971).
     """
     start, end = np.broadcast_arrays(start, end)
     along = end - start
-    low, high = np.zeros(start.shape[:-1]), np.ones(start.shape[:-1])
-    for _ in range(_HALVINGS):
-        middle = (low + high) / 2
-        rising = _dot(excess(start + middle[..., None] * along), along) > 0
-        low, high = np.where(rising, low, middle), np.where(rising, middle, high)
-    shares = (low, high)
-    return np.asarray(
-        np.min([np.linalg.norm(excess(start + share[..., None] * along), axis=-1) for share in shares], axis=0)
+
+    def slope(share: Array) -> Array:
+        return _dot(excess(start + share[..., None] * along), along)
+
+    shares = np.concatenate(
+        [np.broadcast_to([0.0, 1.0], (*corners.shape[:-1], 2)), np.clip(corners, 0.0, 1.0)], axis=-1
     )
+    points = start[..., None, :] + shares[..., None] * along[..., None, :]
+    slopes = np.einsum("...ki,...i->...k", excess(points), along)
+    low, high = np.max(np.where(slopes <= 0, shares, 0.0), axis=-1), np.min(np.where(slopes >= 0, shares, 1.0), axis=-1)
+    below, above = slope(low), slope(high)
+    for _ in range(steps):
+        share = np.clip(low - below * (high - low) / np.maximum(above - below, _TINY), low, high)
+        found = slope(share)
+        rising = found > 0
+        # An end that stays twice running counts for half, so that it moves too.
+        below, above = np.where(rising, below / 2, found), np.where(rising, found, above / 2)
+        low, high = np.where(rising, low, share), np.where(rising, share, high)
+    ends = [np.linalg.norm(excess(start + share[..., None] * along), axis=-1) for share in (low, high)]
+    return np.asarray(np.minimum(*ends))
+
+
+def _nonzero(values: Array) -> Array:
+    return np.where(np.abs(values) > _TINY, values, _TINY)
 
 
 def _dot(u: Array, v: Array) -> Array:

@@ -1,8 +1,8 @@
 """``SearchOutcome``: the feasible postures that one search found, and what of them keeps clear of collisions.
 
 Rows that keep the arm clear make each step of a search several times dearer, and most of the time the best posture is
-clear without them. So an arm that is checked against itself alone is searched for without: if the best of all postures
-is clear, it is the best of those that are. Only otherwise the search is made again with the rows.
+clear without them. So the search is made without: if the best of all postures is clear, it is the best of those that
+are. Only otherwise the search is made again with the rows.
 """
 
 from __future__ import annotations
@@ -67,11 +67,10 @@ def searched(seek: Seek, free: Engine, guarded: Callable[[], Engine], scene: Sce
     """The outcome of a search among postures that are clear.
 
     Args:
-        free: the engine to begin with; for a cell with obstacles it has the rows.
-        guarded: makes the one with the rows.
+        free: the engine without rows that keep the arm clear; ``guarded`` makes the one with them.
     """
     outcome = SearchOutcome.of(free, *seek(free))
-    if free.optimisation_problem.scene is not None or not scene.active or not outcome.feasible:
+    if not scene.active or not outcome.feasible:
         return outcome
     clear = outcome.clear_of(scene)
     if clear is not None:

@@ -143,7 +143,8 @@ class PostureSelector:
         return self._answer(self._searched(seek, aim), began)
 
     def _searched(self, seek: Seek, target: TaskTarget) -> SearchOutcome:
-        return searched(seek, self.engine(target), lambda: self.engine(target, guarded=True), self._problem.scene)
+        free = self.engine(target, guarded=False)
+        return searched(seek, free, lambda: self.engine(target, guarded=True), self._problem.scene)
 
     def _target(
         self, position: Sequence[float] | None, direction: Sequence[float] | None, clearance: float | None

@@ -14,6 +14,7 @@ from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.selection.grid_layout import GridRequest, Plane, grid_of
+from posture_opt.selection.map_clear import clear_candidates
 from posture_opt.selection.map_neighbours import Neighbourhood
 from posture_opt.selection.map_points import Grid, MapPoint, NeighbourSolves, map_points_of
 from posture_opt.selection.map_search import best_candidates
@@ -143,12 +144,16 @@ def map_targets(
     grid = _grid(problem, selector, request)
     own = [selector.target.lower] if selector.target.kind == "point" else []
     targets = [selector.target.with_position(point) for point in (*grid.points, *own)]
-    engines = [selector.engine(target) for target in targets]
+    engines = [selector.engine(target, guarded=False) for target in targets]
     seed = problem.solver.seed if seed is None else seed
     pairs = (*grid.neighbours, *_beside(grid, len(targets), targets))
     points = np.array([target.lower for target in targets])
     neighbourhood = Neighbourhood.of(problem.arm, selector.target.direction, points, pairs)
     candidates, solves = best_candidates(engines, targets, neighbourhood, seed=seed, workers=workers, progress=progress)
+    candidates = clear_candidates(
+        problem.scene, lambda target: selector.engine(target, guarded=True), targets, candidates, pairs,
+        seed=seed, workers=workers,
+    )  # fmt: skip
     map_points = map_points_of(engines[0].optimisation_problem, targets, candidates)
     size = len(grid.points)
     feasible = [map_point.feasible for map_point in map_points]

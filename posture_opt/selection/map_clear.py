@@ -1,0 +1,69 @@
+"""The targets of a map whose best posture collides: sought again, with rows that keep the arm clear."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from posture_opt.collision.scene import Scene
+from posture_opt.selection.engine import Engine
+from posture_opt.selection.map_neighbours import Neighbourhood, Pairs
+from posture_opt.selection.map_points import MapCandidate
+from posture_opt.selection.map_search import best_candidates
+from posture_opt.selection.search_outcome import is_clear
+from posture_opt.selection.task_target import TaskTarget
+
+
+def clear_candidates(
+    scene: Scene,
+    guarded: Callable[[TaskTarget], Engine],
+    targets: Sequence[TaskTarget],
+    candidates: Sequence[MapCandidate],
+    pairs: Sequence[Pairs],
+    *,
+    seed: int,
+    workers: int = 1,
+) -> list[MapCandidate]:
+    """The candidates of the targets, those replaced that collide; the others are the best of all and stay.
+
+    Args:
+        guarded: the engine with the rows, for a target.
+        pairs: targets that try each other's postures.
+    """
+    again = colliding(scene, candidates)
+    found = list(candidates)
+    if not again:
+        return found
+    work = [targets[k] for k in again]
+    points = np.array([target.lower for target in work])
+    engines = [guarded(target) for target in work]
+    arm = engines[0].optimisation_problem.arm
+    neighbourhood = Neighbourhood.of(arm, work[0].direction, points, among(pairs, again))
+    better, _ = best_candidates(engines, work, neighbourhood, seed=seed, workers=workers)
+    for k, candidate in zip(again, better, strict=True):
+        found[k] = candidate
+    return found
+
+
+def colliding(scene: Scene, candidates: Sequence[MapCandidate]) -> list[int]:
+    """The candidates with a posture that comes too near to something."""
+    held = [(k, candidate.best.q) for k, candidate in enumerate(candidates) if candidate.best is not None]
+    if not held or not scene.active:
+        return []
+    clear = is_clear(scene, np.array([q for _, q in held]))
+    return [k for (k, _), yes in zip(held, clear, strict=True) if not yes]
+
+
+def among(pairs: Sequence[Pairs], chosen: Sequence[int]) -> list[Pairs]:
+    """The pairs of targets that are both chosen, numbered as they stand there."""
+    most = max((int(max(here.max(initial=0), there.max(initial=0))) for here, there in pairs), default=0)
+    place = np.full(max(most, *chosen) + 1, -1)
+    place[list(chosen)] = np.arange(len(chosen))
+    kept = []
+    for here, there in pairs:
+        a, b = place[here], place[there]
+        both = (a >= 0) & (b >= 0)
+        if both.any():
+            kept.append((a[both], b[both]))
+    return kept
