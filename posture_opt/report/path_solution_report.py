@@ -22,7 +22,7 @@ from posture_opt.report.solution_report import posture_block, spread_block
 from posture_opt.report.target_map_report import map_csv
 from posture_opt.report.task_parts import critical_size, task_budget_block
 from posture_opt.report.text import render
-from posture_opt.report.units_text import angle, count, joint_unit, length, length_unit, percent, place, stated_length
+from posture_opt.report.units_text import angle, count, joint_unit, length, length_unit, percent, place
 from posture_opt.report.words import CRITERIA
 from posture_opt.units import fixed, number
 
@@ -62,7 +62,7 @@ def _lead(found: PathSolution) -> tuple[str, ...]:
     return (
         f"The tool point scatters {ACROSS} by at most {critical_size(found.critical)}, at "
         f"{_name(found, found.motion.worst)} of {count(len(found.stations), 'point')}.",
-        f"From point to point no joint moves by more than {step_words(found, found.largest_joint_step)}.",
+        f"From point to point {_moved(found)}.",
     )
 
 
@@ -70,10 +70,21 @@ def _name(found: PathSolution, k: int) -> str:
     return found.path.numbers[k]
 
 
-def step_words(found: PathSolution, step: float) -> str:
-    """A step of a joint; where the arm has slides, as they count too."""
+def _step(found: PathSolution, step: float) -> str:
+    """A bound of steps; a slide may move by 1 m where a joint may turn by 1 rad."""
     slides = any(joint.type == "prismatic" for joint in found.optimisation_problem.robot.joints)
-    return f"{angle(step)} (a slide: {stated_length(float(f'{step:.3g}'))})" if slides else angle(step)
+    return f"{angle(step)}, {length(step)} of a slide" if slides else angle(step)
+
+
+def _moved(found: PathSolution) -> str:
+    """How far the joints move from point to point."""
+    joints = found.optimisation_problem.robot.joints
+    moved = np.max(np.abs(np.diff(found.motion.Q[found.path.listed], axis=0)), axis=0)
+    turns = [float(v) for v, joint in zip(moved, joints, strict=True) if joint.type == "revolute"]
+    slides = [float(v) for v, joint in zip(moved, joints, strict=True) if joint.type == "prismatic"]
+    parts = [f"no joint turns by more than {angle(max(turns))}"] if turns else []
+    parts += [f"no slide moves by more than {length(max(slides))}"] if slides else []
+    return " and ".join(parts)
 
 
 def _problem(found: PathSolution) -> Block:
@@ -87,7 +98,7 @@ def _problem(found: PathSolution) -> Block:
         ("Path", f"{count(len(found.stations), 'point')}{more}, {length(found.path.lengths[-1], 4)} long"),
         ("", f"from {place(ends[0])} to {place(ends[1])}"),
         ("Minimised", f"at the worst point, {CRITERIA[task.criterion].format(part=ACROSS)}"),
-        ("Steps", f"of a joint between listed points: at most {step_words(found, found.largest_step)}"),
+        ("Steps", f"of a joint between listed points: at most {_step(found, found.largest_step)}"),
         *input_facts(problem),
         *source_facts(problem),
         *note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes)),
@@ -116,11 +127,10 @@ def _points(found: PathSolution) -> Block:
 def _checks(found: PathSolution) -> Block:
     sigma, motion = float(found.motion.sigma.max()), found.motion
     rows = [*_naive_rows(found)]
-    bound = f"no motion gets below {length(found.bound)}: the best posture of the worst point alone"
-    rows.append(("Lower bound", f"{bound}; {_above(sigma, found.bound)}"))
-    rows.append(
-        ("Steps", f"the smallest largest step that was found possible is {step_words(found, found.smallest_step)}")
-    )
+    if found.bound > 0:
+        bound = f"no motion gets below {length(found.bound)}: the best posture of the worst point alone"
+        rows.append(("Lower bound", f"{bound}; {_above(sigma, found.bound)}"))
+    rows.append(("Steps", f"the smallest largest step that was found possible is {_step(found, found.smallest_step)}"))
     rows.append(("Between points", f"the tool leaves the straight line by up to {length(found.off_line)}"))
     rows.append(("", "where all joints move evenly from one point of postures.csv to the next"))
     compared = f"{sum(found.candidates)} candidate postures of {count(len(found.candidates), 'point')}"
@@ -183,7 +193,7 @@ class PathSolutionPresenter(Presenter["PathSolution"]):
         facts: tuple[tuple[str, str], ...] = (
             ("Points", f"{len(found.stations)}, {length(found.path.lengths[-1], 4)} long"),
             ("Scatter", f"at most {length(sigma)} {ACROSS} (1 σ)"),
-            ("Steps", f"no joint moves by more than {step_words(found, found.largest_joint_step)}"),
+            ("Steps", _moved(found)),
             ("First posture", joint_values(found.optimisation_problem.robot, found.motion.Q[0])),
         )
         if found.reasons:

@@ -51,7 +51,8 @@ def _spread(axes: Any, found: PathSolution) -> None:
     worst = found.motion.worst
     star = {"color": VERMILLION, "mec": "black", "ms": 13, "ls": "none", "clip_on": False}
     axes.plot(way[worst], factor * sigma[worst], "*", **star, label="worst")
-    axes.axhline(factor * found.bound, color=GREY, ls="--", lw=1.0, label="lower bound of the worst")
+    if found.bound > 0:
+        axes.axhline(factor * found.bound, color=GREY, ls="--", lw=1.0, label="lower bound of the worst")
     axes.set_ylim(0.0, 1.12 * factor * float(sigma.max()))
     axes.set_ylabel(f"standard deviation across the path [{unit}]")
 

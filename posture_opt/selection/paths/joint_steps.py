@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.nlp import Nlp
 
 _TURN = 2 * np.pi
 _ROOM = 1e-9  # rad: limits a whole turn apart
@@ -30,13 +31,21 @@ class JointSteps:
     wide: Mask
 
     @classmethod
-    def of(cls, robot: Robot, indifferent: Sequence[int], bounded: Sequence[int] = ()) -> JointSteps:
-        """Those of a robot; ``bounded`` joints are compared as they are, whatever their limits."""
-        counted = np.array([k not in indifferent for k in range(robot.n)])
+    def of(cls, robot: Robot, nlp: Nlp) -> JointSteps:
+        """Those of a robot whose postures ``nlp`` selects."""
+        # A slide whose row in the program is its height alone is settled by it, and moves.
+        held = [row for row in nlp.rows if ca.is_equal(row.lower, row.upper, 2)]
+        settled = {
+            k for row in held for k, used in enumerate(ca.which_depends(row.expression, nlp.x, 1, False)) if used
+        }
+        counted = np.array([k not in nlp.indifferent or k in settled for k in range(robot.n)])
         span = np.array(robot.upper) - np.array(robot.lower)
         turns = np.array([joint.type == "revolute" for joint in robot.joints])
-        free = np.array([k not in bounded for k in range(robot.n)])
-        return cls(robot, counted, turns & free & (span >= _TURN - _ROOM))
+        return cls(robot, counted, turns & (span >= _TURN - _ROOM))
+
+    def rested(self, Q: Array) -> Array:
+        """The same postures (N, n), joints that matter to nothing in the middle of their limits."""
+        return np.where(self.counted, Q, (np.array(self.robot.lower) + np.array(self.robot.upper)) / 2)
 
     def between(self, A: Array, B: Array) -> Array:
         """(N, M) steps from each posture of A (N, n) to each of B (M, n)."""
@@ -70,17 +79,17 @@ class JointSteps:
         moved = np.abs(np.diff(Q, axis=0))[:, self.counted]
         return np.asarray(np.max(moved, axis=1, initial=0.0))
 
-    def turned(self, Q: Array) -> Array:
-        """Postures (M, n) with those that stand whole turns beside them within the limits."""
+    def turned(self, Q: Array, values: Array) -> tuple[Array, Array]:
+        """Postures (M, n) with those that stand whole turns beside them within the limits, and their values (M,)."""
         lower, upper = np.array(self.robot.lower), np.array(self.robot.upper)
-        joints = [k for k, joint in enumerate(self.robot.joints) if joint.type == "revolute" and not self.wide[k]]
-        for k in joints:
-            if upper[k] - lower[k] < _TURN - _ROOM:
+        for k, joint in enumerate(self.robot.joints):
+            if joint.type != "revolute" or self.wide[k] or upper[k] - lower[k] < _TURN - _ROOM:
                 continue
-            variants = [Q]
+            rows, kept = [Q], [values]
             for turn in (-_TURN, _TURN):
-                moved = Q.copy()
-                moved[:, k] += turn
-                variants.append(moved[(moved[:, k] >= lower[k]) & (moved[:, k] <= upper[k])])
-            Q = np.vstack(variants)
-        return Q
+                moved = Q + turn * np.eye(len(lower))[k]
+                inside = (moved[:, k] >= lower[k]) & (moved[:, k] <= upper[k])
+                rows.append(moved[inside])
+                kept.append(values[inside])
+            Q, values = np.vstack(rows), np.concatenate(kept)
+        return Q, values

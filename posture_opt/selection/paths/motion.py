@@ -26,7 +26,7 @@ class Motion:
 
     Args:
         objectives: (K,), scaled; violations: (K,) the worst row of each [m, rad or 1].
-        clear: whether the arm collides with nothing at any point.
+        clear: whether all joints keep their limits, and the arm collides with nothing, at the points.
         sigma: (K,) largest standard deviation in the part that counts [m].
         steps: (K − 1,) largest change of a joint, as it counts between listed points [rad or m].
         optimal: whether first-order conditions hold, or nothing was left to choose but between separate postures.
@@ -45,7 +45,8 @@ class Motion:
         cls, engine: Engine, targets: Sequence[TaskTarget], Q: Array, steps: Array, scene: Scene, optimal: bool
     ) -> Motion:
         """The motion evaluated."""
-        clear = bool(np.all(is_clear(scene, Q)))
+        inside = np.all((np.array(engine.robot.lower) <= Q) & (np.array(engine.robot.upper) >= Q))
+        clear = bool(inside and np.all(is_clear(scene, Q)))
         objective, violation, _, variance = (column[:, 0] for column in engine.screen(Q, stacked(targets)))
         return cls(Q, objective, violation, np.sqrt(np.maximum(variance, 0.0)), steps, optimal, clear)
 
@@ -74,8 +75,8 @@ class Motion:
         return int(np.argmax(self.sigma))
 
 
-def off_line(engine: Engine, Q: Array) -> float:
-    """Largest distance [m] of the tool point from the straight lines between points, where all joints move evenly.
+def off_lines(engine: Engine, Q: Array) -> Array:
+    """(K − 1,) how far [m] the tool point leaves the straight lines between points, where all joints move evenly.
 
     Args:
         Q: (K, n) postures at the points.
@@ -88,4 +89,4 @@ def off_line(engine: Engine, Q: Array) -> float:
     ends = position(Q)
     start, way = ends[:-1, None], (ends[1:] - ends[:-1])[:, None]
     along = np.clip(np.sum((reached - start) * way, axis=2) / np.sum(way**2, axis=2), 0.0, 1.0)
-    return float(np.max(np.linalg.norm(reached - start - along[..., None] * way, axis=2)))
+    return np.asarray(np.max(np.linalg.norm(reached - start - along[..., None] * way, axis=2), axis=1))

@@ -41,6 +41,11 @@ class PathCandidates:
     costs: tuple[Array, ...]
     arrived: tuple[int, ...]
 
+    def turned(self, steps: JointSteps) -> PathCandidates:
+        """The same, with postures that stand whole turns beside them where ``steps`` tell these apart."""
+        pairs = [steps.turned(Q, cost) for Q, cost in zip(self.postures, self.costs, strict=True)]
+        return replace(self, postures=tuple(Q for Q, _ in pairs), costs=tuple(cost for _, cost in pairs))
+
 
 def find_candidates(
     engine: Engine, targets: Sequence[TaskTarget], steps: JointSteps, scene: Scene, rng: np.random.Generator
@@ -80,7 +85,7 @@ class _Following:
                 order = np.lexsort((optima.objective, optima.excess))
                 nearest, _ = engine.clusters(optima.q[order])
                 search._follow(k, optima.q[order][nearest][:_FOLLOWED], found, _RENEWED)
-        return search, [search._plain(np.vstack(Q)) for Q in found]
+        return search, [self.steps.rested(np.vstack(Q)) for Q in found]
 
     def _scaled(self, own: Sequence[Array]) -> _Following:
         """The same search with objectives divided by the median variance of some postures (K arrays)."""
@@ -118,18 +123,11 @@ class _Following:
         slack = problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
         return held_request(target, problem.axis_rows > 0, slack)
 
-    def _plain(self, Q: Array) -> Array:
-        """The same postures, joints that matter to nothing at zero."""
-        robot, idle = self.engine.robot, list(self.engine.optimisation_problem.nlp.indifferent)
-        Q[:, idle] = np.clip(0.0, np.array(robot.lower)[idle], np.array(robot.upper)[idle])
-        return Q
-
     def screened(self, given: tuple[_Following, list[Array]], scene: Scene) -> PathCandidates:
         """Those postures that meet every requirement, with their objectives."""
         search, found = given
         postures, costs = [], []
         for Q, target in zip(found, search.targets, strict=True):
-            Q = self.steps.turned(Q)
             objective, violation = (column[:, 0] for column in self.engine.screen(Q, target.parameters)[:2])
             met = violation <= ROW_TOLERANCE
             met[met] = is_clear(scene, Q[met])

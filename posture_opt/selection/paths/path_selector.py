@@ -4,40 +4,34 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
 
-from posture_opt.collision.scene import Scene
 from posture_opt.errors import NoSolutionError
 from posture_opt.numerics import Array
 from posture_opt.selection.batches import usual_starts
 from posture_opt.selection.engine import Engine
 from posture_opt.selection.infeasible import explain_infeasibility, infeasible
-from posture_opt.selection.joint_problem import JointOutcome, JointPoint
-from posture_opt.selection.multistart import as_good, multistart
+from posture_opt.selection.multistart import multistart
 from posture_opt.selection.paths.joint_steps import JointSteps
-from posture_opt.selection.paths.motion import Motion, off_line
+from posture_opt.selection.paths.motion import Motion, off_lines
+from posture_opt.selection.paths.motion_search import OVER, MotionSearch
 from posture_opt.selection.paths.naive import naive_motions
-from posture_opt.selection.paths.path_candidates import PathCandidates, find_candidates
-from posture_opt.selection.paths.path_problem import PathProblem
+from posture_opt.selection.paths.path_candidates import find_candidates
 from posture_opt.selection.paths.path_solution import PathSolution
-from posture_opt.selection.paths.step_graph import StepGraph
-from posture_opt.selection.paths.task_path import TaskPath, stacked
+from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.relaxation import Reason
 from posture_opt.selection.selector import PostureSelector, task_of
 from posture_opt.selection.solution import HasTask
 from posture_opt.selection.task_target import TaskTarget
 from posture_opt.selection.tasks.path_task import PathTask
 
+_ASTRAY = 0.5  # of the distance between two points: off the line by more is no way along it
 _TIMES = 3.0  # the smallest step that is possible: what is allowed where nothing is stated
-_SEEDS = 4  # ways that the smooth problem starts from
-_APART = math.radians(30.0)  # between two of them in a joint, or 0.5 m of a slide
-_WORTH = 1.5  # times the best objective: ways up to there may still become the best
-_OVER = 1e-9  # rad or m: by which a step may exceed its bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,13 +74,13 @@ class PathSelector:
         search = self._search(self.problem.solver.seed if seed is None else seed, began)
         smallest, calm = search.smallest_step
         largest = _TIMES * smallest if self.task.largest_step is None else self.task.largest_step
-        if smallest > largest + _OVER:
+        if smallest > largest + OVER:
             reasons = search.too_large_a_step(smallest, largest, calm)
             told = "\n".join(reason.message for reason in reasons)
             raise NoSolutionError(told, self._solution(search, calm, largest, began, reasons))
         return self._solution(search, search.best(largest), largest, began)
 
-    def _search(self, seed: int, began: float) -> _MotionSearch:
+    def _search(self, seed: int, began: float) -> MotionSearch:
         """The candidates of all points; where some have none that is clear, with rows that keep the arm clear.
 
         Raises:
@@ -95,7 +89,7 @@ class PathSelector:
         scene = self.problem.scene
         for guarded in (None, True):
             engine = self.selector.engine_of_all(self.targets, guarded)
-            steps = JointSteps.of(engine.robot, engine.optimisation_problem.nlp.indifferent)
+            steps = JointSteps.of(engine.robot, engine.optimisation_problem.nlp)
             found = find_candidates(engine, self.targets, steps, scene, np.random.default_rng(seed))
             if all(map(len, found.costs)) or engine.optimisation_problem.scene is not None or not scene.active:
                 break
@@ -103,22 +97,34 @@ class PathSelector:
             if not len(costs):
                 self._explain(engine, found.targets[k], k, began)
         guard = self.selector.engine_of_all(self.targets, True)
-        return _MotionSearch(engine, guard, self.path, found, steps, scene)
+        return MotionSearch(engine, guard, self.path, found, steps, scene).within_limits()
 
     def _solution(
-        self, search: _MotionSearch, motion: Motion, largest: float, began: float, reasons: Sequence[Reason] = ()
+        self, search: MotionSearch, motion: Motion, largest: float, began: float, reasons: Sequence[Reason] = ()
     ) -> PathSolution:
         naive = naive_motions(search.engine, search.found, search.steps, self.path, self.problem.scene)
         problem = search.engine.optimisation_problem
+        astray = off_lines(search.engine, motion.Q)
         notes = (*self.problem.notes, problem.axis_note(search.found.targets[0]), *self.selector.remarks())
+        notes += tuple(self._jumps(motion, astray))
         return PathSolution(
             problem=self.problem, optimisation_problem=problem, path=self.path, targets=search.found.targets,
             motion=motion, status="infeasible" if reasons else "optimal" if motion.optimal else "feasible",
             largest_step=largest, smallest_step=search.smallest_step[0], bound=search.bound,
-            off_line=off_line(search.engine, motion.Q), naive=naive,
+            off_line=float(astray.max()), naive=naive,
             candidates=tuple(map(len, search.found.costs)), seconds=time.perf_counter() - began, notes=notes,
             reasons=tuple(reasons),
         )  # fmt: skip
+
+    def _jumps(self, motion: Motion, astray: Array) -> Iterator[str]:
+        """Where no motion leads along the path, but only away from it and back."""
+        lengths, names = np.diff(self.path.lengths), self.path.numbers
+        for k in np.flatnonzero(astray > _ASTRAY * lengths)[:3].tolist():
+            joint = int(np.argmax(np.abs(motion.Q[k + 1] - motion.Q[k])))
+            yield (
+                f"From {names[k]} to {names[k + 1]} the arm has to change its posture off the path: "
+                f"{self.problem.robot.joints[joint].name} moves by {motion.steps[k] * 180 / math.pi:.3g} deg there."
+            )
 
     def _explain(self, engine: Engine, target: TaskTarget, k: int, began: float) -> None:
         """Raises the error of a point that no posture does, with the reasons."""
@@ -137,96 +143,3 @@ def path_task_of(problem: HasTask) -> PathTask:
     task = task_of(problem)
     assert isinstance(task, PathTask), task.kind
     return task
-
-
-@dataclass(frozen=True, eq=False)
-class _MotionSearch:
-    """The ways through the candidates of one path, and the smooth motions that they lead to."""
-
-    engine: Engine
-    guard: Engine
-    path: TaskPath
-    found: PathCandidates
-    steps: JointSteps
-    scene: Scene
-
-    @cached_property
-    def graph(self) -> StepGraph:
-        return StepGraph(self.steps, self.found.postures, self.found.costs, self.path.parts)
-
-    @cached_property
-    def smooth(self) -> tuple[PathProblem, ...]:
-        """Without rows that keep the arm clear, and with them: they are dear, and often nothing is in the way."""
-        parameters, fixed = stacked(self.found.targets), np.zeros(4)
-        problems = [self.engine.optimisation_problem]
-        if self.guard is not self.engine and self.scene.active:
-            problems.append(self.guard.optimisation_problem)
-        return tuple(PathProblem(p, self.steps, parameters, self.path.parts, fixed, fixed) for p in problems)
-
-    @property
-    def bound(self) -> float:
-        """σ_max [m] that no motion gets below at its worst point, as far as the best postures of that were found."""
-        return float(np.sqrt(max(min(map(float, costs)) for costs in self.found.costs) * self.found.targets[0].scale))
-
-    @cached_property
-    def smallest_step(self) -> tuple[float, Motion]:
-        """The least possible largest step between listed points, and a motion that has it."""
-        start = self._motion(self.graph.motion(self.graph.smallest_step()[1]))
-        if not self.engine.optimisation_problem.freedom:
-            return start.largest_step, start
-        smooth = self._smoothed(start, lambda problem, point: problem.least_step(point))
-        best = smooth if smooth.feasible and smooth.largest_step < start.largest_step else start
-        return best.largest_step, best
-
-    def best(self, largest: float) -> Motion:
-        """The best motion found with no step above ``largest``."""
-        motions = [self._motion(Q) for Q in self._ways(largest)] + [self.smallest_step[1]]
-        if self.engine.optimisation_problem.freedom:
-            motions += [self._smoothed(m, lambda problem, point: problem.least_spread(point, largest)) for m in motions]
-        able = [motion for motion in motions if motion.feasible and motion.largest_step <= largest + _OVER]
-        best = min(motion.objective for motion in able)
-        # The smooth problem trades the last digits of the worst point for better other ones.
-        return min(able, key=lambda motion: (motion.objective > as_good(best), not motion.optimal, motion.objective))
-
-    def _ways(self, largest: float) -> list[Array]:
-        """The best way through the candidates, and the best ones that pass far from those before."""
-        worst = self.graph.worst_costs(largest)
-        sizes = np.cumsum([0, *map(len, self.found.costs)])
-        middle = len(self.found.costs) // 2
-        here = worst[sizes[middle] : sizes[middle + 1]]
-        chosen: list[int] = []
-        for k in np.argsort(here, kind="stable").tolist():
-            near = self.steps.between(self.found.postures[middle][[k]], self.found.postures[middle][chosen])
-            if here[k] <= _WORTH * here.min() and np.all(near > _APART) and np.isfinite(here[k]):
-                chosen.append(k)
-            if len(chosen) == _SEEDS:
-                break
-        ways = [self.graph.best_way(largest, float(here[k]), (middle, k)) for k in chosen]
-        return [self.graph.motion(way) for way in ways if way is not None]
-
-    def _smoothed(self, start: Motion, solved: Callable[[PathProblem, JointPoint], JointOutcome]) -> Motion:
-        """Where the smooth problem leads to; it is solved with rows that keep the arm clear where it must be."""
-        for problem in self.smooth:
-            end = solved(problem, JointPoint(np.zeros(4), start.Q))
-            motion = self._motion(end.point.Q, end.optimal)
-            if motion.clear:
-                break
-        return motion
-
-    def _motion(self, Q: Array, optimal: bool | None = None) -> Motion:
-        Q, _ = self.steps.unwrapped(Q)
-        certain = not self.engine.optimisation_problem.freedom if optimal is None else optimal
-        return Motion.of(self.engine, self.found.targets, Q, self.steps.along(Q) * self.path.parts, self.scene, certain)
-
-    def too_large_a_step(self, smallest: float, largest: float, calm: Motion) -> list[Reason]:
-        """Between which points the joints have to move farther than they may, and what would do."""
-        k = int(np.argmax(calm.steps))
-        names = self.path.numbers
-        joints = np.abs(calm.Q[k + 1] - calm.Q[k])
-        joint = self.engine.robot.joints[int(np.argmax(np.where(self.steps.counted, joints, 0.0)))]
-        mend = math.ceil(math.degrees(smallest) * 10 + 1e-6) / 10
-        message = (
-            f"from {names[k]} to {names[k + 1]} {joint.name} has to move by {math.degrees(smallest):.4g} deg, and "
-            f"{math.degrees(largest):.4g} deg a step are allowed: set largest_step: {mend:g} deg, or list more points"
-        )
-        return [Reason("largest_step", message, smallest - largest, "rad")]

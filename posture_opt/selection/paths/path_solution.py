@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.collision.scene import Clearance
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, finite_or_none
 from posture_opt.result import Result
 from posture_opt.selection.multistart import Sampled
 from posture_opt.selection.optimisation_problem import OptimisationProblem
@@ -32,7 +32,8 @@ class PathSolution(Result):
         problem: with ``robot``, ``sources``, ``task`` and ``name``.
         path: K points, listed and added; ``targets`` those of each point.
         largest_step: allowed change of a joint between listed points [rad or m]; ``smallest_step`` the least possible.
-        bound: σ_max [m] of the best posture at the point where that is largest: no motion gets below it.
+        bound: σ_max [m] of the best posture at the point where that is largest: no motion gets below it; NaN where
+            something else is minimised.
         off_line: largest distance [m] of the tool point from the straight line between points where joints move evenly.
         naive: what simpler ways give.
         candidates: (K,) postures that were compared at each point.
@@ -140,7 +141,7 @@ class PathSolution(Result):
             "largest_step": self.largest_step,
             "smallest_step": self.smallest_step,
             "sigma_max": float(self.motion.sigma.max()),
-            "sigma_max_bound": self.bound,
+            "sigma_max_bound": finite_or_none(self.bound),
             "off_line": self.off_line,
             "without_look_ahead": {
                 "each_point_alone": self.naive.each.to_json(),

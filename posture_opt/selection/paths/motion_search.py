@@ -1,0 +1,140 @@
+"""``MotionSearch``: the ways through the candidates of a path, and the smooth motions that they lead to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from posture_opt.collision.scene import Scene
+from posture_opt.numerics import Array
+from posture_opt.selection.engine import Engine
+from posture_opt.selection.joint_problem import JointOutcome, JointPoint
+from posture_opt.selection.multistart import as_good
+from posture_opt.selection.paths.joint_steps import JointSteps
+from posture_opt.selection.paths.motion import Motion
+from posture_opt.selection.paths.path_candidates import PathCandidates
+from posture_opt.selection.paths.path_problem import PathProblem
+from posture_opt.selection.paths.step_graph import StepGraph
+from posture_opt.selection.paths.task_path import TaskPath, stacked
+from posture_opt.selection.relaxation import Reason
+
+_SEEDS = 4  # ways that the smooth problem starts from
+_APART = math.radians(30.0)  # between two of them in a joint, or 0.5 m of a slide
+_WORTH = 1.5  # times the best objective: ways up to there may still become the best
+OVER = 1e-9
+"""By which a step may exceed its bound [rad or m]: rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSearch:
+    """The search among the candidates of one path.
+
+    Args:
+        engine: of the points; ``guard`` has rows that keep the arm clear of the ``scene``.
+    """
+
+    engine: Engine
+    guard: Engine
+    path: TaskPath
+    found: PathCandidates
+    steps: JointSteps
+    scene: Scene
+
+    def within_limits(self) -> MotionSearch:
+        """The same search, joints that would leave their limits by going on turning compared as they are."""
+        _, beyond = self.steps.unwrapped(self.graph.motion(self.graph.smallest_step()[1]))
+        if not len(beyond):
+            return self
+        steps = replace(self.steps, wide=self.steps.wide & ~np.isin(np.arange(len(self.steps.wide)), beyond))
+        return replace(self, steps=steps, found=self.found.turned(steps)).within_limits()
+
+    @cached_property
+    def graph(self) -> StepGraph:
+        return StepGraph(self.steps, self.found.postures, self.found.costs, self.path.parts)
+
+    @cached_property
+    def smooth(self) -> tuple[PathProblem, ...]:
+        """Without rows that keep the arm clear, and with them: they are dear, and often nothing is in the way."""
+        parameters, fixed = stacked(self.found.targets), np.zeros(4)
+        problems = [self.engine.optimisation_problem]
+        if self.guard is not self.engine and self.scene.active:
+            problems.append(self.guard.optimisation_problem)
+        return tuple(PathProblem(p, self.steps, parameters, self.path.parts, fixed, fixed) for p in problems)
+
+    @property
+    def bound(self) -> float:
+        """σ_max [m] that no motion gets below at its worst point, as far as its best posture was found.
+
+        NaN where something else is minimised.
+        """
+        task = self.engine.optimisation_problem.task
+        if task.criterion != "worst" or task.minimize:
+            return math.nan
+        return float(np.sqrt(max(min(map(float, costs)) for costs in self.found.costs) * self.found.targets[0].scale))
+
+    @cached_property
+    def smallest_step(self) -> tuple[float, Motion]:
+        """The least possible largest step between listed points, and a motion that has it."""
+        start = self._motion(self.graph.motion(self.graph.smallest_step()[1]))
+        if not self.engine.optimisation_problem.freedom:
+            return start.largest_step, start
+        smooth = self._smoothed(start, lambda problem, point: problem.least_step(point))
+        best = smooth if smooth.feasible and smooth.largest_step < start.largest_step else start
+        return best.largest_step, best
+
+    def best(self, largest: float) -> Motion:
+        """The best motion found with no step above ``largest``."""
+        motions = [self._motion(Q) for Q in self._ways(largest)] + [self.smallest_step[1]]
+        if self.engine.optimisation_problem.freedom:
+            motions += [self._smoothed(m, lambda problem, point: problem.least_spread(point, largest)) for m in motions]
+        able = [motion for motion in motions if motion.feasible and motion.largest_step <= largest + OVER]
+        best = min(motion.objective for motion in able)
+        # The smooth problem trades the last digits of the worst point for better other ones.
+        return min(able, key=lambda motion: (motion.objective > as_good(best), not motion.optimal, motion.objective))
+
+    def _ways(self, largest: float) -> list[Array]:
+        """The best way through the candidates, and the best ones that pass far from those before."""
+        worst = self.graph.worst_costs(largest)
+        sizes = np.cumsum([0, *map(len, self.found.costs)])
+        middle = len(self.found.costs) // 2
+        here = worst[sizes[middle] : sizes[middle + 1]]
+        chosen: list[int] = []
+        for k in np.argsort(here, kind="stable").tolist():
+            near = self.steps.between(self.found.postures[middle][[k]], self.found.postures[middle][chosen])
+            if here[k] <= _WORTH * here.min() and np.all(near > _APART) and np.isfinite(here[k]):
+                chosen.append(k)
+            if len(chosen) == _SEEDS:
+                break
+        ways = [self.graph.best_way(largest, float(here[k]), (middle, k)) for k in chosen]
+        return [self.graph.motion(way) for way in ways if way is not None]
+
+    def _smoothed(self, start: Motion, solved: Callable[[PathProblem, JointPoint], JointOutcome]) -> Motion:
+        """Where the smooth problem leads to; it is solved with rows that keep the arm clear where it must be."""
+        for problem in self.smooth:
+            end = solved(problem, JointPoint(np.zeros(4), start.Q))
+            motion = self._motion(end.point.Q, end.optimal)
+            if motion.clear:
+                break
+        return motion
+
+    def _motion(self, Q: Array, optimal: bool | None = None) -> Motion:
+        Q, _ = self.steps.unwrapped(Q)
+        certain = not self.engine.optimisation_problem.freedom if optimal is None else optimal
+        return Motion.of(self.engine, self.found.targets, Q, self.steps.along(Q) * self.path.parts, self.scene, certain)
+
+    def too_large_a_step(self, smallest: float, largest: float, calm: Motion) -> list[Reason]:
+        """Between which points the joints have to move farther than they may, and what would do."""
+        k = int(np.argmax(calm.steps))
+        names = self.path.numbers
+        joints = np.abs(calm.Q[k + 1] - calm.Q[k])
+        joint = self.engine.robot.joints[int(np.argmax(np.where(self.steps.counted, joints, 0.0)))]
+        mend = math.ceil(math.degrees(smallest) * 10 + 1e-6) / 10
+        message = (
+            f"from {names[k]} to {names[k + 1]} {joint.name} has to move by {math.degrees(smallest):.4g} deg, and "
+            f"{math.degrees(largest):.4g} deg a step are allowed: set largest_step: {mend:g} deg, or list more points"
+        )
+        return [Reason("largest_step", message, smallest - largest, "rad")]
