@@ -16,7 +16,7 @@ from posture_opt.selection.joint_problem import JointOutcome, JointPoint
 from posture_opt.selection.multistart import as_good
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion import Motion
-from posture_opt.selection.paths.path_candidates import PathCandidates
+from posture_opt.selection.paths.path_candidates import PathCandidates, held
 from posture_opt.selection.paths.path_problem import PathProblem
 from posture_opt.selection.paths.step_graph import StepGraph
 from posture_opt.selection.paths.task_path import TaskPath, stacked
@@ -24,6 +24,7 @@ from posture_opt.selection.relaxation import Reason
 
 _SEEDS = 4  # ways that the smooth problem starts from
 _APART = math.radians(30.0)  # between two of them in a joint, or 0.5 m of a slide
+_LAST_STEPS = 3  # of inverse kinematics, from an error of 1e-7: they are quadratic
 _WORTH = 1.5  # times the best objective: ways up to there may still become the best
 OVER = 1e-9
 """By which a step may exceed its bound [rad or m]: rounding."""
@@ -89,7 +90,9 @@ class MotionSearch:
     def best(self, largest: float) -> Motion:
         """The best motion found with no step above ``largest``."""
         motions = [self._motion(Q) for Q in self._ways(largest)] + [self.smallest_step[1]]
-        if self.engine.optimisation_problem.freedom:
+        if not self.engine.optimisation_problem.freedom:
+            motions = [self._on_path(motion) for motion in motions]
+        else:
             motions += [self._smoothed(m, lambda problem, point: problem.least_spread(point, largest)) for m in motions]
         able = [motion for motion in motions if motion.feasible and motion.largest_step <= largest + OVER]
         best = min(motion.objective for motion in able)
@@ -111,6 +114,13 @@ class MotionSearch:
                 break
         ways = [self.graph.best_way(largest, float(here[k]), (middle, k)) for k in chosen]
         return [self.graph.motion(way) for way in ways if way is not None]
+
+    def _on_path(self, motion: Motion) -> Motion:
+        """The same motion, its points met to the last digits."""
+        Q, requests = motion.Q, np.vstack([held(self.engine, target).rows for target in self.found.targets])
+        for _ in range(_LAST_STEPS):
+            Q = self.steps.rested(self.engine.ik.stepped(Q, requests)[0])
+        return self._motion(Q)
 
     def _smoothed(self, start: Motion, solved: Callable[[PathProblem, JointPoint], JointOutcome]) -> Motion:
         """Where the smooth problem leads to; it is solved with rows that keep the arm clear where it must be."""

@@ -12,9 +12,8 @@ from posture_opt.selection.engine import Engine
 from posture_opt.selection.inverse_kinematics import TOLERANCE
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion import Motion
-from posture_opt.selection.paths.path_candidates import PathCandidates
+from posture_opt.selection.paths.path_candidates import PathCandidates, held
 from posture_opt.selection.paths.task_path import TaskPath
-from posture_opt.selection.pose_request import held_request
 
 
 @dataclass(frozen=True)
@@ -40,9 +39,7 @@ def naive_motions(engine: Engine, found: PathCandidates, steps: JointSteps, path
     each = Motion.of(engine, found.targets, best, apart * path.parts, scene, True)
     way = [best[0]]
     for target in found.targets[1:]:
-        problem = engine.optimisation_problem
-        slack = problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
-        moved, error = engine.ik.solve(way[-1][None], held_request(target, problem.axis_rows > 0, slack))
+        moved, error = engine.ik.solve(way[-1][None], held(engine, target))
         if error[0] >= TOLERANCE:
             return Naive(each, None, len(way))
         way.append(moved[0])

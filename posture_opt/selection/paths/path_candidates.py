@@ -108,7 +108,7 @@ class _Following:
 
     def _followed(self, Q: Array, way: range, improved: int) -> Iterator[tuple[int, Array]]:
         for j in way:
-            request, target = self._request(self.targets[j]), self.targets[j]
+            request, target = held(self.engine, self.targets[j]), self.targets[j]
             moved, errors = self.engine.ik.solve(self.steps.wrapped(Q), request)
             Q = moved[errors < TOLERANCE]
             if not len(Q):
@@ -117,11 +117,6 @@ class _Following:
                 better = self.engine.descended(Q, target, improved)
                 Q = np.where((better.excess == 0)[:, None], better.q, Q)
             yield j, self.steps.wrapped(Q)
-
-    def _request(self, target: TaskTarget) -> PoseRequest:
-        problem = self.engine.optimisation_problem
-        slack = problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
-        return held_request(target, problem.axis_rows > 0, slack)
 
     def screened(self, given: tuple[_Following, list[Array]], scene: Scene) -> PathCandidates:
         """Those postures that meet every requirement, with their objectives."""
@@ -134,3 +129,10 @@ class _Following:
             postures.append(Q[met])
             costs.append(objective[met])
         return PathCandidates(search.targets, tuple(postures), tuple(costs), tuple(map(len, found)))
+
+
+def held(engine: Engine, target: TaskTarget) -> PoseRequest:
+    """What inverse kinematics is to hold at a point: any axis within the tilt will do."""
+    problem = engine.optimisation_problem
+    slack = problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
+    return held_request(target, problem.axis_rows > 0, slack)

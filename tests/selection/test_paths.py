@@ -1,0 +1,257 @@
+"""Paths: the best motion against brute force, its guarantees against independent kinematics."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.errors import InputError, NoSolutionError
+from posture_opt.problem.load import problems_folder
+from posture_opt.selection.paths.joint_steps import JointSteps
+from posture_opt.selection.paths.step_graph import StepGraph
+from posture_opt.selection.paths.task_path import TaskPath, between, tangents
+from tests.helpers import factors
+from tests.helpers.path_brute_force import across, bottleneck, reached, tangents_of
+from tests.helpers.planar_2r import exact, postures_at
+
+PLANAR = {
+    "kind": "dh",
+    "joints": [
+        {"name": f"joint{k}", "type": "revolute", "a": "1 m", "alpha": "0 deg", "d": "0 m", "theta": "0 deg",
+         "limits": ["-180 deg", "180 deg"]}
+        for k in (1, 2)
+    ],
+}  # fmt: skip
+SIGMA = {"joint1.theta": "1 deg", "joint2.theta": "3 deg", "joint1.a": "10 mm", "joint2.a": "10 mm"}
+COVARIANCE = np.diag([math.radians(1) ** 2, math.radians(3) ** 2, 1e-4, 1e-4])
+
+
+def metres(points):
+    return [[f"{v:.9f} m" for v in point] for point in points]
+
+
+def arc(count, centre=(1.0, 0.5), radius=0.3):
+    """(count, 3) points of a half circle in the plane."""
+    angle = np.linspace(0, np.pi, count)
+    return np.column_stack([centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle), 0 * angle])
+
+
+def planar(points, **task):
+    return po.problem_from_dict({
+        "robot": PLANAR, "uncertainty": {"sigma": SIGMA},
+        "task": {"kind": "trace", "points": metres(points), **task},
+    })  # fmt: skip
+
+
+def preset(name, points, axis=None, **task):
+    axes = {} if axis is None else {"axes": [list(axis)] * len(points)}
+    return po.problem_from_dict({
+        "robot": {"kind": "preset", "name": name},
+        "task": {"kind": "trace", "points": metres(points), **axes, **task},
+    })  # fmt: skip
+
+
+def bent(start, middle, end, count):
+    """(count, 3) points of a quadratic Bézier curve."""
+    s = np.linspace(0, 1, count)[:, None]
+    return (1 - s) ** 2 * np.array(start) + 2 * s * (1 - s) * np.array(middle) + s**2 * np.array(end)
+
+
+def test_planar_motion_is_the_best_of_all_sequences_of_elbows():
+    points = arc(7)
+    found = po.select_posture(planar(points))
+    both = postures_at(points[:, :2])  # (2, 7, 2)
+    t = tangents_of(points)[:, :2]
+    normal = np.column_stack([-t[:, 1], t[:, 0]])
+    best = math.inf
+    for elbows in itertools.product((0, 1), repeat=len(points)):
+        Q = both[list(elbows), range(len(points))]
+        if np.max(np.abs(np.diff(Q, axis=0))) <= found.largest_step:
+            C = exact(Q, COVARIANCE)
+            best = min(best, math.sqrt(np.max(np.einsum("ki,kij,kj->k", normal, C, normal))))
+    assert found.critical.sigma_max == pytest.approx(best, rel=1e-8)  # points are written with nine digits
+    assert found.status == "optimal"
+
+
+def test_panda_is_as_good_as_its_self_motion_searched_on_a_grid():
+    """Six effective joints and five rows: one freedom, of which joint 3 is the coordinate."""
+    points = bent((0.45, -0.3, 0.2), (0.6, 0.0, 0.35), (0.45, 0.35, 0.3), 6)
+    problem = preset("panda", points, (0, 0, -1))
+    found = po.select_posture(problem)
+    robot, rng = problem.robot, np.random.default_rng(0)
+    sigma, layers, costs = np.sqrt(np.diag(problem.sources.covariance)), [], []
+    for point, tangent in zip(points, tangents_of(points), strict=True):
+        held = np.repeat(np.radians(np.arange(-166, 166, 4.0)), 8)
+        Q = rng.uniform(robot.lower, robot.upper, (len(held), 7))
+        Q[:, 2], Q[:, 6] = held, 0
+        layers.append(reached(robot, Q, point, np.array([0, 0, -1.0]), [0, 1, 3, 4, 5]))
+        costs.append(across(robot, layers[-1], tangent, sigma))
+    best = bottleneck(layers, costs, found.largest_step, ignored=(6,))
+    # The grid stands 2° off its optimum at most; first order is good to 1e-6 of these scatters.
+    assert found.critical.sigma_max <= best * (1 + 1e-4)
+    assert found.critical.sigma_max >= max(cost.min() for cost in costs) * 0.98
+
+
+def test_ur10_finds_the_best_of_its_eight_branches():
+    points = bent((0.5, -0.4, 0.3), (0.9, 0.1, 0.1), (0.45, 0.45, 0.4), 5)
+    axis = np.array([0.3, 0.1, -1.0]) / np.linalg.norm([0.3, 0.1, -1.0])
+    problem = preset("ur10", points, axis)
+    found = po.select_posture(problem)
+    robot, rng = problem.robot, np.random.default_rng(0)
+    sigma, layers, costs = np.sqrt(np.diag(problem.sources.covariance)), [], []
+    for point, tangent in zip(points, tangents_of(points), strict=True):
+        Q = rng.uniform(-np.pi, np.pi, (250, 6))
+        Q[:, 5] = 0
+        layers.append(reached(robot, Q, point, axis, [0, 1, 2, 3, 4]))
+        costs.append(across(robot, layers[-1], tangent, sigma))
+    assert min(map(len, layers)) == 8
+    best = bottleneck(layers, costs, found.largest_step, ignored=(5,))
+    assert found.critical.sigma_max == pytest.approx(best, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        preset("panda", bent((0.45, -0.3, 0.2), (0.6, 0.0, 0.35), (0.45, 0.35, 0.3), 9), (0.2, 0, -1), spacing="40 mm"),
+        preset("ur10", bent((0.5, -0.4, 0.3), (0.9, 0.1, 0.1), (0.45, 0.45, 0.4), 9), largest_step="12 deg"),
+        preset("scara", bent((0.2, -0.15, -0.1), (0.32, 0.0, -0.02), (0.2, 0.15, -0.05), 9)),
+    ],
+    ids=["panda", "ur10 with its axis free", "scara"],
+)
+def test_the_answer_keeps_its_word(problem):
+    """Points, axis, limits and steps by the product of the chain's factors."""
+    found, robot = po.select_posture(problem), problem.robot
+    T = np.array([factors.pose(robot, q) for q in found.motion.Q])
+    np.testing.assert_allclose(T[:, :3, 3], found.path.points, atol=1e-7)
+    if problem.task.axes is not None:
+        np.testing.assert_allclose(T[:, :3, 2], found.path.axes, atol=1e-6)
+    assert np.all(np.array(robot.lower) - 1e-12 <= found.motion.Q)
+    assert np.all(np.array(robot.upper) + 1e-12 >= found.motion.Q)
+    listed = found.motion.Q[found.path.listed]
+    steps = np.abs(np.diff(listed, axis=0)).max()
+    assert steps == pytest.approx(found.largest_joint_step, abs=1e-12)
+    assert found.smallest_step - 1e-6 <= steps <= found.largest_step + 1e-9
+    assert problem.task.largest_step in (None, found.largest_step)
+    document = found.to_json()
+    assert len(document["path"]) == len(listed) == len(problem.task.points)
+    sigmas = [point["critical"]["sigma_max"] for point in document["path"]]
+    assert max(sigmas) <= document["sigma_max"] * (1 + 1e-9)
+    assert document["sigma_max"] >= document["sigma_max_bound"] * (1 - 1e-9)
+    assert document["posture"] == document["path"][0]["posture"]
+
+
+def test_look_ahead_beats_following_the_first_point():
+    """The lecture's arm: the elbow that is best at the first point is the worse one at the last."""
+    found = po.select_posture(planar(arc(9, centre=(0.9, 0.6), radius=0.5)))
+    assert found.naive.each.largest_step > found.largest_joint_step
+    assert found.naive.onward is None or found.naive.onward.sigma.max() >= found.motion.sigma.max() * (1 - 1e-9)
+
+
+def test_a_joint_with_wide_limits_turns_on_past_half_a_turn():
+    angle = np.linspace(-2.6, 2.9, 23) + 0.7
+    points = np.column_stack([0.7 * np.cos(angle), 0.7 * np.sin(angle), 0 * angle + 0.2])
+    found = po.select_posture(preset("ur10", points, (0, 0, -1)))
+    assert math.degrees(np.ptp(found.motion.Q[:, 0])) == pytest.approx(math.degrees(5.5), abs=3)
+    assert found.largest_joint_step < math.radians(20)
+
+
+def test_a_step_that_is_too_small_is_refused_with_the_least_that_does():
+    points = bent((0.45, -0.3, 0.2), (0.6, 0.0, 0.35), (0.45, 0.35, 0.3), 5)
+    with pytest.raises(NoSolutionError, match=r"from point \d to point \d .* set largest_step: [\d.]+ deg") as caught:
+        po.select_posture(preset("panda", points, (0, 0, -1), largest_step="3 deg"))
+    least = caught.value.solution.smallest_step
+    assert caught.value.solution.reasons[0].amount == pytest.approx(least - math.radians(3))
+    able = math.ceil(math.degrees(least) * 10) / 10
+    assert po.select_posture(preset("panda", points, (0, 0, -1), largest_step=f"{able} deg")).status != "infeasible"
+    with pytest.raises(NoSolutionError):
+        po.select_posture(preset("panda", points, (0, 0, -1), largest_step=f"{0.95 * math.degrees(least)} deg"))
+
+
+def test_a_point_out_of_reach_is_named_with_the_distance():
+    points = np.array([[1.0, 0.5, 0], [1.2, 0.5, 0], [2.1, 0, 0], [1.2, 0, 0]])
+    with pytest.raises(NoSolutionError, match=r"point 3: the target is out of reach by 100 mm"):
+        po.select_posture(planar(points))
+
+
+def test_tangents_bisect_corners_and_go_round_closed_paths():
+    corner = np.array([[0, 0, 0], [1, 0, 0], [1, 5, 0.0]])
+    np.testing.assert_allclose(tangents(corner), [[1, 0, 0], [0.5**0.5, 0.5**0.5, 0], [0, 1, 0]], atol=1e-12)
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0.0]])
+    np.testing.assert_allclose(tangents(square)[[0, -1]], [[0.5**0.5, -(0.5**0.5), 0]] * 2, atol=1e-12)
+    back = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 0.0]])
+    assert np.abs(tangents(back)[1]) == pytest.approx([1, 0, 0])
+
+
+def test_spacing_adds_points_and_drops_none():
+    task = planar([[1, 0, 0], [1.25, 0, 0], [1.3, 0, 0]], spacing="100 mm", axes=[[1, 0, 0], [0, 1, 0], [0, 1, 0]]).task
+    path = TaskPath.of(task)
+    assert path.listed.tolist() == [True, False, False, True, True]
+    assert path.parts.tolist() == [3, 3, 3, 1]
+    np.testing.assert_allclose(path.points[path.listed], task.points)
+    np.testing.assert_allclose(path.points[1], [1 + 0.25 / 3, 0, 0])
+    np.testing.assert_allclose(path.axes[1], [math.cos(math.pi / 6), math.sin(math.pi / 6), 0], atol=1e-12)
+    assert np.max(np.diff(path.lengths)) <= 0.1
+    np.testing.assert_allclose(between(np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 0.5), [0.5**0.5, 0, 0.5**0.5])
+
+
+def test_a_seam_is_followed_at_its_stand_off():
+    problem = po.load_problem("weld_planar_2r")
+    found = po.select_posture(problem)
+    np.testing.assert_allclose(found.path.points - problem.task.points, [[0, 0.01, 0]] * 5, atol=1e-12)
+    tool = [point["tool"]["position"] for point in found.to_json()["path"]]
+    np.testing.assert_allclose(tool, found.path.points, atol=1e-8)
+
+
+def test_a_torch_points_along_the_seams_own_axes():
+    points = bent((0.6, -0.3, 0.2), (0.8, 0.0, 0.1), (0.6, 0.3, 0.2), 5)
+    axes = [[0.2, 0.1 * k, -1.0] for k in range(5)]
+    problem = preset("ur10", points).with_task("weld", axes=axes, points=metres(points), standoff="15 mm")
+    found = po.select_posture(problem)
+    d = np.array(axes) / np.linalg.norm(axes, axis=1, keepdims=True)
+    for q, axis, point in zip(found.motion.Q, d, points, strict=True):
+        T = factors.pose(problem.robot, q)
+        np.testing.assert_allclose(T[:3, 2], axis, atol=1e-6)
+        np.testing.assert_allclose(T[:3, 3] + 0.015 * axis, point, atol=1e-7)
+
+
+def test_the_smallest_step_and_the_best_way_are_those_of_all_ways():
+    """The dynamic program against an enumeration of random graphs."""
+    rng, robot = np.random.default_rng(0), po.load_problem("insert_planar_2r").robot
+    steps = JointSteps(robot, np.array([True, True]), np.array([False, False]))
+    for _ in range(20):
+        postures = [rng.uniform(-1, 1, (3, 2)) for _ in range(4)]
+        costs = [rng.uniform(0, 1, 3) for _ in range(4)]
+        parts = np.array([1, 2, 2])
+        graph = StepGraph(steps, postures, costs, parts)
+        ways = list(itertools.product(range(3), repeat=4))
+        moved = [max(m * np.abs(postures[k + 1][w[k + 1]] - postures[k][w[k]]).max() for k, m in enumerate(parts))
+                 for w in ways]  # fmt: skip
+        assert graph.smallest_step()[0] == pytest.approx(min(moved))
+        largest = float(np.median(moved))
+        worst = [max(costs[k][w[k]] for k in range(4)) if m <= largest else math.inf
+                 for w, m in zip(ways, moved, strict=True)]  # fmt: skip
+        assert graph.worst_costs(largest).min() == pytest.approx(min(worst))
+        way = graph.best_way(largest, min(worst))
+        total = [sum(costs[k][w[k]] for k in range(4)) if v <= min(worst) + 1e-12 else math.inf
+                 for w, v in zip(ways, worst, strict=True)]  # fmt: skip
+        assert sum(costs[k][way[k]] for k in range(4)) == pytest.approx(min(total))
+
+
+def test_other_commands_say_that_they_take_one_target():
+    problem = po.load_problem("weld_planar_2r")
+    with pytest.raises(InputError, match="the task has a path"):
+        po.PostureSelector(problem)
+    with pytest.raises(InputError):
+        po.map_targets(problem, counts=(3, 3))
+
+
+@pytest.mark.parametrize("name", ["weld_planar_2r", "dispense_planar_2r"])
+def test_built_in_seams_solve(name):
+    assert (problems_folder() / f"{name}.yaml").is_file()
+    found = po.select_posture(po.load_problem(name))
+    assert found.status == "optimal"
+    assert found.critical.sigma_max == pytest.approx(found.bound, rel=1e-6)
