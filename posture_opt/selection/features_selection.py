@@ -20,12 +20,14 @@ from posture_opt.selection.features_solution import (
 )
 from posture_opt.selection.placed_stations import PlacedStations, Postures
 from posture_opt.selection.placement import PlacementRange
+from posture_opt.selection.placement_relaxation import nearest_feasible, outside, turned_feasible
 from posture_opt.selection.placement_search import (
     PlacementOptimum,
     PlacementSearch,
     failing,
     search_placement,
 )
+from posture_opt.selection.relaxation import Relaxation
 from posture_opt.selection.search_outcome import is_clear
 from posture_opt.selection.selector import PostureSelector
 from posture_opt.selection.solution import HasTask, Solution, Status, critical_basis
@@ -191,7 +193,16 @@ class _FeaturesSelection:
         status: Status = "optimal" if optimal and all(s.status == "optimal" for s in solved) else "feasible"
         notes = tuple(dict.fromkeys(note for solution in solved for note in solution.notes))
         return FeaturesSolution(
-            self.problem, self.task, stations, status, w, tuple(solved), statistics, notes=notes, **beside
+            self.problem,
+            self.task,
+            stations,
+            status,
+            w,
+            tuple(solved),
+            statistics,
+            tuple(feature.name for feature in self.task.features),
+            notes=notes,
+            **beside,
         )
 
     def _where_it_stands(self, workers: int, progress: Progress | None, began: float) -> FeaturesSolution:
@@ -218,30 +229,57 @@ class _FeaturesSelection:
         stations, every = search.stations, search.screened
         m = int(np.argmin(failing(every)))
         selector = self._selector(stations.combine)
-        errors, failed = [], np.flatnonzero(every.gap[m] > 0).tolist()
+        errors: list[NoSolutionError] = []
+        failed = [int(k) for k in np.flatnonzero(every.gap[m] > 0)]
         for k in failed[:_EXPLAINED]:
             try:
                 selector.solve_target(stations.targets[k].moved(every.W[m]), self.seed, 8)
             except NoSolutionError as error:
                 errors.append(error)
-        return self._failed(stations, every.W[m], failed, errors, len(every.W), began, every.rows(np.array([m])))
+        return self._failed(stations, every.W[m], failed, errors, len(every.W), began)
 
     def _failed(
-        self, stations: PlacedStations, w: Array, failed: list[int], errors: list[NoSolutionError], looked: int,
-        began: float, found: Postures | None = None,
+        self, stations: PlacedStations, w: Array, failed: Sequence[int], errors: Sequence[NoSolutionError],
+        looked: int, began: float,
     ) -> NoSolutionError:  # fmt: skip
-        names = [self.task.features[k].name for k in failed]
+        names = tuple(self.task.features[k].name for k in failed[: len(errors)])
         solved = [error.solution for error in errors]
-        reasons = tuple(
-            replace(reason, message=f"{name}: {reason.message}")
-            for name, solution in zip(names, solved, strict=False)
-            for reason in solution.reasons
-        )
+        pairs = [(name, reason) for name, one in zip(names, solved, strict=True) for reason in one.reasons]
+        reasons = tuple(replace(reason, message=f"{name}: {reason.message}") for name, reason in pairs)
+        others = tuple(self.task.features[k].name for k in failed[len(errors) :])
+        notes = (f"{', '.join(others)} cannot be done there either",) if others else ()
+        relaxations = (*self._moves(stations), *_of_the_only_one(names, solved))
         statistics = PlacementStatistics(looked, 0, 0, 0, 1, 0, time.perf_counter() - began)
         solution = FeaturesSolution(
-            self.problem, self.task, stations, "infeasible", w, tuple(solved), statistics, reasons=reasons
-        )
+            self.problem, self.task, stations, "infeasible", w, tuple(solved), statistics, names,
+            notes=notes, reasons=reasons, relaxations=tuple(relaxations),
+        )  # fmt: skip
         return NoSolutionError("\n".join(reason.message for reason in reasons), solution)
+
+    def _moves(self, stations: PlacedStations) -> list[Relaxation]:
+        """Where the whole workpiece could go, or how it could be turned, for every feature to be possible."""
+        found = []
+        moved, turned = nearest_feasible(stations, self.seed), turned_feasible(stations, self.seed)
+        if moved is not None:
+            away = float(outside(stations.placement, moved[None])[0])
+            x, y, z = (f"{v * 1e3:.0f}" for v in moved[:3])
+            change = (
+                f"let the workpiece stand at ({x}, {y}, {z}) mm, {away * 1e3:.0f} mm outside of its range: every "
+                f"feature can be done there"
+            )
+            found.append(Relaxation(change, (), {}, away))
+        if turned is not None:
+            away = float(outside(stations.placement, turned[None])[0])
+            change = f"let the yaw go to {np.degrees(turned[3]):.0f} deg: every feature can be done then"
+            found.append(Relaxation(change, (), {}, away))
+        return sorted(found, key=lambda one: one.cost)
+
+
+def _of_the_only_one(names: Sequence[str], solved: Sequence[Solution]) -> list[Relaxation]:
+    """What would help a feature that fails alone: of several, no such change helps them all."""
+    if len(solved) != 1:
+        return []
+    return [replace(one, change=f"{names[0]}: {one.change}") for one in solved[0].relaxations]
 
 
 @dataclass(frozen=True)

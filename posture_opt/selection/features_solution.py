@@ -89,10 +89,12 @@ class FeaturesSolution(Result):
         problem: with the task as it was stated.
         placed: the features and where the workpiece may stand.
         w: (4,) x, y, z [m] and yaw [rad] of the workpiece.
-        stations: a solution for each feature, in the order of the file.
+        stations: a solution for each feature, in the order of the file; where there is none, of features that fail.
+        names: of these features.
         centre, typical: the middle of the range, and the median of random placements at which every feature can be
             done; None where the placement is fixed or there is none.
         others: further optima, best first.
+        reasons: why there is no solution; relaxations: changes that would each make one possible, cheapest first.
     """
 
     problem: Any
@@ -102,16 +104,13 @@ class FeaturesSolution(Result):
     w: Array
     stations: tuple[Solution, ...]
     statistics: PlacementStatistics
+    names: tuple[str, ...]
     centre: PlacementFigure | None = None
     typical: PlacementFigure | None = None
     others: tuple[PlacementFigure, ...] = ()
     notes: tuple[str, ...] = ()
     reasons: tuple[Reason, ...] = ()
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the features."""
-        return tuple(feature.name for feature in self.task.features)
+    relaxations: tuple[Relaxation, ...] = ()
 
     @property
     def placement(self) -> PlacementRange:
@@ -172,11 +171,6 @@ class FeaturesSolution(Result):
     def alternatives(self) -> tuple[Alternative, ...]:
         """Other postures for the first feature, the workpiece where it is."""
         return self.first.alternatives
-
-    @property
-    def relaxations(self) -> tuple[Relaxation, ...]:
-        """Changes that would make the features possible that fail where the workpiece is, cheapest first."""
-        return tuple(r for station in self.stations for r in station.relaxations)
 
     @cached_property
     def postures(self) -> Array:

@@ -56,13 +56,13 @@ def best_order(robot: Robot, Q: Array) -> VisitingOrder:
 def nearest_turns(robot: Robot, Q: Array, order: Sequence[int]) -> Array:
     """The same postures (K, n), joints turned by whole turns within their limits to be near the one visited before."""
     near = np.array(Q)
-    turns = np.array([_TURN * (joint.type == "revolute") for joint in robot.joints])
+    turning = np.array([joint.type == "revolute" for joint in robot.joints])
     for before, k in itertools.pairwise(order):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            steps = np.where(turns > 0, np.rint((near[before] - near[k]) / turns), 0.0)
-        turned = near[k] + np.nan_to_num(steps) * turns
-        within = (turned >= robot.lower) & (turned <= robot.upper)
-        near[k] = np.where(within, turned, near[k])
+        wanted = np.rint((near[before] - near[k]) / _TURN)
+        least = np.ceil((robot.lower - near[k]) / _TURN - 1e-9)
+        most = np.floor((robot.upper - near[k]) / _TURN + 1e-9)
+        turns = np.where(turning & (least <= most), np.clip(wanted, least, most), 0.0)
+        near[k] = np.clip(near[k] + turns * _TURN, robot.lower, robot.upper)
     return near
 
 
