@@ -126,19 +126,29 @@ def _points(found: PathSolution) -> Block:
 
 def _checks(found: PathSolution) -> Block:
     sigma, motion = float(found.motion.sigma.max()), found.motion
+    divided = "" if np.all(found.path.listed) else "; added points divide it evenly"
     rows = [*_naive_rows(found)]
     if found.bound > 0:
         bound = f"no motion gets below {length(found.bound)}: the best posture of the worst point alone"
         rows.append(("Lower bound", f"{bound}; {_above(sigma, found.bound)}"))
-    rows.append(("Steps", f"the smallest largest step that was found possible is {_step(found, found.smallest_step)}"))
+    rows.append(("Steps", f"the least possible one that was found is {_step(found, found.smallest_step)}{divided}"))
     rows.append(("Between points", f"the tool leaves the straight line by up to {length(found.off_line)}"))
-    rows.append(("", "where all joints move evenly from one point of postures.csv to the next"))
+    rows.append(("", "where all joints move evenly from one point of postures.csv to the next" + _finer(found)))
     compared = f"{sum(found.candidates)} candidate postures of {count(len(found.candidates), 'point')}"
     proof = "locally optimal" if motion.optimal else "not confirmed as locally optimal"
     rows.append(("Search", f"dynamic programming over {compared}, and one problem over all points from the best ways"))
     rows.append(("", f"the answer is {proof}, and the best of these searches"))
     rows.append(("Time", f"{found.seconds:.2f} s"))
     return Block("Checks", (Facts(tuple(rows)),))
+
+
+def _finer(found: PathSolution) -> str:
+    """What keeps the tool on the line as well as its scatter does; the way off it goes with the distance squared."""
+    ratio = found.off_line / float(found.motion.sigma.max())
+    if ratio <= 1:
+        return ""
+    gap = float(np.diff(found.path.lengths).max())
+    return f"; spacing: {number(1e3 * gap / ratio**0.5, 1)} mm would keep it within its scatter"
 
 
 def _above(sigma: float, bound: float) -> str:

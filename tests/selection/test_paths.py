@@ -249,9 +249,11 @@ def test_other_commands_say_that_they_take_one_target():
         po.map_targets(problem, counts=(3, 3))
 
 
-@pytest.mark.parametrize("name", ["weld_planar_2r", "dispense_planar_2r"])
-def test_built_in_seams_solve(name):
-    assert (problems_folder() / f"{name}.yaml").is_file()
-    found = po.select_posture(po.load_problem(name))
+@pytest.mark.parametrize("path", [path for path in sorted(problems_folder().glob("*.yaml")) if
+                                  po.load_problem(path).task.on_path], ids=lambda path: path.stem)  # fmt: skip
+def test_built_in_seams_come_near_their_bound(path):
+    found = po.select_posture(po.load_problem(path))
     assert found.status == "optimal"
-    assert found.critical.sigma_max == pytest.approx(found.bound, rel=1e-6)
+    assert not found.reasons
+    # Within what was measured when they were written: a Panda's bead costs 2.2 %, the others 1.1 % at most.
+    assert found.bound * (1 - 1e-6) <= found.critical.sigma_max <= 1.03 * found.bound

@@ -18,7 +18,7 @@ from posture_opt.selection.paths.task_path import TaskPath
 
 @dataclass(frozen=True)
 class Naive:
-    """Two motions without look-ahead.
+    """Two motions without look-ahead; their steps are those from point to point, as they are.
 
     Args:
         each: the best posture of every point, whatever those beside it.
@@ -36,7 +36,7 @@ def naive_motions(engine: Engine, found: PathCandidates, steps: JointSteps, path
     """What is to be had without look-ahead."""
     best = np.array([Q[int(np.argmin(costs))] for Q, costs in zip(found.postures, found.costs, strict=True)])
     apart = np.array([steps.between(a[None], b[None])[0, 0] for a, b in pairwise(best)])
-    each = Motion.of(engine, found.targets, best, apart * path.parts, scene, True)
+    each = Motion.of(engine, found.targets, best, apart, scene, True)
     way = [best[0]]
     for target in found.targets[1:]:
         moved, error = engine.ik.solve(way[-1][None], held(engine, target))
@@ -44,4 +44,4 @@ def naive_motions(engine: Engine, found: PathCandidates, steps: JointSteps, path
             return Naive(each, None, len(way))
         way.append(moved[0])
     Q = np.array(way)
-    return Naive(each, Motion.of(engine, found.targets, Q, steps.along(Q) * path.parts, scene, True), len(way))
+    return Naive(each, Motion.of(engine, found.targets, Q, steps.along(Q[path.listed]), scene, True), len(way))
