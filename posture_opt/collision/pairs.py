@@ -19,6 +19,7 @@ As MoveIt's setup assistant has it by default (``compute_default_collisions.cpp`
 """
 _POSTURES = 1000  # the share is then known to 0.7 % (one standard deviation)
 _FIRST = 1  # the body behind the first joint, which turns on what the arm is mounted on
+_STILL = 0.05  # m: what comes and goes by less stays where it was mounted
 
 Pair = tuple[int, int]
 
@@ -42,15 +43,16 @@ def own_distances(placed: PlacedCapsules, start: Array, end: Array, pairs: Seque
 
 
 def exposed(placed: PlacedCapsules, obstacle: Obstacle, clearance: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Capsules that are checked against an obstacle, and those of the first link that are not.
+    """Capsules that are checked against an obstacle, and those moving ones that are not.
 
-    What stands still is not checked; nor is what of the first link is nearer than the clearance in nearly all postures,
-    as it stands on the table that the arm is mounted on.
+    What stands still is not checked. Nor is what is nearer than the clearance in nearly all postures and belongs to the
+    first link, or keeps its distance within 50 mm: the shoulder above the table that the arm is mounted on.
     """
     moving = [k for k, body in enumerate(placed.bodies) if body > 0]
     start, end = placed.segments(random_postures(placed, _POSTURES))
-    near = obstacle_distances(placed, obstacle, start, end, moving) < clearance
-    mounted = [k for k, always in zip(moving, _always(near), strict=True) if always and placed.bodies[k] == _FIRST]
+    away = obstacle_distances(placed, obstacle, start, end, moving)
+    still = (np.array([placed.bodies[k] for k in moving]) == _FIRST) | (np.ptp(away, axis=0) <= _STILL)
+    mounted = [k for k, always in zip(moving, _always(away < clearance) & still, strict=True) if always]
     return tuple(k for k in moving if k not in mounted), tuple(mounted)
 
 

@@ -23,7 +23,7 @@ from posture_opt.collision.pairs import (
 from posture_opt.collision.placed_capsules import Placed, PlacedCapsules
 from posture_opt.collision.smooth_bounds import segment_bound, soft_minimum
 from posture_opt.numerics import Array
-from posture_opt.robot.link_capsules import stand_in
+from posture_opt.robot.link_capsules import stand_in, tool_line
 from posture_opt.robot.robot import Robot
 
 ITSELF = "clearance of the arm to itself"
@@ -68,7 +68,7 @@ class Scene:
         own: pairs of capsules that are checked against each other.
         against: for each obstacle the capsules that are checked against it.
         assumed: whether the shape is not known, and capsules along the links stand in for it.
-        mounted: (joint, obstacle) that always touch, as the first link on its table, and are not checked.
+        mounted: (joint, obstacle) with a part always near, as the shoulder above its table, which is not checked.
         switched_off: whether the problem file asks for no checks (``cell: none``).
     """
 
@@ -82,25 +82,31 @@ class Scene:
     switched_off: bool = False
 
     @classmethod
-    def of(cls, robot: Robot, cell: CellSpec | None) -> Scene:
+    def of(cls, robot: Robot, cell: CellSpec | None, *, guessed: bool = False) -> Scene:
         """An arm of known shape is checked against itself and all obstacles; one of unknown shape against obstacles.
 
         Nothing is checked where the cell says so.
+
+        Args:
+            guessed: whether an arm of unknown shape is checked against itself too, with capsules along its links, and
+                every arm with its tool, the line from the flange to the tool point: for postures that nobody sees
+                before the arm goes there.
         """
         asked = CellSpec() if cell is None else cell
         obstacles = asked.obstacles if asked.checked else ()
-        assumed = bool(obstacles) and not robot.shape
+        assumed = (bool(obstacles) or guessed) and not robot.shape
         capsules = stand_in(robot) if assumed else robot.shape
+        capsules += tool_line(robot) if guessed else ()
         placed = PlacedCapsules(robot, capsules if asked.checked else ())
         shown = [exposed(placed, obstacle, asked.clearance) for obstacle in obstacles]
-        mounted = tuple(
-            (placed.capsules[k].joint, obstacle.name)
-            for obstacle, (_, always) in zip(obstacles, shown, strict=True)
-            for k in always
-        )
-        own = () if assumed else own_pairs(placed, asked.clearance)
+        always = [
+            (placed.capsules[k].joint, o.name) for o, (_, near) in zip(obstacles, shown, strict=True) for k in near
+        ]
+        own = () if assumed and not guessed else own_pairs(placed, asked.clearance)
         against = tuple(checked for checked, _ in shown)
-        return cls(placed, obstacles, asked.clearance, own, against, assumed, mounted, not asked.checked)
+        return cls(
+            placed, obstacles, asked.clearance, own, against, assumed, tuple(dict.fromkeys(always)), not asked.checked
+        )
 
     @property
     def robot(self) -> Robot:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posture_opt.calibration.residuals import Residuals
+from posture_opt.collision.cell import CellSpec
+from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.experiments.information import planned_rows
 from posture_opt.measurements.measurements import Measurements
@@ -23,7 +25,6 @@ STEP = {"revolute": math.radians(0.01), "prismatic": 1e-5}
 """What postures are rounded to [rad, m]: numbers that a teach pendant takes as they are."""
 _MARGIN = {"revolute": math.radians(2.0), "prismatic": 2e-3}  # to a limit, where none is stated
 _MOST_MARGIN = 0.05  # of a joint's range
-_OWN = 0.08  # of the arm's length: how near the arm may come to itself
 _TRIED = 200_000  # random postures before the search for allowed ones is given up
 _BATCH = 5000
 # Candidate rows of each sort, before those that are not allowed go: enough for a design and a few seconds.
@@ -39,7 +40,8 @@ class Workspace:
         lower, upper: (n,) of every joint, one turn at most, the margins to the limits taken off [rad, m].
         height: the least height (world z) of the tool point and of all links that a joint can raise [m]; −inf: none.
         box: lower and upper corner of where the tool point may go, world [m].
-        own: how near corners of the chain, and the tool point, may come to links that are not their neighbours [m].
+        scene: what the arm must not collide with: itself, with capsules along its links where its shape is not known,
+            and the obstacles of its cell.
     """
 
     robot: Robot
@@ -47,10 +49,13 @@ class Workspace:
     upper: Array
     height: float
     box: Box
-    own: float
+    scene: Scene
 
     @classmethod
-    def of(cls, robot: Robot, *, height: float = -math.inf, margin: float = 0.0, box: Box = ANYWHERE) -> Workspace:
+    def of(
+        cls, robot: Robot, cell: CellSpec | None = None, *, height: float = -math.inf, margin: float = 0.0,
+        box: Box = ANYWHERE,
+    ) -> Workspace:  # fmt: skip
         """The workspace inside the limits; ``margin`` to the limits of revolute joints where one is stated [rad].
 
         Raises:
@@ -58,7 +63,7 @@ class Workspace:
         """
         ranges = [_range(joint, margin) for joint in robot.joints]
         lower, upper = np.array(ranges, dtype=float).T
-        return cls(robot, lower, upper, height, box, _OWN * robot.length)
+        return cls(robot, lower, upper, height, box, Scene.of(robot, cell, guessed=True))
 
     @property
     def bounded(self) -> bool:
@@ -72,7 +77,9 @@ class Workspace:
         moving = np.ptp(points[:, :, 2], axis=0) > 1e-9 if len(q) > 1 else np.ones(points.shape[1], dtype=bool)
         heights = np.where(moving, points[:, :, 2], np.inf).min(axis=1)
         inside = np.all((points[:, -1] >= self.box[0]) & (points[:, -1] <= self.box[1]), axis=1)
-        return np.asarray(inside & (heights >= self.height) & (own_distance(points, self.own) >= self.own))
+        found = np.asarray(inside & (heights >= self.height))
+        found[found] = self.scene.least(q[found]) >= self.scene.margin
+        return found
 
     def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, float]:
         """``count`` random allowed postures (count, n), rounded, and the share of the tried ones that were allowed.
@@ -87,11 +94,12 @@ class Workspace:
             found.append(q[self.allowed(q)])
             have, tried = have + len(found[-1]), tried + _BATCH
         if have < count:
+            around = " and of the obstacles" if self.scene.explicit else ""
             above = f", above {self.height * 1e3:g} mm" if self.height > -math.inf else ""
             above += ", with the tool point in the box" if self.bounded else ""
             raise NoSolutionError(
-                f"only {have} of {tried} random postures keep clear of the arm itself{above}: "
-                "widen what is stated, link_height, the box or the limits of the joints"
+                f"only {have} of {tried} random postures keep clear of the arm itself{around}{above}: "
+                "widen what is stated, link_height, the box, the limits of the joints or the cell"
             )
         return np.concatenate(found)[:count], have / tried
 
@@ -124,28 +132,6 @@ def skeleton(robot: Robot, reached: Walk, count: int) -> Array:
     origins = [screw.origin for screw in reached.screws] + [reached.position]
     corners = [origins[k] for k in ends] + [reached.position]
     return np.stack([np.broadcast_to(stack(corner), (count, 3)) for corner in corners], axis=1)
-
-
-def own_distance(points: Array, near: float) -> Array:
-    """(N,) least distance of a corner of the chain (N, m, 3) from a link that is not its neighbour [m].
-
-    A link is a neighbour where less than ``2 near`` of the chain lies between it and the corner.
-    """
-    least = np.full(len(points), np.inf)
-    steps = np.linalg.norm(np.diff(points, axis=1), axis=2)
-    for corner in range(2, points.shape[1]):
-        between = np.zeros(len(points))
-        for k in range(corner - 1, 0, -1):  # the link from corner k − 1 to corner k
-            between = between + steps[:, k]
-            away = _to_segment(points[:, corner], points[:, k - 1], points[:, k])
-            least = np.where(between >= 2 * near, np.minimum(least, away), least)
-    return least
-
-
-def _to_segment(point: Array, a: Array, b: Array) -> Array:
-    along = b - a
-    share = np.einsum("ni,ni->n", point - a, along) / np.maximum(np.einsum("ni,ni->n", along, along), 1e-300)
-    return np.asarray(np.linalg.norm(point - a - np.clip(share, 0.0, 1.0)[:, None] * along, axis=1))
 
 
 def available_payloads(data: Measurements, stated: float) -> tuple[float, ...]:

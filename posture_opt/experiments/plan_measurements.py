@@ -8,6 +8,7 @@ from typing import Protocol, get_args
 import numpy as np
 
 from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.collision.cell import CellSpec
 from posture_opt.errors import InputError, InsufficientDataError, Issue, NoSolutionError
 from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Workspace
 from posture_opt.experiments.expected_errors import ExpectedErrors, PriorInformation, Unknowns
@@ -37,7 +38,10 @@ _SHOWN = 1500  # random postures that are kept to be drawn
 
 
 class PlannedProblem(CalibrationProblem, HasTask, Protocol):
-    """What a plan asks of a problem: an arm to be calibrated, and a task that says where it may go."""
+    """What a plan asks of a problem: an arm to be calibrated, its cell, and a task that says where it may go."""
+
+    @property
+    def cell(self) -> CellSpec | None: ...
 
 
 def plan_measurements(
@@ -61,8 +65,8 @@ def plan_measurements(
     tolerance of what has none, count as knowledge as they do in ``calibrate``.
 
     Postures keep to the joint limits (by 2° and 2 mm at least, or by the task's ``limit_margin``), to one turn of a
-    joint that has more, above the task's ``link_height`` with links and tool point, and off the arm itself; any two
-    are 20° or 50 mm apart in some joint where there is room for it.
+    joint that has more, above the task's ``link_height`` with links and tool point, off the arm itself and the
+    cell's obstacles; any two are 20° or 50 mm apart in some joint where there is room for it.
 
     Args:
         given: measurements made already.
@@ -88,7 +92,7 @@ def plan_measurements(
         raise InputError(Issue(f"a plan for '{purpose}' is not known", ("--for",), purpose, "parameters or task"))
     height, margin = bounds(problem)
     height = height if link_height is None else link_height
-    workspace = Workspace.of(problem.robot, height=height, margin=margin, box=within or ANYWHERE)
+    workspace = Workspace.of(problem.robot, problem.cell, height=height, margin=margin, box=within or ANYWHERE)
     target, notes = _target(problem, needed=purpose == "task")
     floored = height > -math.inf or (within is not None and within[0][2] > -math.inf)
     notes += (NO_TOOL,) * (given is None and _at_flange(problem))

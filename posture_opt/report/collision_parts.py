@@ -41,5 +41,20 @@ def collision_facts(scene: Scene) -> list[Fact]:
         facts.append("the arm is checked against itself; no obstacles are stated (cell: obstacles)")
     if scene.margin:
         facts.append(f"at least {stated_length(scene.margin)} is kept")
-    facts += [f"{joint} is not checked against {name}, which it always touches" for joint, name in scene.mounted]
+    facts += [
+        f"the part of {joint} that is always near {name} is not checked against it" for joint, name in scene.mounted
+    ]
     return [("Collisions", "; ".join(facts))]
+
+
+def clear_words(scene: Scene) -> str:
+    """What postures that an arm is sent to keep clear of."""
+    if not scene.active:
+        return "nothing is checked for collisions" if scene.switched_off else "the arm has no links that could meet"
+    parts = ["the arm clear of itself"] if scene.own else []
+    parts += ["of " + listed(obstacle.name for obstacle in scene.obstacles)] if scene.obstacles else []
+    radius = (
+        f", with capsules of radius {length(float(scene.placed.radii[0]), 2)} along its links" if scene.assumed else ""
+    )
+    kept = f" by {stated_length(scene.margin)}" if scene.margin else ""
+    return f"{' and '.join(parts)}{kept}{radius}"

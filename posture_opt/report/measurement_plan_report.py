@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.collision_parts import clear_words
 from posture_opt.report.parts import note_facts, robot_facts, sentence
 from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
@@ -118,8 +119,7 @@ def _room(plan: MeasurementPlan) -> str:
     above = f"links and tool point above {stated_length(height)}, " if height > -math.inf else ""
     box = "the tool point in the stated box, " if plan.workspace.bounded else ""
     return (
-        f"{above}{box}within the limits of the joints, and no corner of the arm nearer than "
-        f"{length(plan.workspace.own, 2)} to a link that is not its neighbour; "
+        f"{above}{box}within the limits of the joints, and {clear_words(plan.workspace.scene)}; "
         f"{percent(plan.share)} of all postures do. Nothing else is checked for collisions: drive slowly the first time"
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Factor, Joint, Robot
-from posture_opt.robot.shape import BASE, Capsule
+from posture_opt.robot.shape import BASE, TOOL, Capsule
 
 STAND_IN = 0.04
 """Radius over the length of the arm where nothing else is known.
@@ -41,6 +41,14 @@ def along_links(robot: Robot, radius: float) -> tuple[Capsule, ...]:
         found += [Capsule(joint.name, a, b, radius) for a, b in spans]
         before = joint.name
     return tuple(found)
+
+
+def tool_line(robot: Robot) -> tuple[Capsule, ...]:
+    """The line from the flange to the tool point; nothing where the shape has the tool, or there is none."""
+    if any(capsule.joint == TOOL for capsule in robot.shape):
+        return ()
+    T_tool_flange = np.linalg.inv(_product(robot.tool)).astype(np.float64)
+    return tuple(Capsule(TOOL, a, b, 0.0) for a, b in _span(T_tool_flange[:3, 3], np.zeros(3)))
 
 
 Span = tuple[tuple[float, float, float], tuple[float, float, float]]

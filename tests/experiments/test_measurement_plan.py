@@ -18,6 +18,8 @@ from posture_opt.experiments.exchange import exchange
 from posture_opt.experiments.expected_errors import PriorInformation, Unknowns
 from posture_opt.experiments.information import GivenInformation, given_information, measurement_model, nothing_measured
 from posture_opt.experiments.plan_search import tour
+from tests.helpers import coal_distance
+from tests.helpers.capsules import in_the_world
 from tests.helpers.real_arms import DATA, needs_real_arms
 from tests.helpers.simulated_arm import DEG, SimulatedArm, shift, turn
 
@@ -412,3 +414,26 @@ def test_a_variance_that_is_rounding_hides_no_other_parameter() -> None:
     assert found.determined.all()
     np.testing.assert_allclose(found.alone[1:], 1e-3 / np.sqrt(60), rtol=0.3)
     assert found.alone[0] < 1e-9
+
+
+def test_the_plan_keeps_clear_of_the_cell() -> None:
+    """By exact distances of coal, the capsules placed by textbook products."""
+    wall = {"name": "wall", "kind": "box", "size": ["20 mm", "2 m", "2 m"], "xyz": ["0.45 m", "0 m", "0.5 m"]}
+    free = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur5e"}})
+    walled = po.problem_from_dict(
+        {**free.to_dict(), "cell": {"obstacles": [wall], "clearance": "30 mm"}},
+    )
+    plan, carefree = plan_few(walled, 12), plan_few(free, 12)
+    scene = plan.workspace.scene
+    solid = coal_distance.solid(scene.obstacles[0])
+
+    def least(postures):
+        moving = [capsule for capsule in scene.placed.capsules if capsule.joint != "base"]
+        return min(
+            coal_distance.distance(coal_distance.capsule(*in_the_world(walled.robot, q, capsule)), solid)
+            for q in postures
+            for capsule in moving
+        )
+
+    assert least(plan.q) >= 0.03 - 1e-6
+    assert least(carefree.q) < 0
