@@ -94,4 +94,6 @@ def _named_as_counted(section: dict[str, Any], robot: Robot, heads: Sequence[str
         return section
     table = yaml.safe_load(preset_text(section["name"]))["robot"]
     joints = [{**joint, "name": name} for joint, name in zip(table["joints"], names, strict=True)]
-    return {**table, "joints": joints}
+    called = dict(zip(robot.joint_names, names, strict=True))
+    shape = [{**capsule, "joint": called.get(capsule["joint"], capsule["joint"])} for capsule in table.get("shape", ())]
+    return {**table, "joints": joints, "shape": shape}

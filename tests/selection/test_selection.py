@@ -93,8 +93,9 @@ def test_reachable_targets_are_never_called_infeasible(name: str) -> None:
     robot, rng = base.robot, np.random.default_rng(11)
     lower, upper = np.maximum(robot.lower, -3.1), np.minimum(robot.upper, 3.1)
     for _ in range(12):
-        # Reachable by construction: the pose of a random posture within the limits.
-        T = pose(robot, rng.uniform(lower, upper))
+        # Reachable by construction: the pose of a random posture within the limits that keeps the links apart.
+        drawn = rng.uniform(lower, upper, (100, robot.n))
+        T = pose(robot, next(q for q in drawn if base.scene.least(q[None])[0] > 0))
         solution = selector.solve(position=T[:3, 3], direction=T[:3, 2])
         q = np.array(list(solution.posture.values()))
         reached = pose(robot, q)
