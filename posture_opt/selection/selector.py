@@ -163,7 +163,7 @@ class PostureSelector:
     def _answer(self, outcome: SearchOutcome, began: float) -> Solution:
         found, by_starts, by_sweep = outcome.found, outcome.by_starts, outcome.by_sweep
         problem = outcome.engine.optimisation_problem
-        feasible = outcome.feasible or self._rescued(outcome.engine, found, began)
+        feasible = outcome.feasible or self._rescued(found, began)
         best = feasible[0]
         # A solve that stalled is no optimum; it counts only where nothing better is known.
         ended = [c for c in feasible if c.optimal] or feasible[:1]
@@ -183,8 +183,9 @@ class PostureSelector:
         seen = np.vstack([best.q, found.sampled.Q])
         return Solution(self._problem, problem, found.target, status, best.q, statistics, ranked, notes, feasible=seen)
 
-    def _rescued(self, engine: Engine, found: MultistartResult, began: float) -> list[CandidatePosture]:
+    def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:
         """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""
+        engine = self.engine(found.target, guarded=True)  # what is offered keeps the arm clear of collisions too
         why = self._with_joints_released(found) or explain_infeasibility(engine, found)
         if why.reasons:
             solution = infeasible(self._problem, engine, found, why, time.perf_counter() - began)

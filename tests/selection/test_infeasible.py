@@ -18,7 +18,7 @@ from posture_opt.selection.terms import TERMS
 POINTS = {"ur10": [0.6, 0.2, 0.1], "panda": [0.45, 0.1, 0.2], "scara": [0.28, 0.15, -0.05]}
 FAR = {"ur10": [1.2, 0.9, 0.1], "panda": [0.8, 0.5, 0.2], "scara": [0.9, 0.2, -0.05]}
 TURNED = {
-    "ur10": {"shoulder_pan": "80 deg", "shoulder_lift": "80 deg"},
+    "ur10": {"shoulder_pan": "80 deg", "shoulder_lift": "-60 deg"},
     "panda": {"panda_joint1": "80 deg", "panda_joint2": "80 deg"},
     "scara": {"joint1": "80 deg", "joint2": "80 deg"},
 }
