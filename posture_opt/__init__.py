@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from posture_opt.selection.selector import PostureSelector
     from posture_opt.selection.solution import Solution
     from posture_opt.selection.target_map import TargetMap, map_targets
+    from posture_opt.selection.tasks.task import Task
     from posture_opt.uncertainty.cloud import Cloud, simulate
     from posture_opt.uncertainty.spread import Spread, propagate
     from posture_opt.uncertainty.spread_function import SpreadFunction
@@ -79,6 +80,7 @@ __all__ = [
     "SpreadCheck",
     "SpreadFunction",
     "TargetMap",
+    "Task",
     "__version__",
     "assess",
     "calibrate",
@@ -122,6 +124,7 @@ _HOMES = {
     "SpreadCheck": "validation.spread_check",
     "SpreadFunction": "uncertainty.spread_function",
     "TargetMap": "selection.target_map",
+    "Task": "selection.tasks.task",
     "assess": "validation.assessment",
     "calibrate": "calibration.calibrate",
     "calibrate_batch": "batch.batch_calibration",

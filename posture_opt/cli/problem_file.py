@@ -20,8 +20,8 @@ from posture_opt.problem.schema import json_schema
 from posture_opt.problem.starter import starter_text
 from posture_opt.report.text import WIDTH, text_table
 from posture_opt.robot import load_preset, preset_names
+from posture_opt.selection.registered_tasks import every_task, registered_tasks
 from posture_opt.selection.solvers import SOLVERS
-from posture_opt.selection.tasks import TASKS
 from posture_opt.selection.terms import TERMS
 
 Row = dict[str, str]
@@ -51,6 +51,14 @@ def _kinds(specs: Iterable[Any]) -> list[Row]:
     return [{"kind": get_args(spec.model_fields["kind"].annotation)[0], "is": spec.summary} for spec in specs]
 
 
+def _broken() -> list[Row]:
+    """Tasks of other packages that cannot be used, and why not."""
+    return [
+        {"kind": task.name, "is": f"cannot be used: {task.reason} ({task.package})"}
+        for task in registered_tasks().broken
+    ]
+
+
 def _presets() -> list[Row]:
     robots = {name: load_preset(name) for name in preset_names()}
     return [
@@ -69,7 +77,7 @@ def _problems() -> list[Row]:
 
 
 TABLES: dict[str, Callable[[], list[Row]]] = {
-    "tasks": lambda: _kinds(TASKS),
+    "tasks": lambda: [*_kinds(every_task()), *_broken()],
     "effects": lambda: _kinds(CATALOGUE),
     "presets": _presets,
     "solvers": lambda: _kinds(SOLVERS),

@@ -13,6 +13,7 @@ from pydantic_core import ErrorDetails
 
 from posture_opt.errors import BadValueError, Issue, KeyPath, as_given, did_you_mean, nearest, one_of
 from posture_opt.problem.schema import ProblemSpec, bound_at, example_at, known_keys, nodes_at, size_at
+from posture_opt.selection.registered_tasks import registered_tasks
 
 _SAID: dict[str, str] = {
     # pydantic's type of error -> what is wrong, in its context
@@ -70,6 +71,8 @@ def _meant_kind(error: _Placed) -> tuple[str, str] | None:
     if error.type != "union_tag_invalid":
         return None
     context = error.details.get("ctx", {})
+    if _unknown_task((*error.key, _tag_key(context)), context["tag"]):
+        return None
     near = nearest(str(context["tag"]), _quoted(context["expected_tags"]))
     return (_tag_key(context), near) if near else None
 
@@ -170,12 +173,21 @@ def _tag_issue(key: KeyPath, kind: str, context: Mapping[str, Any], data: Any) -
     if kind == "union_tag_not_found":
         words = sorted(str(word) for word in _tags(key))
         return Issue("is missing", (*key, name), None, f"write {name}: {' | '.join(words)}")
-    return _unknown_word((*key, name), _entry(data, key).get(name), _quoted(context["expected_tags"]))
+    place, value = (*key, name), _entry(data, key).get(name)
+    return _unknown_task(place, value) or _unknown_word(place, value, _quoted(context["expected_tags"]))
 
 
 def _tag_key(context: Mapping[str, Any]) -> str:
     """The key that says of which kind a section is; pydantic quotes it."""
     return str(context["discriminator"]).strip("'")
+
+
+def _unknown_task(key: KeyPath, value: Any) -> Issue | None:
+    """The reason why a task that another package registers is not known."""
+    broken = next((task for task in registered_tasks().broken if task.name == value), None)
+    if key != ("task", "kind") or broken is None:
+        return None
+    return Issue(str(broken), key, value, f"mend {broken.package}, or uninstall it")
 
 
 def _unknown_word(key: KeyPath, value: Any, words: Sequence[str]) -> Issue:

@@ -33,6 +33,7 @@ from posture_opt.problem.path_file import with_path
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document, read_yaml
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.registered_tasks import every_task
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task, known_to
 from posture_opt.uncertainty.sources import Sources
@@ -112,7 +113,7 @@ class Problem:
             InputError: unknown kind or key, or a value that does not fit.
         """
         former = dict(self.document.get("task") or {})
-        task = {**known_to(kind, former), **({"kind": kind} if kind else {}), **keys}
+        task = {**known_to(kind, former, every_task()), **({"kind": kind} if kind else {}), **keys}
         for rival in _TARGETS:
             if rival in keys:
                 for other in set(_TARGETS) - {rival, *keys}:

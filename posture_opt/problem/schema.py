@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ConfigDict, Field
 
@@ -14,11 +14,17 @@ from posture_opt.errors import KeyPath
 from posture_opt.measurements.measurements import DataSpec
 from posture_opt.model.effects import EffectSpec
 from posture_opt.robot import RobotSpec
+from posture_opt.selection.registered_tasks import every_task
 from posture_opt.selection.solvers import SolverSpec
 from posture_opt.selection.solvers.ipopt import Ipopt
-from posture_opt.selection.tasks import TaskSpec
-from posture_opt.spec import Spec
+from posture_opt.selection.tasks import Task
+from posture_opt.spec import Spec, one_of
 from posture_opt.uncertainty.uncertainty_section import UncertaintySpec
+
+if TYPE_CHECKING:
+    TaskSpec = Task
+else:
+    TaskSpec = one_of(every_task())
 
 
 class ProblemSpec(Spec):

@@ -44,6 +44,8 @@ def task_facts(task: Task, direction: Array) -> list[tuple[str, str]]:
 def minimised_words(task: Task) -> tuple[str, ...]:
     """What is made small: the spread, unless the task leaves it out, and the further terms together."""
     spread = CRITERIA[task.criterion].format(part=PARTS[task.within])
+    if task.yaw_lever:
+        spread = f"{spread}, with the yaw on a lever of {stated_length(task.yaw_lever)}"
     if task.part is not None:
         spread = f"{spread}, of the worse end of the peg"
     further = ", ".join(f"{term.kind} (weight {term.weight:g})" for term in task.minimize)
@@ -84,6 +86,31 @@ def _peg_rows(peg: PegSpread, among: list[float]) -> list[tuple[str, str]]:
         if risk is not None:
             rows.append((name, f"beyond a tilt of {angle(risk.angle)} {words}: {_odds_of_tilt(risk.probability)}"))
     return rows
+
+
+def _yaw_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]]:
+    """The rotation about the direction, and what a corner of the part makes of it."""
+    if seen.yaw is None:
+        return []
+    rows = [("Yaw", f"{angle(seen.yaw.sigma)} (one standard deviation) about the direction")]
+    if seen.yaw.lever:
+        moved, corner = (length(v, among=among) for v in (seen.yaw.lever * seen.yaw.sigma, seen.yaw.corner))
+        lever = stated_length(seen.yaw.lever)
+        rows.append(("Corners", f"{corner} root mean square; the yaw alone makes {moved} on the lever of {lever}"))
+    return rows
+
+
+def _expanded_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]]:
+    """What is stated with a measured value: U = k u."""
+    if seen.expanded is None or seen.expansion is None:
+        return []
+    along, worst = (length(v, among=among) for v in seen.expanded)
+    share = f"k = {seen.expansion:g}, {100 * math.erf(seen.expansion / math.sqrt(2)):.3g} %"
+    axis = line_words(seen.critical.worst_axis)
+    return [
+        ("Expanded", f"U = {along} along {direction_words(seen.direction)} ({share} of normally distributed errors)"),
+        ("", f"U = {worst} along {axis}, the worst direction"),
+    ]
 
 
 def _odds_of_tilt(p: float) -> str:
@@ -142,6 +169,7 @@ def critical_rows(seen: TaskSpread, among: list[float], origin: str) -> list[tup
         rows += _region_row(critical, among)
     radius = length(critical.radius95, among=among)
     rows.append(("95 % of the time", f"no more than {radius} off the {origin}{_MEASURED[within]}"))
+    rows += _expanded_rows(seen, among) + _yaw_rows(seen, among)
     if seen.peg is not None:
         rows += _peg_rows(seen.peg, among)
     if seen.success_probability is not None:

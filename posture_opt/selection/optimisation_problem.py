@@ -155,6 +155,7 @@ class OptimisationProblem:
             bases=bases,
             within=self.task.within,
             part=self.task.part,
+            yaw_lever=self.task.yaw_lever,
             clearance=p["clearance"],
             has_hole=self.task.clearance is not None,
         )
@@ -173,7 +174,7 @@ class OptimisationProblem:
         terms = self._objective_terms()
         objective = sum((expression for _, expression in terms), ca.SX(0))
         rows = (*self._target_rows(), *self._axis_rows(), *self._clearance_rows(), *self._bound_rows())
-        worst = self.quantities.largest(criteria.worst)
+        worst = self.quantities.variance
         return Nlp(self.q, self._symbols[0], variables, objective, rows, tuple(terms), worst)
 
     @cached_property

@@ -130,7 +130,7 @@ class Solution(Result):
         critical = Critical.of(task.within, self.basis, spread.covariance, spread.bias)
         axes, along = np.vstack([target.basis.T, target.direction]), sigma_along(target.direction, spread.covariance)
         seen = TaskSpread(task.kind, axes, target.clearance, critical, along, spread.tool_point, spread.q)
-        return seen.with_part(task.part, self.basis)
+        return seen.of_task(task, self.basis, spread.covariance)
 
     @property
     def critical(self) -> Critical:

@@ -16,8 +16,10 @@ from posture_opt.uncertainty.clearance import within_clearance
 from posture_opt.uncertainty.critical import Critical, Within
 from posture_opt.uncertainty.held_part import HeldPart
 from posture_opt.uncertainty.peg_spread import PegSpread, peg_spread
+from posture_opt.uncertainty.pose_covariance import pose_covariance
 from posture_opt.uncertainty.regions import deviation
 from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.uncertainty.yaw_spread import YawSpread
 
 Vector = tuple[float, float, float]
 _IN_PLANE = 1e-9  # cosine: a direction that leaves the plane of an arm by less lies in it
@@ -38,6 +40,12 @@ class HasDirection(Protocol):
     def clearance(self) -> float | None: ...
     @property
     def part(self) -> HeldPart | None: ...
+    @property
+    def yaw_lever(self) -> float: ...
+    @property
+    def minds_yaw(self) -> bool: ...
+    @property
+    def expansion(self) -> float | None: ...
 
 
 @dataclass(frozen=True)
@@ -52,6 +60,8 @@ class TaskSpread:
         sigma_along: standard deviation along the direction [m].
         tool_point, q: whose budget it is, at which posture.
         peg: where the task has a peg, its two ends; ``critical`` is then that of the worse one.
+        yaw: rotation about the direction, where the task minds it.
+        expansion: coverage factor of the expanded uncertainty, where one is asked for.
     """
 
     kind: str
@@ -62,6 +72,8 @@ class TaskSpread:
     tool_point: ToolPoint
     q: tuple[float, ...]
     peg: PegSpread | None = None
+    yaw: YawSpread | None = None
+    expansion: float | None = None
 
     @property
     def direction(self) -> Array:
@@ -88,7 +100,7 @@ class TaskSpread:
     def sampled(self, covariance: Array, bias: Array) -> TaskSpread:
         """The same task with another covariance (3, 3) [m²] and mean shift (3,) [m], of a sample say."""
         critical = Critical.of(self.critical.within, self.critical.basis.T, covariance, bias)
-        return replace(self, peg=None, critical=critical, sigma_along=sigma_along(self.direction, covariance))
+        return replace(self, peg=None, yaw=None, critical=critical, sigma_along=sigma_along(self.direction, covariance))
 
     def hits(self, shift: Array, rotation: Array) -> int:
         """How many tool poses stay within the clearance.
@@ -103,10 +115,29 @@ class TaskSpread:
             )
         return int(np.count_nonzero(within))
 
-    def with_part(self, part: HeldPart | None, basis: Array) -> TaskSpread:
-        """The same with the peg that the task states: its worse end counts, in ``basis`` (3, m)."""
-        if part is None:
-            return self
+    def of_task(self, task: HasDirection, basis: Array, covariance: Array) -> TaskSpread:
+        """The same with what the task minds besides: the yaw, the expanded uncertainty, the other end of a peg.
+
+        Args:
+            basis: (3, m) of what counts; covariance: (3, 3) of the tool point [m²], world.
+        """
+        seen = replace(self, expansion=task.expansion)
+        if task.minds_yaw:
+            turning = pose_covariance(self.tool_point, self.q, covariance).covariance[3:, 3:]
+            seen = replace(seen, yaw=YawSpread.of(turning, self.direction, task.yaw_lever, self.critical))
+        return seen if task.part is None else seen._with_peg(task.part, basis)
+
+    @property
+    def expanded(self) -> tuple[float, float] | None:
+        """Expanded uncertainty [m] along the direction and in the worst one that counts; None where none is asked for.
+
+        ``U = k u`` with the standard uncertainty u (JCGM 100:2008, 6.2.1).
+        """
+        if self.expansion is None:
+            return None
+        return self.expansion * self.sigma_along, self.expansion * self.critical.sigma_max
+
+    def _with_peg(self, part: HeldPart, basis: Array) -> TaskSpread:
         peg = peg_spread(part, self.tool_point, self.q, (self.critical, basis), self.clearance)
         if peg.top.sigma_max <= peg.tip.sigma_max:
             return replace(self, peg=peg)
@@ -118,7 +149,15 @@ class TaskSpread:
             "critical": self.critical.to_json() | {"sigma_along": self.sigma_along},
             "success_probability": self.success_probability,
             **({} if self.peg is None else {"peg": self.peg.to_json()}),
+            **({} if self.yaw is None else {"yaw": self.yaw.to_json()}),
+            **self._expanded_json(),
         }
+
+    def _expanded_json(self) -> dict[str, Any]:
+        if self.expanded is None:
+            return {}
+        along, worst = self.expanded
+        return {"expanded_uncertainty": {"coverage_factor": self.expansion, "along": along, "worst": worst}}
 
 
 def task_spread(
@@ -137,7 +176,7 @@ def task_spread(
     critical = Critical.of(task.within, basis, covariance, bias)
     clearance = math.nan if task.clearance is None else task.clearance
     seen = TaskSpread(task.kind, axes, clearance, critical, sigma_along(d, covariance), tool_point, q)
-    return seen.with_part(task.part, basis)
+    return seen.of_task(task, basis, covariance)
 
 
 def sigma_along(direction: Array, covariance: Array) -> float:

@@ -113,6 +113,9 @@ def test_answer_keeps_its_further_bounds(path):
             heights = [factors.pose(end, solution.q)[2, 3] for end in ends]
             moving = [abs(factors.pose(end, elsewhere)[2, 3] - z) > 1e-9 for end, z in zip(ends, heights, strict=True)]
             assert min(np.array(heights)[moving]) >= term.at_least - 1e-6
+        elif term.kind == "manipulability":
+            singular = np.linalg.svd(factors.joint_jacobian(problem.robot, solution.q), compute_uv=False)[:2]
+            assert math.sqrt(singular[0] * singular[1]) >= term.at_least - 1e-5  # of a planar arm
         else:
             pytest.fail(f"no check for {term.kind}")
 
@@ -141,6 +144,10 @@ def planar_value(problem, q):
     task = problem.task
     if task.kind == "measure":
         return C[..., 0, 0] + C[..., 1, 1]
+    if task.kind == "hold":
+        return np.linalg.eigvalsh(C[..., :2, :2])[..., -1]
+    if task.kind == "custom":
+        return np.sqrt(np.linalg.det(C[..., :2, :2]))  # criterion area
     d = np.array(task.direction[:2]) / np.linalg.norm(task.direction[:2])
     u = d if task.kind == "probe" else np.array([d[1], -d[0]])
     return np.einsum("i,...ij,j->...", u, C, u)
@@ -166,7 +173,11 @@ def candidates(problem):
     else:
         return np.stack(np.meshgrid(turn, turn), axis=-1).reshape(-1, 2)
     Q = postures_at(points).reshape(-1, 2)
-    return Q[np.isfinite(Q).all(axis=1)]
+    Q = Q[np.isfinite(Q).all(axis=1)]
+    if task.kind == "custom":
+        # Its bound on the manipulability, of two links of 1 m the root of |sin t2| (Yoshikawa 1985).
+        Q = Q[np.sqrt(np.abs(np.sin(Q[:, 1]))) >= task.subject_to[0].at_least]
+    return Q
 
 
 @named(PLANAR)
@@ -178,7 +189,7 @@ def test_nothing_on_a_fine_grid_beats_the_planar_answer(path):
     # of exactly zero (lengths alone, links upright) is met to a nanometre.
     assert math.sqrt(max(own, 0)) <= math.sqrt(max(least, 0)) * 1.001 + 1e-9
     assert math.sqrt(max(own, 0)) >= math.sqrt(max(least, 0)) * 0.99 - 1e-9, "the grid is too coarse to judge"
-    if problem.task.kind != "measure":
+    if problem.task.kind not in ("measure", "custom"):
         assert solution.critical.sigma_max == pytest.approx(math.sqrt(max(own, 0)), rel=1e-6, abs=1e-9)
 
 

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+from pydantic import Field
+
 from posture_opt.selection.tasks.task import Criterion, Task
 from posture_opt.uncertainty.critical import Within
 
 
 class Measure(Task):
-    """Measuring a point: the total variance of the tool point is made small."""
+    """Measuring a point: the total variance of the tool point is made small.
+
+    What is stated with a measured value is the expanded uncertainty ``U = k u`` (JCGM 100:2008, 6.2.1), along
+    ``direction`` and in the worst direction.
+    """
 
     within: ClassVar[Within] = "all"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "free"
@@ -17,3 +23,8 @@ class Measure(Task):
 
     kind: Literal["measure"]
     criterion: Criterion = "trace"
+    coverage_factor: float = Field(2.0, gt=0, description="k of the expanded uncertainty U = k u")
+
+    @property
+    def expansion(self) -> float | None:
+        return self.coverage_factor

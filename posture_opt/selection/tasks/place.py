@@ -2,18 +2,44 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
+from pydantic import Field, model_validator
+
+from posture_opt.errors import BadValueError
 from posture_opt.selection.tasks.task import Criterion, Task
 from posture_opt.uncertainty.critical import Within
+from posture_opt.units import Length
 
 
 class Place(Task):
-    """Putting a part down along ``direction``: the mean square distance across it is made small."""
+    """Putting a part down along ``direction``: the mean square distance across it is made small.
+
+    With the ``lever`` of the part, from the tool point to its farthest corner, the yaw counts in one unit with the
+    place: a corner is off by the shift and by lever × yaw, so that its mean square error is
+    ``E|e|² + lever² Var(yaw)``, averaged over all corners.
+    """
 
     within: ClassVar[Within] = "across"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "aligned"
-    summary: ClassVar[str] = "put a part down: the mean square miss across the direction counts."
+    summary: ClassVar[str] = "put a part down: the mean square miss across the direction counts, with a lever the yaw."
 
     kind: Literal["place"]
     criterion: Criterion = "trace"
+    lever: Annotated[Length, Field(gt=0)] | None = Field(
+        None, description="from the tool point to the farthest corner of the part: the yaw counts"
+    )
+
+    @model_validator(mode="after")
+    def _lever_goes_with_lengths(self) -> Place:
+        if self.lever is not None and self.criterion == "miss":
+            raise BadValueError("criterion miss asks about the tool point, not about corners", "leave out the lever")
+        return self
+
+    @property
+    def yaw_lever(self) -> float:
+        return self.lever or 0.0
+
+    @property
+    def minds_yaw(self) -> bool:
+        return True

@@ -81,6 +81,21 @@ class Task(Spec):
         """The part in the tool whose two ends count; None for a task that minds the tool point alone."""
         return None
 
+    @property
+    def yaw_lever(self) -> float:
+        """Lever [m] on which the yaw about the direction counts beside the shift across it; zero: it does not."""
+        return 0.0
+
+    @property
+    def minds_yaw(self) -> bool:
+        """Whether reports tell the spread of the yaw."""
+        return False
+
+    @property
+    def expansion(self) -> float | None:
+        """Coverage factor k of the expanded uncertainty that reports state; None where none is asked for."""
+        return None
+
     @field_validator("position", mode="before")
     @classmethod
     def _three(cls, value: Any, info: ValidationInfo) -> Any:

@@ -37,6 +37,7 @@ class Quantities:
         jacobian: (r, n) Jacobian of the tool point in the r directions that the arm can move it in [m/rad].
         bases: (3, m) orthonormal bases, for each part of the spread that can be asked for.
         within: the part of the spread that the task minds; ``part`` is the peg whose other end it minds too.
+        yaw_lever: on which the yaw about the direction counts [m]; zero where it does not.
         clearance: radial clearance of the hole [m]; ``has_hole`` says whether the task states one.
     """
 
@@ -52,6 +53,7 @@ class Quantities:
     bases: dict[Within, ca.SX]
     within: Within
     part: HeldPart | None
+    yaw_lever: float
     clearance: ca.SX
     has_hole: bool
 
@@ -75,9 +77,24 @@ class Quantities:
             every.append((basis.T @ ca.SX(moments.covariance) @ basis, basis.T @ bias))
         return tuple(every)
 
+    @cached_property
+    def minded(self) -> tuple[ca.SX, ...]:
+        """Covariances [m²] that the criterion takes: of the ends; of a part with a lever its shift and lever × yaw."""
+        if not self.yaw_lever:
+            return tuple(C for C, _ in self.ends)
+        basis, pose = self.bases[self.within], ca.SX(self.tool_point.pose_first_order(ca.vertsplit(self.q), self.walk))
+        turn = self.yaw_lever * self.bases["along"]
+        shared = basis.T @ pose[:3, 3:] @ turn
+        return (ca.blockcat([[self.ends[0][0], shared], [shared.T, turn.T @ pose[3:, 3:] @ turn]]),)
+
     def largest(self, measure: Callable[[ca.SX], ca.SX]) -> ca.SX:
-        """A measure [m²] of the covariance of the end that has more of it."""
-        return criteria.largest([measure(C) for C, _ in self.ends])
+        """A measure [m²] of what is minded; of a peg that of the end that has more of it."""
+        return criteria.largest([measure(C) for C in self.minded])
+
+    @property
+    def variance(self) -> ca.SX:
+        """Variance [m²] along the worst axis of what the task minds, of the worse end; a yaw does not count here."""
+        return criteria.largest([criteria.worst(C) for C, _ in self.ends])
 
     @cached_property
     def log_miss(self) -> ca.SX:

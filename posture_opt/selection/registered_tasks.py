@@ -1,0 +1,89 @@
+"""Tasks that other installed packages bring, by the entry point group ``posture_opt.tasks``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import get_args
+
+from posture_opt.selection.tasks import TASKS, Task
+
+GROUP = "posture_opt.tasks"
+
+
+@dataclass(frozen=True)
+class BrokenTask:
+    """A task that is registered and cannot be used: its name, the package that registers it, and why not."""
+
+    name: str
+    package: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"the task '{self.name}' of the package {self.package} cannot be used: {self.reason}"
+
+
+@dataclass(frozen=True)
+class RegisteredTasks:
+    """What the installed packages register: classes that can be used, and what is wrong with the others."""
+
+    tasks: tuple[type[Task], ...] = ()
+    broken: tuple[BrokenTask, ...] = ()
+
+
+@cache
+def registered_tasks() -> RegisteredTasks:
+    """The tasks of all installed packages, found once in a process."""
+    return read_tasks(entry_points(group=GROUP))
+
+
+@cache
+def every_task() -> tuple[type[Task], ...]:
+    """The tasks of this package, and those of others behind them."""
+    return (*TASKS, *registered_tasks().tasks)
+
+
+def read_tasks(points: Iterable[EntryPoint]) -> RegisteredTasks:
+    """The classes that entry points name; one that cannot be loaded or is no task does not disturb the others."""
+    tasks: list[type[Task]] = []
+    broken = []
+    taken = {kind_of(task) for task in TASKS}
+    for point in sorted(points, key=lambda point: (point.name, point.value)):
+        try:
+            task = _checked(point.load(), point.name, taken)
+        except Exception as error:  # code of others may raise anything
+            reason = str(error) if isinstance(error, TypeError) else f"{type(error).__name__}: {error}"
+            broken.append(BrokenTask(point.name, _package(point), reason))
+            continue
+        taken.add(kind_of(task))
+        tasks.append(task)
+    return RegisteredTasks(tuple(tasks), tuple(broken))
+
+
+def kind_of(task: type[Task]) -> str:
+    """The word that names a task in files."""
+    (kind,) = get_args(task.model_fields["kind"].annotation)
+    return str(kind)
+
+
+def _package(point: EntryPoint) -> str:
+    return point.dist.name if point.dist is not None else point.value.partition(".")[0]
+
+
+def _checked(found: object, name: str, taken: set[str]) -> type[Task]:
+    """The class, where it is a task of that kind with all that a task says of itself."""
+    if not (isinstance(found, type) and issubclass(found, Task)):
+        raise TypeError(f"{found!r} is no subclass of posture_opt.Task")
+    if get_args(found.model_fields["kind"].annotation) != (name,):
+        raise TypeError(f'its class does not say kind: Literal["{name}"]')
+    if name in taken:
+        raise TypeError("a task of that kind is there already; choose another kind")
+    missing = [
+        word for word in ("within", "axis", "summary") if not hasattr(found, word) and word not in found.model_fields
+    ]
+    if missing:
+        raise TypeError(f"its class does not say {', '.join(missing)}")
+    found.model_json_schema()  # keys that cannot be described cannot be read either
+    return found

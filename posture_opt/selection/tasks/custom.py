@@ -1,0 +1,23 @@
+"""Task ``custom``: say which part of the spread counts, what the tool axis does, and what is made small."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from posture_opt.selection.tasks.task import Criterion, Task
+from posture_opt.uncertainty.critical import Within
+
+
+class Custom(Task):
+    """A task made up in the file: ``within``, ``axis`` and ``criterion`` are keys like the others.
+
+    ``criterion: none`` leaves the spread out of what is made small; it is reported all the same.
+    """
+
+    summary: ClassVar[str] = "one of your own: within, axis, criterion, minimize and subject_to say what counts."
+
+    kind: Literal["custom"]
+    # Of other tasks these two belong to the class.
+    within: Within = "all"  # type: ignore[misc]
+    axis: Literal["aligned", "required", "free"] = "aligned"  # type: ignore[misc]
+    criterion: Criterion = "worst"

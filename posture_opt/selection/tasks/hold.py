@@ -1,0 +1,19 @@
+"""Task ``hold``: hold a part still: the spread in every direction counts, the tool axis is held."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from posture_opt.selection.tasks.task import Criterion, Task
+from posture_opt.uncertainty.critical import Within
+
+
+class Hold(Task):
+    """Holding a part for a screw or a camera: the worst of all directions is made small, depth included."""
+
+    within: ClassVar[Within] = "all"
+    axis: ClassVar[Literal["aligned", "required", "free"]] = "aligned"
+    summary: ClassVar[str] = "hold a part still: the spread in every direction counts, the tool axis is held."
+
+    kind: Literal["hold"]
+    criterion: Criterion = "worst"
