@@ -34,6 +34,7 @@ from posture_opt.report.task_parts import (
     critical_rows,
     critical_size,
     minimised_words,
+    orientation_rows,
     point_words,
     task_budget_block,
     task_facts,
@@ -179,6 +180,7 @@ def spread_block(solution: Solution) -> Block:
     rows.append(mean_fact(spread, among))
     linear = deviation(float(np.linalg.eigvalsh(first)[-1]), spread.covariance)
     rows.append(first_order_fact(critical.sigma_max, linear, among))
+    rows += orientation_rows(solution)
     rows.append(method_fact(spread))
     return Block("Spread of the tool point", (Facts(tuple(rows)), validity_sentence(spread)), figure="cloud")
 

@@ -12,13 +12,14 @@ from posture_opt.report.blocks import Block, Facts
 from posture_opt.report.budget_parts import budget_block
 from posture_opt.report.parts import lean
 from posture_opt.report.presenter import problem_of
-from posture_opt.report.units_text import angle, length, lengths, place, probability, stated_length
+from posture_opt.report.units_text import angle, length, lengths, percent, place, probability, stated_length
 from posture_opt.report.words import CRITERIA, PARTS, REGIONS, direction_words, line_words
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
+    from posture_opt.selection.solution import Solution
     from posture_opt.selection.tasks import Task
     from posture_opt.uncertainty.critical import Critical
     from posture_opt.uncertainty.peg_spread import PegSpread
@@ -187,6 +188,19 @@ def _region_row(critical: Critical, among: list[float]) -> list[tuple[str, str]]
     size = f"semi-axes {lengths(half, among=among)}" if region.rank == 2 else f"+/- {length(half[0], among=among)}"
     factor = f"{region.factor(0.95):.3f} standard deviations"
     return [(f"{REGIONS[region.rank]} {critical.within}", f"{size} ({factor})")]
+
+
+def orientation_rows(solution: Solution) -> list[tuple[str, str]]:
+    """Tilt and spin where a term minds them, and how far first order, which the term takes, is from them."""
+    task = solution.optimisation_problem.task
+    if not any(term.minds_orientation for term in (*task.minimize, *task.subject_to)):
+        return []
+    found = solution.orientation
+    sizes = ((found.tilt, found.tilt_first_order), (found.spin, found.spin_first_order))
+    off = max((abs(linear / exact - 1) for exact, linear in sizes if exact > 0), default=0.0)
+    told = f"tilt {angle(found.tilt)} in the worst direction, spin {angle(found.spin)} (one standard deviation each)"
+    same = "the same within 0.05 %" if off < 5e-4 else f"{percent(off)} off"
+    return [("Orientation", told), ("", f"the term takes them to first order: {same}")]
 
 
 def task_budget_block(problem: Problem, seen: TaskSpread) -> Block:

@@ -23,6 +23,7 @@ from posture_opt.selection.task_target import TaskTarget
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.budget import Share
 from posture_opt.uncertainty.critical import Critical
+from posture_opt.uncertainty.orientation import Orientation
 from posture_opt.uncertainty.spread import HasSources, Spread, budget_json, groups_json, propagate
 from posture_opt.uncertainty.task_spread import TaskSpread, sigma_along
 
@@ -153,6 +154,11 @@ class Solution(Result):
         return self.task_spread.budget
 
     @cached_property
+    def orientation(self) -> Orientation:
+        """How far the tool leans and turns."""
+        return Orientation.of(self.spread, self.optimisation_problem.task.tool_axis)
+
+    @cached_property
     def lower_bound(self) -> LowerBound | None:
         """A spread that no posture can beat at this target."""
         return lower_bound(self.optimisation_problem.tool_point, self.target, self.basis)
@@ -187,6 +193,7 @@ class Solution(Result):
             "clearance": None if self.clearance is None else self.clearance.to_json(),
             "alternatives": [alternative.to_json() for alternative in self.alternatives],
             "floor": self._lower_bound_json(),
+            "orientation": self.orientation.to_json(),
             "most_manipulable": self.most_manipulable and self.most_manipulable.to_json(),
             "typical_sigma_max": finite_or_none(statistics.typical),
             "worst_sigma_max": finite_or_none(statistics.worst),

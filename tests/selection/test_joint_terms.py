@@ -112,6 +112,22 @@ def test_orientation_spread_is_that_of_sampled_poses(robot: str, target: dict[st
         assert sigma**2 == pytest.approx(expected, abs=slack), part
 
 
+@pytest.mark.parametrize(("robot", "target"), [("ur10", UR10), ("panda", PANDA), ("scara", SCARA)])
+def test_the_orientation_that_is_told_is_that_of_sampled_poses(robot: str, target: dict[str, Any]) -> None:
+    bound = {"kind": "orientation_spread", "of": "all", "at_most": "5 deg"}
+    given = problem(robot, **target, subject_to=[bound])
+    solution = po.select_posture(given)
+    _, C, _, error = sampled_pose(given.robot, solution.q, list(given.sources.names), given.sources.covariance, 40_000)
+    told, slack = solution.to_json()["orientation"], 3 * float(np.abs(error[3:, 3:]).max())
+    axis = np.asarray(given.arm.pose(solution.q), dtype=float)[:3, 2]
+    across = np.linalg.svd(axis[None])[2][1:].T
+    tilt = np.linalg.eigvalsh(across.T @ C[3:, 3:] @ across)[-1]
+    assert told["tilt_sigma_max"] ** 2 == pytest.approx(tilt, abs=slack)
+    assert told["spin_sigma"] ** 2 == pytest.approx(axis @ C[3:, 3:] @ axis, abs=slack)
+    assert told["spin_sigma_first_order"] == pytest.approx(told["spin_sigma"], rel=1e-4)
+    assert "the term takes them to first order" in " ".join(str(solution.report()).split())
+
+
 def test_a_bound_on_the_tilt_chooses_another_posture() -> None:
     tilt = OrientationSpread(kind="orientation_spread")
     given = problem("panda", **PANDA, tilt="20 deg", direction=[1, 0, -1])

@@ -25,6 +25,8 @@ class OrientationSpread(BoundedTerm):
     summary: ClassVar[str] = "largest standard deviation of the tilt of the tool axis, of the spin, or of all (at_most)"
     unit: ClassVar[str] = "rad"
 
+    minds_orientation: ClassVar[bool] = True
+
     kind: Literal["orientation_spread"]
     of: Rotation = "tilt"
     at_most: Annotated[Angle, Field(gt=0)] | None = None

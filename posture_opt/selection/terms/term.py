@@ -137,6 +137,9 @@ class Term(Spec):
     keeps_clear: ClassVar[bool] = False
     """Whether it keeps the arm away from what stands around it."""
 
+    minds_orientation: ClassVar[bool] = False
+    """Whether reports tell the spread of the orientation where it is asked for."""
+
     kind: str
     weight: float = Field(default=1.0, ge=0)
 
