@@ -97,6 +97,7 @@ def plot_cross_section(
     axes.plot(*(scale * points).T, ".", color=BLUE, ms=3.5, alpha=0.5, mew=0, zorder=2, label=label)
     boundary = scale * ellipse.points(0.95)
     axes.plot(*boundary.T, color=VERMILLION, zorder=4, label=f"95 % ellipse ({ellipse.factor(0.95):.3f} std. dev.)")
+    boundary = np.vstack([boundary, _top_end(axes, seen, B, scale)])
     axes.plot(*(scale * ellipse.center), "P", color=VERMILLION, mec="white", ms=8, zorder=5, label="mean")
     axes.plot(0, 0, "x", color="black", ms=8, mew=2, zorder=6, label=origin)
     half = 1.12 * float(np.abs(np.vstack([scale * points, boundary])).max())
@@ -106,6 +107,15 @@ def plot_cross_section(
     frame_target(axes, B, half, unit, origin)
     legend_below(axes, 2)
     return figure
+
+
+def _top_end(axes: Any, seen: TaskSpread, B: Array, scale: float) -> Array:
+    """(k, 2) the 95 % ellipse of the other end of a peg, drawn dashed where the view is across the direction."""
+    if seen.peg is None or len(seen.peg.top.basis) != 2 or not np.allclose(seen.peg.top.basis, B):
+        return np.zeros((0, 2))
+    boundary = scale * Ellipsoid(seen.peg.top.bias, seen.peg.top.covariance).points(0.95)
+    axes.plot(*boundary.T, "--", color=PURPLE, zorder=4, label="95 % ellipse of the top end of the peg")
+    return np.asarray(boundary)
 
 
 def frame_target(axes: Any, B: Array, half: float, unit: str, origin: str = "target") -> None:
