@@ -1,0 +1,94 @@
+"""Postures that keep clear: as good as brute force finds them, and clear by coal."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.problem.load import problem_from_dict
+from tests.helpers import brute_force
+from tests.helpers.cells import GROUND, LAMP, POST, TABLE, problem_in_cell
+
+DOWN, ACROSS = np.array([0.0, 0.0, -1.0]), np.eye(3)[:, :2]
+SCARA_POST = {**POST, "xyz": ["0.2 m", "-60 mm", "0 m"], "length": "0.4 m", "radius": "50 mm"}
+CELLS = {
+    "ur10": ((TABLE, POST), (0.6, 0.25, 0.1)),
+    "panda": ((TABLE, {**POST, "xyz": ["0.3 m", "0.35 m", "0.4 m"]}), (0.5, 0.1, 0.2)),
+    "scara": ((SCARA_POST, {**GROUND, "offset": "-0.3 m"}), (0.2, 0.15, -0.08)),
+}
+
+
+def written(point):
+    return [f"{x} m" for x in point]
+
+
+@pytest.mark.parametrize("preset", CELLS)
+def test_the_answer_in_a_cell_is_as_good_as_brute_force_finds(preset: str) -> None:
+    obstacles, point = CELLS[preset]
+    problem = problem_in_cell(preset, *obstacles, clearance="10 mm", position=written(point))
+    solution = po.select_posture(problem)
+    names = [f"{name}.{'theta' if joint.type == 'revolute' else 'd'}" for name, joint in zip(
+        problem.robot.joint_names, problem.robot.joints, strict=True)]  # fmt: skip
+    sigma = np.array([dict(zip(problem.sources.names, problem.sources.sigma, strict=True))[name] for name in names])
+    found, _ = brute_force.best_posture(problem.scene, sigma, ACROSS, np.array(point), DOWN, np.random.default_rng(0))
+    assert solution.critical.sigma_max <= 1.01 * found
+    exact = brute_force.clearance(problem.scene, solution.q)
+    assert exact >= problem.scene.margin - 1e-7
+    assert solution.clearance.distance == pytest.approx(exact, abs=1e-7)
+    free = po.select_posture(problem_from_dict({**problem.to_dict(), "cell": "none"}))
+    assert brute_force.clearance(problem.scene, free.q) < problem.scene.margin  # the obstacles matter
+    assert free.critical.sigma_max <= solution.critical.sigma_max * (1 + 1e-4)
+
+
+@pytest.mark.parametrize("preset", ["ur5e", "panda"])
+@pytest.mark.parametrize("position", [None, (0.4, 0.2, 0.1), (0.45, -0.3, 0.3)])
+def test_an_arm_of_known_shape_keeps_clear_of_itself(preset: str, position) -> None:
+    task = {"kind": "insert", **({} if position is None else {"position": written(position)})}
+    robot = {"kind": "preset", "name": preset}
+    problem = problem_from_dict({"robot": robot, "uncertainty": {"repeatability": "0.1 mm"}, "task": task})
+    solution = po.select_posture(problem)
+    assert solution.clearance is not None
+    assert brute_force.clearance(problem.scene, solution.q) >= -1e-7
+    assert all(brute_force.clearance(problem.scene, list(a.posture.values())) >= -1e-7 for a in solution.alternatives)
+    document = solution.to_json()
+    assert document["clearance"]["distance"] == pytest.approx(solution.clearance.distance)
+    assert len(document["clearance"]["between"]) == 2
+    assert "no obstacles are stated" in solution.report()
+
+
+def test_a_selector_keeps_clear_at_every_target() -> None:
+    problem = problem_in_cell("ur10", TABLE, POST, clearance="20 mm", position=["0.6 m", "0.2 m", "0.2 m"])
+    selector = po.PostureSelector(problem, compiled=False)
+    rng = np.random.default_rng(2)
+    with_rows = 0
+    for _ in range(8):
+        solution = selector.solve(position=rng.uniform((0.5, 0.0, 0.1), (0.75, 0.4, 0.3)))
+        with_rows += solution.optimisation_problem.scene is not None
+        assert brute_force.clearance(problem.scene, solution.q) >= 0.02 - 1e-7
+    assert 0 < with_rows < 8  # both ways
+
+
+def test_every_target_of_a_map_keeps_clear() -> None:
+    problem = problem_in_cell("scara", SCARA_POST, clearance="10 mm", position=["0.2 m", "0.15 m", "-80 mm"])
+    found = po.map_targets(problem, counts=(5, 5), low=(0.1, 0.0, -0.08), high=(0.35, 0.25, -0.08), compiled=False)
+    free = problem_from_dict({**problem.to_dict(), "cell": "none"})
+    without = po.map_targets(free, counts=(5, 5), low=(0.1, 0.0, -0.08), high=(0.35, 0.25, -0.08), compiled=False)
+    assert found.feasible.sum() > 12
+    assert all(brute_force.clearance(problem.scene, q) >= 0.01 - 1e-7 for q in found.postures[found.feasible])
+    assert any(brute_force.clearance(problem.scene, q) < 0.01 for q in without.postures[without.feasible])
+    assert not np.any(found.feasible & ~without.feasible)
+
+
+def test_what_was_checked_is_told() -> None:
+    cell = problem_in_cell("ur10", TABLE, LAMP, position=["0.6 m", "0.2 m", "0.2 m"])
+    told = " ".join(po.select_posture(cell).report().split())
+    assert "checked against table, lamp" in told
+    assert "at least 20 mm is kept" in told
+    assert "Clearance" in told
+    off = problem_from_dict({**cell.to_dict(), "cell": "none"})
+    solution = po.select_posture(off)
+    assert "not checked (cell: none)" in solution.report()
+    assert json.loads(json.dumps(solution.to_json()))["clearance"] is None
