@@ -1,0 +1,109 @@
+"""What is checked against what, and what the rows of the optimisation problem believe of it."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from posture_opt.collision.scene import FAR, ITSELF
+from posture_opt.collision.smooth_bounds import ROUNDING, SLACK
+from posture_opt.model.compiled import BatchFunction
+from posture_opt.problem.load import problem_from_dict
+from posture_opt.robot.joint_ranges import drawn_between
+from tests.helpers import brute_force
+from tests.helpers.cells import GROUND, LAMP, POST, TABLE, problem_in_cell
+
+COUNT = 35_000  # of each arm
+TOLERANCE = 2e-6  # m: taken off the rows for what a solver leaves of them
+
+
+@pytest.mark.parametrize("preset", ["ur10", "panda", "scara"])
+def test_rows_are_never_optimistic_and_little_pessimistic(preset: str) -> None:
+    """At random postures, group by group, against the exact distances."""
+    scene = problem_in_cell(preset, TABLE, POST, LAMP, GROUND, clearance="10 mm").scene
+    q = ca.SX.sym("q", scene.robot.n)
+    rows = scene.rows(q)
+    believed = BatchFunction(ca.Function("rows", [q], [ca.vertcat(*(row.bound for row in rows))]), compiled=False)
+    Q = np.random.default_rng(7).uniform(*drawn_between(scene.robot), (COUNT, scene.robot.n))
+    found, distances = believed(Q), scene.distances(Q)
+    names, checked = [obstacle.name for obstacle in scene.obstacles], 0
+    for k, row in enumerate(rows):
+        columns = [
+            i for i, (_, b) in enumerate(scene.pairs) if row.name == (f"clearance to {b}" if b in names else ITSELF)
+        ]
+        true = distances[:, columns].min(axis=1)
+        apart = true > -0.002  # deeper, where centre lines of thin capsules cross, a line takes the place of the root
+        assert np.all(found[apart, k] <= true[apart])
+        assert np.all(found[true < 0, k] < 0)
+        near = (true >= 0) & (true < scene.margin + FAR / 2)
+        most = SLACK + ROUNDING / 2 * np.ceil(np.log2(len(columns) + 1)) + TOLERANCE
+        assert np.max(true[near] - found[near, k], initial=0.0) <= most
+        assert most < 0.005
+        checked += int(near.sum())
+    assert checked > COUNT / 10
+    assert [row.name for row in rows][:2] == ["clearance to table", "clearance to post"]
+
+
+def test_neighbours_are_not_checked_and_what_stands_still_meets_no_obstacle() -> None:
+    scene = problem_in_cell("ur5e", TABLE, POST).scene
+    names = ("base", *scene.robot.joint_names)
+    for a, b in scene.pairs:
+        if b in names:
+            assert abs(names.index(a) - names.index(b)) > 1
+        else:
+            assert a != "base"
+
+
+def test_what_overlaps_in_nearly_all_postures_is_not_checked() -> None:
+    """A collar round the wrist that the forearm's capsule always reaches into, and one that it does not."""
+
+    def pairs(radius):
+        shape = [
+            {"joint": "elbow", "from": ["0 m", "0 m", "0 m"], "to": ["0.4 m", "0 m", "0 m"], "radius": "40 mm"},
+            {"joint": "wrist_2", "from": ["0 m", "0 m", "0 m"], "to": ["0 m", "0 m", "0 m"], "radius": radius},
+        ]
+        return problem_from_dict({"robot": {"kind": "preset", "name": "ur5e", "shape": shape}}).scene.pairs
+
+    assert pairs("300 mm") == ()
+    assert pairs("40 mm") == (("elbow", "wrist_2"),)
+
+
+def test_the_shoulder_above_its_table_is_not_checked_and_told_of() -> None:
+    scene = problem_in_cell("ur10", {**TABLE, "size": ["2 m", "2 m", "20 mm"]}, clearance="50 mm").scene
+    assert ("shoulder_pan", "table") in scene.mounted
+    assert ("shoulder_pan", "table") not in scene.pairs
+    assert ("elbow", "table") in scene.pairs
+
+
+def test_a_held_part_is_checked() -> None:
+    shape = [{"joint": "tool", "from": ["0 m", "0 m", "0 m"], "to": ["0 m", "0 m", "0.3 m"], "radius": "20 mm"}]
+    scene = problem_in_cell("ur5e", TABLE, shape=shape).scene
+    assert scene.pairs == (("tool", "table"),)
+    q = np.array([0.3, -1.2, 1.5, -1.8, -1.6, 0.2])
+    assert scene.clearance(q).distance == pytest.approx(brute_force.clearance(scene, q), abs=1e-8)
+
+
+def test_an_arm_of_unknown_shape_is_checked_against_obstacles_alone() -> None:
+    robot = {"kind": "preset", "name": "planar_2r"}
+    post = {**POST, "xyz": ["0.6 m", "0.5 m", "0 m"]}
+    bare = problem_from_dict({"robot": robot})
+    among = problem_from_dict({"robot": robot, "cell": {"obstacles": [post]}})
+    assert bare.scene.clearance([0.1, 0.2]) is None
+    assert among.scene.assumed
+    assert {b for _, b in among.scene.pairs} == {"post"}
+    found = among.scene.clearance([0.0, np.pi / 2])
+    assert found.between == ("joint2", "post")
+    assert found.distance == pytest.approx(0.4 - 0.06 - 0.04 * 2.0)
+
+
+@pytest.mark.parametrize("preset", ["ur10", "panda", "scara", "ur5e"])
+def test_the_clearance_is_that_of_coal(preset: str) -> None:
+    scene = problem_in_cell(preset, TABLE, POST, LAMP, GROUND).scene
+    Q = np.random.default_rng(3).uniform(*drawn_between(scene.robot), (60, scene.robot.n))
+    apart = [q for q in Q if scene.clearance(q).distance > 1e-3]
+    assert len(apart) >= 5
+    for q in apart:
+        assert scene.clearance(q).distance == pytest.approx(brute_force.clearance(scene, q), abs=2e-8)
+    least = scene.clearance(np.array(apart))
+    assert least.distance == min(scene.clearance(q).distance for q in apart)
