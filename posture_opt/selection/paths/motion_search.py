@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.collision.scene import Scene
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Codes
 from posture_opt.selection.engine import Engine
 from posture_opt.selection.joint_problem import JointOutcome, JointPoint
 from posture_opt.selection.multistart import as_good
@@ -22,7 +22,8 @@ from posture_opt.selection.paths.step_graph import StepGraph
 from posture_opt.selection.paths.task_path import TaskPath, stacked
 from posture_opt.selection.relaxation import Reason
 
-_SEEDS = 4  # ways that the smooth problem starts from
+_PATIENCE = 2  # smooth problems in a row that bring nothing
+_SEEDS = 3  # ways that the smooth problem starts from
 _APART = math.radians(30.0)  # between two of them in a joint, or 0.5 m of a slide
 _LAST_STEPS = 3  # of inverse kinematics, from an error of 1e-7: they are quadratic
 _WORTH = 1.5  # times the best objective: ways up to there may still become the best
@@ -93,27 +94,53 @@ class MotionSearch:
         if not self.engine.optimisation_problem.freedom:
             motions = [self._on_path(motion) for motion in motions]
         else:
-            motions += [self._smoothed(m, lambda problem, point: problem.least_spread(point, largest)) for m in motions]
+            motions += self._spread_made_least(sorted(motions, key=lambda motion: motion.objective), largest)
         able = [motion for motion in motions if motion.feasible and motion.largest_step <= largest + OVER]
         best = min(motion.objective for motion in able)
         # The smooth problem trades the last digits of the worst point for better other ones.
         return min(able, key=lambda motion: (motion.objective > as_good(best), not motion.optimal, motion.objective))
 
+    def _spread_made_least(self, starts: list[Motion], largest: float) -> list[Motion]:
+        """Where the smooth problem leads to from the starts, best first, until nothing can be better."""
+        least = max(float(np.min(costs)) for costs in self.found.costs)
+        ends: list[Motion] = []
+        idle = 0
+        for start in starts:
+            ends.append(self._smoothed(start, lambda problem, point: problem.least_spread(point, largest)))
+            able = [end.objective for end in ends if end.feasible and end.optimal]
+            better = len(able) > 1 and as_good(able[-1]) < min(able[:-1])
+            idle = 0 if better or len(able) < 2 else idle + 1
+            if (able and min(able) <= as_good(least)) or idle == _PATIENCE:
+                break
+        return ends
+
     def _ways(self, largest: float) -> list[Array]:
-        """The best way through the candidates, and the best ones that pass far from those before."""
-        worst = self.graph.worst_costs(largest)
+        """The best way through the candidates, and the best ones that pass far from those before.
+
+        Far at the point that costs most on the best way, or else in the middle.
+        """
+        worst, count = self.graph.worst_costs(largest), len(self.found.costs)
         sizes = np.cumsum([0, *map(len, self.found.costs)])
-        middle = len(self.found.costs) // 2
-        here = worst[sizes[middle] : sizes[middle + 1]]
+        best = self.graph.best_way(largest, float(worst.min())) if np.isfinite(worst.min()) else None
+        if best is None:
+            return []
+        costs = [float(cost[k]) for cost, k in zip(self.found.costs, best, strict=True)]
+        ways = [best]
+        for point in dict.fromkeys((int(np.argmax(costs)), count // 2)):
+            ways += self._apart(point, worst[sizes[point] : sizes[point + 1]], largest)
+        return [self.graph.motion(way) for way in ways]
+
+    def _apart(self, point: int, worst: Array, largest: float) -> list[Codes]:
+        """The best ways that pass far from each other at a point, given the least cost through its candidates."""
         chosen: list[int] = []
-        for k in np.argsort(here, kind="stable").tolist():
-            near = self.steps.between(self.found.postures[middle][[k]], self.found.postures[middle][chosen])
-            if here[k] <= _WORTH * here.min() and np.all(near > _APART) and np.isfinite(here[k]):
+        for k in np.argsort(worst, kind="stable").tolist():
+            near = self.steps.between(self.found.postures[point][[k]], self.found.postures[point][chosen])
+            if worst[k] <= _WORTH * worst.min() and np.all(near > _APART) and np.isfinite(worst[k]):
                 chosen.append(k)
             if len(chosen) == _SEEDS:
                 break
-        ways = [self.graph.best_way(largest, float(here[k]), (middle, k)) for k in chosen]
-        return [self.graph.motion(way) for way in ways if way is not None]
+        ways = [self.graph.best_way(largest, float(worst[k]), (point, k)) for k in chosen[1:]]
+        return [way for way in ways if way is not None]
 
     def _on_path(self, motion: Motion) -> Motion:
         """The same motion, its points met to the last digits."""

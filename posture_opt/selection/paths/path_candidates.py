@@ -21,9 +21,11 @@ from posture_opt.selection.task_target import TaskTarget
 _ANCHORS = 6  # points that random postures are led to
 _STARTS = 48  # of them at each anchor, times the freedom that is left, and at most:
 _MOST_STARTS = 120
+_MOST_FOLLOWED = 12_000  # postures of all points that come from random ones of the anchors
 _FEW = 12  # random postures at every other point: what cannot be followed from an anchor is found here
-_FOLLOWED = 48  # local optima of an anchor that are followed along the path
+_FOLLOWED = 24  # local optima of an anchor that are followed along the path
 _SETTLED = 30  # steps of the local search at an anchor
+_RESTORING = 4  # of it where a further requirement is broken
 _RENEWED = 3  # of it at each point that follows: from an optimum of the point before
 
 
@@ -73,9 +75,11 @@ class _Following:
         engine, count = self.engine, len(self.targets)
         anchors = sorted({round(k) for k in np.linspace(0, count - 1, min(_ANCHORS, count))})
         starts = min(_STARTS * max(engine.optimisation_problem.freedom, 1), _MOST_STARTS)
+        starts = min(starts, max(_FEW, _MOST_FOLLOWED // (len(anchors) * count)))
         sizes = [starts if k in anchors else _FEW for k in range(count)]
         own = [feasible_starts(engine, target, size, rng)[0] for target, size in zip(self.targets, sizes, strict=True)]
         search = self._scaled(own)
+        own = [search._restored(Q, target) for Q, target in zip(own, search.targets, strict=True)]
         found = [[self.steps.wrapped(Q)] for Q in own]
         for k in anchors:
             Q = own[k][engine.clusters(own[k])[0]] if len(own[k]) else own[k]
@@ -116,7 +120,21 @@ class _Following:
             if improved:
                 better = self.engine.descended(Q, target, improved)
                 Q = np.where((better.excess == 0)[:, None], better.q, Q)
+            Q = self._restored(Q, target)
             yield j, self.steps.wrapped(Q)
+
+    def _restored(self, Q: Array, target: TaskTarget) -> Array:
+        """The same postures (N, n) of a target, those that break a further requirement led to where it is met."""
+        problem = self.engine.optimisation_problem
+        if not len(Q) or (not problem.task.subject_to and problem.scene is None):
+            return Q
+        broken = self.engine.screen(Q, target.parameters)[1][:, 0] > ROW_TOLERANCE
+        if not np.any(broken):
+            return Q
+        led = self.engine.descended(Q[broken], target, _RESTORING)
+        Q = Q.copy()
+        Q[broken] = np.where((led.excess == 0)[:, None], led.q, Q[broken])
+        return Q
 
     def screened(self, given: tuple[_Following, list[Array]], scene: Scene) -> PathCandidates:
         """Those postures that meet every requirement, with their objectives."""
