@@ -41,7 +41,8 @@ def robot_facts(problem: Problem) -> list[tuple[str, str]]:
     size = f"{robot.n} joints"
     name = f"{robot.name}, {size}" if robot.name and robot.name != f"{robot.n}-joint arm" else robot.name or size
     source = [("Robot data", f"{group}: {source}") for group, source in robot.sources if group == "geometry"]
-    return [("Robot", name), *source, *effect_facts(problem)]
+    shape = [("Robot shape", "; ".join(robot.shape_notes))] if robot.shape_notes else []
+    return [("Robot", name), *source, *shape, *effect_facts(problem)]
 
 
 def effect_facts(problem: Problem) -> list[tuple[str, str]]:

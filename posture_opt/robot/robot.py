@@ -77,7 +77,8 @@ class Robot:
     ``skew`` [rad] and ``lift`` [m] bound how far corrections lean and shift the axes from where the drawing of the arm
     has them: what is parallel or in one plane there counts as such within them.
 
-    ``shape`` are the capsules that base, links and tool lie in; empty where the shape is not known.
+    ``shape`` are the capsules that base, links and tool lie in; empty where the shape is not known. ``shape_notes`` say
+    which links are not in it, and why.
     """
 
     name: str
@@ -95,6 +96,7 @@ class Robot:
     sources: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
     shape: tuple[Capsule, ...] = ()
+    shape_notes: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:

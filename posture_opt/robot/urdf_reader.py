@@ -2,7 +2,7 @@
 
 Expat reads the elements with their lines; a document type, and with it every entity, is refused.
 
-Source: ROS, "URDF XML specification", elements link and joint. Meshes, colours, sensors and plugins are not looked at.
+Source: ROS, "URDF XML specification", elements link and joint. Colours, sensors and plugins are not looked at.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from posture_opt.errors import InputError, Issue
 from posture_opt.files import content
 from posture_opt.numerics import Array
-from posture_opt.robot.urdf_tree import Inertial, UrdfJoint, UrdfTree
+from posture_opt.robot.urdf_tree import Collision, Inertial, UrdfJoint, UrdfTree
 
 MAX_ELEMENTS = 100_000  # a humanoid with hands has some ten thousand
 
@@ -88,6 +88,14 @@ class _ElementReader:
         raise InputError(Issue(message, mend=mend, line=self.parser.CurrentLineNumber))
 
 
+_SIZES = {
+    # geometry -> its attributes, and how many numbers each holds
+    "box": (("size", 3),),
+    "cylinder": (("radius", 1), ("length", 1)),
+    "capsule": (("radius", 1), ("length", 1)),
+    "sphere": (("radius", 1),),
+    "mesh": (("scale", 3),),
+}
 MAX_BYTES = 50_000_000  # a robot of some hundred links takes a few hundred kB
 
 
@@ -131,6 +139,7 @@ def _tree(robot: Element, stem: str) -> UrdfTree:
         tuple(name for name, _ in links),
         tuple(reader.joint(element) for element in robot.each("joint")),
         {name: reader.inertial(name, inside) for name, link in links for inside in link.each("inertial")},
+        {name: tuple(reader.collisions(name, link)) for name, link in links},
     )
     if issues := reader.issues or [*tree.faults()]:
         raise InputError(issues)
@@ -172,6 +181,25 @@ class _UrdfReader:
         if mass < 0:
             self.issues.append(Issue(f"{owner} has a negative mass", line=element.line))
         return Inertial(mass, self._origin(element, owner)[:3, 3])
+
+    def collisions(self, link: str, element: Element) -> Iterator[Collision]:
+        """The bodies of a link; what has no extent and what is no known geometry is left out."""
+        owner = f"<collision> of link '{link}'"
+        for collision in element.each("collision"):
+            for geometry in (inside for part in collision.each("geometry") for inside in part.inside):
+                if geometry.tag in _SIZES:
+                    size = self._sizes(geometry, owner)
+                    file = geometry.attributes.get("filename", "")
+                    if min(size) > 0 or geometry.tag == "mesh":
+                        yield Collision(geometry.tag, size, self._origin(collision, owner), file)  # type: ignore[arg-type]
+
+    def _sizes(self, geometry: Element, owner: str) -> tuple[float, ...]:
+        """The numbers that the attributes of a geometry hold, in the order of ``_SIZES``; a scale left out is 1."""
+        given = [(key, geometry.attributes[key], n) for key, n in _SIZES[geometry.tag] if key in geometry.attributes]
+        numbers = [v for key, text, n in given for v in self._numbers(geometry, key, text.split(), n, owner)]
+        if geometry.tag == "mesh":
+            return tuple(numbers) or (1.0, 1.0, 1.0)
+        return tuple(numbers) if len(given) == len(_SIZES[geometry.tag]) else (0.0,)
 
     def _text(self, element: Element, key: str, owner: str) -> str:
         if not element.attributes.get(key):

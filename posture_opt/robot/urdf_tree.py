@@ -6,6 +6,9 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
+
+import numpy as np
 
 from posture_opt.errors import InputError, Issue, one_of
 from posture_opt.numerics import Array
@@ -46,6 +49,22 @@ class Inertial:
 
 
 @dataclass(frozen=True)
+class Collision:
+    """One ``<collision>`` of a link.
+
+    Args:
+        kind: ``size`` is the edges of a box (3,), radius and length of a cylinder or a capsule, the radius of a sphere
+            [m], or the scale of the mesh in ``file``, along three axes.
+        origin: (4, 4) T_link_collision.
+    """
+
+    kind: Literal["box", "cylinder", "capsule", "sphere", "mesh"]
+    size: tuple[float, ...]
+    origin: Array
+    file: str = ""
+
+
+@dataclass(frozen=True)
 class UrdfTree:
     """Links and joints of a file; without ``faults`` every link but the roots hangs on one joint."""
 
@@ -53,6 +72,7 @@ class UrdfTree:
     links: tuple[str, ...]
     joints: tuple[UrdfJoint, ...]
     inertials: dict[str, Inertial]
+    collisions: dict[str, tuple[Collision, ...]]
 
     def roots(self) -> list[str]:
         """The links that no joint carries."""
@@ -79,6 +99,16 @@ class UrdfTree:
         for joint in self.joints:
             carried[joint.parent].append(joint)
         return dict(carried)
+
+    def rigid(self, link: str) -> list[tuple[str, Array]]:
+        """``link`` and every link fixed to it behind, each with its (4, 4) T_link_other."""
+        found: list[tuple[str, Array]] = []
+        open_links = [(link, np.eye(4))]
+        while open_links:
+            name, T = open_links.pop()
+            found.append((name, T))
+            open_links += [(joint.child, T @ joint.origin) for joint in self.below(name) if joint.type == "fixed"]
+        return found
 
     def path(self, base: str, tip: str) -> list[UrdfJoint]:
         """The joints from ``base`` to ``tip``; empty where the tip does not hang on the base."""

@@ -1,0 +1,78 @@
+"""Meshes that a URDF names: where they are, and their edges; read through trimesh, which is optional."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from posture_opt.robot.capsule_fit import Edges
+
+MAX_FACES = 100_000
+"""Of a mesh whose surface is looked at; of a finer one the convex hull counts, which contains it."""
+_MAX_BYTES = 200_000_000
+
+
+class UnreadMeshError(Exception):
+    """A mesh that could not be read, with the reason in words: the shape of its link stays unknown."""
+
+
+def located_mesh(name: str, urdf: Path) -> Path:
+    """The file of a mesh name in a URDF: ``package://PACKAGE/…``, ``file://…``, absolute, or relative to the URDF.
+
+    A ROS package lies in a folder of its name, or in one with a ``package.xml``, somewhere above the URDF or beside
+    one of the folders above.
+
+    Raises:
+        UnreadMeshError: no such file.
+    """
+    for path in _candidates(name, urdf.absolute().parent):
+        if path.is_file():
+            return path
+    raise UnreadMeshError(f"mesh {PurePosixPath(name).name} not found")
+
+
+def _candidates(name: str, folder: Path) -> list[Path]:
+    if name.startswith(("package://", "model://")):
+        package, _, rest = name.partition("://")[2].partition("/")
+        above = [folder, *folder.parents]
+        own = [parent / rest for parent in above if parent.name == package or (parent / "package.xml").is_file()]
+        return [*own, *(parent / package / rest for parent in above)]
+    return [folder / name.removeprefix("file://")]
+
+
+def read_mesh(path: Path, scale: tuple[float, ...]) -> Edges:
+    """The edges of a mesh, its lengths times ``scale`` (3,).
+
+    Raises:
+        UnreadMeshError: trimesh is not installed, or cannot read the file.
+    """
+    status = path.stat()
+    return _read(path, scale, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=64)
+def _read(path: Path, scale: tuple[float, ...], _changed: int, size: int) -> Edges:
+    if size > _MAX_BYTES:
+        raise UnreadMeshError(f"the mesh is larger than {_MAX_BYTES / 1e6:g} MB")
+    mesh = _loaded(path)
+    vertices = np.asarray(mesh.vertices, dtype=float) * np.array(scale)
+    edges = np.asarray(mesh.edges_unique)
+    if not len(edges) or not np.all(np.isfinite(vertices)):
+        raise UnreadMeshError(f"mesh {path.name} is empty or broken")
+    if len(mesh.faces) > MAX_FACES:
+        return Edges.about(vertices)
+    return Edges(vertices[edges[:, 0]], vertices[edges[:, 1]])
+
+
+def _loaded(path: Path) -> Any:
+    try:
+        import trimesh
+    except ImportError:
+        raise UnreadMeshError("meshes are read where trimesh is installed: pip install 'posture_opt[mesh]'") from None
+    try:
+        return trimesh.load(path, force="mesh", process=False)
+    except Exception as error:  # of a dozen formats and their readers
+        raise UnreadMeshError(f"mesh {path.name} cannot be read ({type(error).__name__})") from None

@@ -1,0 +1,116 @@
+"""The joints of a URDF chain as segments, and the elementary transforms of each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Axis, Factor, frame_factors
+from posture_opt.robot.urdf_tree import UrdfJoint
+
+_ON_AXIS = 1e-14  # how far beside a coordinate axis a unit vector may lie: far below what a pose can show
+
+
+@dataclass(frozen=True)
+class ChainSegment:
+    """A moving joint with the fixed origins before it and, for the last one, behind it: (4, 4) each."""
+
+    before: tuple[Array, ...]
+    moving: UrdfJoint
+    behind: tuple[Array, ...] = ()
+
+    @property
+    def T_child_end(self) -> Array:  # noqa: N802
+        """(4, 4) of what is fixed behind the joint."""
+        return _product(self.behind)
+
+
+def segments_of(path: list[UrdfJoint]) -> list[ChainSegment]:
+    """One for each moving joint of the path."""
+    segments: list[ChainSegment] = []
+    fixed: tuple[Array, ...] = ()
+    for joint in path:
+        if joint.type == "fixed":
+            fixed = (*fixed, joint.origin)
+        else:
+            segments.append(ChainSegment(fixed, joint))
+            fixed = ()
+    segments[-1] = replace(segments[-1], behind=fixed)
+    return segments
+
+
+def link_factors(segment: ChainSegment, index: int) -> tuple[Factor, ...]:
+    """Fixed origins (unnamed), the joint's own origin (named), its motion, and what is fixed behind the last joint."""
+    joint = segment.moving
+    return (
+        *(factor for origin in segment.before for factor in _constant(origin)),
+        *_origin_factors(joint),
+        *_motion(joint, index),
+        *(factor for origin in segment.behind for factor in _constant(origin)),
+    )
+
+
+def _origin_factors(joint: UrdfJoint) -> tuple[Factor, ...]:
+    """The named factors of a joint's origin, ``Trans(x, y, z) Rz(yaw) Rx(δ) Ry(pitch) Rx(roll)``, δ named ``.roll``.
+
+    The three turn about perpendicular axes at every pitch. An error of the angle roll itself would turn about the axis
+    of yaw at a pitch of ±90°, and then no three errors make a small turn about the third axis; without pitch it is δ.
+    """
+    x, y, z = joint.origin[:3, 3].tolist()
+    roll, pitch, yaw = joint.rpy
+    named = frame_factors(joint.name, (x, y, z), (roll, pitch, yaw))
+    if pitch == 0:
+        return named
+    *before, tilt, turn = named
+    return (*before, replace(turn, nominal=0.0), tilt, *([replace(turn, parameter="")] if roll else []))
+
+
+def _constant(origin: Array) -> tuple[Factor, ...]:
+    named = frame_factors("", *_xyz_rpy(origin))
+    return tuple(replace(factor, parameter="") for factor in named if factor.nominal != 0.0)
+
+
+def _xyz_rpy(T: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Position (3,) [m] and (roll, pitch, yaw) [rad] with ``R = Rz(yaw) Ry(pitch) Rx(roll)``.
+
+    Roll is taken from what yaw and pitch leave over, so the product is exact at pitch = ±90° too, where yaw and
+    roll turn about one axis and only their sum is given.
+    """
+    R = T[:3, :3]
+    cos_pitch = math.hypot(R[0, 0], R[1, 0])
+    yaw = math.atan2(R[1, 0], R[0, 0]) if cos_pitch > 1e-13 else math.atan2(-R[0, 1], R[1, 1])
+    pitch = math.atan2(-R[2, 0], cos_pitch)
+    c, s = math.cos(yaw), math.sin(yaw)
+    y_axis = np.array([-s, c, 0.0])
+    roll = math.atan2(-float(y_axis @ R[:, 2]), float(y_axis @ R[:, 1]))
+    return tuple(T[:3, 3].tolist()), (roll, pitch, yaw)
+
+
+def _motion(joint: UrdfJoint, index: int) -> tuple[Factor, ...]:
+    """The joint variable about or along its axis; any but +x, +y, +z is turned onto z by constants and back."""
+    kind: Literal["translate", "rotate"] = "translate" if joint.type == "prismatic" else "rotate"
+    parameter = f"{joint.name}.{'d' if kind == 'translate' else 'theta'}"
+    x, y, z = unit = joint.axis / np.linalg.norm(joint.axis)
+    axes: tuple[Axis, ...] = (0, 1, 2)
+    for axis in axes:
+        if unit[axis] > 0 and np.abs(np.delete(unit, axis)).max() < _ON_AXIS:
+            return (Factor(kind, axis, 0.0, parameter, index),)
+    yaw, pitch = math.atan2(y, x), math.atan2(math.hypot(x, y), z)
+    return (
+        Factor("rotate", 2, yaw),
+        Factor("rotate", 1, pitch),
+        Factor(kind, 2, 0.0, parameter, index),
+        Factor("rotate", 1, -pitch),
+        Factor("rotate", 2, -yaw),
+    )
+
+
+def _product(frames: tuple[Array, ...]) -> Array:
+    T = np.eye(4)
+    for frame in frames:
+        T = T @ frame
+    return T
