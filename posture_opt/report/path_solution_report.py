@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -97,6 +98,7 @@ def _problem(found: PathSolution) -> Block:
         ("Task", f"{task.kind} - {task.summary}"),
         ("Path", f"{count(len(found.stations), 'point')}{more}, {length(found.path.lengths[-1], 4)} long"),
         ("", f"from {place(ends[0])} to {place(ends[1])}"),
+        *_workpiece(found),
         ("Minimised", f"at the worst point, {CRITERIA[task.criterion].format(part=ACROSS)}"),
         ("Steps", f"of a joint between listed points: at most {_step(found, found.largest_step)}"),
         *input_facts(problem),
@@ -104,6 +106,18 @@ def _problem(found: PathSolution) -> Block:
         *note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes)),
     ]
     return Block("Problem", (Facts(tuple(rows)),))
+
+
+def _workpiece(found: PathSolution) -> list[tuple[str, str]]:
+    """Where the workpiece stands, and what placing it brought."""
+    if not found.on_workpiece:
+        return []
+    x, y, z, yaw = found.placement.tolist()
+    rows = [("Workpiece", f"{place((x, y, z))}, turned by {fixed(math.degrees(yaw))} deg about z")]
+    if found.central > 0:
+        gain = percent(max(found.gain_over(found.central), 0.0))
+        rows.append(("", f"{gain} less scatter than in the middle of its ranges ({length(found.central)})"))
+    return rows
 
 
 def _points(found: PathSolution) -> Block:
@@ -129,7 +143,8 @@ def _checks(found: PathSolution) -> Block:
     divided = "" if np.all(found.path.listed) else "; added points divide it evenly"
     rows = [*_naive_rows(found)]
     if found.bound > 0:
-        bound = f"no motion gets below {length(found.bound)}: the best posture of the worst point alone"
+        where = " with the workpiece here" if math.isfinite(found.central) else ""
+        bound = f"no motion gets below {length(found.bound)}{where}: the best posture of the worst point alone"
         rows.append(("Lower bound", f"{bound}; {_above(sigma, found.bound)}"))
     rows.append(("Steps", f"the least possible one that was found is {_step(found, found.smallest_step)}{divided}"))
     rows.append(("Between points", f"the tool leaves the straight line by up to {length(found.off_line)}"))

@@ -257,3 +257,38 @@ def test_built_in_seams_come_near_their_bound(path):
     assert not found.reasons
     # Within what was measured when they were written: a Panda's bead costs 2.2 %, the others 1.1 % at most.
     assert found.bound * (1 - 1e-6) <= found.critical.sigma_max <= 1.03 * found.bound
+
+
+def test_a_placed_path_is_as_good_as_the_best_on_a_grid_of_placements():
+    points = arc(4, centre=(0.0, 0.0), radius=0.15)
+    free = {"x": ["0.5 m", "1.3 m"], "y": ["-0.2 m", "0.9 m"]}
+    found = po.select_posture(planar(points, workpiece=free, largest_step="60 deg"))
+    best = math.inf
+    t = tangents_of(points)[:, :2]
+    normal = np.column_stack([-t[:, 1], t[:, 0]])
+    for x, y in itertools.product(np.linspace(0.5, 1.3, 33), np.linspace(-0.2, 0.9, 45)):
+        for Q in postures_at(points[:, :2] + [x, y]):  # one elbow for all points
+            Q = np.unwrap(Q, axis=0)
+            if np.isfinite(Q).all() and np.abs(np.diff(Q, axis=0)).max() <= math.radians(60):
+                C = exact(Q, COVARIANCE)
+                best = min(best, math.sqrt(np.max(np.einsum("ki,kij,kj->k", normal, C, normal))))
+    assert found.critical.sigma_max <= best * 1.001
+    assert found.critical.sigma_max >= best * 0.97, "the grid is too coarse to judge"
+    w = found.to_json()["workpiece"]
+    assert 0.5 <= w["x"] <= 1.3
+    assert -0.2 <= w["y"] <= 0.9
+    np.testing.assert_allclose(found.path.points, points + np.array([w["x"], w["y"], 0]), atol=1e-9)
+    assert found.gain_over(found.central) > 0
+
+
+def test_a_workpiece_that_stands_moves_and_turns_its_path():
+    points = bent((-0.1, -0.1, 0.0), (0.1, 0.0, 0.05), (-0.1, 0.1, 0.0), 4)
+    stood = preset("panda", points, (0.1, 0, -1), workpiece={"x": "0.5 m", "z": "0.2 m", "yaw": "30 deg"})
+    found = po.select_posture(stood)
+    c, s = math.cos(math.pi / 6), math.sin(math.pi / 6)
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    for q, point in zip(found.motion.Q, points, strict=True):
+        T = factors.pose(stood.robot, q)
+        np.testing.assert_allclose(T[:3, 3], R @ point + [0.5, 0, 0.2], atol=1e-7)
+        np.testing.assert_allclose(T[:3, 2], R @ [0.1, 0, -1] / math.hypot(0.1, 1), atol=1e-6)
+    assert found.to_json()["workpiece"] == pytest.approx({"x": 0.5, "y": 0, "z": 0.2, "yaw": math.pi / 6})

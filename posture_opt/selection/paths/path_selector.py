@@ -22,8 +22,10 @@ from posture_opt.selection.paths.motion import Motion, off_lines
 from posture_opt.selection.paths.motion_search import OVER, MotionSearch
 from posture_opt.selection.paths.naive import naive_motions
 from posture_opt.selection.paths.path_candidates import find_candidates
+from posture_opt.selection.paths.path_placement import moved_on, promising_placements
 from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.paths.task_path import TaskPath
+from posture_opt.selection.placement import PlacementRange
 from posture_opt.selection.relaxation import Reason
 from posture_opt.selection.selector import PostureSelector, task_of
 from posture_opt.selection.solution import HasTask
@@ -31,6 +33,8 @@ from posture_opt.selection.task_target import TaskTarget
 from posture_opt.selection.tasks.path_task import PathTask
 
 _ASTRAY = 0.5  # of the distance between two points: off the line by more is no way along it
+_ROUNDS = 3  # of the smooth problem with the workpiece, and of the search where it then stands
+_GAINED = 1e-3  # of a standard deviation: what is worth another round
 _TIMES = 3.0  # the smallest step that is possible: what is allowed where nothing is stated
 
 
@@ -41,22 +45,29 @@ class PathSelector:
     problem: HasTask
     selector: PostureSelector
     task: PathTask
+    placement: PlacementRange
+    w: Array
 
     @classmethod
     def of(cls, problem: HasTask) -> PathSelector:
-        """For a problem whose task follows a path.
+        """For a problem whose task follows a path; the workpiece in the middle of its ranges.
 
         Raises:
             InputError: nothing uncertain, or a task that the arm cannot do.
         """
         task = path_task_of(problem)
-        one_point: Any = replace(cast("Any", problem), task=task.model_copy(update={"path": None, "points": None}))
-        return cls(problem, PostureSelector(one_point, compiled=False), task)
+        one: Any = replace(
+            cast("Any", problem), task=task.model_copy(update={"path": None, "points": None, "workpiece": None})
+        )
+        placement = PlacementRange.of(task.workpiece)
+        # Many placements are worth the seconds that compiling takes.
+        selector = PostureSelector(one, compiled=None if np.any(placement.free) else False)
+        return cls(problem, selector, task, placement, placement.centre)
 
     @cached_property
     def path(self) -> TaskPath:
-        """The points of the task, and those added between them."""
-        return TaskPath.of(self.task)
+        """The points of the task, and those added between them, where the workpiece stands."""
+        return TaskPath.of(self.task).moved(self.w)
 
     @cached_property
     def targets(self) -> list[TaskTarget]:
@@ -64,14 +75,48 @@ class PathSelector:
         return self.path.targets(self.selector.target, self.selector.reach)
 
     def solve(self, *, seed: int | None = None) -> PathSolution:
-        """The motion whose largest critical spread is least.
+        """The motion, and the placement of the workpiece as far as that is free, of least largest critical spread.
 
         Raises:
             NoSolutionError: a point that no posture reaches, or no way from point to point with steps as small as
-                asked; carries the nearest posture, or the motion of least largest step, and the reasons.
+                asked; carries the nearest posture, or the motion of least largest step, and the reasons. Where the
+                workpiece may be placed and no placement does, those of its middle.
+        """
+        seed = self.problem.solver.seed if seed is None else seed
+        return self._placed(seed) if np.any(self.placement.free) else self.solve_here(seed)
+
+    def _placed(self, seed: int) -> PathSolution:
+        began = time.perf_counter()
+        own = replace(self, w=np.zeros(4)).targets
+        places = promising_placements(self.selector.engine_of_all(self.targets), own, self.placement, seed)
+        central = self._attempted(self.placement.centre, seed)
+        found = [one for w in places if (one := self._attempted(w, seed)) is not None]
+        found += [] if central is None else [central]
+        if not found:
+            return self.solve_here(seed)  # which says why not
+        best = min(found, key=_sigma)
+        for _ in range(_ROUNDS):
+            again = self._attempted(moved_on(best, own, self.placement), seed)
+            if again is None or _sigma(again) > _sigma(best) * (1 - _GAINED):
+                break
+            best = again
+        middle = math.nan if central is None else _sigma(central)
+        return replace(best, central=middle, seconds=time.perf_counter() - began)
+
+    def _attempted(self, w: Array, seed: int) -> PathSolution | None:
+        try:
+            return replace(self, w=w).solve_here(seed)
+        except NoSolutionError:
+            return None
+
+    def solve_here(self, seed: int) -> PathSolution:
+        """The best motion with the workpiece where it stands.
+
+        Raises:
+            NoSolutionError: as `solve`.
         """
         began = time.perf_counter()
-        search = self._search(self.problem.solver.seed if seed is None else seed, began)
+        search = self._search(seed, began)
         smallest, calm = search.smallest_step
         largest = _TIMES * smallest if self.task.largest_step is None else self.task.largest_step
         if smallest > largest + OVER:
@@ -112,6 +157,7 @@ class PathSelector:
             motion=motion, status="infeasible" if reasons else "optimal" if motion.optimal else "feasible",
             largest_step=largest, smallest_step=search.smallest_step[0], bound=search.bound,
             off_line=float(astray.max()), naive=naive,
+            placement=self.w, central=math.nan,
             candidates=tuple(map(len, search.found.costs)), seconds=time.perf_counter() - began, notes=notes,
             reasons=tuple(reasons),
         )  # fmt: skip
@@ -136,6 +182,10 @@ class PathSelector:
         why = replace(why, reasons=told)
         solution = infeasible(self.problem, engine, searched, why, time.perf_counter() - began)
         raise NoSolutionError("\n".join(reason.message for reason in told), solution)
+
+
+def _sigma(found: PathSolution) -> float:
+    return float(found.motion.sigma.max())
 
 
 def path_task_of(problem: HasTask) -> PathTask:

@@ -16,6 +16,7 @@ from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.paths.motion import Motion
 from posture_opt.selection.paths.naive import Naive
 from posture_opt.selection.paths.task_path import TaskPath
+from posture_opt.selection.placement import placement_json
 from posture_opt.selection.relaxation import Reason, Relaxation
 from posture_opt.selection.search_statistics import SearchStatistics
 from posture_opt.selection.solution import Solution, Status
@@ -36,6 +37,9 @@ class PathSolution(Result):
             something else is minimised.
         off_line: largest distance [m] of the tool point from the straight line between points where joints move evenly.
         naive: what simpler ways give.
+        placement: (4,) of the workpiece that the path stands on [m, rad]; zeros where the task names none.
+        central: largest σ_max [m] along the path with the workpiece in the middle of its ranges; NaN where nothing is
+            free, or nothing is feasible there.
         candidates: (K,) postures that were compared at each point.
     """
 
@@ -50,6 +54,8 @@ class PathSolution(Result):
     bound: float
     off_line: float
     naive: Naive
+    placement: Array
+    central: float
     candidates: tuple[int, ...]
     seconds: float
     notes: tuple[str, ...] = ()
@@ -74,6 +80,11 @@ class PathSolution(Result):
             self.problem, self.optimisation_problem, self.targets[k], self.status, self.motion.Q[k], statistics,
             lambda: (), self.notes, self.reasons, self.relaxations,
         )  # fmt: skip
+
+    @property
+    def on_workpiece(self) -> bool:
+        """Whether the task says where a workpiece stands, or may stand."""
+        return self.problem.task.workpiece is not None
 
     @property
     def worst(self) -> Solution:
@@ -136,6 +147,7 @@ class PathSolution(Result):
         onward = self.naive.onward
         return self.points[0].to_json() | {
             "clearance": None if self.clearance is None else self.clearance.to_json(),
+            **({"workpiece": placement_json(self.placement)} if self.on_workpiece else {}),
             "path": [_point_json(point) for point in self.stations],
             "largest_joint_step": self.largest_joint_step,
             "largest_step": self.largest_step,

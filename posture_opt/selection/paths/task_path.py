@@ -44,6 +44,12 @@ class TaskPath:
         listed = cls(points, along, axes, np.ones(count + 1, dtype=bool), np.ones(count, dtype=int))
         return listed if task.spacing is None else listed._spaced(task.spacing)
 
+    def moved(self, w: Array) -> TaskPath:
+        """The same path in a frame that was the world's and is now at the placement w = (x, y, z, yaw) [m, rad]."""
+        c, s = np.cos(w[3]), np.sin(w[3])
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return replace(self, points=self.points @ R.T + w[:3], tangents=self.tangents @ R.T, axes=self.axes @ R.T)
+
     def targets(self, base: TaskTarget, reach: Reach) -> list[TaskTarget]:
         """The target of each point: the spread across the tangent, the tool along the axis."""
         return [

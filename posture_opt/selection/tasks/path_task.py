@@ -37,6 +37,11 @@ class PathTask(Task):
         return self.points is not None or self.path is not None
 
     @property
+    def on_workpiece(self) -> bool:
+        """Whether there is a path, or a feature, that stands in the frame of a workpiece."""
+        return self.on_path or super().on_workpiece
+
+    @property
     def axis_request(self) -> Literal["aligned", "required", "free"]:
         """As of the task; a path that says where the tool axis points wants it there where the arm can."""
         return "aligned" if self.axis == "free" and self.axes is not None else self.axis
@@ -71,7 +76,7 @@ class PathTask(Task):
     @classmethod
     def _one_path(cls, data: Any) -> Any:
         if isinstance(data, dict):
-            given = [key for key in ("path", "points", "position", "region") if data.get(key) is not None]
+            given = [key for key in ("path", "points", "position", "region", "features") if data.get(key)]
             if len(given) > 1 and given[0] in ("path", "points"):
                 raise BadValueError(f"{' and '.join(given)} are given", "keep one of them")
         return data

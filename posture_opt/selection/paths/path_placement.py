@@ -1,0 +1,55 @@
+"""Where to put a workpiece so that a path on it is followed with least scatter.
+
+Placements are searched with a few points of the path as if they were features of the part; the best ones are followed
+by a full search of the motion, and the best motion leads one smooth problem in which the part moves too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.selection.engine import Engine
+from posture_opt.selection.joint_problem import JointPoint
+from posture_opt.selection.paths.joint_steps import JointSteps
+from posture_opt.selection.paths.path_problem import PathProblem
+from posture_opt.selection.paths.path_solution import PathSolution
+from posture_opt.selection.paths.task_path import stacked
+from posture_opt.selection.placed_stations import PlacedStations
+from posture_opt.selection.placement import PlacementRange
+from posture_opt.selection.placement_search import search_placement
+from posture_opt.selection.task_target import TaskTarget
+
+_POINTS = 6  # of the path that stand for all of it
+_TRIED = 3  # placements whose motions are searched
+
+
+def promising_placements(
+    engine: Engine, targets: Sequence[TaskTarget], placement: PlacementRange, seed: int
+) -> list[Array]:
+    """Placements (4,) at which some points of a path have good postures, best first.
+
+    Args:
+        targets: of all points, in the frame of the workpiece.
+    """
+    chosen = np.unique(np.linspace(0, len(targets) - 1, min(_POINTS, len(targets))).round().astype(int))
+    some = tuple(targets[k] for k in chosen.tolist())
+    found = search_placement(PlacedStations((engine,) * len(some), some, placement, "worst"), seed, wanted=1)
+    return [placement.tidied(optimum.w) for optimum in found.optima[:_TRIED]]
+
+
+def moved_on(found: PathSolution, targets: Sequence[TaskTarget], placement: PlacementRange) -> Array:
+    """The placement (4,) that a motion leads to where the part may move with it.
+
+    Args:
+        targets: of all points, in the frame of the workpiece.
+    """
+    problem, box = found.optimisation_problem, placement.without_seam
+    own = [replace(target, scale=found.targets[0].scale) for target in targets]
+    steps = JointSteps.of(problem.robot, problem.nlp)
+    smooth = PathProblem(problem, steps, stacked(own), found.path.parts, box.lower, box.upper)
+    end = smooth.least_spread(JointPoint(found.placement, found.motion.Q), found.largest_step)
+    return placement.tidied(end.point.w)
