@@ -33,12 +33,12 @@ class Setup:
 
     @cached_property
     def base(self) -> dict[str, Any]:
-        """The problem without a target."""
+        """The problem without a target; collisions are left unchecked, as the brute force does not know them."""
         robot = po.problem_from_dict({"robot": self.arm.section()}).robot
         rng = np.random.default_rng(zlib.crc32(f"{self.arm.name}/{self.task.errors}".encode()))
         stated = uncertainty(robot, self.task.errors, rng)
         task = self.task.document | {"tool_axis": list(self.arm.tool_axis)}
-        return {"name": self.key, "robot": self.arm.section(), "uncertainty": stated, "task": task}
+        return {"name": self.key, "robot": self.arm.section(), "cell": "none", "uncertainty": stated, "task": task}
 
     @cached_property
     def model(self) -> Model:

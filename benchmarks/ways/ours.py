@@ -13,10 +13,11 @@ TITLE = "posture_opt"
 
 
 def problem(arm: Arm) -> dict[str, Any]:
-    """The benchmark's problem for one arm, as the content of a problem file."""
+    """The benchmark's problem for one arm, as the content of a problem file; no way of the race checks collisions."""
     return {
         "name": f"Vertical insertion with a {arm.name}",
         "robot": {"kind": "urdf", "file": str(arm.path), "base_link": arm.base, "tip_link": arm.tip},
+        "cell": "none",
         "uncertainty": {
             "sigma": {f"{joint}.theta": f"{sigma!r} rad" for joint, sigma in zip(arm.joints, arm.sigma, strict=True)}
         },

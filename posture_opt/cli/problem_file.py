@@ -12,6 +12,7 @@ from typing import Any, get_args
 import click
 
 from posture_opt.cli.output import write_text
+from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.effects import CATALOGUE
 from posture_opt.output import json_text
@@ -82,6 +83,7 @@ TABLES: dict[str, Callable[[], list[Row]]] = {
     "presets": _presets,
     "solvers": lambda: _kinds(SOLVERS),
     "terms": lambda: _kinds(TERMS),
+    "obstacles": lambda: _kinds(OBSTACLES),
     "built-in problems": _problems,
 }
 

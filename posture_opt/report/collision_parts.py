@@ -11,16 +11,19 @@ if TYPE_CHECKING:
     from posture_opt.collision.scene import Clearance, Scene
 
 Fact = tuple[str, str]
+_CLOSE = 5e-3  # m: nearer than this, people will want to know how to keep a distance
 
 
-def distance_facts(clearance: Clearance | None) -> list[Fact]:
+def distance_facts(scene: Scene, clearance: Clearance | None) -> list[Fact]:
     """How near the arm comes to what it is checked against, and where; nothing where it is not checked."""
     if clearance is None:
         return []
     a, b = clearance.between
     if clearance.distance <= 0:
         return [("Clearance", f"none: {a} and {b} overlap")]
-    return [("Clearance", f"{length(clearance.distance)} between {a} and {b}")]
+    touching = scene.margin == 0 and clearance.distance < _CLOSE
+    mend = "; to keep them farther apart add cell: {clearance: 10 mm}" if touching else ""
+    return [("Clearance", f"{length(clearance.distance)} between {a} and {b}{mend}")]
 
 
 def collision_facts(scene: Scene) -> list[Fact]:

@@ -155,7 +155,7 @@ def posture_block(solution: Solution) -> Block:
         leaning = math.degrees(lean(solution.spread, optimisation_problem.task.tool_axis, target.axis))
         allowed = f"{math.degrees(target.tilt):.6g} deg is allowed"
         facts.append(("Tool leans", f"{fixed(leaning)} deg off the direction; {allowed}"))
-    facts += distance_facts(solution.clearance)
+    facts += distance_facts(solution.problem.scene, solution.clearance)
     if solution.target.kind != "point":
         facts = [("Workpiece", f"place it so that the target is at {place(solution.spread.position)}"), *facts]
     return Block(
@@ -166,7 +166,7 @@ def posture_block(solution: Solution) -> Block:
 def nearest_block(solution: Solution) -> Block:
     """The posture that violates the requirements least."""
     table = joint_table(solution.optimisation_problem.robot, solution.q)
-    facts = (*tool_facts(solution.spread), *distance_facts(solution.clearance))
+    facts = (*tool_facts(solution.spread), *distance_facts(solution.problem.scene, solution.clearance))
     return Block("The posture that comes nearest", (table, Facts(facts)), figure="arm")
 
 
