@@ -149,7 +149,8 @@ def multistart(
     found = MultistartResult(target, (), Sampled.none(engine.robot), 0, 0, 0)
     if engine.optimisation_problem.reach.misses(target.lower, target.upper):
         return found
-    for more in _RETRIES if engine.optimisation_problem.task.subject_to else _RETRIES[:1]:
+    asked = engine.optimisation_problem
+    for more in _RETRIES if asked.task.subject_to or asked.scene is not None else _RETRIES[:1]:
         found = _multistart_once(engine, target, rng, more * starts, every)
         if not found.arrived or any(candidate.feasible for candidate in found.found):
             break
