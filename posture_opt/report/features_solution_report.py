@@ -9,6 +9,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.collision_parts import collision_facts
 from posture_opt.report.parts import frame_notes, input_facts, note_facts, robot_facts, sentence, source_facts
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.solution_checks import explain_report
@@ -167,6 +168,7 @@ def problem_block(problem: Problem, found: FeaturesSolution) -> Block:
     ]
     if task.clearance is not None:
         rows.append(("Clearance", f"{stated_length(task.clearance)} to every side"))
+    rows += collision_facts(problem.scene)
     rows += source_facts(problem)
     rows += note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes))
     return Block("Problem", (Facts(tuple(rows)),))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.collision_parts import collision_facts, distance_facts
 from posture_opt.report.parts import (
     frame_notes,
     input_facts,
@@ -102,6 +103,7 @@ def _problem(found: PathSolution) -> Block:
         ("Minimised", f"at the worst point, {CRITERIA[task.criterion].format(part=ACROSS)}"),
         ("Steps", f"of a joint between listed points: at most {_step(found, found.largest_step)}"),
         *input_facts(problem),
+        *collision_facts(problem.scene),
         *source_facts(problem),
         *note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes)),
     ]
@@ -147,6 +149,7 @@ def _checks(found: PathSolution) -> Block:
         bound = f"no motion gets below {length(found.bound)}{where}: the best posture of the worst point alone"
         rows.append(("Lower bound", f"{bound}; {_above(sigma, found.bound)}"))
     rows.append(("Steps", f"the least possible one that was found is {_step(found, found.smallest_step)}{divided}"))
+    rows += distance_facts(problem_of(found).scene, found.clearance)
     rows.append(("Between points", f"the tool leaves the straight line by up to {length(found.off_line)}"))
     rows.append(("", "where all joints move evenly from one point of postures.csv to the next" + _finer(found)))
     compared = f"{sum(found.candidates)} candidate postures of {count(len(found.candidates), 'point')}"

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.collision_parts import collision_facts
 from posture_opt.report.parts import frame_notes, input_facts, joint_values, note_facts, robot_facts, source_facts
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.save import Files
@@ -63,6 +64,7 @@ def problem_block(problem: Problem, found: TargetMap) -> Block:
         ("Direction", f"{direction_words(found.target.direction)} in the world"),
         ("Minimised", CRITERIA[task.criterion].format(part=PARTS[task.within])),
         ("Targets", grid_words(found.grid)),
+        *collision_facts(problem.scene),
         *source_facts(problem),
         *note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes)),
     ]
