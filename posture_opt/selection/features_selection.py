@@ -22,6 +22,7 @@ from posture_opt.selection.placed_stations import PlacedStations, Postures
 from posture_opt.selection.placement import PlacementRange
 from posture_opt.selection.placement_relaxation import nearest_feasible, outside, turned_feasible
 from posture_opt.selection.placement_search import (
+    FOUND_BY,
     PlacementOptimum,
     PlacementSearch,
     failing,
@@ -33,7 +34,7 @@ from posture_opt.selection.selector import PostureSelector
 from posture_opt.selection.solution import HasTask, Solution, Status, critical_basis
 from posture_opt.selection.task_target import TaskTarget
 from posture_opt.selection.tasks import Task
-from posture_opt.selection.visiting_order import best_order, nearest_turns
+from posture_opt.selection.visiting_order import best_order, nearest_ties, nearest_turns
 from posture_opt.selection.workpiece import Combine
 from posture_opt.uncertainty.joint_success import PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread import propagate
@@ -142,9 +143,11 @@ class _FeaturesSelection:
     def _search(self, combine: Combine, workers: int, progress: Progress | None) -> PlacementSearch:
         """As for one target: without rows that keep the arm clear of itself, unless the answer is not."""
         selector, scene = self._selector(combine), self.problem.scene
-        wanted = 2 if combine == self.task.combine else 1  # what others aim at is a candidate and no more
+        # Another aim gives a candidate and no more.
+        wanted = {1: FOUND_BY, 3: FOUND_BY - 1}[len(self._combinations)] if combine == self.task.combine else 1
         found = search_placement(self._stations(selector, combine), self.seed, workers, progress, wanted)
-        if not found.optima or scene.explicit or is_clear(scene, found.optima[0].postures).all():
+        alone = combine == self.task.combine  # what another aim finds is solved again, clear of collisions
+        if not alone or not found.optima or scene.explicit or is_clear(scene, found.optima[0].postures).all():
             return found
         return search_placement(self._stations(selector, combine, guarded=True), self.seed, workers, progress, wanted)
 
@@ -167,7 +170,8 @@ class _FeaturesSelection:
         drawn = np.flatnonzero(feasible)[1:] if feasible[0] else np.flatnonzero(feasible)
         value = stations.combined(every)
         middle = drawn[np.argsort(value[drawn], kind="stable")[len(drawn) // 2]] if len(drawn) else None
-        rest = [other for other in search.optima if other is not optimum]
+        scene = self.problem.scene
+        rest = [o for o in search.optima if o is not optimum and is_clear(scene, o.postures).all()]
         figure = _Figures(self.problem, stations, self.task.combine == "success")
         statistics = PlacementStatistics(
             len(every.W), int(feasible.sum()), every.tried, search.solves, search.batches, search.recurred,
@@ -186,6 +190,7 @@ class _FeaturesSelection:
         *, optimal: bool = True, **beside: Any,
     ) -> FeaturesSolution:  # fmt: skip
         robot = solved[0].optimisation_problem.robot
+        solved = self._ties(solved)
         Q = np.array([solution.q for solution in solved])
         turned = nearest_turns(robot, Q, best_order(robot, Q).order)
         if best_order(robot, turned).travel < best_order(robot, Q).travel - 1e-9:
@@ -204,6 +209,18 @@ class _FeaturesSelection:
             notes=notes,
             **beside,
         )
+
+    def _ties(self, solved: Sequence[Solution]) -> Sequence[Solution]:
+        """Of postures that scatter alike, such as mirrored elbows, those that the joints travel least between."""
+        if self.task.criterion != "worst" or self.task.combine == "success" or self.task.minimize:
+            return solved
+        alike = [[a for a in s.alternatives if a.sigma_max <= (1 + _SAME) * s.critical.sigma_max] for s in solved]
+        options = [
+            np.array([s.q, *(list(a.posture.values()) for a in same)]) for s, same in zip(solved, alike, strict=True)
+        ]
+        robot = solved[0].optimisation_problem.robot
+        chosen = nearest_ties(robot, options)
+        return [replace(s, q=each[k]) if k else s for s, each, k in zip(solved, options, chosen, strict=True)]
 
     def _where_it_stands(self, workers: int, progress: Progress | None, began: float) -> FeaturesSolution:
         """A placement that is fixed leaves single problems."""

@@ -89,6 +89,12 @@ class Nlp:
         matters.append(np.array(ca.which_depends(self.objective, self.x, 1, False)))
         return tuple(int(k) for k in np.flatnonzero(~np.any(matters, axis=0)))
 
+    @cached_property
+    def unused(self) -> tuple[int, ...]:
+        """Variables that stand nowhere at all, not even in a row of their own, which bounds them."""
+        everything = ca.vertcat(self.objective, self.g)
+        return tuple(int(k) for k in np.flatnonzero(~np.array(ca.which_depends(everything, self.x, 1, False))))
+
     def row_bounds(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(m,) lower and upper bounds of the rows for one target."""
         low, high = self._row_bounds.one(parameters)

@@ -23,7 +23,7 @@ from posture_opt.selection.task_target import TaskTarget
 from posture_opt.selection.workpiece import Combine
 
 _COLUMNS = ("W", "Q", "main", "extra", "sigma", "gap")
-_FOLLOWED = 2  # postures of a feature at a placement that are improved, the most promising ones
+_FOLLOWED = 8  # one in so many of the random postures of a feature is improved, two at the least, the promising ones
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def _best_of_station(
     of = np.repeat(np.arange(M), count)
     gap = np.array([error[of == m].min() for m in range(M)])
     off = off_plane(engine, targets)
-    rows = _promising(engine, targets, Q, of, (error < TOLERANCE) & (off[of] == 0))
+    rows = _promising(engine, targets, Q, of, (error < TOLERANCE) & (off[of] == 0), max(2, count // _FOLLOWED))
     main, extra, sigma, best = np.full(M, np.inf), np.zeros(M), np.full(M, np.inf), np.full((M, engine.robot.n), np.nan)
     if len(rows):
         optima = engine.descended_each(Q[rows], targets, of[rows], STEPS)
@@ -191,7 +191,7 @@ def off_plane(engine: Engine, targets: Sequence[TaskTarget]) -> Array:
     return np.asarray(np.linalg.norm(shifts, axis=1))
 
 
-def _promising(engine: Engine, targets: Sequence[TaskTarget], Q: Array, of: Codes, arrived: Array) -> Codes:
+def _promising(engine: Engine, targets: Sequence[TaskTarget], Q: Array, of: Codes, arrived: Array, most: int) -> Codes:
     """The rows to be improved: of each target those that violate least, and of these the best ones."""
     rows = np.flatnonzero(arrived)
     if not len(rows):
@@ -201,7 +201,7 @@ def _promising(engine: Engine, targets: Sequence[TaskTarget], Q: Array, of: Code
     order = np.lexsort((objective, excess, of[rows]))
     sorted_of = of[rows][order]
     rank = np.arange(len(order)) - np.searchsorted(sorted_of, sorted_of)
-    return np.asarray(rows[order[rank < _FOLLOWED]])
+    return np.asarray(rows[order[rank < most]])
 
 
 def _values(engine: Engine, targets: Sequence[TaskTarget], Q: Array, of: Codes) -> Array:

@@ -15,12 +15,14 @@ from typing import Any
 import numpy as np
 
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.joint_problem import JointPoint
+from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE
+from posture_opt.selection.joint_problem import JointOutcome, JointPoint
 from posture_opt.selection.placed_stations import PlacedStations, Postures
 
 _PLACEMENTS = 32  # of a batch, and so many more for each free coordinate beyond two
 _STARTS = 12  # random postures of a feature at a placement
-_AGAIN = 24  # where the joint problem has ended
+_AGAIN = 64  # where the joint problem has ended
+_SCOUTS = 3  # placements for each of these that are followed a little
 _POLISHED = 4  # placements of a batch that lead the joint problem
 _HOPS = (0.4, 0.1)  # of the box: placements about the best optimum lead the joint problem in their turn
 _AROUND = 32  # of them
@@ -28,8 +30,9 @@ _HOPPED = 2  # that lead it
 _ROUNDS = 4  # of joint problem and single problems in turn
 _APART = 0.15  # of the box: placements that are nearer lead to the same optimum
 _SAME = 1e-3  # of the objective, a variance: half as much of a standard deviation, which nobody can measure
-_BATCHES = 2  # that are to find the best optimum
-_MOST = 8  # batches
+FOUND_BY = 3
+"""Batches that are to find the best optimum."""
+_MOST = 10  # batches
 _SHARES = (0.3, 0.1)  # of the box, about the placements that came nearest, where no placement is feasible
 _FAILED = 2  # batches without any feasible placement, after which there is none
 
@@ -75,9 +78,9 @@ class PlacementSearch:
 
 
 def search_placement(
-    stations: PlacedStations, seed: int, workers: int = 1, progress: Progress | None = None, wanted: int = _BATCHES
+    stations: PlacedStations, seed: int, workers: int = 1, progress: Progress | None = None, wanted: int = FOUND_BY
 ) -> PlacementSearch:
-    """Batches of placements until the best optimum has been found by two of them.
+    """Batches of placements until the best optimum has been found by three of them.
 
     Args:
         stations: with any scale.
@@ -146,9 +149,16 @@ def one_batch(stations: PlacedStations, seed: int, k: int) -> PlacementSearch:
 def _led(
     stations: PlacedStations, found: Postures, most: int, rng: np.random.Generator
 ) -> tuple[tuple[PlacementOptimum, ...], int]:
-    """The optima that the best few of some placements lead to, and the number of solves of the joint problem."""
-    ends = [_improved(stations, found.rows(np.array([m])), rng) for m in _leading(stations, found, most)]
-    return _distinct(stations, [end for end, _ in ends if end is not None]), sum(solves for _, solves in ends)
+    """The optima that the best few of some placements lead to, and the number of solves of the joint problem.
+
+    More of them are followed through one solve of it, and those that come out best to their end.
+    """
+    scouts = _leading(stations, found, _SCOUTS * most if stations.placement.free.any() else 1)
+    first = [(m, stations.joint.solve(JointPoint(found.W[m], found.Q[m]))) for m in scouts]
+    first.sort(key=lambda pair: (pair[1].violation > ROW_TOLERANCE, pair[1].objective))
+    ends = [_improved(stations, found.rows(np.array([m])), end, rng) for m, end in first[:most]]
+    solves = len(first) + sum(more for _, more in ends)
+    return _distinct(stations, [end for end, _ in ends if end is not None]), solves
 
 
 def _around(stations: PlacedStations, best: PlacementOptimum, share: float, rng: np.random.Generator) -> Postures:
@@ -193,13 +203,14 @@ def _leading(stations: PlacedStations, found: Postures, most: int) -> list[int]:
 
 
 def _improved(
-    stations: PlacedStations, start: Postures, rng: np.random.Generator
+    stations: PlacedStations, start: Postures, end: JointOutcome, rng: np.random.Generator
 ) -> tuple[PlacementOptimum | None, int]:
-    """The optimum that a placement leads to, joint problem and single problems in turn, and the number of solves."""
+    """The optimum that a placement leads to, and how often the joint problem was solved for it.
+
+    In turn each feature is solved again where the joint problem ended, and the joint problem from there.
+    """
     best, value, optimal, solves = start, float(stations.combined(start)[0]), False, 0
-    for _ in range(_ROUNDS if stations.placement.free.any() else 0):
-        end = stations.joint.solve(JointPoint(best.W[0], best.Q[0]))
-        solves += 1
+    for _ in range(_ROUNDS):
         if not np.all(np.isfinite(end.point.Q)):
             break
         w = stations.placement.tidied(end.point.w)
@@ -211,6 +222,7 @@ def _improved(
         if not gained:
             optimal = optimal or (end.optimal and np.isfinite(now) and value <= _as_good(now))
             break
+        end, solves = stations.joint.solve(JointPoint(found.W[0], found.Q[0])), solves + 1
     return (PlacementOptimum(best, value, optimal) if np.isfinite(value) else None), solves
 
 

@@ -257,12 +257,16 @@ def task_of(problem: HasTask) -> Task:
 def one_target(task: Task) -> Task:
     """The same task, or an InputError where it has several targets."""
     if task.features:
-        mend = "use select_posture, or name one target: problem.with_task(position=[...])"
+        mend = (
+            "solve the task as it is (its report maps the bench), or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
+        )
         raise InputError(
             Issue("this takes a task with one target, and the task has features", ("task", "features"), mend=mend)
         )
     if task.on_path:
-        mend = "use select_posture, or name one target: problem.with_task(position=[...])"
+        mend = (
+            "solve the task as it is (its report maps the bench), or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
+        )
         raise InputError(Issue("this takes a task with one target, and the task has a path", ("task",), mend=mend))
     return task
 

@@ -66,6 +66,36 @@ def nearest_turns(robot: Robot, Q: Array, order: Sequence[int]) -> Array:
     return near
 
 
+def nearest_ties(robot: Robot, options: Sequence[Array]) -> list[int]:
+    """Of each posture's equally good ones (A_k, n) the one with which the tour is short; the first ones in a tie.
+
+    Each of them is the anchor once that the others' nearest ones are chosen by; whole turns count as none.
+    """
+    firsts = [0] * len(options)
+    best, shortest = firsts, _short_tour(robot, options, firsts)
+    for anchors in options:
+        for anchor in anchors:
+            chosen = [int(np.argmin(np.round(_apart(robot, each, anchor), 6))) for each in options]
+            length = _short_tour(robot, options, chosen)
+            if length < (1 - _SAVED) * shortest:
+                best, shortest = chosen, length
+    return best
+
+
+def _short_tour(robot: Robot, options: Sequence[Array], chosen: Sequence[int]) -> float:
+    Q = np.array([each[k] for each, k in zip(options, chosen, strict=True)])
+    D = np.array([_apart(robot, Q, q) for q in Q])
+    return min(_length(D, _nearest_first(D, first)) for first in range(len(Q)))
+
+
+def _apart(robot: Robot, Q: Array, q: Array) -> Array:
+    """(A,) largest difference of a joint between postures (A, n) and one (n,), whole turns taken off."""
+    turns = np.array([joint.type == "revolute" for joint in robot.joints])
+    away = Q - q
+    away = np.where(turns, away - _TURN * np.rint(away / _TURN), away)
+    return np.asarray(np.abs(away[:, turns] if turns.any() else away).max(axis=1))
+
+
 def _length(D: Array, order: Sequence[int]) -> float:
     return float(sum(D[a, b] for a, b in itertools.pairwise(order)))
 

@@ -207,7 +207,7 @@ def test_bad_input_is_told(task: dict[str, Any], message: str) -> None:
 def test_what_takes_one_target_says_so() -> None:
     problem = plate()
     for refused in (po.PostureSelector, lambda p: po.map_targets(p, counts=(3, 3))):
-        with pytest.raises(InputError, match=r"takes a task with one target.*with_task\(position="):
+        with pytest.raises(InputError, match=r"takes a task with one target.*name one target: position: \["):
             refused(problem)
     assert not problem.with_task(position=["0.6 m", "0 m", "0.1 m"]).task.features
 
