@@ -44,9 +44,9 @@ def collision_facts(scene: Scene) -> list[Fact]:
         facts.append("the arm is checked against itself; no obstacles are stated (cell: obstacles)")
     if scene.margin:
         facts.append(f"at least {stated_length(scene.margin)} is kept")
-    facts += [
-        f"the part of {joint} that is always near {name} is not checked against it" for joint, name in scene.mounted
-    ]
+    for name in dict.fromkeys(name for _, name in scene.mounted):
+        joints = " and ".join(joint for joint, other in scene.mounted if other == name)
+        facts.append(f"what of {joints} is always near {name} is not checked against it")
     return [("Collisions", "; ".join(facts))]
 
 
