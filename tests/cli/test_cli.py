@@ -217,7 +217,16 @@ def test_schema_is_json_and_goes_to_a_file(tmp_path: Path) -> None:
 def test_list_names_what_files_may_name() -> None:
     tables = json.loads(run("list", "--json").stdout)
     assert {row["name"] for row in tables["presets"]} == set(preset_names())
-    assert {row["kind"] for row in tables["tasks"]} == {"insert", "drill", "probe", "measure", "trace", "place"}
+    assert {row["kind"] for row in tables["tasks"]} >= {
+        "insert",
+        "drill",
+        "probe",
+        "measure",
+        "trace",
+        "place",
+        "weld",
+        "hold",
+    }
     assert "insert_planar_2r" in run("list").stdout
 
 

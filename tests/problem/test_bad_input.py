@@ -92,7 +92,12 @@ CASES = {
         "make them smaller",
     ),
     "unknown task": ("task: {kind: insrt}", 7, "task.kind: 'insrt' is not known here", "'insert'"),
-    "task without kind": ("task: {direction: [0, 0, 1]}", 7, "task.kind: is missing", "write kind: drill | insert"),
+    "task without kind": (
+        "task: {direction: [0, 0, 1]}",
+        7,
+        "task.kind: is missing",
+        "write kind: custom | dispense | drill",
+    ),
     "unknown effect": (
         "effects: [{kind: joint_complience, joint: joint1}]",
         7,
