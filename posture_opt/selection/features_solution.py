@@ -23,6 +23,7 @@ from posture_opt.uncertainty.critical import Critical
 from posture_opt.uncertainty.joint_success import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread import Spread
 
+_TIE = 1e-4  # of a standard deviation: features that differ by less are as bad
 _GRID = 21  # placements along each side of the map
 
 
@@ -184,8 +185,8 @@ class FeaturesSolution(Result):
 
     @property
     def worst(self) -> int:
-        """Index of the feature with the largest spread."""
-        return int(np.argmax(self.sigmas))
+        """Index of the feature with the largest spread, the first one in a tie."""
+        return int(np.argmax(self.sigmas >= (1 - _TIE) * self.sigmas.max()))
 
     @property
     def sigma(self) -> float:

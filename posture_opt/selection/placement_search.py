@@ -30,6 +30,7 @@ _HOPPED = 2  # that lead it
 _ROUNDS = 4  # of joint problem and single problems in turn
 _APART = 0.15  # of the box: placements that are nearer lead to the same optimum
 _SAME = 1e-3  # of the objective, a variance: half as much of a standard deviation, which nobody can measure
+_TIE = 3e-5  # of the objective: less is the rounding of the placement
 FOUND_BY = 3
 """Batches that are to find the best optimum."""
 _MOST = 10  # batches
@@ -235,7 +236,16 @@ def _distinct(stations: PlacedStations, optima: list[PlacementOptimum]) -> tuple
     """Optima that differ by more than 2 % of the box in a coordinate, best first, with how often each was found."""
     size = np.where(stations.placement.free, stations.placement.upper - stations.placement.lower, 1.0)
     kept: list[PlacementOptimum] = []
-    for optimum in sorted(optima, key=lambda o: o.objective):
+    least = min((optimum.objective for optimum in optima), default=0.0)
+    tie = least + _TIE * max(1.0, abs(least))
+    centre = stations.placement.centre
+
+    def rank(o: PlacementOptimum) -> tuple[float, float, tuple[float, ...]]:
+        """Of mirrored placements that are as good, the one nearest to the centre, then that of larger coordinates."""
+        away = round(float(np.linalg.norm((o.w - centre) / size)), 3)
+        return max(o.objective, tie), away, tuple(-np.round(o.w, 3))
+
+    for optimum in sorted(optima, key=rank):
         same = [i for i, o in enumerate(kept) if np.max(np.abs(o.w - optimum.w) / size) < 0.02]
         if same:
             kept[same[0]] = replace(kept[same[0]], count=kept[same[0]].count + optimum.count)
