@@ -64,7 +64,7 @@ def _lead(found: PathSolution) -> tuple[str, ...]:
     return (
         f"The tool point scatters {ACROSS} by at most {critical_size(found.critical)}, at "
         f"{_name(found, found.motion.worst)} of {count(len(found.stations), 'point')}.",
-        f"From point to point {_moved(found)}.",
+        *(found.jumps or (f"From point to point {_moved(found)}.",)),
     )
 
 
@@ -163,7 +163,7 @@ def _checks(found: PathSolution) -> Block:
 def _finer(found: PathSolution) -> str:
     """What keeps the tool on the line as well as its scatter does; the way off it goes with the distance squared."""
     ratio = found.off_line / float(found.motion.sigma.max())
-    if ratio <= 1:
+    if ratio <= 1 or found.jumps:
         return ""
     gap = float(np.diff(found.path.lengths).max())
     return f"; spacing: {number(1e3 * gap / ratio**0.5, 1)} mm would keep it within its scatter"

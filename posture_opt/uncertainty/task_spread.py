@@ -36,6 +36,7 @@ class HasDirection(Protocol):
     def direction(self) -> Vector: ...
     @property
     def position(self) -> Vector | None: ...
+    def direction_at(self, point: Vector) -> Vector: ...
     @property
     def clearance(self) -> float | None: ...
     @property
@@ -170,7 +171,9 @@ def task_spread(
         normal: (3,) of the plane that the tool point never leaves, None for an arm in space.
     """
     bias, covariance = moments
-    d = np.array(task.direction) / math.hypot(*task.direction)
+    at = tool_point.walk([float(v) for v in q])[0].position
+    direction = task.direction_at((float(at[0]), float(at[1]), float(at[2])))
+    d = np.array(direction) / math.hypot(*direction)
     axes = np.vstack([across_basis(d, normal).T, d])
     basis = task_basis(task.within, d, normal)
     critical = Critical.of(task.within, basis, covariance, bias)

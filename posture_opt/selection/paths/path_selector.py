@@ -60,8 +60,8 @@ class PathSelector:
             cast("Any", problem), task=task.model_copy(update={"path": None, "points": None, "workpiece": None})
         )
         placement = PlacementRange.of(task.workpiece)
-        # Many placements are worth the seconds that compiling takes.
-        selector = PostureSelector(one, compiled=None if np.any(placement.free) else False)
+        # Many placements, and rows that keep the arm clear, are worth the seconds that compiling takes.
+        selector = PostureSelector(one, compiled=None if np.any(placement.free) or problem.scene.explicit else False)
         return cls(problem, selector, task, placement, placement.centre)
 
     @cached_property
@@ -151,12 +151,11 @@ class PathSelector:
         problem = search.engine.optimisation_problem
         astray = off_lines(search.engine, motion.Q)
         notes = (*self.problem.notes, problem.axis_note(search.found.targets[0]), *self.selector.remarks())
-        notes += tuple(self._jumps(motion, astray))
         return PathSolution(
             problem=self.problem, optimisation_problem=problem, path=self.path, targets=search.found.targets,
             motion=motion, status="infeasible" if reasons else "optimal" if motion.optimal else "feasible",
             largest_step=largest, smallest_step=search.smallest_step[0], bound=search.bound,
-            off_line=float(astray.max()), naive=naive,
+            off_line=float(astray.max()), naive=naive, jumps=tuple(self._jumps(motion, astray)),
             placement=self.w, central=math.nan,
             candidates=tuple(map(len, search.found.costs)), seconds=time.perf_counter() - began, notes=notes,
             reasons=tuple(reasons),

@@ -40,6 +40,7 @@ class PathSolution(Result):
         placement: (4,) of the workpiece that the path stands on [m, rad]; zeros where the task names none.
         central: largest σ_max [m] along the path with the workpiece in the middle of its ranges; NaN where nothing is
             free, or nothing is feasible there.
+        jumps: where no motion leads along the path, but only away from it and back: sentences.
         candidates: (K,) postures that were compared at each point.
     """
 
@@ -58,6 +59,7 @@ class PathSolution(Result):
     central: float
     candidates: tuple[int, ...]
     seconds: float
+    jumps: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     reasons: tuple[Reason, ...] = ()
     relaxations: tuple[Relaxation, ...] = ()
@@ -155,6 +157,7 @@ class PathSolution(Result):
             "sigma_max": float(self.motion.sigma.max()),
             "sigma_max_bound": finite_or_none(self.bound),
             "off_line": self.off_line,
+            "notes": [*self.jumps, *self.notes],
             "without_look_ahead": {
                 "each_point_alone": self.naive.each.to_json(),
                 "following_the_first": None if onward is None else onward.to_json(),

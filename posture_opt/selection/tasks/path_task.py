@@ -11,6 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from posture_opt.errors import BadValueError
 from posture_opt.selection.direction import Direction
 from posture_opt.selection.tasks.task import Task
+from posture_opt.selection.workpiece import Workpiece
 from posture_opt.units import Angle, Length
 
 Point = tuple[Length, Length, Length]
@@ -45,6 +46,17 @@ class PathTask(Task):
     def axis_request(self) -> Literal["aligned", "required", "free"]:
         """As of the task; a path that says where the tool axis points wants it there where the arm can."""
         return "aligned" if self.axis == "free" and self.axes is not None else self.axis
+
+    def direction_at(self, point: Point) -> Point:
+        """The direction of travel on the segment that is nearest; the workpiece in the middle of its ranges."""
+        if self.points is None:
+            return self.direction
+        w = self.workpiece or Workpiece()
+        x, y, z, yaw = ((low + high) / 2 for low, high in zip(w.lower, w.upper, strict=True))
+        c, s = math.cos(yaw), math.sin(yaw)
+        moved = [(x + c * u - s * v, y + s * u + c * v, z + h) for u, v, h in self.points]
+        a, b = min(pairwise(moved), key=lambda ends: _distance(point, *ends))
+        return b[0] - a[0], b[1] - a[1], b[2] - a[2]
 
     @property
     def unit_axes(self) -> tuple[Point, ...]:
@@ -89,6 +101,14 @@ class PathTask(Task):
                 "give one axis [dx, dy, dz] for each point",
             )
         return self
+
+
+def _distance(point: Point, a: Point, b: Point) -> float:
+    """From a segment [m]."""
+    along = sum((q - p) * (x - p) for x, p, q in zip(point, a, b, strict=True)) / math.dist(a, b) ** 2
+    share = min(max(along, 0.0), 1.0)
+    nearest = [p + share * (q - p) for p, q in zip(a, b, strict=True)]
+    return math.dist(point, nearest)
 
 
 def repeated(points: tuple[Point, ...]) -> list[int]:

@@ -71,6 +71,10 @@ class Task(Spec):
         """Whether it is done along a path, at one posture a point."""
         return False
 
+    def direction_at(self, point: tuple[float, float, float]) -> tuple[float, float, float]:
+        """The direction that the spread counts across (or along) where the tool is at ``point`` [m], world."""
+        return self.direction
+
     @property
     def axis_request(self) -> Literal["aligned", "required", "free"]:
         """What is asked of the tool axis: ``axis``, unless the values of the task change it."""
