@@ -36,6 +36,7 @@ _MEANING = {
     "axis": "where the tool axis is to point",
     "a1": "first axis across that",
     "a2": "second axis across that",
+    "spin": "where the y axis of the tool is to point",
 }
 _OF_AXIS = ("axis", "a1", "a2")
 
@@ -219,7 +220,7 @@ def _parameters(target: TaskTarget) -> Table:
     for name, size in SIZES.items():
         entries = [float(v) for v in target.parameters[at : at + size]]
         at += size
-        if name in _OF_AXIS and along:
+        if (name in _OF_AXIS and along) or (name == "spin" and not target.spun):
             continue  # the tool axis is held along the direction, which is told above
         rows.append((name, _MEANING[name], _entries(name, entries)))
     return Table(("parameter", "is", "value"), tuple(rows), text_columns=2)

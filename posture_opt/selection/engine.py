@@ -80,7 +80,8 @@ class Engine:
     def ik(self) -> InverseKinematics:
         """Brings random postures onto the target."""
         problem = self.optimisation_problem
-        return InverseKinematics(problem.arm, problem.task.tool_axis, problem.reach.directions, self.compiled)
+        arm, task, spun = problem.arm, problem.task, problem.task.heading is not None
+        return InverseKinematics(arm, task.tool_axis, problem.reach.directions, self.compiled, spun=spun)
 
     @cached_property
     def screen(self) -> BatchFunction:

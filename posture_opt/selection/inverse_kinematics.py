@@ -24,7 +24,7 @@ from posture_opt.model.row_loop import RowLoop
 from posture_opt.numerics import Array
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.selection.pose_request import PARTS, WIDTH, PoseRequest
-from posture_opt.selection.task_target import TaskTarget
+from posture_opt.selection.task_target import TaskTarget, spin_axis
 
 ROW_TOLERANCE = 1e-6
 """Largest violation of a row [m, rad or 1] of a posture that counts as feasible."""
@@ -176,9 +176,7 @@ def _step_function(arm: Arm, tool_axis: tuple[float, float, float], directions: 
     position, axis, spin, weights, slack, cone = ca.vertsplit(request, list(PARTS))
     robot, reached = arm.robot, arm.walk(q)
     R = ca.SX(stack(list(zip(*reached.columns, strict=True))))
-    a = np.array(tool_axis) / np.linalg.norm(tool_axis)
-    b = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
-    b = b / np.linalg.norm(b)
+    a, b = np.array(tool_axis) / np.linalg.norm(tool_axis), spin_axis(tool_axis)
     # a - d has its only minimum at a = d; the cross product would also vanish with the tool upside down.
     residual = ca.vertcat(
         weights[0] * (ca.SX(directions.T) @ _beyond(ca.SX(stack(reached.position)) - position, slack)),

@@ -18,7 +18,7 @@ from posture_opt.model.chain import Walk, stack
 from posture_opt.robot.robot import Robot
 from posture_opt.selection import criteria
 from posture_opt.selection.nlp import Nlp, Row, Variable
-from posture_opt.selection.task_target import PLANE_TOLERANCE, Reach, TaskTarget, target_symbols
+from posture_opt.selection.task_target import PLANE_TOLERANCE, Reach, TaskTarget, spin_axis, target_symbols
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.terms.term import Quantities, Term
 from posture_opt.uncertainty.critical import Within
@@ -73,8 +73,9 @@ class OptimisationProblem:
         if self.task.axis_request == "free":
             return "The task leaves the tool axis free."
         if self.axis_rows:
+            held = "; its spin is held at the yaw" if target.spun else "; its spin is free"
             tilt = f", within a tilt of {math.degrees(target.tilt):g} deg" if target.tilt else ""
-            return f"The tool axis is held along the direction{tilt}; its spin is free."
+            return f"The tool axis is held along the direction{tilt}{held}."
         if self.fixed_along(target):
             return "The arm holds its tool axis along the direction in every posture."
         return "This arm cannot point its tool axis along the direction: the tool orientation is not constrained."
@@ -173,9 +174,15 @@ class OptimisationProblem:
         variables = tuple(Variable(j.name, units[j.type], j.lower, j.upper) for j in self.robot.joints)
         terms = self._objective_terms()
         objective = sum((expression for _, expression in terms), ca.SX(0))
-        rows = (*self._target_rows(), *self._axis_rows(), *self._clearance_rows(), *self._bound_rows())
+        rows = (
+            *self._target_rows(),
+            *self._axis_rows(),
+            *self._yaw_rows(),
+            *self._clearance_rows(),
+            *self._bound_rows(),
+        )
         worst = self.quantities.variance
-        return Nlp(self.q, self._symbols[0], variables, objective, rows, tuple(terms), worst)
+        return Nlp(self.q, self._symbols[0], variables, objective, tuple(rows), tuple(terms), worst)
 
     @cached_property
     def freedom(self) -> int:
@@ -231,6 +238,17 @@ class OptimisationProblem:
             return [Row(f"tool_axis.{k + 1}", "1", s, -slack, slack) for k, s in enumerate(sideways)] + [facing]
         tilt = ca.sumsqr(ca.vertcat(*sideways))
         return [Row("tool_axis.sin2_tilt", "1", tilt, ca.SX(-math.inf), p["sin_tilt"] ** 2), facing]
+
+    def _yaw_rows(self) -> list[Row]:
+        """Sine of what the tool is turned beside the wanted yaw, and the side on which it faces."""
+        if self.task.heading is None:
+            return []
+        p, zero, b = self._symbols[1], ca.SX(0), spin_axis(self.task.tool_axis)
+        columns = self.quantities.walk.columns
+        turned = ca.SX(stack([sum(float(b[j]) * columns[j][k] for j in range(3)) for k in range(3)]))
+        beside = ca.dot(ca.cross(p["spin"], p["axis"]), turned)
+        facing = Row("yaw.facing", "1", ca.dot(p["spin"], turned), zero, ca.SX(math.inf))
+        return [Row("yaw", "1", beside, zero, zero), facing]
 
     def _clearance_rows(self) -> list[Row]:
         if self.scene is None:

@@ -75,18 +75,18 @@ def request_for(
         axis, any_axis = _within_tilt(target, count, rng), np.arange(count) % 2 == 1
         axis[any_axis] = target.axis
         cone = np.where(any_axis, 2 * np.sin(_INSIDE * target.tilt / 2), 0.0)[:, None]
-    weights = np.array([0.0 if anywhere else 1.0, 1.0 if aligned else 0.0, 0.0])
+    weights = np.array([0.0 if anywhere else 1.0, 1.0 if aligned else 0.0, float(target.spun)])
     assert np.all(np.abs(position) < FREE)
-    return PoseRequest(position, axis, target.axis_basis[:, 0], weights, slack, cone)
+    return PoseRequest(position, axis, target.spin, weights, slack, cone)
 
 
 def held_request(target: TaskTarget, aligned: bool, slack_of_axis: float) -> PoseRequest:
     """What holds a posture on its target and no more: any point of a region, any axis within the tilt."""
     anywhere = target.kind == "anywhere"
     middle, half = (target.lower + target.upper) / 2, (target.upper - target.lower) / 2
-    weights = np.array([0.0 if anywhere else 1.0, 1.0 if aligned else 0.0, 0.0])
+    weights = np.array([0.0 if anywhere else 1.0, 1.0 if aligned else 0.0, float(target.spun)])
     cone = max(2 * np.sin(target.tilt / 2), slack_of_axis)
-    return PoseRequest(middle, target.axis, target.axis_basis[:, 0], weights, half, np.array([cone]))
+    return PoseRequest(middle, target.axis, target.spin, weights, half, np.array([cone]))
 
 
 def _within_tilt(target: TaskTarget, count: int, rng: np.random.Generator) -> Array:

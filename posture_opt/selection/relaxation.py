@@ -17,6 +17,8 @@ from posture_opt.selection.nlp import Row
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.task_target import Reach, TaskTarget
 
+YAW = "yaw"
+"""The requirement to hold the spin of the tool."""
 _VISIBLE = 1e-6  # rad or m beyond a limit that is worth a word
 _MOSTLY = 0.9  # cosine: a move in about that direction
 
@@ -153,7 +155,15 @@ class _Told:
         values = [np.asarray(v, dtype=float).ravel().tolist() for v in at.call([self.q, self.target.parameters])]
         missing = [max(low - value, value - high) for value, low, high in values]
         k = int(np.argmax(missing))
+        if rows[0].name == YAW:
+            return self._yaw(values[0][0], values[1][0])
         return self._row(rows[k], missing[k], *values[k])
+
+    def _yaw(self, sine: float, cosine: float) -> tuple[str, Reason]:
+        off = abs(math.atan2(sine, cosine))
+        message = f"at this target the tool turns no nearer than {math.degrees(off):.4g} deg to the wanted yaw"
+        change = f"change the yaw by {_up(math.degrees(off), 2):g} deg, or leave it out"
+        return change, Reason(YAW, message, off, "rad")
 
     def _row(self, row: Row, missing: float, value: float, low: float, high: float) -> tuple[str, Reason]:
         told, bound = row.shown(value), row.shown(low if value < low else high)

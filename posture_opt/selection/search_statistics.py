@@ -124,6 +124,8 @@ def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep
         axes = [np.linspace(low, high, _GRID) for low, high in zip(robot.lower, robot.upper, strict=True)]
         Q = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, robot.n)
         return _evaluate(engine, target, Q, f"a grid of {_GRID} values of each joint")
+    if target.spun:
+        return None  # what would be swept is held
     fixed = problem.reach.directions.shape[1] + problem.axis_rows
     if target.kind == "point" and target.tilt == 0 and problem.axis_rows == 2 and robot.n == fixed + 1:
         return _evaluate(engine, target, _spun(engine, target, rng), f"the spin of the tool in {_SPINS} steps")

@@ -6,7 +6,7 @@ What an arm can do at all stands first: the directions it moves its tool point i
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -154,6 +154,7 @@ SIZES = {
     "axis": 3,
     "a1": 3,
     "a2": 3,
+    "spin": 3,
 }
 FREE = 1e6
 """A bound on the tool point that no arm reaches: the target is free."""
@@ -172,6 +173,7 @@ class TaskTarget:
         clearance: radial [m], NaN where not given.
         tilt: allowed angle between the tool axis and ``axis`` [rad].
         scale: variance [m²] that the objective is divided by.
+        spin: (3,) unit vector, world: where `spin_axis` of the tool is to point; zero where the spin is free.
     """
 
     lower: Array
@@ -183,6 +185,7 @@ class TaskTarget:
     clearance: float = math.nan
     tilt: float = 0.0
     scale: float = 1.0
+    spin: Array = field(default_factory=lambda: np.zeros(3))
 
     @classmethod
     def of(cls, task: Task, reach: Reach) -> TaskTarget:
@@ -195,7 +198,8 @@ class TaskTarget:
         d = np.array(task.direction) / np.linalg.norm(task.direction)
         B = across_basis(d, reach.normal)
         clearance = math.nan if task.clearance is None else task.clearance
-        return cls(lower, upper, d, B, d, B, clearance, task.tilt)
+        spin = np.zeros(3) if task.heading is None else np.cross(d, task.heading)
+        return cls(lower, upper, d, B, d, B, clearance, task.tilt, spin=spin)
 
     def with_position(self, position: Array) -> TaskTarget:
         """The same target at another point."""
@@ -209,7 +213,14 @@ class TaskTarget:
             raise InputError(Issue("a direction of length zero points nowhere", ("direction",), direction))
         d = d / np.linalg.norm(d)
         B = across_basis(d, reach.normal)
+        if self.spun and not np.allclose(d, self.direction):
+            raise InputError(Issue("the yaw of the task holds for its own direction", ("direction",), direction))
         return replace(self, direction=d, basis=B, axis=d, axis_basis=B)
+
+    @property
+    def spun(self) -> bool:
+        """Whether the spin of the tool is held."""
+        return bool(np.any(self.spin))
 
     def with_axis(self, axis: Array, reach: Reach) -> TaskTarget:
         """The same target, the tool axis along the unit vector ``axis`` (3,), world, instead of the direction."""
@@ -220,10 +231,11 @@ class TaskTarget:
         assert self.kind == "point", "a box that is turned is none"
         turn = math.cos(w[3]), math.sin(w[3])
         point = turned_about_z(self.lower, *turn) + w[:3]
-        vectors = (self.direction, *self.basis.T, self.axis, *self.axis_basis.T)
-        d, b1, b2, a, a1, a2 = (turned_about_z(vector, *turn) for vector in vectors)
+        vectors = (self.direction, *self.basis.T, self.axis, *self.axis_basis.T, self.spin)
+        d, b1, b2, a, a1, a2, spin = (turned_about_z(vector, *turn) for vector in vectors)
         basis, axis_basis = np.column_stack([b1, b2]), np.column_stack([a1, a2])
-        return replace(self, lower=point, upper=point, direction=d, basis=basis, axis=a, axis_basis=axis_basis)
+        moved = replace(self, lower=point, upper=point, direction=d, basis=basis, axis=a, axis_basis=axis_basis)
+        return replace(moved, spin=spin)
 
     @property
     def given_clearance(self) -> float | None:
@@ -239,11 +251,18 @@ class TaskTarget:
 
     @cached_property
     def parameters(self) -> Array:
-        """(27,) the parameters of the optimisation problem, in the order of ``SIZES``."""
+        """(30,) the parameters of the optimisation problem, in the order of ``SIZES``."""
         clearance = 1.0 if math.isnan(self.clearance) else self.clearance
         numbers = [clearance, math.sin(self.tilt), self.scale]
         spread = [self.lower, self.upper, self.direction, *self.basis.T]
-        return np.concatenate([*spread, numbers, self.axis, *self.axis_basis.T])
+        return np.concatenate([*spread, numbers, self.axis, *self.axis_basis.T, self.spin])
+
+
+def spin_axis(tool_axis: tuple[float, float, float]) -> Array:
+    """(3,) unit vector across the tool axis, tool frame, by which the spin is told: ``z × x`` of a tool axis z."""
+    a = np.array(tool_axis) / np.linalg.norm(tool_axis)
+    b = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+    return np.asarray(b / np.linalg.norm(b))
 
 
 def target_symbols() -> tuple[ca.SX, dict[str, ca.SX]]:

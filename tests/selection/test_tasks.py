@@ -112,6 +112,44 @@ def test_a_long_lever_trades_place_for_yaw() -> None:
     assert np.trace(far.critical.covariance) >= np.trace(near.critical.covariance)
 
 
+def heading(solution: Any) -> float:
+    """Angle of the tool's x axis about the vertical [deg], by plain NumPy."""
+    columns = poses(solution.problem.robot.factors, solution.q, {}, 1)[1][:, :, 0]
+    return float(np.degrees(np.arctan2(columns[0, 1], columns[0, 0])))
+
+
+@pytest.mark.parametrize("yaw", [-170.0, 0.0, 75.0])
+@pytest.mark.parametrize("robot", POINTS)
+def test_the_yaw_is_held_where_it_is_asked_for(robot: str, yaw: float) -> None:
+    solution = po.select_posture(problem(robot, "place", yaw=f"{yaw} deg"))
+    assert solution.status == "optimal"
+    assert heading(solution) == pytest.approx(yaw, abs=1e-4)
+    assert solution.critical.sigma_max >= po.select_posture(problem(robot, "place")).critical.sigma_max * (1 - 1e-4)
+    assert "spin" in str(solution.explain())
+
+
+def test_the_yaw_turns_with_the_workpiece() -> None:
+    part = {"x": "0.5 m", "y": "0.1 m", "z": "0.2 m", "yaw": "30 deg"}
+    features = [{"name": "a", "position": ["0 m", "0 m", "0 m"]}, {"name": "b", "position": ["40 mm", "0 m", "0 m"]}]
+    task = {"kind": "place", "yaw": "20 deg", "workpiece": part, "features": features}
+    robot = {"kind": "preset", "name": "panda"}
+    given = po.problem_from_dict({"robot": robot, "uncertainty": {"repeatability": "0.05 mm"}, "task": task})
+    for station in po.select_posture(given).stations:
+        assert heading(station) == pytest.approx(50.0, abs=1e-3)
+
+
+def test_a_yaw_that_cannot_be_had_is_named() -> None:
+    held = {"kind": "fixed_joints", "values": {"joint4": "0 deg"}}
+    with pytest.raises(NoSolutionError) as caught:
+        po.select_posture(problem("scara", "place", yaw="10 deg", subject_to=[held]))
+    assert "joint4" in str(caught.value)
+    near = {"kind": "near_posture", "posture": {"joint4": "0 deg"}, "at_most": {"joint4": "1 deg"}}
+    with pytest.raises(NoSolutionError) as caught:
+        po.select_posture(problem("scara", "place", yaw="10 deg", subject_to=[near]))
+    changes = " ".join(relaxation.change for relaxation in caught.value.solution.relaxations)
+    assert "change the yaw by" in changes
+
+
 @pytest.mark.parametrize("robot", POINTS)
 def test_expanded_uncertainty_covers_what_it_says(robot: str) -> None:
     solution = po.select_posture(problem(robot, "measure", coverage_factor=2))
@@ -160,6 +198,8 @@ def test_custom_leaves_the_spread_out_where_it_is_told_to() -> None:
         ({"kind": "insert", "within": "along"}, "unknown key"),
         ({"kind": "place", "lever": "50 mm", "criterion": "miss", "clearance": "1 mm"}, "leave out the lever"),
         ({"kind": "measure", "coverage_factor": 0}, "greater than 0"),
+        ({"kind": "place", "yaw": "10 deg", "direction": [0, 1, -1]}, "about the vertical"),
+        ({"kind": "place", "yaw": "10 deg", "tilt": "5 deg"}, "yaw and tilt"),
     ],
 )
 def test_keys_of_tasks_are_checked(task: dict[str, Any], message: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
@@ -9,7 +10,9 @@ from pydantic import Field, model_validator
 from posture_opt.errors import BadValueError
 from posture_opt.selection.tasks.task import Criterion, Task
 from posture_opt.uncertainty.critical import Within
-from posture_opt.units import Length
+from posture_opt.units import Angle, Length
+
+_UPRIGHT = 1e-9  # sine of what a vertical direction may lean by
 
 
 class Place(Task):
@@ -29,6 +32,24 @@ class Place(Task):
     lever: Annotated[Length, Field(gt=0)] | None = Field(
         None, description="from the tool point to the farthest corner of the part: the yaw counts"
     )
+
+    yaw: Angle | None = Field(None, description="of the tool's x axis about the world's z; left out, it is free")
+
+    @model_validator(mode="after")
+    def _yaw_is_about_the_vertical(self) -> Place:
+        if self.yaw is None:
+            return self
+        upright = math.hypot(*self.direction[:2]) < _UPRIGHT * math.hypot(*self.direction)
+        if not upright or math.hypot(*self.tool_axis[:2]) > 0:
+            mend = "direction: [0, 0, -1] and tool_axis: [0, 0, 1], or leave out the yaw"
+            raise BadValueError("a yaw is one about the vertical, along direction and tool axis", mend)
+        if self.tilt:
+            raise BadValueError("yaw and tilt are both given", "leave out one of them")
+        return self
+
+    @property
+    def heading(self) -> tuple[float, float, float] | None:
+        return None if self.yaw is None else (math.cos(self.yaw), math.sin(self.yaw), 0.0)
 
     @model_validator(mode="after")
     def _lever_goes_with_lengths(self) -> Place:

@@ -86,6 +86,11 @@ class Task(Spec):
         return None
 
     @property
+    def heading(self) -> Direction | None:
+        """Where the x axis of the tool is to point, world, across a tool axis that is held; None: the spin is free."""
+        return None
+
+    @property
     def yaw_lever(self) -> float:
         """Lever [m] on which the yaw about the direction counts beside the shift across it; zero: it does not."""
         return 0.0
