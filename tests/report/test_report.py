@@ -14,11 +14,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
 from posture_opt.report import figures, units_text
-from posture_opt.report.figures.arm import enlarged_ellipse, enlarged_ellipsoid, enlargement, region_label
+from posture_opt.report.figures.arm import enlarged_ellipse
+from posture_opt.report.figures.arm_in_space import enlarged_ellipsoid
+from posture_opt.report.figures.skeleton import enlargement, region_label
 from posture_opt.report.save import OWN_FILES
 from posture_opt.report.style import image
 from posture_opt.report.words import roll_pitch_yaw, source_words
@@ -390,8 +393,9 @@ class TestFigures:
         problem = po.problem_from_dict({"robot": robot, "uncertainty": {"repeatability": "0.03 mm"}})
         for q in ([0.3, -1.8, -1.6, 1.3, 0.2, 0.0], [2.0, -1.0, 1.2, 0.0, 1.0, 0.0]):
             drawn = figures.plot_spread(po.propagate(problem, q))
-            (arm,) = [line for line in drawn.axes[0].get_lines() if line.get_label() == "arm"]
-            assert [float(c[0]) for c in arm.get_data_3d()] == pytest.approx([1500, 500, 800])
+            (shadow,) = [line for line in drawn.axes[0].get_lines() if line.get_label() == "shadow on the floor"]
+            assert [float(c[0]) for c in shadow.get_data_3d()[:2]] == pytest.approx([1500, 500])
+            assert any(isinstance(drawn_body, Poly3DCollection) for drawn_body in drawn.axes[0].collections)
             canvas = FigureCanvasAgg(drawn)
             canvas.draw()
             canvas.draw()  # the axes of a figure in space are placed while they are drawn

@@ -7,10 +7,13 @@ from typing import ClassVar, Literal
 import casadi as ca
 import numpy as np
 
+from posture_opt.collision.facets import rectangle
 from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side
 from posture_opt.collision.segment_distances import to_box
 from posture_opt.collision.smooth_bounds import box_bound
 from posture_opt.numerics import Array
+
+_PIECES = 10, 40  # of an edge, in drawings: where the box is as large as the drawing, and at most
 
 
 class Box(PlacedObstacle):
@@ -29,6 +32,17 @@ class Box(PlacedObstacle):
 
     def distance(self, start: Array, end: Array) -> Array:
         return to_box(self.local(start), self.local(end), np.array(self.half))
+
+    def facets(self, lower: Array, upper: Array) -> Array:
+        sides = self.rotation * np.array(self.half)
+        least, most = _PIECES
+        pieces = int(np.clip(least * max(self.size) / np.linalg.norm(upper - lower), least, most))
+        faces = [
+            rectangle(np.array(self.xyz) + sign * sides[:, k], sides[:, k - 1], sides[:, k - 2], pieces)
+            for k in range(3)
+            for sign in (-1, 1)
+        ]
+        return np.concatenate(faces)
 
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
         return [box_bound(*self.local_symbols(start, along), self.half, radius)]

@@ -5,11 +5,15 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 import casadi as ca
+import numpy as np
 
+from posture_opt.collision.facets import revolved
 from posture_opt.collision.obstacles.obstacle import PlacedObstacle, Side
 from posture_opt.collision.segment_distances import to_cylinder
 from posture_opt.collision.smooth_bounds import cylinder_bound
 from posture_opt.numerics import Array
+
+_PIECES = 8  # of its length, in drawings
 
 
 class Cylinder(PlacedObstacle):
@@ -23,6 +27,12 @@ class Cylinder(PlacedObstacle):
 
     def distance(self, start: Array, end: Array) -> Array:
         return to_cylinder(self.local(start), self.local(end), self.radius, self.length / 2)
+
+    def facets(self, lower: Array, upper: Array) -> Array:
+        heights = np.linspace(-self.length / 2, self.length / 2, _PIECES + 1)
+        around = np.column_stack([np.full(_PIECES + 1, self.radius), heights])
+        ends = [[[0.0, z], [self.radius / 2, z], [self.radius, z]] for z in (heights[0], heights[-1])]
+        return np.concatenate([revolved(profile, self.placed) for profile in (around, *map(np.array, ends))])
 
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
         return [cylinder_bound(*self.local_symbols(start, along), self.radius, self.length / 2, radius)]

@@ -9,12 +9,15 @@ import casadi as ca
 import numpy as np
 from pydantic import field_validator
 
+from posture_opt.collision.facets import rectangle
 from posture_opt.collision.obstacles.obstacle import Obstacle
 from posture_opt.collision.segment_distances import to_half_space
 from posture_opt.collision.smooth_bounds import half_space_bounds
 from posture_opt.errors import BadValueError
 from posture_opt.numerics import Array
 from posture_opt.units import Length
+
+_PIECES = 24  # of the side of the patch that is drawn
 
 
 class HalfSpace(Obstacle):
@@ -42,6 +45,15 @@ class HalfSpace(Obstacle):
 
     def distance(self, start: Array, end: Array) -> Array:
         return to_half_space(start, end, np.array(self.unit_normal), self.offset)
+
+    def facets(self, lower: Array, upper: Array) -> Array:
+        normal, middle = np.array(self.unit_normal), (lower + upper) / 2
+        foot = middle - (middle @ normal - self.offset) * normal
+        u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        u *= float(np.linalg.norm(upper - lower)) / 2 / np.linalg.norm(u)
+        faces = rectangle(foot, u, np.cross(normal, u), _PIECES)
+        inside = np.all((faces >= lower - 1e-9) & (faces <= upper + 1e-9), axis=(1, 2))
+        return np.asarray(faces[inside])
 
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
         return half_space_bounds(start, along, self.unit_normal, self.offset, radius)

@@ -50,6 +50,10 @@ class Obstacle(Spec):
             length: of the segment; ``radius`` of the capsule [m].
         """
 
+    @abstractmethod
+    def facets(self, lower: Array, upper: Array) -> Array:
+        """(k, 4, 3) small faces of its surface [m], world, for drawing; of an endless one those in a box (3,), (3,)."""
+
 
 class PlacedObstacle(Obstacle):
     """An obstacle with a frame: ``T = Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)`` in the world."""
@@ -71,3 +75,10 @@ class PlacedObstacle(Obstacle):
         """A segment in its frame."""
         R = ca.DM(self.rotation.T)
         return R @ (start - ca.DM(list(self.xyz))), R @ along
+
+    @property
+    def placed(self) -> Array:
+        """(4, 4) its frame in the world."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = self.rotation, self.xyz
+        return T

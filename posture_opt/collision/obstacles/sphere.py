@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 import casadi as ca
 import numpy as np
 
+from posture_opt.collision.facets import capsule_facets
 from posture_opt.collision.obstacles.obstacle import Obstacle, Side
 from posture_opt.collision.segment_distances import to_point
 from posture_opt.collision.smooth_bounds import point_bound
@@ -25,6 +26,9 @@ class Sphere(Obstacle):
 
     def distance(self, start: Array, end: Array) -> Array:
         return to_point(start, end, np.array(self.xyz)) - self.radius
+
+    def facets(self, lower: Array, upper: Array) -> Array:
+        return capsule_facets(np.array(self.xyz), np.array(self.xyz), self.radius)
 
     def bounds(self, start: ca.SX, along: ca.SX, length: float, radius: float) -> list[ca.SX]:
         return [point_bound(start, along, length, self.xyz, radius + self.radius)]
