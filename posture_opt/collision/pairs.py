@@ -49,6 +49,8 @@ def exposed(placed: PlacedCapsules, obstacle: Obstacle, clearance: float) -> tup
     first link, or keeps its distance within 50 mm: the shoulder above the table that the arm is mounted on.
     """
     moving = [k for k, body in enumerate(placed.bodies) if body > 0]
+    if not moving:
+        return (), ()
     start, end = placed.segments(random_postures(placed, _POSTURES))
     away = obstacle_distances(placed, obstacle, start, end, moving)
     still = (np.array([placed.bodies[k] for k in moving]) == _FIRST) | (np.ptp(away, axis=0) <= _STILL)

@@ -107,3 +107,11 @@ def test_the_clearance_is_that_of_coal(preset: str) -> None:
         assert scene.clearance(q).distance == pytest.approx(brute_force.clearance(scene, q), abs=2e-8)
     least = scene.clearance(np.array(apart))
     assert least.distance == min(scene.clearance(q).distance for q in apart)
+
+
+def test_an_arm_of_which_nothing_moves_is_not_checked() -> None:
+    shape = [{"joint": "base", "from": ["0 m", "0 m", "0 m"], "to": ["0 m", "0 m", "0.1 m"], "radius": "90 mm"}]
+    scene = problem_in_cell("ur5e", TABLE, shape=shape).scene
+    assert not scene.active
+    assert scene.clearance(np.zeros(6)) is None
+    assert scene.rows(ca.SX.sym("q", 6)) == []
