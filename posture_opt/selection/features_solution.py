@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,6 +23,9 @@ from posture_opt.uncertainty.critical import Critical
 from posture_opt.uncertainty.joint_success import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread import Spread
 
+_AGAIN = 2  # times that placements of the map without a posture are tried again
+_STARTS = 32  # random postures then
+_BESIDE = 8  # feasible placements whose postures are tried
 _TIE = 1e-4  # of a standard deviation: features that differ by less are as bad
 _GRID = 21  # placements along each side of the map
 
@@ -227,8 +230,7 @@ class FeaturesSolution(Result):
         values = [np.linspace(lower[i], upper[i], _GRID) for i in (first, second)]
         W = np.tile(self.w, (_GRID**2, 1))
         W[:, first], W[:, second] = (grid.ravel() for grid in np.meshgrid(*values, indexing="ij"))
-        known = self.postures[None]
-        found = self.placed.best(W, 8, np.random.default_rng(0), known)
+        found = _spread_out(self.placed, self.placed.best(W, 8, np.random.default_rng(0), self.postures[None]))
         sigma = placement_sigma(self.placed, found).reshape(_GRID, _GRID)
         return BenchMap((first, second), (values[0], values[1]), np.where(np.isfinite(sigma), sigma, np.nan))
 
@@ -266,6 +268,28 @@ class FeaturesSolution(Result):
     def explain(self) -> str:
         """The optimisation problem of the first feature, with its values where the workpiece is."""
         return self.first.explain()
+
+
+def _spread_out(placed: PlacedStations, found: Postures) -> Postures:
+    """The same placements; those that lack a posture tried again, with the postures of feasible ones beside them.
+
+    Few random starts miss what rare branches reach, and a map is to call nothing impossible that is not.
+    """
+    rng = np.random.default_rng(1)
+    for _ in range(_AGAIN):
+        feasible = (found.gap == 0).all(axis=1)
+        bad, good = np.flatnonzero(~feasible), np.flatnonzero(feasible)
+        if not len(bad) or not len(good):
+            break
+        away = np.linalg.norm(found.W[bad][:, None] - found.W[good][None], axis=2)
+        beside = np.unique(good[np.argsort(away, axis=1)[:, :2]])
+        known = found.Q[rng.permutation(beside)[:_BESIDE]]
+        better = found.rows(bad).better_of(placed.best(found.W[bad], _STARTS, rng, known))
+        parts: dict[str, Any] = {n: np.array(getattr(found, n)) for n in ("Q", "main", "extra", "sigma", "gap")}
+        for name, part in parts.items():
+            part[bad] = getattr(better, name)
+        found = replace(found, **parts)
+    return found
 
 
 def placement_sigma(placed: PlacedStations, found: Postures) -> Array:

@@ -35,7 +35,7 @@ def plot_bench(found: FeaturesSolution) -> Figure:
         _draw_features(axes, found)
     first, second = bench.axes
     here = [_UNITS[k] * float(found.w[k]) for k in bench.axes]
-    axes.plot(*here, "*", color=VERMILLION, mec="white", ms=17, zorder=6, label="workpiece placed here")
+    axes.plot(*here, "*", color=VERMILLION, mec="white", ms=17, zorder=9, label="workpiece placed here")
     axes.set(xlabel=_LABELS[first], ylabel=_LABELS[second])
     if level:
         axes.set_aspect("equal")
