@@ -12,11 +12,11 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, Progress
+from posture_opt.selection.bench_map import placement_sigma
 from posture_opt.selection.features_solution import (
     FeaturesSolution,
     PlacementFigure,
     PlacementStatistics,
-    placement_sigma,
 )
 from posture_opt.selection.placed_stations import PlacedStations, Postures
 from posture_opt.selection.placement import PlacementRange

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,8 +11,9 @@ import numpy as np
 from posture_opt.collision.scene import Clearance
 from posture_opt.numerics import Array, finite_or_none
 from posture_opt.result import Result
+from posture_opt.selection.bench_map import BenchMap, bench_map
 from posture_opt.selection.optimisation_problem import OptimisationProblem
-from posture_opt.selection.placed_stations import PlacedStations, Postures
+from posture_opt.selection.placed_stations import PlacedStations
 from posture_opt.selection.placement import PlacementRange, placement_json
 from posture_opt.selection.relaxation import Reason, Relaxation
 from posture_opt.selection.solution import Alternative, Solution, Status
@@ -23,11 +24,7 @@ from posture_opt.uncertainty.critical import Critical
 from posture_opt.uncertainty.joint_success import JointSuccess, PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread import Spread
 
-_AGAIN = 2  # times that placements of the map without a posture are tried again
-_STARTS = 32  # random postures then
-_BESIDE = 8  # feasible placements whose postures are tried
 _TIE = 1e-4  # of a standard deviation: features that differ by less are as bad
-_GRID = 21  # placements along each side of the map
 
 
 @dataclass(frozen=True)
@@ -66,21 +63,6 @@ class PlacementStatistics:
     batches: int
     recurred: int
     seconds: float
-
-
-@dataclass(frozen=True)
-class BenchMap:
-    """The best spread over two coordinates of the placement, the others as in the answer.
-
-    Args:
-        axes: which two coordinates, 0 to 3.
-        values: of each of them [m or rad].
-        sigma: (len(values[0]), len(values[1])) [m]; NaN where a feature cannot be done.
-    """
-
-    axes: tuple[int, int]
-    values: tuple[Array, Array]
-    sigma: Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -222,17 +204,7 @@ class FeaturesSolution(Result):
     @cached_property
     def bench(self) -> BenchMap | None:
         """The spread over the first two free coordinates of the placement; None where fewer are free."""
-        free = np.flatnonzero(self.placement.free)
-        if len(free) < 2:
-            return None
-        first, second = int(free[0]), int(free[1])
-        lower, upper = self.placement.lower, self.placement.upper
-        values = [np.linspace(lower[i], upper[i], _GRID) for i in (first, second)]
-        W = np.tile(self.w, (_GRID**2, 1))
-        W[:, first], W[:, second] = (grid.ravel() for grid in np.meshgrid(*values, indexing="ij"))
-        found = _spread_out(self.placed, self.placed.best(W, 8, np.random.default_rng(0), self.postures[None]))
-        sigma = placement_sigma(self.placed, found).reshape(_GRID, _GRID)
-        return BenchMap((first, second), (values[0], values[1]), np.where(np.isfinite(sigma), sigma, np.nan))
+        return bench_map(self.placed, self.w, self.postures)
 
     def to_json(self) -> dict[str, Any]:
         """The document ``solution.json``: that of the first feature, and what holds for all."""
@@ -268,34 +240,6 @@ class FeaturesSolution(Result):
     def explain(self) -> str:
         """The optimisation problem of the first feature, with its values where the workpiece is."""
         return self.first.explain()
-
-
-def _spread_out(placed: PlacedStations, found: Postures) -> Postures:
-    """The same placements; those that lack a posture tried again, with the postures of feasible ones beside them.
-
-    Few random starts miss what rare branches reach, and a map is to call nothing impossible that is not.
-    """
-    rng = np.random.default_rng(1)
-    for _ in range(_AGAIN):
-        feasible = (found.gap == 0).all(axis=1)
-        bad, good = np.flatnonzero(~feasible), np.flatnonzero(feasible)
-        if not len(bad) or not len(good):
-            break
-        away = np.linalg.norm(found.W[bad][:, None] - found.W[good][None], axis=2)
-        beside = np.unique(good[np.argsort(away, axis=1)[:, :2]])
-        known = found.Q[rng.permutation(beside)[:_BESIDE]]
-        better = found.rows(bad).better_of(placed.best(found.W[bad], _STARTS, rng, known))
-        parts: dict[str, Any] = {n: np.array(getattr(found, n)) for n in ("Q", "main", "extra", "sigma", "gap")}
-        for name, part in parts.items():
-            part[bad] = getattr(better, name)
-        found = replace(found, **parts)
-    return found
-
-
-def placement_sigma(placed: PlacedStations, found: Postures) -> Array:
-    """(M,) standard deviation [m] at each placement: of the worst feature, or the mean; infinite where one fails."""
-    sigma = np.where(found.gap == 0, found.sigma, np.inf)
-    return np.asarray(sigma.mean(axis=1) if placed.combine == "mean" else sigma.max(axis=1))
 
 
 def _feature_json(name: str, station: Solution) -> dict[str, Any]:

@@ -12,7 +12,8 @@ from posture_opt.report.style import COLOUR_MAP, GREY, VERMILLION, legend_below,
 from posture_opt.report.units_text import length_unit
 
 if TYPE_CHECKING:
-    from posture_opt.selection.features_solution import BenchMap, FeaturesSolution
+    from posture_opt.selection.bench_map import BenchMap
+    from posture_opt.selection.features_solution import FeaturesSolution
 
 _NAMED = 6  # features that fit as names beside their points
 _UNITS = (1e3, 1e3, 1e3, math.degrees(1.0))
