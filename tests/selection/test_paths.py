@@ -144,6 +144,13 @@ def test_the_answer_keeps_its_word(problem):
     assert document["posture"] == document["path"][0]["posture"]
 
 
+def test_two_points_with_a_free_axis_keep_to_their_bound():
+    """So few candidates stand near the optimum that the motion finds better postures than any of them."""
+    found = po.select_posture(preset("ur10", np.array([[0.45, -0.2, 0.25], [0.48, -0.1, 0.25]])))
+    # The criterion rounds the corner where both axes are equal by some 1e-8.
+    assert found.critical.sigma_max >= found.bound * (1 - 1e-6)
+
+
 def test_look_ahead_beats_following_the_first_point():
     """The lecture's arm: the elbow that is best at the first point is the worse one at the last."""
     found = po.select_posture(planar(arc(9, centre=(0.9, 0.6), radius=0.5)))

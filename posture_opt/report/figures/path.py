@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _NAMED = 5  # sources that are drawn by themselves
 _SMALL = 0.02  # of the variance, on the mean along the path: sources below are lumped
-_MOST = 61  # points whose budget is drawn
+_MOST = 151  # points whose budget is drawn
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION)
 _LINES = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, GREY, "black")
 

@@ -67,8 +67,7 @@ class MotionSearch:
             problems.append(self.guard.optimisation_problem)
         return tuple(PathProblem(p, self.steps, parameters, self.path.parts, fixed, fixed) for p in problems)
 
-    @property
-    def bound(self) -> float:
+    def bound(self, motion: Motion) -> float:
         """σ_max [m] that no motion gets below at its worst point, as far as its best posture was found.
 
         NaN where something else is minimised.
@@ -76,7 +75,9 @@ class MotionSearch:
         task = self.engine.optimisation_problem.task
         if task.criterion != "worst" or task.minimize:
             return math.nan
-        return float(np.sqrt(max(min(map(float, costs)) for costs in self.found.costs) * self.found.targets[0].scale))
+        pairs = zip(self.found.costs, motion.objectives.tolist(), strict=True)
+        worst = max(min(float(np.min(costs)), own) for costs, own in pairs)
+        return float(np.sqrt(worst * self.found.targets[0].scale))
 
     @cached_property
     def smallest_step(self) -> tuple[float, Motion]:
@@ -110,7 +111,7 @@ class MotionSearch:
             able = [end.objective for end in ends if end.feasible and end.optimal]
             better = len(able) > 1 and as_good(able[-1]) < min(able[:-1])
             idle = 0 if better or len(able) < 2 else idle + 1
-            if (able and min(able) <= as_good(least)) or idle == _PATIENCE:
+            if (able and abs(min(able) - least) <= as_good(least) - least) or idle == _PATIENCE:
                 break
         return ends
 

@@ -154,7 +154,7 @@ class PathSelector:
         return PathSolution(
             problem=self.problem, optimisation_problem=problem, path=self.path, targets=search.found.targets,
             motion=motion, status="infeasible" if reasons else "optimal" if motion.optimal else "feasible",
-            largest_step=largest, smallest_step=search.smallest_step[0], bound=search.bound,
+            largest_step=largest, smallest_step=search.smallest_step[0], bound=search.bound(motion),
             off_line=float(astray.max()), naive=naive, jumps=tuple(self._jumps(motion, astray)),
             placement=self.w, central=math.nan,
             candidates=tuple(map(len, search.found.costs)), seconds=time.perf_counter() - began, notes=notes,
