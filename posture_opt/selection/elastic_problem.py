@@ -97,7 +97,7 @@ class ElasticProblem:
         may = np.array([name in given for name in self.requirements])
         lower, upper = self._variable_bounds(may)
         low, high = self._row_bounds(parameters, may)
-        x0 = np.concatenate([start, np.zeros(len(lower) - len(start))])
+        x0 = np.concatenate([start, np.clip(self._needed(start, parameters), lower[len(start) :], upper[len(start) :])])
         p = np.append(parameters, float(may[1]))
         found = np.asarray(self._solver(x0=x0, p=p, lbx=lower, ubx=upper, lbg=low, ubg=high)["x"]).ravel()
         q = found[: len(start)]
@@ -109,6 +109,12 @@ class ElasticProblem:
         if np.any(lacking[~may] > ROW_TOLERANCE):
             return None
         return Compromise(q, lacking, float(self.cost(lacking)))
+
+    def _needed(self, q: Array, parameters: Array) -> Array:
+        """The slacks that a posture needs: IPOPT starts where what may give has given enough."""
+        lacking = self.lacking(q[None], parameters)[0] / self._scales
+        shift = np.zeros(self._slack_sizes[0][1])
+        return np.concatenate([shift, *(np.full(size, lacking[k]) for k, size in self._slack_sizes[1:])])
 
     def _variable_bounds(self, may: Mask) -> tuple[Array, Array]:
         lower, upper = self._problem.nlp.variable_bounds

@@ -105,7 +105,8 @@ class _Told:
     def _condition(self) -> str:
         """What holds at the nearest point, beside the limits of the joints."""
         axis = ["the tool axis along the direction"] if self.problem.axis_rows else []
-        conditions = [*axis, *(["all further requirements met"] if self.elastic.further else [])]
+        further = [name for name in self.elastic.further if name != ITSELF]
+        conditions = [*axis, *(["all further requirements met"] if further else [])]
         return f" with {' and '.join(conditions)}" if conditions else ""
 
     def _way(self, shift: Array) -> str:
