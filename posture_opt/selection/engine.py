@@ -217,10 +217,10 @@ class Engine:
 
     @cached_property
     def _ends(self) -> tuple[Array, Array, Array, list[int]]:
-        """Limits and whole turns of the joints, and those that stand in nothing."""
+        """Limits and whole turns of the joints, and those that matter to nothing."""
         robot = self.robot
         turns = np.array([2 * np.pi * (joint.type == "revolute") for joint in robot.joints])
-        return np.array(robot.lower), np.array(robot.upper), turns, list(self.optimisation_problem.nlp.unused)
+        return np.array(robot.lower), np.array(robot.upper), turns, list(self.optimisation_problem.nlp.indifferent)
 
 
 def _better(end: CandidatePosture, start: CandidatePosture) -> bool:

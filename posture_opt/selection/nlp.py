@@ -82,18 +82,13 @@ class Nlp:
     def indifferent(self) -> tuple[int, ...]:
         """Variables that neither the objective nor any row depends on: a spin about the tool axis, say.
 
-        A row in one variable alone is a bound on it, and no reason to prefer a value within.
+        An inequality in one variable alone is a bound on it, and no reason to prefer a value within.
         """
         uses = [np.array(ca.which_depends(row.expression, self.x, 1, False)) for row in self.rows]
-        matters = [used for used in uses if np.count_nonzero(used) > 1]
+        equal = [ca.is_equal(row.lower, row.upper, 2) for row in self.rows]
+        matters = [used for used, one in zip(uses, equal, strict=True) if one or np.count_nonzero(used) > 1]
         matters.append(np.array(ca.which_depends(self.objective, self.x, 1, False)))
         return tuple(int(k) for k in np.flatnonzero(~np.any(matters, axis=0)))
-
-    @cached_property
-    def unused(self) -> tuple[int, ...]:
-        """Variables that stand nowhere at all, not even in a row of their own, which bounds them."""
-        everything = ca.vertcat(self.objective, self.g)
-        return tuple(int(k) for k in np.flatnonzero(~np.array(ca.which_depends(everything, self.x, 1, False))))
 
     def row_bounds(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(m,) lower and upper bounds of the rows for one target."""
