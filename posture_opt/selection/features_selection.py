@@ -83,7 +83,9 @@ class _FeaturesSelection:
             raise self._failure(own, began)
         found = [self._at(own, optimum, began) for optimum in own.optima[: _COMPARED if len(searches) > 1 else 1]]
         for search in searches[1:]:
-            # What another aim found is a candidate too: its postures are solved again for this one.
+            # What another aim found is a candidate too, as it is and with its postures solved again for this one:
+            # errors that stay favour postures that are alike, and what is best for each alone may not be.
+            found += [self._at(search, optimum, began) for optimum in search.optima[:1]]
             found += [self._at(own, self._for(own, optimum), began) for optimum in search.optima[:1]]
         return max(found, key=lambda one: 0.0 if one.success is None else one.success.probability)
 
