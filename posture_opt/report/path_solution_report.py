@@ -48,7 +48,7 @@ def path_report(found: PathSolution) -> Report:
     worst = found.worst
     problem = problem_of(found)
     at_worst = posture_block(worst)
-    name = f"Posture at {_name(found, found.motion.worst)}, where the scatter is largest"
+    name = f"Posture {_where(found, found.motion.worst)}, where the scatter is largest"
     blocks = (
         _problem(found),
         _points(found),
@@ -62,14 +62,14 @@ def path_report(found: PathSolution) -> Report:
 
 def _lead(found: PathSolution) -> tuple[str, ...]:
     return (
-        f"The tool point scatters {ACROSS} by at most {critical_size(found.critical)}, at "
-        f"{_name(found, found.motion.worst)} of {count(len(found.stations), 'point')}.",
+        f"The tool point scatters {ACROSS} by at most {critical_size(found.critical)}, "
+        f"{_where(found, found.motion.worst)} of {count(len(found.stations), 'point')}.",
         *(found.jumps or (f"From point to point {_moved(found)}.",)),
     )
 
 
-def _name(found: PathSolution, k: int) -> str:
-    return found.path.numbers[k]
+def _where(found: PathSolution, k: int) -> str:
+    return f"{'at ' if found.path.listed[k] else ''}{found.path.numbers[k]}"
 
 
 def _step(found: PathSolution, step: float) -> str:
