@@ -25,6 +25,7 @@ from posture_opt.selection.solution import HasTask, Solution
 from posture_opt.selection.task_target import TaskTarget
 
 _LED = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
+_FEWER_STARTS = 3  # beside postures that are near already
 _STARTS = 6  # of them, for a requirement that gives: those that lack least, and as many that lack least of the others
 
 
@@ -121,7 +122,7 @@ class _Infeasibility:
         # Postures that lack nothing else may be far from what is asked for; those that lack least in all are near.
         whole, others = self._cost(np.ones_like(held)), np.round(self._cost(held), 4)
         orders = np.argsort(whole), np.lexsort((self._cost(~held), others))
-        chosen = self._pool[np.concatenate([order[:_STARTS] for order in orders])]
+        chosen = self._pool[np.concatenate([order[: _FEWER_STARTS if len(near) else _STARTS] for order in orders])]
         return self.elastic.least(self.target.parameters, given, np.vstack([*near, chosen]))
 
     def _cost(self, counted: Array) -> Array:
