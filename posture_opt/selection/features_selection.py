@@ -13,6 +13,7 @@ import numpy as np
 from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.bench_map import placement_sigma
+from posture_opt.selection.features_failure import FeaturesFailure
 from posture_opt.selection.features_solution import (
     FeaturesSolution,
     PlacementFigure,
@@ -20,7 +21,6 @@ from posture_opt.selection.features_solution import (
 )
 from posture_opt.selection.placed_stations import PlacedStations, Postures
 from posture_opt.selection.placement import PlacementRange
-from posture_opt.selection.placement_relaxation import nearest_feasible, outside, turned_feasible
 from posture_opt.selection.placement_search import (
     FOUND_BY,
     PlacementOptimum,
@@ -28,7 +28,6 @@ from posture_opt.selection.placement_search import (
     failing,
     search_placement,
 )
-from posture_opt.selection.relaxation import Relaxation
 from posture_opt.selection.search_outcome import is_clear
 from posture_opt.selection.selector import PostureSelector
 from posture_opt.selection.solution import HasTask, Solution, Status, critical_basis
@@ -234,7 +233,7 @@ class _FeaturesSelection:
             try:
                 solved.append(selector.solve_thoroughly(seed=self.seed, workers=workers, target=target))
             except NoSolutionError as error:
-                raise self._failed(stations, w, [k], [error], 1, began) from None
+                raise self._explained(stations).error(w, [k], [error], 1, began) from None
             if progress is not None:
                 progress(k + 1, len(stations.targets))
         starts = sum(solution.statistics.tried for solution in solved)
@@ -242,6 +241,9 @@ class _FeaturesSelection:
         batches = max(solution.statistics.batches for solution in solved)
         statistics = PlacementStatistics(1, 1, starts, 0, batches, recurred, time.perf_counter() - began)
         return self._solution(stations, w, solved, statistics)
+
+    def _explained(self, stations: PlacedStations) -> FeaturesFailure:
+        return FeaturesFailure(self.problem, self.task, stations, self.seed)
 
     def _failure(self, search: PlacementSearch, began: float) -> NoSolutionError:
         """The placement at which least is missing, and why the features fail there that do."""
@@ -255,50 +257,7 @@ class _FeaturesSelection:
                 selector.solve_target(stations.targets[k].moved(every.W[m]), self.seed, 8)
             except NoSolutionError as error:
                 errors.append(error)
-        return self._failed(stations, every.W[m], failed, errors, len(every.W), began)
-
-    def _failed(
-        self, stations: PlacedStations, w: Array, failed: Sequence[int], errors: Sequence[NoSolutionError],
-        looked: int, began: float,
-    ) -> NoSolutionError:  # fmt: skip
-        names = tuple(self.task.features[k].name for k in failed[: len(errors)])
-        solved = [error.solution for error in errors]
-        pairs = [(name, reason) for name, one in zip(names, solved, strict=True) for reason in one.reasons]
-        reasons = tuple(replace(reason, message=f"{name}: {reason.message}") for name, reason in pairs)
-        others = tuple(self.task.features[k].name for k in failed[len(errors) :])
-        notes = (f"{', '.join(others)} cannot be done there either",) if others else ()
-        relaxations = (*self._moves(stations), *_of_the_only_one(names, solved))
-        statistics = PlacementStatistics(looked, 0, 0, 0, 1, 0, time.perf_counter() - began)
-        solution = FeaturesSolution(
-            self.problem, self.task, stations, "infeasible", w, tuple(solved), statistics, names,
-            notes=notes, reasons=reasons, relaxations=tuple(relaxations),
-        )  # fmt: skip
-        return NoSolutionError("\n".join(reason.message for reason in reasons), solution)
-
-    def _moves(self, stations: PlacedStations) -> list[Relaxation]:
-        """Where the whole workpiece could go, or how it could be turned, for every feature to be possible."""
-        found = []
-        moved, turned = nearest_feasible(stations, self.seed), turned_feasible(stations, self.seed)
-        if moved is not None:
-            away = float(outside(stations.placement, moved[None])[0])
-            x, y, z = (f"{v * 1e3:.0f}" for v in moved[:3])
-            change = (
-                f"let the workpiece stand at ({x}, {y}, {z}) mm, {away * 1e3:.0f} mm outside of its range: every "
-                f"feature can be done there"
-            )
-            found.append(Relaxation(change, (), {}, away))
-        if turned is not None:
-            away = float(outside(stations.placement, turned[None])[0])
-            change = f"let the yaw go to {np.degrees(turned[3]):.0f} deg: every feature can be done then"
-            found.append(Relaxation(change, (), {}, away))
-        return sorted(found, key=lambda one: one.cost)
-
-
-def _of_the_only_one(names: Sequence[str], solved: Sequence[Solution]) -> list[Relaxation]:
-    """What would help a feature that fails alone: of several, no such change helps them all."""
-    if len(solved) != 1:
-        return []
-    return [replace(one, change=f"{names[0]}: {one.change}") for one in solved[0].relaxations]
+        return self._explained(stations).error(every.W[m], failed, errors, len(every.W), began)
 
 
 @dataclass(frozen=True)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, ClassVar, Literal
 
 import casadi as ca
 from pydantic import Field
 
 from posture_opt.selection import criteria
-from posture_opt.selection.terms.term import BoundedTerm, Quantities
+from posture_opt.selection.terms.standard_deviation import StandardDeviationTerm
+from posture_opt.selection.terms.term import Quantities
 from posture_opt.units import Angle
 
 Rotation = Literal["tilt", "spin", "all"]
 
 
-class OrientationSpread(BoundedTerm):
+class OrientationSpread(StandardDeviationTerm):
     """The largest standard deviation of the rotation of the tool [rad]: tilt of its axis, spin about it, or any.
 
     ``sqrt(λ_max(Bᵀ J Σ Jᵀ B))`` with the rotation rows J (3, k) of the tool and B (3, m) the two directions across its
@@ -39,13 +39,3 @@ class OrientationSpread(BoundedTerm):
 
     def labels(self, at: Quantities) -> list[str]:
         return [f"orientation_spread of the {self.of}" if self.of != "all" else "orientation_spread"]
-
-    def bounds(self) -> tuple[float, float]:
-        return -math.inf, math.inf if self.at_most is None else self.at_most
-
-    @property
-    def row_size(self) -> float:
-        return self.at_most or 1e-3
-
-    def scale(self, at: Quantities) -> float:
-        return self.at_most or 1e-3

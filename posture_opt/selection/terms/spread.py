@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar, Literal
 
 import casadi as ca
 
 from posture_opt.selection import criteria
-from posture_opt.selection.terms.term import BoundedTerm, Quantities
+from posture_opt.selection.terms.standard_deviation import StandardDeviationTerm
+from posture_opt.selection.terms.term import Quantities
 from posture_opt.uncertainty.critical import Within
 from posture_opt.units import Length
 
 
-class SpreadTerm(BoundedTerm):
+class SpreadTerm(StandardDeviationTerm):
     """The largest standard deviation across the direction, along it, or in any direction [m]."""
 
     summary: ClassVar[str] = "largest standard deviation across | along the direction, or all of it"
@@ -29,13 +29,3 @@ class SpreadTerm(BoundedTerm):
 
     def quantity(self, at: Quantities) -> ca.SX:
         return ca.sqrt(criteria.worst(at.projected(self.within)[0]))
-
-    def bounds(self) -> tuple[float, float]:
-        return -math.inf, math.inf if self.at_most is None else self.at_most
-
-    @property
-    def row_size(self) -> float:
-        return self.at_most or 1e-3
-
-    def scale(self, at: Quantities) -> float:
-        return self.at_most or 1e-3

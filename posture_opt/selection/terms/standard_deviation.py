@@ -1,0 +1,25 @@
+"""``StandardDeviationTerm``: what the terms share that keep a standard deviation below a bound."""
+
+from __future__ import annotations
+
+import math
+
+from posture_opt.selection.terms.term import Quantities, Term
+
+_USUAL = 1e-3  # m or rad: where no bound tells what is large
+
+
+class StandardDeviationTerm(Term):
+    """A standard deviation with an upper bound; its row is measured in that, for bounds of a few µm are usual."""
+
+    at_most: float | None = None
+
+    def bounds(self) -> tuple[float, float]:
+        return -math.inf, math.inf if self.at_most is None else self.at_most
+
+    @property
+    def row_size(self) -> float:
+        return self.at_most or _USUAL
+
+    def scale(self, at: Quantities) -> float:
+        return self.at_most or _USUAL
