@@ -78,7 +78,8 @@ class BadValueError(ValueError):
 
     def __init__(self, message: str, mend: str = "") -> None:
         super().__init__(f"{message}; {mend}" if mend else message)
-        self.message, self.mend = message, mend
+        self.message: str = message
+        self.mend: str = mend
 
     def issue(self, key: KeyPath, value: Any = None) -> Issue:
         """The issue about the entry at ``key``, which holds ``value``."""

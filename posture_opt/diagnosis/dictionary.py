@@ -62,12 +62,15 @@ class WrittenAtoms(Atoms):
     """Candidates whose columns are written out."""
 
     def __init__(self, candidates: Sequence[Candidate], sensitivities: EffectSensitivities) -> None:
-        self.members, self.width, self._sensitivities = tuple(candidates), candidates[0].Z.shape[1], sensitivities
-        self.block = sensitivities.residuals.block
+        self.members: tuple[Candidate, ...] = tuple(candidates)
+        self.width: int = candidates[0].Z.shape[1]
+        self._sensitivities = sensitivities
+        self.block: int = sensitivities.residuals.block
         # Half the memory; gains to seven digits decide nothing.
         self.Z = np.concatenate([c.Z for c in candidates], axis=1, dtype=np.float32)
-        self.prices = np.array([price_of_choice(c) for c in candidates])
-        self.limits = np.array([c.what.limits if isinstance(c.what, Effect) else (-np.inf, np.inf) for c in candidates])
+        self.prices: Array = np.array([price_of_choice(c) for c in candidates])
+        open_ended = (-np.inf, np.inf)
+        self.limits: Array = np.array([c.what.limits if isinstance(c.what, Effect) else open_ended for c in candidates])
         codes: dict[object, list[int]] = {}
         for i, c in enumerate(candidates):
             codes.setdefault(c.exclusive, []).append(i)
@@ -99,14 +102,16 @@ class LineAtoms(Atoms):
     """
 
     def __init__(self, linearised: LinearisedData, lines: Lines) -> None:
-        self.lines, self._sensitivities = lines, linearised.sensitivities
+        self.lines: Lines = lines
+        self._sensitivities = linearised.sensitivities
         data = self._sensitivities.residuals.data
         joint = data.joint_names.index(lines.form.joint)
-        self.lever = self._sensitivities.joints[joint]
-        self.q = data.q[:, joint] - lines.form.centre
-        self.sums = FourierSums.of(self.q, lines.cycles)
-        self.prices = np.full(len(lines.cycles), price_of_choice(lines.candidate(lines.cycles[0], self._sensitivities)))
-        self.limits = np.tile([-np.inf, np.inf], (len(lines.cycles), 1))
+        self.lever: Array = self._sensitivities.joints[joint]
+        self.q: Array = data.q[:, joint] - lines.form.centre
+        self.sums: FourierSums = FourierSums.of(self.q, lines.cycles)
+        price = price_of_choice(lines.candidate(lines.cycles[0], self._sensitivities))
+        self.prices: Array = np.full(len(lines.cycles), price)
+        self.limits: Array = np.tile([-np.inf, np.inf], (len(lines.cycles), 1))
         self._step = float(lines.cycles[1] - lines.cycles[0]) if len(lines.cycles) > 1 else 0.0
 
     def grams(self, rows: Codes | None = None) -> Array:

@@ -26,7 +26,7 @@ class Faults:
 
     def __init__(self, file: str) -> None:
         self.file = file
-        self.count = 0
+        self.count: int = 0
         self._kept: list[Issue] = []
 
     def add(self, message: str, column: str = "", value: Any = None, mend: str = "", line: int = 0) -> None:

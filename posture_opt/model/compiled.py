@@ -72,8 +72,9 @@ class BatchFunction:
         self._names = [function.name_in(i) for i in range(function.n_in())]
         self._sizes = [function.numel_in(i) for i in range(function.n_in())]
         self._shapes = [_shape(function, i) for i in range(function.n_out())]
-        library, self.reason = library_of(compiled, self._row.serialize, lambda: c_text([self._row]) + _BATCH_C)
-        self.compiled = library is not None
+        library, reason = library_of(compiled, self._row.serialize, lambda: c_text([self._row]) + _BATCH_C)
+        self.reason: str = reason
+        self.compiled: bool = library is not None
         if library:
             self._row = casadi.external(_ROW, str(library.path))
         self._fill = functools.partial(_fill_compiled, library) if library else self._fill_interpreted

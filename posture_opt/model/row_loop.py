@@ -56,7 +56,7 @@ class RowLoop:
         identity = "".join(row.serialize() for row in rows)
         whole = _PREAMBLE + text
         self._library, _ = library_of(compiled, lambda: f"{whole}{identity}", lambda: c_text(rows) + whole)
-        self.compiled = self._library is not None
+        self.compiled: bool = self._library is not None
 
     def __call__(self, *arguments: Array | int | float) -> int:
         """Run the loop: arrays of doubles are handed over as they lie in memory and written to, C-contiguous ones.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import ConfigDict, Field
 
@@ -30,7 +30,7 @@ else:
 class ProblemSpec(Spec):
     """A problem file of posture_opt: the robot, what is uncertain about it, and what it has to do."""
 
-    model_config = ConfigDict(title="Problem file of posture_opt")
+    model_config: ClassVar[ConfigDict] = ConfigDict(title="Problem file of posture_opt")
 
     name: str = Field("", description="what reports call the problem")
     robot: RobotSpec = Field(description="the nominal arm", examples=[{"kind": "preset", "name": "ur10e"}])

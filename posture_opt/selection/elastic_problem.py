@@ -56,7 +56,8 @@ class ElasticProblem:
 
     def __init__(self, problem: OptimisationProblem) -> None:
         self._problem = problem
-        self.requirements = (TARGET, AXIS, LIMITS, *dict.fromkeys(row.requirement for row in further_rows(problem.nlp)))
+        further = dict.fromkeys(row.requirement for row in further_rows(problem.nlp))
+        self.requirements: tuple[str, ...] = (TARGET, AXIS, LIMITS, *further)
 
     @property
     def further(self) -> tuple[str, ...]:

@@ -86,7 +86,7 @@ class InverseKinematics:
     ) -> None:
         self._drawn = drawn_between(arm.robot)
         self._compiled = compiled
-        self.step = _step_function(arm, tool_axis, directions, spun)
+        self.step: ca.Function = _step_function(arm, tool_axis, directions, spun)
 
     @cached_property
     def _loop(self) -> RowLoop:

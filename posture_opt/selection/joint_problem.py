@@ -189,8 +189,9 @@ class StationFunction:
         at_target = ca.Function("at_target", [nlp.x, nlp.p], [nlp.terms[0][1], extra, rows])
         w, c = ca.SX.sym("w", 4), ca.SX.sym("c", nlp.p.shape[0])
         outputs = at_target(nlp.x, moved_parameters(c, w))
-        self.call = ca.Function("station", [w, nlp.x, c], [ca.densify(output) for output in outputs])
-        self.ends = np.array([low for _, low, _ in parts]), np.array([high for _, _, high in parts])
+        self.call: ca.Function = ca.Function("station", [w, nlp.x, c], [ca.densify(output) for output in outputs])
+        low, high = np.array([low for _, low, _ in parts]), np.array([high for _, _, high in parts])
+        self.ends: tuple[Array, Array] = (low, high)
 
 
 def moved_parameters(c: ca.SX, w: ca.SX) -> ca.SX:

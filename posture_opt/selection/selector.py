@@ -52,11 +52,11 @@ class PostureSelector:
 
     def __init__(self, problem: HasTask, *, compiled: bool | None = None) -> None:
         self._problem, self._compiled = problem, compiled
-        self.task = one_target(task_of(problem))
+        self.task: Task = one_target(task_of(problem))
         arm = with_held_joints(problem.arm, self.task)
-        self.tool_point = ToolPoint.of(arm, sources_of(problem))
-        self.reach = Reach.of(arm, self.task.tool_axis)
-        self.target = TaskTarget.of(self.task, self.reach)
+        self.tool_point: ToolPoint = ToolPoint.of(arm, sources_of(problem))
+        self.reach: Reach = Reach.of(arm, self.task.tool_axis)
+        self.target: TaskTarget = TaskTarget.of(self.task, self.reach)
         self._aligner = Aligner(arm, self.task, self.reach, compiled)
         self._engines: dict[tuple[str, Alignment, bool, bool], Engine] = {}
         self.engine(self.target).optimisation_problem.check_axis(self.target)

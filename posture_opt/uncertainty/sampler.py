@@ -75,11 +75,11 @@ class PowerSums:
 
     def __init__(self, spread: Spread) -> None:
         self.spread = spread
-        self.first = np.zeros(6)
-        self.second = np.zeros((6, 6))
-        self.fourth = np.zeros((6, 6))
-        self.inside = 0
-        self.hits = 0
+        self.first: Array = np.zeros(6)
+        self.second: Array = np.zeros((6, 6))
+        self.fourth: Array = np.zeros((6, 6))
+        self.inside: int = 0
+        self.hits: int = 0
         # In coordinates about the nominal point: a micrometre on a metre would lose ten digits.
         self._region = Ellipsoid(spread.bias, spread.covariance).project(spread.basis)
 

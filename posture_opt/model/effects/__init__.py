@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from posture_opt.model.effects.backlash import Backlash
 from posture_opt.model.effects.base_compliance import BaseCompliance
 from posture_opt.model.effects.catalogue_entry import INPUTS, CatalogueEntry, Evidence, Limit
@@ -69,7 +71,10 @@ NOISES: tuple[type[NoiseEffect], ...] = (
 
 CATALOGUE: tuple[type[CatalogueEntry], ...] = (*EFFECTS, *NOISES)
 
-EffectSpec = one_of(CATALOGUE)
+if TYPE_CHECKING:
+    EffectSpec = CatalogueEntry
+else:
+    EffectSpec = one_of(CATALOGUE)
 """The entry of ``effects:`` in a problem file: any of the catalogue, told apart by its kind."""
 
 __all__ = [

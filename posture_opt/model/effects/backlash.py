@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 import numpy as np
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
+from posture_opt.model.effects.catalogue_entry import Input
 from posture_opt.model.effects.cause import Abscissa, over_joint
 from posture_opt.model.effects.effect import POSITIVE
 from posture_opt.model.effects.joint_effect import JointEffect
@@ -19,14 +21,14 @@ class Backlash(JointEffect):
     summary: ClassVar[str] = "lost motion: the joint value depends on the side from which it was reached"
     phrase: ClassVar[str] = "{target} has backlash"
     measurement: ClassVar[str] = "approach each posture from both sides, in random order"
-    rivals: ClassVar = {
+    rivals: ClassVar[Mapping[str, str]] = {
         "hysteresis": "approach from both sides after short moves and after long ones: backlash is constant, "
         "hysteresis grows with the move",
         "load_backlash": "approach from both sides under two payloads",
     }
-    parameters: ClassVar = (("width", "angle"),)
-    limits: ClassVar = POSITIVE
-    needs: ClassVar = frozenset({"approach"})
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("width", "angle"),)
+    limits: ClassVar[tuple[float, float]] = POSITIVE
+    needs: ClassVar[frozenset[Input]] = frozenset({"approach"})
 
     kind: Literal["backlash"] = "backlash"
 

@@ -6,6 +6,7 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import cross, dot, scale, subtract
+from posture_opt.model.effects.catalogue_entry import Input
 from posture_opt.model.effects.cause import Size, compliance_size
 from posture_opt.model.effects.effect import POSITIVE, Sensitivity, SoleEffect
 
@@ -16,10 +17,10 @@ class BaseCompliance(SoleEffect):
     summary: ClassVar[str] = "the base tilts under the overturning moment"
     phrase: ClassVar[str] = "the base is compliant: it tilts under the weight of the arm"
     measurement: ClassVar[str] = "measure targets fixed to the base in every posture"
-    sole: ClassVar = "base"
-    parameters: ClassVar = (("compliance", "angle per torque"),)
-    limits: ClassVar = POSITIVE
-    needs: ClassVar = frozenset({"masses"})
+    sole: ClassVar[str] = "base"
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("compliance", "angle per torque"),)
+    limits: ClassVar[tuple[float, float]] = POSITIVE
+    needs: ClassVar[frozenset[Input]] = frozenset({"masses"})
 
     kind: Literal["base_compliance"] = "base_compliance"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -41,14 +41,14 @@ class CyclicError(Harmonic):
     measurement: ClassVar[str] = (
         "measure many values of {target} that lie on no regular grid, in postures that differ in all other joints"
     )
-    rivals: ClassVar = {
+    rivals: ClassVar[Mapping[str, str]] = {
         "gear_ripple": "measure many joint values that lie on no regular grid, and state 'gear_ratio'",
         "quantisation": "log the joint values that the controller reached, and measure many off any regular grid",
     }
-    shape: ClassVar = ("cycles", "centre")
-    shape_units: ClassVar = {"centre": "rad"}
+    shape: ClassVar[tuple[str, ...]] = ("cycles", "centre")
+    shape_units: ClassVar[Mapping[str, str]] = {"centre": "rad"}
     relative_shape: ClassVar[bool] = False
-    family: ClassVar = "periodic"
+    family: ClassVar[Literal["named", "steps", "periodic"]] = "periodic"
 
     kind: Literal["cyclic_error"] = "cyclic_error"
     cycles: float = Field(gt=0, description="k, cycles per revolution of the joint")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO, Scalar, exp
+from posture_opt.model.effects.catalogue_entry import Input
 from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size, over_time
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
 from posture_opt.units import Time, plus_minus, shown
@@ -23,15 +24,15 @@ class Drift(Effect):
     summary: ClassVar[str] = "the measured point drifts with time, the same in all postures"
     phrase: ClassVar[str] = "the measured point drifts with time ({target})"
     measurement: ClassVar[str] = "return to a reference target every few postures, and take the others in random order"
-    rivals: ClassVar = {
+    rivals: ClassVar[Mapping[str, str]] = {
         "slip": "return to the same few postures again and again: a drift is gradual, a slip is a step",
         "instrument_field": "repeat the postures in another order, so that position and time are independent",
     }
-    parameters: ClassVar = (("x", "length"), ("y", "length"), ("z", "length"))
-    shape: ClassVar = ("constant",)
-    shape_units: ClassVar = {"constant": "s"}
-    needs: ClassVar = frozenset({"time"})
-    for_planning: ClassVar = False
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("x", "length"), ("y", "length"), ("z", "length"))
+    shape: ClassVar[tuple[str, ...]] = ("constant",)
+    shape_units: ClassVar[Mapping[str, str]] = {"constant": "s"}
+    needs: ClassVar[frozenset[Input]] = frozenset({"time"})
+    for_planning: ClassVar[bool] = False
 
     kind: Literal["drift"] = "drift"
     course: Literal["exponential", "linear"] = "linear"

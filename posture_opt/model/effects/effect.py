@@ -86,7 +86,7 @@ def _schema_of(dimension: str) -> dict[str, Any]:
 class Effect(CatalogueEntry):
     """One kind of effect that moves the tool point; ``estimate`` holds its parameters with their units."""
 
-    model_config = ConfigDict(json_schema_extra=_schema_of_estimate)
+    model_config: ClassVar[ConfigDict] = ConfigDict(json_schema_extra=_schema_of_estimate)
 
     parameters: ClassVar[tuple[tuple[str, str], ...]]
     """Name and dimension of each linear parameter."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
@@ -15,7 +16,7 @@ class GearEccentricity(Harmonic):
     summary: ClassVar[str] = "joint error of one cycle per revolution, as of an eccentric gear or encoder disc"
     phrase: ClassVar[str] = "{target} has an eccentric gear or encoder (one cycle per revolution)"
     measurement: ClassVar[str] = "drive {target} through a whole revolution, under two payloads"
-    rivals: ClassVar = {
+    rivals: ClassVar[Mapping[str, str]] = {
         "gear_second_harmonic": "drive {target} through a whole revolution: on part of it, one cycle looks like two",
     }
     slow: ClassVar[bool] = True

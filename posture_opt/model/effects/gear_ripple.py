@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from posture_opt.model.effects.catalogue_entry import Input
 from posture_opt.model.effects.effect import Effect, Excitation
 from posture_opt.model.effects.joint_effect import Harmonic
 from posture_opt.units import number
@@ -19,10 +20,10 @@ class GearRipple(Harmonic):
     summary: ClassVar[str] = "joint error once or twice per revolution of the motor; needs the gear ratio"
     phrase: ClassVar[str] = "the gear of {target} has ripple at its input shaft"
     measurement: ClassVar[str] = "measure many joint values that lie on no regular grid"
-    rivals: ClassVar = {
+    rivals: ClassVar[Mapping[str, str]] = {
         "quantisation": "log the joint values that the controller reached, and state 'gear_ratio'",
     }
-    needs: ClassVar = frozenset({"gear_ratio"})
+    needs: ClassVar[frozenset[Input]] = frozenset({"gear_ratio"})
 
     kind: Literal["gear_ripple"] = "gear_ripple"
     ratio: float = Field(description="N, motor revolutions per revolution of the joint")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, exp
+from posture_opt.model.effects.catalogue_entry import Input
 from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size
 from posture_opt.model.effects.effect import POSITIVE, Effect, Excitation
 from posture_opt.model.effects.joint_effect import JointEffect
@@ -25,11 +26,11 @@ class Hysteresis(JointEffect):
     summary: ClassVar[str] = "lost motion that grows with the length of the last move"
     phrase: ClassVar[str] = "{target} has hysteresis that grows with the last move"
     measurement: ClassVar[str] = "approach each posture from both sides after short moves and after long ones"
-    parameters: ClassVar = (("height", "angle"),)
-    limits: ClassVar = POSITIVE
-    shape: ClassVar = ("travel",)
-    shape_units: ClassVar = {"travel": "rad"}
-    needs: ClassVar = frozenset({"approach"})
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("height", "angle"),)
+    limits: ClassVar[tuple[float, float]] = POSITIVE
+    shape: ClassVar[tuple[str, ...]] = ("travel",)
+    shape_units: ClassVar[Mapping[str, str]] = {"travel": "rad"}
+    needs: ClassVar[frozenset[Input]] = frozenset({"approach"})
 
     kind: Literal["hysteresis"] = "hysteresis"
     travel: Angle = Field(gt=0, description="d0, travel after which 63 % is reached")

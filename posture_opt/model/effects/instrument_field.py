@@ -25,10 +25,12 @@ class InstrumentField(SoleEffect):
     phrase: ClassVar[str] = "the instrument has an error that varies smoothly over its volume"
     measurement: ClassVar[str] = "measure the same postures from a second station of the instrument"
     decisive: ClassVar[bool] = True
-    sole: ClassVar = "instrument"
-    parameters: ClassVar = tuple((f"{axis}_{product}", "per length") for axis in "xyz" for product in _PRODUCTS)
-    flexible: ClassVar = True
-    for_planning: ClassVar = False
+    sole: ClassVar[str] = "instrument"
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = tuple(
+        (f"{axis}_{product}", "per length") for axis in "xyz" for product in _PRODUCTS
+    )
+    flexible: ClassVar[bool] = True
+    for_planning: ClassVar[bool] = False
 
     kind: Literal["instrument_field"] = "instrument_field"
 

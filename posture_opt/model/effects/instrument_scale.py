@@ -20,9 +20,9 @@ class InstrumentScale(SoleEffect):
     summary: ClassVar[str] = "the instrument reads all distances too long by one factor; only a scale bar tells"
     phrase: ClassVar[str] = "the instrument has a scale error"
     measurement: ClassVar[str] = "measure a scale bar of known length with the same instrument"
-    sole: ClassVar = "instrument"
-    parameters: ClassVar = (("scale", "length per length"),)
-    for_planning: ClassVar = False
+    sole: ClassVar[str] = "instrument"
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("scale", "length per length"),)
+    for_planning: ClassVar[bool] = False
 
     kind: Literal["instrument_scale"] = "instrument_scale"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 from pydantic import Field
@@ -27,7 +27,7 @@ class JointCompliance(JointEffect):
     summary: ClassVar[str] = "the joint is compliant under the torque of gravity and payload"
     phrase: ClassVar[str] = "{target} is compliant under gravity"
     measurement: ClassVar[str] = "measure the same postures under two payloads"
-    rivals: ClassVar = {
+    rivals: ClassVar[Mapping[str, str]] = {
         "gear_eccentricity": "measure the same postures under two payloads: a compliance is proportional to the load, "
         "a gear error does not depend on it",
         "gear_second_harmonic": "measure the same postures under two payloads: a gear error does not depend on the "
@@ -37,7 +37,7 @@ class JointCompliance(JointEffect):
         "base_compliance": "measure targets fixed to the base in every posture: a compliant base moves them",
     }
 
-    parameters: ClassVar = (("compliance", "angle per torque"),)
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("compliance", "angle per torque"),)
 
     kind: Literal["joint_compliance"] = "joint_compliance"
     loads: Literal["masses", "points"] = Field("masses", description="masses of the file, or unknown point masses")

@@ -23,8 +23,8 @@ class JointCoupling(JointEffect):
 
     summary: ClassVar[str] = "the joint follows another one by a small ratio (cross-coupling)"
     measurement: ClassVar[str] = "move both joints of the coupling over wide ranges, one at a time"
-    rivals: ClassVar = {"joint_scale": measurement}
-    parameters: ClassVar = (("ratio", "ratio"),)
+    rivals: ClassVar[Mapping[str, str]] = {"joint_scale": measurement}
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("ratio", "ratio"),)
 
     kind: Literal["joint_coupling"] = "joint_coupling"
     follows: str = Field(description="the joint A that drives it")

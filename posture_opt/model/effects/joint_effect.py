@@ -72,7 +72,7 @@ class JointEffect(EffectOfJoint):
 class Harmonic(JointEffect):
     """``dq = a sin(k q) + b cos(k q)``, k cycles per revolution."""
 
-    parameters: ClassVar = (("sin", "angle"), ("cos", "angle"))
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("sin", "angle"), ("cos", "angle"))
 
     @property
     @abstractmethod

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
@@ -16,15 +17,15 @@ class JointScale(JointEffect):
     summary: ClassVar[str] = "the joint moves by a constant factor more or less than commanded"
     phrase: ClassVar[str] = "{target} has a scale error"
     measurement: ClassVar[str] = "drive {target} through its whole range"
-    rivals: ClassVar = {
+    rivals: ClassVar[Mapping[str, str]] = {
         "gear_eccentricity": "drive {target} through its whole range: a scale error grows linearly, an eccentricity "
         "is periodic",
         "gear_second_harmonic": "drive {target} through its whole range: a scale error grows linearly, a harmonic is "
         "periodic",
     }
     slow: ClassVar[bool] = True
-    parameters: ClassVar = (("scale", "ratio"),)
-    types: ClassVar = ("revolute", "prismatic")
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("scale", "ratio"),)
+    types: ClassVar[tuple[str, ...]] = ("revolute", "prismatic")
 
     kind: Literal["joint_scale"] = "joint_scale"
 

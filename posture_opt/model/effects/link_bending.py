@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Vector, add, cross, dot, scale, subtract
+from posture_opt.model.effects.catalogue_entry import Input
 from posture_opt.model.effects.cause import Size, compliance_size
 from posture_opt.model.effects.effect import POSITIVE, Effect, Excitation, Sensitivity
 from posture_opt.model.effects.joint_effect import EffectOfJoint
@@ -27,11 +28,11 @@ class LinkBending(EffectOfJoint):
     summary: ClassVar[str] = "the link behind the joint bends under the weight that it carries"
     phrase: ClassVar[str] = "the link behind {target} bends under gravity"
     measurement: ClassVar[str] = "measure the orientation of the tool too, under two payloads"
-    rivals: ClassVar = {"base_compliance": "measure targets fixed to the base in every posture"}
-    parameters: ClassVar = (("compliance", "angle per torque"),)
-    limits: ClassVar = POSITIVE
-    types: ClassVar = ("revolute", "prismatic")
-    needs: ClassVar = frozenset({"masses"})
+    rivals: ClassVar[Mapping[str, str]] = {"base_compliance": "measure targets fixed to the base in every posture"}
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("compliance", "angle per torque"),)
+    limits: ClassVar[tuple[float, float]] = POSITIVE
+    types: ClassVar[tuple[str, ...]] = ("revolute", "prismatic")
+    needs: ClassVar[frozenset[Input]] = frozenset({"masses"})
 
     kind: Literal["link_bending"] = "link_bending"
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 import numpy as np
 
 from posture_opt.model.arm_state import UPRIGHT, ArmState
 from posture_opt.model.chain import Scalar, magnitude
+from posture_opt.model.effects.catalogue_entry import Input
 from posture_opt.model.effects.cause import Abscissa
 from posture_opt.model.effects.effect import POSITIVE
 from posture_opt.model.effects.joint_effect import JointEffect
@@ -19,12 +21,12 @@ class LoadBacklash(JointEffect):
     summary: ClassVar[str] = "backlash in proportion to the load of the joint, as of friction"
     phrase: ClassVar[str] = "{target} has backlash in proportion to its load"
     measurement: ClassVar[str] = "approach each posture from both sides under two payloads"
-    rivals: ClassVar = {
+    rivals: ClassVar[Mapping[str, str]] = {
         "hysteresis": "approach from both sides, after short and long moves, under two payloads",
     }
-    parameters: ClassVar = (("height", "angle per torque"),)
-    limits: ClassVar = POSITIVE
-    needs: ClassVar = frozenset({"approach", "masses"})
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("height", "angle per torque"),)
+    limits: ClassVar[tuple[float, float]] = POSITIVE
+    needs: ClassVar[frozenset[Input]] = frozenset({"approach", "masses"})
 
     kind: Literal["load_backlash"] = "load_backlash"
 

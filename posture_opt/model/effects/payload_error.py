@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
+from posture_opt.model.effects.catalogue_entry import Input
 from posture_opt.model.effects.effect import Sensitivity, SoleEffect
 
 
@@ -17,13 +19,13 @@ class PayloadError(SoleEffect):
     summary: ClassVar[str] = "the deflection in proportion to the payload differs from the model"
     phrase: ClassVar[str] = "the deflection under the payload differs from the model"
     measurement: ClassVar[str] = "measure under three payloads, one of them zero"
-    rivals: ClassVar = dict.fromkeys(
+    rivals: ClassVar[Mapping[str, str]] = dict.fromkeys(
         ("joint_compliance", "link_bending", "base_compliance"),
         "measure under three weighed payloads, one of them zero: the weight of the links acts without a payload too",
     )
-    sole: ClassVar = "payload"
-    parameters: ClassVar = (("sag", "angle per torque"),)
-    needs: ClassVar = frozenset({"payload"})
+    sole: ClassVar[str] = "payload"
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("sag", "angle per torque"),)
+    needs: ClassVar[frozenset[Input]] = frozenset({"payload"})
 
     kind: Literal["payload_error"] = "payload_error"
 

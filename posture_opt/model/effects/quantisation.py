@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -26,11 +26,11 @@ class Quantisation(JointEffect):
     summary: ClassVar[str] = "the joint reaches discrete steps only"
     phrase: ClassVar[str] = "{target} is quantised: it reaches discrete steps only"
     measurement: ClassVar[str] = "log the joint values that the controller reached"
-    parameters: ClassVar = (("share", "ratio"),)
-    shape: ClassVar = ("lsb",)
-    shape_units: ClassVar = {"lsb": "rad"}
-    family: ClassVar = "periodic"
-    limits: ClassVar = (0.4, 1.6)  # a step that is not taken whole is no rounding
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("share", "ratio"),)
+    shape: ClassVar[tuple[str, ...]] = ("lsb",)
+    shape_units: ClassVar[Mapping[str, str]] = {"lsb": "rad"}
+    family: ClassVar[Literal["named", "steps", "periodic"]] = "periodic"
+    limits: ClassVar[tuple[float, float]] = (0.4, 1.6)  # a step that is not taken whole is no rounding
 
     kind: Literal["quantisation"] = "quantisation"
     lsb: Angle = Field(gt=0, description="the step")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -12,6 +12,7 @@ from pydantic import Field
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO, at_least, cross, subtract
+from posture_opt.model.effects.catalogue_entry import Input
 from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size, over_time
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
 from posture_opt.numerics import Array, Mask
@@ -37,11 +38,11 @@ class Slip(Effect):
     summary: ClassVar[str] = "a step at some moment: a coupling or the base slipped"
     phrase: ClassVar[str] = "{target} slipped during the measurements"
     measurement: ClassVar[str] = "return to the same few postures again and again"
-    shape: ClassVar = ("moment",)
-    shape_units: ClassVar = {"moment": "s"}
-    needs: ClassVar = frozenset({"time"})
-    family: ClassVar = "steps"
-    for_planning: ClassVar = False
+    shape: ClassVar[tuple[str, ...]] = ("moment",)
+    shape_units: ClassVar[Mapping[str, str]] = {"moment": "s"}
+    needs: ClassVar[frozenset[Input]] = frozenset({"time"})
+    family: ClassVar[Literal["named", "steps", "periodic"]] = "steps"
+    for_planning: ClassVar[bool] = False
 
     kind: Literal["slip"] = "slip"
     of: str = Field(description="a joint, or base")

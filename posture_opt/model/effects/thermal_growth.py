@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
+from posture_opt.model.effects.catalogue_entry import Input
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
 from posture_opt.robot.robot import Factor, Robot
 
@@ -19,13 +20,13 @@ class ThermalGrowth(Effect):
     summary: ClassVar[str] = "lengths expand with temperature"
     phrase: ClassVar[str] = "{target} expands with temperature"
     measurement: ClassVar[str] = "log the temperature through a warm-up and a cool-down"
-    rivals: ClassVar = {
+    rivals: ClassVar[Mapping[str, str]] = {
         "drift": "log the temperature through a warm-up and a cool-down: time only grows",
         "thermal_offset": "measure stretched and folded postures at the same temperatures: growth acts along the "
         "links, a drifting zero across them",
     }
-    parameters: ClassVar = (("expansion", "per temperature"),)
-    needs: ClassVar = frozenset({"temperature"})
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("expansion", "per temperature"),)
+    needs: ClassVar[frozenset[Input]] = frozenset({"temperature"})
 
     kind: Literal["thermal_growth"] = "thermal_growth"
     length: str = Field("all", description="JOINT.a, JOINT.d, …; or all")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
+from posture_opt.model.effects.catalogue_entry import Input
 from posture_opt.model.effects.cause import Abscissa
 from posture_opt.model.effects.joint_effect import JointEffect
 
@@ -16,11 +18,11 @@ class ThermalOffset(JointEffect):
     summary: ClassVar[str] = "the zero of the joint drifts with temperature"
     phrase: ClassVar[str] = "the zero of {target} drifts with temperature"
     measurement: ClassVar[str] = "log the temperature through a warm-up and a cool-down"
-    rivals: ClassVar = {
+    rivals: ClassVar[Mapping[str, str]] = {
         "drift": "log the temperature through a warm-up and a cool-down: time only grows",
     }
-    parameters: ClassVar = (("rate", "angle per temperature"),)
-    needs: ClassVar = frozenset({"temperature"})
+    parameters: ClassVar[tuple[tuple[str, str], ...]] = (("rate", "angle per temperature"),)
+    needs: ClassVar[frozenset[Input]] = frozenset({"temperature"})
 
     kind: Literal["thermal_offset"] = "thermal_offset"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -27,7 +27,7 @@ class JointNoise(NoiseEffect):
     phrase: ClassVar[str] = "{target} scatters more than stated"
     unstated: ClassVar[str] = "{target} scatters from repeat to repeat by {size}, which the file does not state"
     measurement: ClassVar[str] = "repeat each posture a few times, moving away in between"
-    rivals: ClassVar = {
+    rivals: ClassVar[Mapping[str, str]] = {
         "range_noise": "repeat postures near the instrument and far from it, moving away in between",
         "outliers": "repeat each posture a few times, moving away in between: an outlier does not recur",
     }
@@ -112,15 +112,16 @@ def _dimension(text: object) -> str:
 class Along(Pattern):
     """Rows that a noisy joint spreads along its column (N, d)."""
 
-    effect = JointNoise
+    effect: type[NoiseEffect] = JointNoise
     grid = _RATIOS
 
     def __init__(self, joint: str, column: Array, turns: bool) -> None:
         self.target = joint
-        self.quantity = "sigma", "rad" if turns else "m"
-        self.square = np.einsum("nd,nd->n", column, column)
-        self.scale, self.dimension = float(np.mean(self.square)), column.shape[1]
-        self.unit = column / np.sqrt(np.maximum(self.square, 1e-300))[:, None]
+        self.quantity: tuple[str, str] = ("sigma", "rad" if turns else "m")
+        self.square: Array = np.einsum("nd,nd->n", column, column)
+        self.scale: float = float(np.mean(self.square))
+        self.dimension: int = column.shape[1]
+        self.unit: Array | None = column / np.sqrt(np.maximum(self.square, 1e-300))[:, None]
 
     def inflation(self, value: float) -> Array:
         return np.asarray(1 + value * self.square / self.scale)

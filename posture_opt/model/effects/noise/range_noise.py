@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -24,10 +24,10 @@ class RangeNoise(NoiseEffect):
     summary: ClassVar[str] = "the noise of the instrument grows with distance"
     phrase: ClassVar[str] = "the noise of the instrument grows with distance"
     measurement: ClassVar[str] = "repeat postures near the instrument and far from it, moving away in between"
-    rivals: ClassVar = {"stated_sigma": "repeat postures near the instrument and far from it"}
+    rivals: ClassVar[Mapping[str, str]] = {"stated_sigma": "repeat postures near the instrument and far from it"}
     uneven: ClassVar[bool] = True
     uneven_words: ClassVar[str] = "The errors grow with the distance from the {target}, as its noise could"
-    shape_units: ClassVar = {"a": "m", "b": "m/m"}
+    shape_units: ClassVar[Mapping[str, str]] = {"a": "m", "b": "m/m"}
 
     kind: Literal["range_noise"] = "range_noise"
     a: Length | None = Field(None, description="σ at no distance; the stated σ of the instrument if left out")
@@ -69,13 +69,16 @@ class RangeNoise(NoiseEffect):
 class Growing(Pattern):
     """Rows whose σ grows with their range: its logarithm does, so that it stays above zero on the whole grid."""
 
-    effect, target = RangeNoise, "instrument"
+    effect: type[NoiseEffect] = RangeNoise
+    target: str = "instrument"
     grid = _SLOPES
-    quantity = "growth", "1"
+    quantity: tuple[str, str] = ("growth", "1")
 
     def __init__(self, ranges: Array, sigma: float, dimension: int) -> None:
-        self.z = (ranges - ranges.mean()) / np.ptp(ranges)
-        self.ranges, self.sigma, self.dimension = ranges, sigma, dimension
+        self.z: Array = (ranges - ranges.mean()) / np.ptp(ranges)
+        self.ranges: Array = ranges
+        self.sigma: float = sigma
+        self.dimension: int = dimension
 
     def level(self, value: float) -> Array:
         return np.asarray(2 * value * self.z)
