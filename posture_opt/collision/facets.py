@@ -34,13 +34,33 @@ def revolved(profile: Array, T: Array) -> Array:
 
 def capsule_facets(start: Array, end: Array, radius: float) -> Array:
     """(k, 4, 3) the faces of a capsule about the segment between two points (3,) [m]."""
+    return tapered_facets(start, end, radius, radius)
+
+
+def tapered_facets(start: Array, end: Array, start_radius: float, end_radius: float) -> Array:
+    """(k, 4, 3) the faces of a link between two points (3,): a cone between two balls [m]."""
     length = float(np.linalg.norm(end - start))
-    along = (end - start) / length if length > 0 else np.array([0.0, 0.0, 1.0])
-    side = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+    rise = np.linspace(0.0, np.pi / 2, _CAP + 1)
+    cap = np.column_stack([np.cos(rise), np.sin(rise)])
+    t = np.arange(1, _LONG) / _LONG
+    straight = np.column_stack([start_radius + t * (end_radius - start_radius), length * t])
+    below, above = start_radius * cap * np.array([1.0, -1.0]), end_radius * cap + np.array([0.0, length])
+    return revolved(np.vstack([below[::-1], straight, above]), _frame_along(start, end - start))
+
+
+def cylinder_facets(start: Array, end: Array, radius: float) -> Array:
+    """(k, 4, 3) the faces of a cylinder with flat ends between two points (3,) [m]."""
+    length = float(np.linalg.norm(end - start))
+    profile = np.array([[0.0, 0.0], [radius, 0.0], [radius, length], [0.0, length]])
+    return revolved(profile, _frame_along(start, end - start))
+
+
+def _frame_along(origin: Array, along: Array) -> Array:
+    """(4, 4) a frame at a point (3,) whose z axis points along a vector (3,); along the world's for one of length 0."""
+    length = float(np.linalg.norm(along))
+    z = along / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    side = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
     side /= np.linalg.norm(side)
     T = np.eye(4)
-    T[:3, :3], T[:3, 3] = np.column_stack([side, np.cross(along, side), along]), start
-    rise = np.linspace(0.0, np.pi / 2, _CAP + 1)
-    cap = np.column_stack([radius * np.cos(rise), radius * np.sin(rise)])
-    straight = np.column_stack([np.full(_LONG - 1, radius), length * np.arange(1, _LONG) / _LONG])
-    return revolved(np.vstack([(cap * np.array([1.0, -1.0]))[::-1], straight, cap + np.array([0.0, length])]), T)
+    T[:3, :3], T[:3, 3] = np.column_stack([side, np.cross(z, side), z]), origin
+    return T

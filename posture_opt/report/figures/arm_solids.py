@@ -1,0 +1,205 @@
+"""The arm as solids that move with its frames: base block, links, joints, tool.
+
+Links are the capsules of the arm's shape where that is known; else they taper along the chain from the base to the
+tool, as thick as arms of that length are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from posture_opt.collision.facets import cylinder_facets, rectangle, tapered_facets
+from posture_opt.model.chain import factor_values, walk
+from posture_opt.numerics import Array
+from posture_opt.robot.link_capsules import STAND_IN, stand_in, tool_line
+from posture_opt.robot.robot import Robot
+from posture_opt.robot.shape import BASE, TOOL, Capsule
+
+Role = Literal["base", "link", "joint", "tool", "obstacle", "floor"]
+
+_TAPER = 1.25, 0.55  # of the radius: at the base, and at the end of the last link
+_TIP = 0.12  # of the radius: of a tool of unknown shape at its tip
+_BLOCK = 1.9, 0.6  # of the radius at the base: half side and height of the base block
+_DRUM = 0.75, 1.12  # of the link's radius: radius and half length of a joint, whose ends show like caps
+_SLIDE = 0.45, 1.6  # the same of a slide
+_ALONG = np.linspace(-1.0, 1.0, 201)  # of the arm's length: where the middle of a joint is looked for on its axis
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A body with its surface.
+
+    Args:
+        name: of the joint that it belongs to or of the obstacle; ``base``, ``tool``, ``floor``.
+        frame: which frame of the arm it moves with: 0 the base, k behind joint k, n + 1 the tool; -1: the world.
+        faces: (k, 4, 3) [m] in that frame.
+    """
+
+    name: str
+    role: Role
+    frame: int
+    faces: Array
+
+    def placed(self, frames: Array) -> Solid:
+        """The solid in the world, where the frames (n + 2, 4, 4) of the arm are."""
+        if self.frame < 0:
+            return self
+        T = frames[self.frame]
+        return replace(self, frame=-1, faces=self.faces @ T[:3, :3].T + T[:3, 3])
+
+
+@dataclass(frozen=True)
+class JointAxis:
+    """Where a joint acts: the middle of its body (3,) [m] and its unit axis (3,); ``radius`` of that body [m]."""
+
+    name: str
+    type: Literal["revolute", "prismatic"]
+    frame: int
+    middle: Array
+    axis: Array
+    radius: float
+
+    def placed(self, frames: Array) -> JointAxis:
+        """The joint in the world, where the frames (n + 2, 4, 4) of the arm are."""
+        T = frames[self.frame]
+        return replace(self, frame=-1, middle=T[:3, :3] @ self.middle + T[:3, 3], axis=T[:3, :3] @ self.axis)
+
+
+@dataclass(frozen=True)
+class Link:
+    """A cone between two balls (3,) [m] in the frame of what carries it; ``joint`` as of a `Capsule`."""
+
+    joint: str
+    start: Array
+    end: Array
+    start_radius: float
+    end_radius: float
+
+
+@dataclass(frozen=True)
+class ArmSolids:
+    """The solids of an arm, each in the frame that it moves with; `frames` says where these are at a posture."""
+
+    robot: Robot
+
+    def frames(self, q: Sequence[float] | Array) -> Array:
+        """(n + 2, 4, 4) the frames of base, links and tool in the world at the posture ``q`` (n,)."""
+        values, reached, found = [float(v) for v in q], walk((), ()), []
+        for factors in (self.robot.base, *self.robot.links, self.robot.tool):
+            reached = walk(factors, factor_values(factors, values), reached)
+            T = np.eye(4)
+            T[:3, :3], T[:3, 3] = np.array(reached.columns, dtype=float).T, reached.position
+            found.append(T)
+        return np.array(found)
+
+    @cached_property
+    def radius(self) -> float:
+        """How thick the arm is about its middle [m]: of its links, weighted by their length."""
+        capsules = [c for c in self.robot.shape if c.joint not in (BASE, TOOL) and c.length > 0]
+        if not capsules:
+            return STAND_IN * max(self.robot.length, 1e-3)
+        return float(np.average([c.radius for c in capsules], weights=[c.length for c in capsules]))
+
+    @cached_property
+    def links(self) -> tuple[Link, ...]:
+        """Base, links and tool as cones between balls."""
+        known = bool(self.robot.shape)
+        links = [_even(c) for c in self.robot.shape] if known else _tapered(stand_in(self.robot), self.radius)
+        end = links[-1].end_radius if links and not known else _TAPER[1] * self.radius
+        tools = [Link(TOOL, *_ends(c), 0.9 * end, _TIP * self.radius) for c in tool_line(self.robot)]
+        return (*links, *tools)
+
+    @cached_property
+    def joints(self) -> tuple[JointAxis, ...]:
+        """(n,) each joint in the frame before it, its body where links on both sides are nearest to its axis."""
+        return tuple(self._joint(k) for k in range(self.robot.n))
+
+    @cached_property
+    def solids(self) -> tuple[Solid, ...]:
+        """All of them, each in its own frame."""
+        bodies = [Solid(link.joint, _role(link.joint), self._frame(link.joint), _faces(link)) for link in self.links]
+        drums = [Solid(joint.name, "joint", joint.frame, _drum(joint)) for joint in self.joints]
+        return (self._block(), *bodies, *drums)
+
+    def _frame(self, joint: str) -> int:
+        at = {BASE: 0, TOOL: self.robot.n + 1}
+        return at[joint] if joint in at else self.robot.joint_names.index(joint) + 1
+
+    def _block(self) -> Solid:
+        """What the arm stands on, under the origin of its base."""
+        side, height = (factor * self.radius for factor in _BLOCK)
+        u, v = np.diag([side, side, 0.0])[:2]
+        top, bottom = np.zeros(3), np.array([0.0, 0.0, -height])
+        ends = [rectangle(top, u, v, 1), rectangle(bottom, v, u, 1)]
+        up, middle = -bottom / 2, bottom / 2
+        sides = [rectangle(middle + s * a, s * b, up, 1) for a, b in ((u, v), (v, -u)) for s in (1.0, -1.0)]
+        return Solid(BASE, "base", 0, np.concatenate([*ends, *sides]))
+
+    def _joint(self, k: int) -> JointAxis:
+        """Distances from the axis to the links beside it do not change as the joint turns: any posture shows them."""
+        joint, frames = self.robot.joints[k], self.frames(np.zeros(self.robot.n))
+        front = next(i for i, factor in enumerate(self.robot.links[k]) if factor.joint is not None)
+        factors = self.robot.links[k][:front]
+        reached = walk(factors, factor_values(factors, np.zeros(self.robot.n).tolist()))
+        origin, axis = np.array(reached.position), np.array(reached.columns[self.robot.links[k][front].axis])
+        T = frames[k]
+        points = T[:3, :3] @ (origin[:, None] + self.robot.length * _ALONG * axis[:, None]) + T[:3, 3:]
+        before = self._nearest(points.T, frames, k)
+        behind = self._nearest(points.T, frames, k + 1)
+        best = int(np.argmin(before[0] + behind[0] + 1e-3 * self.robot.length * np.abs(_ALONG)))
+        radius = max(float(near[1][best]) for near in (before, behind)) or self.radius
+        middle = origin + self.robot.length * _ALONG[best] * axis
+        return JointAxis(joint.name, joint.type, k, middle, axis, radius)
+
+    def _nearest(self, points: Array, frames: Array, frame: int) -> tuple[Array, Array]:
+        """(N,) distances of points (N, 3) from the links that move with a frame, and the radius of the nearest one."""
+        least, radius = np.full(len(points), np.inf), np.zeros(len(points))
+        for link in self.links:
+            if self._frame(link.joint) == frame:
+                T = frames[frame]
+                start, end = (T[:3, :3] @ point + T[:3, 3] for point in (link.start, link.end))
+                along = end - start
+                t = np.clip((points - start) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
+                apart = np.linalg.norm(points - start - t[:, None] * along, axis=1)
+                nearer = apart < least
+                own = link.start_radius + t * (link.end_radius - link.start_radius)
+                least, radius = np.where(nearer, apart, least), np.where(nearer, own, radius)
+        return np.where(np.isfinite(least), least, 0.0), radius
+
+
+def _even(capsule: Capsule) -> Link:
+    return Link(capsule.joint, *_ends(capsule), capsule.radius, capsule.radius)
+
+
+def _tapered(capsules: Sequence[Capsule], radius: float) -> list[Link]:
+    """Links that get thinner with the way from the base."""
+    way = np.concatenate([[0.0], np.cumsum([capsule.length for capsule in capsules])])
+    radii = radius * np.interp(way / max(float(way[-1]), 1e-12), [0.0, 1.0], _TAPER)
+    return [
+        Link(capsule.joint, *_ends(capsule), float(a), float(b))
+        for capsule, a, b in zip(capsules, radii, radii[1:], strict=False)
+    ]
+
+
+def _ends(capsule: Capsule) -> tuple[Array, Array]:
+    return np.array(capsule.start), np.array(capsule.end)
+
+
+def _role(joint: str) -> Role:
+    return "base" if joint == BASE else "tool" if joint == TOOL else "link"
+
+
+def _faces(link: Link) -> Array:
+    return tapered_facets(link.start, link.end, link.start_radius, link.end_radius)
+
+
+def _drum(joint: JointAxis) -> Array:
+    """A cylinder about the axis of a turning joint; about that of a slide, a longer and thinner one."""
+    wide, long = _DRUM if joint.type == "revolute" else _SLIDE
+    reach = long * joint.radius * joint.axis
+    return cylinder_facets(joint.middle - reach, joint.middle + reach, wide * joint.radius)
