@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -48,6 +48,15 @@ def dimensions(robot: Robot) -> dict[str, str]:
 
 def read_header(heads: Sequence[str], robot: Robot, line: int, faults: Faults) -> dict[str, Column]:
     """The known columns by name; unknown, missing, doubled or unitless ones join ``faults``."""
+    found, meant = known_columns(heads, robot, line, faults)
+    _missing(found, meant, robot, line, faults)
+    return found
+
+
+def known_columns(heads: Sequence[str], robot: Robot, line: int, faults: Faults) -> tuple[dict[str, Column], set[str]]:
+    """The known columns by name, and what unknown ones were probably meant to be; these, doubled or unitless ones join
+    ``faults``, and nothing that is missing does.
+    """
     sized = dimensions(robot)
     kinds: dict[str, Kind] = dict.fromkeys((*sized, *QUATERNION), "number")
     kinds |= dict.fromkeys(LABELS, "label")
@@ -66,9 +75,7 @@ def read_header(heads: Sequence[str], robot: Robot, line: int, faults: Faults) -
             continue
         factor, offset = _scale(name, unit, sized.get(name, ""), line, faults)
         found[name] = Column(name, index, kinds[name], factor, offset, (unit or "").strip())
-    meant = _unknown(unknown, kinds, found, robot, line, faults)
-    _missing(found, meant, robot, line, faults)
-    return found
+    return found, _unknown(unknown, kinds, found, robot, line, faults)
 
 
 def _clashes(robot: Robot, faults: Faults) -> None:
@@ -139,6 +146,11 @@ def _missing(found: dict[str, Column], meant: set[str], robot: Robot, line: int,
         faults.add(message, "point", mend=mend, line=line)
     if not measured and "point" not in there:
         faults.add("nothing is measured", mend="add x [mm], y [mm], z [mm], or point for touched points", line=line)
+    incomplete_quaternion(there, line, faults)
+
+
+def incomplete_quaternion(there: Container[str], line: int, faults: Faults) -> None:
+    """Complains where only some of the four columns of the orientation are there."""
     turned = [name for name in QUATERNION if name in there]
     if turned and len(turned) < 4:
         lacking = ", ".join(name for name in QUATERNION if name not in there)
