@@ -1,71 +1,220 @@
-"""The code blocks of the README: print a named one, or run all that are not named.
+"""The code blocks of README and documentation: what they tell a reader to run is run, and prints what they show.
 
-A block is named by a comment before it: ``<!-- main -->``, ``<!-- tests -->``; ``<!-- shown: COMMAND -->`` marks what
-a command prints, with ``[…]`` where something is left out.
+Each page has a folder of its own, beside links to ``problems`` and ``.venv``; its blocks are run there in order:
 
-    python .ci/readme.py sh NAME    the shell block of that name
-    python .ci/readme.py run        runs every other sh and python block, and solves every yaml block
-    python .ci/readme.py shown      holds what is shown against what the commands print
+    ```sh, ```python            run
+    ```yaml                     solved, as a problem file
+    <!-- NAME -->               named block: ``sh NAME`` prints it, nothing else runs it
+    <!-- file: NAME -->         written as that file, for the blocks after it
+    <!-- into: PROBLEM -->      yaml: sections put into that built-in problem, which is loaded
+    <!-- not run: REASON -->    left alone
+    <!-- shown: COMMAND -->     what the command prints, with ``[…]`` where something is left out
+    <!-- shown | FILTER -->     what the sh or python block before it printed, through a shell filter; ``shown``: whole
+
+    python .ci/readme.py sh NAME          the shell block of that name in README.md
+    python .ci/readme.py check [PAGE …]   run everything on all pages, or on these
+    python .ci/readme.py write [PAGE …]   the same, and put in what commands print now wherever it differs
 """
 
 from __future__ import annotations
 
+import difflib
+import os
 import re
 import subprocess
 import sys
 import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-BLOCK = re.compile(r"(?:<!-- (?P<name>[^\n]+) -->\n)?```(?P<language>\w*)\n(?P<code>.*?)```", re.DOTALL)
-README = Path(__file__).parents[1] / "README.md"
+ROOT = Path(__file__).resolve().parents[1]
+BLOCK = re.compile(
+    r"(?:<!-- (?P<mark>[^\n]+?) -->\n)?^```(?P<language>\w*)\n(?P<code>.*?)^```$", re.DOTALL | re.MULTILINE
+)
+CUT = "[…]\n"
+LEAST_LIKENESS = 0.6  # of a line that has been reworded: below it, a renewed part needs a human
+INTO = """
+import sys, yaml, posture_opt as po
+from pathlib import Path
+builtin, fragment = (yaml.safe_load(Path(p).read_text(encoding="utf-8")) for p in sys.argv[1:])
+po.problem_from_dict(builtin | fragment)
+"""
 
 
-def blocks() -> list[tuple[str, str, str]]:
-    """Name, language and code of every block."""
-    text = README.read_text(encoding="utf-8")
-    return [(m["name"] or "", m["language"], m["code"]) for m in BLOCK.finditer(text)]
+class StaleError(Exception):
+    """What a page shows is not what its command prints, and nothing alike was found."""
 
 
-def run(language: str, code: str, folder: Path) -> None:
-    """Run one block as a reader would, from the top of the repository."""
-    if language == "python":
-        subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
-    elif language == "yaml":
-        file = folder / "block.yaml"
-        file.write_text(code, encoding="utf-8")
-        subprocess.run(["optimize-posture", "--problem", str(file), "--json"], check=True, stdout=subprocess.DEVNULL)
-    else:
-        subprocess.run(["bash", "-euo", "pipefail", "-c", code], check=True)
+@dataclass(frozen=True)
+class Block:
+    """One fenced block: what the comment before it says, its language, and where its code stands in the page."""
+
+    mark: str
+    language: str
+    code: str
+    start: int
+    end: int
+
+    @property
+    def action(self) -> str:
+        """First word of the mark where it is one of ours, ``named`` otherwise, ``run`` or nothing without one."""
+        word = re.match(r"shown|file|into|not run|$", self.mark)
+        if word is None:
+            return "named"
+        return word[0] or ("run" if self.language in ("sh", "python", "yaml") else "")
+
+    @property
+    def argument(self) -> str:
+        return self.mark.partition(":")[2].strip()
 
 
-def check_shown() -> None:
-    """Every part of what is shown stands in what the command prints, in that order."""
-    stale = []
-    for name, _, code in blocks():
-        if not name.startswith("shown: "):
-            continue
-        command = name.removeprefix("shown: ")
-        rest = subprocess.run(["bash", "-c", command], check=True, capture_output=True, text=True).stdout
-        for part in filter(str.strip, code.split("[…]\n")):
-            _, found, after = rest.partition(part.strip("\n"))
-            stale += [] if found else [f"{command}\ndoes not print:\n{part}"]
-            rest = after if found else rest
-    print(*stale, sep="\n")
-    sys.exit(1 if stale else 0)
+@dataclass(frozen=True)
+class Page:
+    path: Path
+    text: str
+
+    @classmethod
+    def read(cls, path: Path) -> Page:
+        return cls(path, path.read_text(encoding="utf-8"))
+
+    @property
+    def blocks(self) -> list[Block]:
+        return [
+            Block(m["mark"] or "", m["language"], m["code"], m.start("code"), m.end("code"))
+            for m in BLOCK.finditer(self.text)
+        ]
+
+    def with_code(self, changes: list[tuple[Block, str]]) -> Page:
+        text = self.text
+        for block, code in sorted(changes, key=lambda change: -change[0].start):
+            text = text[: block.start] + code + text[block.end :]
+        return replace(self, text=text)
+
+
+def pages(names: list[str]) -> list[Page]:
+    """README and all pages that have blocks, or those of these names."""
+    own = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    paths = [Path(name).resolve() for name in names] or [p for p in own if "generated" not in p.parts]
+    return [page for page in map(Page.read, paths) if any(block.action for block in page.blocks)]
+
+
+def run_page(page: Page, write: bool) -> tuple[str, Page, float]:
+    """What is wrong with a page, the page as it should be, and how long its blocks took [s]."""
+    began, problems, changes, printed = time.perf_counter(), [], [], ""
+    with tempfile.TemporaryDirectory() as folder:
+        here = Path(folder)
+        for link in ("problems", ".venv"):
+            if (ROOT / link).exists():
+                (here / link).symlink_to(ROOT / link)
+        for block in page.blocks:
+            try:
+                if block.action == "shown":
+                    now = shown_now(block, printed, here)
+                    if now != block.code and write:
+                        changes.append((block, now))
+                    elif now != block.code:
+                        lines = block.code.splitlines(), now.splitlines()
+                        diff = difflib.unified_diff(*lines, "shown", "printed", lineterm="")
+                        problems.append("\n".join([f"[{block.mark}] is stale:", *diff]))
+                else:
+                    printed = act(block, here)
+            except (subprocess.CalledProcessError, StaleError) as error:
+                told = f"{error}\n{getattr(error, 'stdout', '') or ''}{getattr(error, 'stderr', '') or ''}"
+                problems.append(f"```{block.language} {block.mark}\n{block.code}```\n{told}")
+    return "\n\n".join(problems), page.with_code(changes), time.perf_counter() - began
+
+
+def act(block: Block, here: Path) -> str:
+    """Do what a block asks for; what it prints."""
+    if block.action == "file":
+        (here / block.argument).write_text(block.code, encoding="utf-8")
+    elif block.action == "into":
+        (here / "fragment.yaml").write_text(block.code, encoding="utf-8")
+        return output(
+            [sys.executable, "-c", INTO, str(ROOT / f"problems/{block.argument}.yaml"), "fragment.yaml"], here
+        )
+    elif block.action == "run" and block.language == "python":
+        return output([sys.executable, "-W", "error", "-c", block.code], here)
+    elif block.action == "run" and block.language == "yaml":
+        (here / "block.yaml").write_text(block.code, encoding="utf-8")
+        return output(["optimize-posture", "--problem", "block.yaml", "--json"], here)
+    elif block.action == "run":
+        return output(["bash", "-euo", "pipefail", "-c", block.code], here)
+    return ""
+
+
+def output(command: list[str], here: Path, given: str = "") -> str:
+    """Standard output of a command, which sees no terminal and so no width."""
+    environment = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")} | {"PYTHONIOENCODING": "utf-8"}
+    done = subprocess.run(
+        command, check=True, capture_output=True, text=True, encoding="utf-8", cwd=here, input=given, env=environment
+    )
+    return done.stdout
+
+
+def shown_now(block: Block, printed: str, here: Path) -> str:
+    """What a block should show: the whole of what is printed, or the parts of it between the cuts."""
+    if block.mark.startswith("shown:"):
+        printed = output(["bash", "-c", block.argument], here)
+    if "|" in block.mark and not block.mark.startswith("shown:"):
+        printed = output(["bash", "-c", block.mark.partition("|")[2]], here, given=printed)
+    whole = "\n".join(line.rstrip() for line in printed.strip("\n").splitlines()) + "\n"
+    if CUT not in block.code:
+        return whole
+    lines, parts = whole.splitlines(keepends=True), []
+    for part in block.code.split(CUT):
+        found, lines = cut_out(part, lines)
+        parts.append(found)
+    return CUT.join(parts)
+
+
+def cut_out(part: str, lines: list[str]) -> tuple[str, list[str]]:
+    """The lines that a part is now, between those most like its first and its last one, and the lines after them."""
+    wanted = part.strip("\n").splitlines(keepends=True)
+    if not wanted:
+        return part, lines
+    text = "".join(lines)
+    if (exact := "".join(wanted).rstrip("\n")) and f"\n{exact}\n" in f"\n{text}\n":
+        after = f"\n{text}\n".partition(f"\n{exact}\n")[2]
+        return part, after.splitlines(keepends=True)
+    first = most_like(wanted[0], lines)
+    last = first + most_like(wanted[-1], lines[first:]) if len(wanted) > 1 else first
+    lead, tail = (part[: len(part) - len(part.lstrip("\n"))], "\n" * (len(part) - len(part.rstrip("\n")) - 1))
+    return lead + "".join(lines[first : last + 1]).rstrip("\n") + "\n" + tail, lines[last + 1 :]
+
+
+def most_like(line: str, lines: list[str]) -> int:
+    """Index of the line most like this one, numbers aside."""
+
+    def words(text: str) -> str:
+        return re.sub(r"\d+", "#", text)
+
+    likeness = [difflib.SequenceMatcher(None, words(line), words(other)).ratio() for other in lines] or [0.0]
+    if max(likeness) < LEAST_LIKENESS:
+        raise StaleError(f"no line is like {line.strip()!r} any more: mend the block by hand")
+    return likeness.index(max(likeness))
 
 
 def main() -> None:
-    if sys.argv[1] == "shown":
-        check_shown()
-    if sys.argv[1] == "sh":
-        (code,) = [code for name, language, code in blocks() if language == "sh" and name == sys.argv[2]]
+    mode, names = sys.argv[1], sys.argv[2:]
+    if mode == "sh":
+        (code,) = [block.code for block in Page.read(ROOT / "README.md").blocks if block.mark == names[0]]
         print(code)
         return
-    with tempfile.TemporaryDirectory() as folder:
-        for name, language, code in blocks():
-            if not name and language in ("sh", "python", "yaml"):
-                print(f"-- {language}\n{code}", flush=True)
-                run(language, code, Path(folder))
+    asked, failed = pages(names), False
+    with ProcessPoolExecutor(2) as pool:
+        answers = pool.map(run_page, asked, [mode == "write"] * len(asked))
+        for page, (problems, renewed, seconds) in zip(asked, answers, strict=True):
+            changed = renewed.text != page.text
+            print(f"-- {page.path.relative_to(ROOT)}: {seconds:.1f} s{', renewed' if changed else ''}", flush=True)
+            if changed:
+                page.path.write_text(renewed.text, encoding="utf-8")
+            if problems:
+                failed = True
+                print(problems, flush=True)
+    sys.exit(1 if failed else 0)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""One covariance of the lecture's arm (2 joints, 4 sources): nanoseconds by each way, written for docs/lecture.md.
+"""One covariance of the lecture's arm (2 joints, 4 sources): nanoseconds by each way, written for lecture.md.
 
 `python -m benchmarks.lecture [--write]`. The formulas written out by hand and the exported C function run in a loop in
 C; every way is held against the exact covariance of the package before it is timed.
@@ -26,7 +26,7 @@ from benchmarks.tables import table
 from posture_opt.uncertainty.spread_function import covariance_c
 
 ROOT = Path(__file__).resolve().parents[1]
-WRITTEN = ROOT / "docs" / "lecture_times.json"
+WRITTEN = ROOT / "docs" / "lecture" / "lecture_times.json"
 POSTURES = 100_000
 POINTS = 10_000  # of a cloud: its variances are known to 1.4 %
 REPEATS = 7
@@ -151,7 +151,7 @@ def measured(folder: Path) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="keep the times for docs/make_lecture.py")
+    parser.add_argument("--write", action="store_true", help="keep the times for docs/lecture/make_lecture.py")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         times = measured(Path(folder))

@@ -1,4 +1,4 @@
-"""docs/lecture.md: its numbers are those of the package now, and those of formulas written by hand here."""
+"""docs/lecture/lecture.md: its numbers are those of the package now, and those of formulas written by hand here."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 
 from tests.helpers.planar_2r import exact, first_order
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "lecture"
 DEG = math.pi / 180
 NUMBER = re.compile(r"−?\d+\.\d+|−?\d+")
 
@@ -62,7 +62,7 @@ def rows(document, file):
 
 def test_the_committed_document_is_what_the_package_computes_now(document, lecture):
     now = lecture.text()
-    assert NUMBER.sub("#", now) == NUMBER.sub("#", document), "run: python docs/make_lecture.py"
+    assert NUMBER.sub("#", now) == NUMBER.sub("#", document), "run: python docs/lecture/make_lecture.py"
     for new, old in zip(NUMBER.findall(now), NUMBER.findall(document), strict=True):
         # Another machine's mathematical library may round the last printed digit the other way, no more.
         digits = len(old.partition(".")[2])

@@ -1,4 +1,4 @@
-"""docs/lecture.md beyond its examples: each rule of thumb against a formula or a simulation written by hand here."""
+"""The lecture page beyond its examples: each rule of thumb against a formula or a simulation written by hand here."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from posture_opt.cli.main import main
 from tests.helpers.planar_2r import exact, first_order, position
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCUMENT = (ROOT / "docs" / "lecture.md").read_text(encoding="utf-8")
+DOCUMENT = (ROOT / "docs" / "lecture" / "lecture.md").read_text(encoding="utf-8")
 DEG = math.pi / 180
 BENT = np.radians((90, -135))
 SIGMAS = np.array([DEG, 3 * DEG, 0.01, 0.01])
@@ -29,11 +29,11 @@ NUMBER = re.compile(r"−?\d+(?:\.\d+)?")
 
 @pytest.fixture(scope="module")
 def rules():
-    sys.path.insert(0, str(ROOT / "docs"))
+    sys.path.insert(0, str(ROOT / "docs" / "lecture"))
     try:
         return importlib.import_module("lecture_rules"), importlib.import_module("lecture_formulas")
     finally:
-        sys.path.remove(str(ROOT / "docs"))
+        sys.path.remove(str(ROOT / "docs" / "lecture"))
 
 
 def numbers(text):
@@ -189,7 +189,7 @@ def as_python(formula):
 
 
 def test_times_are_those_of_the_benchmark():
-    kept = json.loads((ROOT / "docs" / "lecture_times.json").read_text(encoding="utf-8"))
+    kept = json.loads((ROOT / "docs" / "lecture" / "lecture_times.json").read_text(encoding="utf-8"))
     first = next(iter(kept["ns"].values()))
     assert kept["machine"] in DOCUMENT
     for way, ns in kept["ns"].items():

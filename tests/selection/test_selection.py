@@ -72,7 +72,7 @@ def test_anywhere_in_reach_finds_the_grid_optimum() -> None:
     solution = po.select_posture(problem("planar_2r", {"direction": [0, -1, 0]}, SIGMA_2R))
     grid = np.radians(np.arange(-180, 181, 2.0))
     least = min(sigma_x_2r(a, b) for a in grid for b in grid)
-    # The exact spread at the flat optimum exceeds the first-order one by 1.1 % (see docs/lecture.md).
+    # The exact spread at the flat optimum exceeds the first-order one by 1.1 % (see docs/lecture/lecture.md).
     assert solution.critical.sigma_max == pytest.approx(least, rel=0.012)
     assert solution.statistics.sweep is not None
     assert solution.critical.sigma_max <= solution.statistics.sweep.best.sigma * (1 + 1e-9)

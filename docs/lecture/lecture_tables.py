@@ -1,4 +1,4 @@
-"""The tables of docs/lecture.md."""
+"""The tables of lecture.md."""
 
 from __future__ import annotations
 

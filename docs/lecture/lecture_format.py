@@ -1,4 +1,4 @@
-"""How docs/lecture.md writes numbers and tables."""
+"""How lecture.md writes numbers and tables."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The covariance of the lecture's arm written out by hand: what a controller evaluates in every cycle.
 
-A test holds them, and their print in docs/lecture.md, against the package. Lengths in m, angles in rad.
+A test holds them, and their print in docs/lecture/lecture.md, against the package. Lengths in m, angles in rad.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The figures of docs/lecture.md: clouds with their ellipses, and the map of the closing question."""
+"""The figures of lecture.md: clouds with their ellipses, and the map of the closing question."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The numbers of docs/lecture.md beyond its examples: the lecture's rules of thumb, the measuring robot, the pose."""
+"""The numbers of lecture.md beyond its examples: the lecture's rules of thumb, the measuring robot, the pose."""
 
 from __future__ import annotations
 

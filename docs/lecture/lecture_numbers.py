@@ -1,4 +1,4 @@
-"""The numbers of docs/lecture.md: what the lecture prints, what the package computes, and what chance allows."""
+"""The numbers of lecture.md: what the lecture prints, what the package computes, and what chance allows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import posture_opt as po
 from posture_opt.uncertainty.regions import coverage_factor, coverage_probability
 from posture_opt.uncertainty.sampling_errors import wilson_interval
 
-PROBLEMS = Path(__file__).resolve().parents[1] / "problems"
+PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 SMALL, LARGE = 50, 1_000_000
 BESIDE = 200_000  # points of the clouds beside the closing question
 CLOUD_SIZES = (50, 1000)

@@ -1,7 +1,7 @@
-"""Writes docs/lecture.md and its figures: every number in them is computed here.
+"""Writes lecture.md and its figures: every number in them is computed here.
 
-python docs/make_lecture.py            # text and figures
-python docs/make_lecture.py --text     # the text alone
+python docs/lecture/make_lecture.py            # text and figures
+python docs/lecture/make_lecture.py --text     # the text alone
 """
 
 from __future__ import annotations
