@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.measurements.measurements import Measurements, arm_for, rows_of
-from posture_opt.selection.solution import HasTask
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.task_target import Reach, TaskTarget
 from posture_opt.uncertainty.coverage_radius import central_radii
 from posture_opt.uncertainty.tool_point import ToolPoint

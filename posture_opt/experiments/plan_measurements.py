@@ -24,8 +24,8 @@ from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, T
 from posture_opt.experiments.plan_search import PlanSearch, tour
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.select_posture import planned_posture
-from posture_opt.selection.solution import HasTask
 from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.link_height import LinkHeight
 

@@ -10,6 +10,7 @@ import numpy as np
 from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.collision_parts import collision_facts
+from posture_opt.report.improvement_parts import improvements_block
 from posture_opt.report.parts import frame_notes, input_facts, note_facts, robot_facts, sentence, source_facts
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.solution_checks import explain_report
@@ -82,6 +83,7 @@ def features_report(found: FeaturesSolution) -> Report:
         _placements_block(found),
         _order_block(found),
         task_budget_block(problem, worst.task_spread),
+        improvements_block(problem, found.improvements, PARTS[worst.critical.within]),
         _checks_block(found),
     )
     return Report(title, _lead(found), tuple(block for block in blocks if block.items))

@@ -9,6 +9,7 @@ import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.collision_parts import collision_facts, distance_facts
+from posture_opt.report.improvement_parts import improvements_block
 from posture_opt.report.parts import (
     frame_notes,
     input_facts,
@@ -55,6 +56,7 @@ def path_report(found: PathSolution) -> Report:
         Block(name, at_worst.items, figure="arm"),
         spread_block(worst),
         task_budget_block(problem, worst.task_spread),
+        improvements_block(problem, found.improvements, ACROSS),
         _checks(found),
     )
     return Report(title, _lead(found), tuple(block for block in blocks if block.items))

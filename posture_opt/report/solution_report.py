@@ -10,6 +10,7 @@ import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.collision_parts import collision_facts, distance_facts
+from posture_opt.report.improvement_parts import improvements_block
 from posture_opt.report.parts import (
     ellipse_facts,
     first_order_fact,
@@ -81,6 +82,7 @@ def solution_report(solution: Solution) -> Report:
         posture_block(solution),
         spread_block(solution),
         task_budget_block(problem, solution.task_spread),
+        improvements_block(problem, solution.improvements, PARTS[solution.critical.within]),
         alternatives_block(solution),
         checks_block(solution),
     ]

@@ -19,6 +19,7 @@ from posture_opt.selection.features_solution import (
     PlacementFigure,
     PlacementStatistics,
 )
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.placed_stations import PlacedStations, Postures
 from posture_opt.selection.placement import PlacementRange
 from posture_opt.selection.placement_search import (
@@ -30,7 +31,7 @@ from posture_opt.selection.placement_search import (
 )
 from posture_opt.selection.search_outcome import is_clear
 from posture_opt.selection.selector import PostureSelector
-from posture_opt.selection.solution import HasTask, Solution, Status, critical_basis
+from posture_opt.selection.solution import Solution, Status, critical_basis
 from posture_opt.selection.task_target import TaskTarget
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.visiting_order import best_order, nearest_ties, nearest_turns

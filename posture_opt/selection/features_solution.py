@@ -12,6 +12,7 @@ from posture_opt.collision.scene import Clearance
 from posture_opt.numerics import Array, finite_or_none
 from posture_opt.result import Result
 from posture_opt.selection.bench_map import BenchMap, bench_map
+from posture_opt.selection.improvements import Improvement, improvements
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.placed_stations import PlacedStations
 from posture_opt.selection.placement import PlacementRange, placement_json
@@ -202,6 +203,11 @@ class FeaturesSolution(Result):
         return found
 
     @cached_property
+    def improvements(self) -> tuple[Improvement, ...]:
+        """What would lower the spread, where the workpiece stands: smaller errors, a calibration; most gain first."""
+        return improvements(self.stations, np.mean if self.task.combine == "mean" else np.max)
+
+    @cached_property
     def bench(self) -> BenchMap | None:
         """The spread over the first two free coordinates of the placement; None where fewer are free."""
         return bench_map(self.placed, self.w, self.postures)
@@ -221,6 +227,7 @@ class FeaturesSolution(Result):
             "success_all_standard_error": None if success is None else success.standard_error,
             "success_product": None if success is None else success.product,
             "clearance": None if self.clearance is None else self.clearance.to_json(),
+            "what_would_help": [change.to_json() for change in self.improvements],
             "visiting_order": {
                 "order": [self.names[k] for k in self.order.order],
                 "joint_travel": self.order.travel,

@@ -16,12 +16,13 @@ import numpy as np
 from posture_opt.numerics import Array
 from posture_opt.selection.elastic_problem import AXIS, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.selection.engine import Engine
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, InverseKinematics, unlimited
 from posture_opt.selection.multistart import MultistartResult
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.relaxation import Reason, Relaxation, plane_reason, relaxation
 from posture_opt.selection.search_statistics import SearchStatistics
-from posture_opt.selection.solution import HasTask, Solution
+from posture_opt.selection.solution import Solution
 from posture_opt.selection.task_target import TaskTarget
 
 _LED = 200  # random postures that are led towards the target: so many that of a reachable one some arrive

@@ -15,9 +15,10 @@ from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.posture_distance import PostureDistance
 from posture_opt.selection.select_posture import at_one_feature, planned_posture
-from posture_opt.selection.solution import HasTask, Solution
+from posture_opt.selection.solution import Solution
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.clearance import within_clearance
@@ -26,6 +27,7 @@ from posture_opt.uncertainty.regions import deviation
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.spread import propagate
 from posture_opt.uncertainty.spread_parts import SpreadParts, spread_parts
+from posture_opt.uncertainty.uncertainty_section import MeasurementSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +165,7 @@ class _Assumed:
     solver: Solver
     notes: tuple[str, ...]
     scene: Scene
+    measurement: MeasurementSpec | None
 
     @property
     def robot(self) -> Robot:
@@ -172,7 +175,9 @@ class _Assumed:
 def _scattering(model: HasTask, sources: Sources) -> HasTask:
     if not model.sources.empty:
         return model
-    return _Assumed(model.name, model.arm, sources, model.task, model.solver, model.notes, model.scene)
+    return _Assumed(
+        model.name, model.arm, sources, model.task, model.solver, model.notes, model.scene, model.measurement
+    )
 
 
 def _planned(problem: HasTask, seed: int | None, workers: int, hint: str) -> PlannedPosture:

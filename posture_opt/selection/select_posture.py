@@ -9,10 +9,11 @@ from typing import Any
 from posture_opt.numerics import Progress
 from posture_opt.selection.features_selection import select_for_features
 from posture_opt.selection.features_solution import FeaturesSolution
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.paths.path_selector import PathSelector
 from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.selector import PostureSelector, task_of
-from posture_opt.selection.solution import HasTask, Solution
+from posture_opt.selection.solution import Solution
 
 Answer = Solution | FeaturesSolution | PathSolution
 

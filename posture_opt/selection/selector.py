@@ -15,13 +15,14 @@ from posture_opt.selection.aligner import Aligner
 from posture_opt.selection.batches import until_found_often, until_recurrence
 from posture_opt.selection.end_moments import end_moments
 from posture_opt.selection.engine import CandidatePosture, Engine
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.held_joints import explain_held, held_joints, released, with_held_joints
 from posture_opt.selection.infeasible import Explanation, explain_infeasibility, infeasible
 from posture_opt.selection.multistart import MultistartResult, distinct, multistart
 from posture_opt.selection.optimisation_problem import Alignment, OptimisationProblem
 from posture_opt.selection.search_outcome import SearchOutcome, Seek, searched
 from posture_opt.selection.search_statistics import SearchStatistics, Sweep, sweep
-from posture_opt.selection.solution import Alternative, HasTask, Solution, Status, critical_basis
+from posture_opt.selection.solution import Alternative, Solution, Status, critical_basis
 from posture_opt.selection.task_target import PLANE_TOLERANCE, Reach, TaskTarget
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources import Sources
@@ -181,7 +182,10 @@ class PostureSelector:
         notes += self._beside(best.q, found.target)
         status: Status = "optimal" if best.optimal else "feasible"
         seen = np.vstack([best.q, found.sampled.Q])
-        return Solution(self._problem, problem, found.target, status, best.q, statistics, ranked, notes, feasible=seen)
+        return Solution(
+            self._problem, problem, found.target, status, best.q, statistics, ranked, notes,
+            feasible=seen, engine=outcome.engine,
+        )  # fmt: skip
 
     def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:
         """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""

@@ -3,48 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
-from posture_opt.collision.scene import Clearance, Scene
+from posture_opt.collision.scene import Clearance
 from posture_opt.numerics import Array, finite_or_none
 from posture_opt.result import Result
-from posture_opt.robot.robot import Robot
+from posture_opt.selection.engine import Engine
+from posture_opt.selection.improvements import Improvement, improvements
 from posture_opt.selection.lower_bound import LowerBound, lower_bound
 from posture_opt.selection.most_manipulable import ManipulablePosture, most_manipulable
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.relaxation import Reason, Relaxation
 from posture_opt.selection.search_statistics import SearchStatistics
-from posture_opt.selection.solvers import Solver
 from posture_opt.selection.task_target import TaskTarget
-from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.budget import Share
 from posture_opt.uncertainty.critical import Critical
 from posture_opt.uncertainty.orientation import Orientation
-from posture_opt.uncertainty.spread import HasSources, Spread, budget_json, groups_json, propagate
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.spread import Spread, budget_json, groups_json, propagate
 from posture_opt.uncertainty.task_spread import TaskSpread, sigma_along
 
 Status = Literal["optimal", "feasible", "infeasible"]
-
-
-class HasTask(HasSources, Protocol):
-    """What a selection needs of a ``Problem``."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def robot(self) -> Robot: ...
-    @property
-    def task(self) -> Task | None: ...
-    @property
-    def solver(self) -> Solver: ...
-    @property
-    def notes(self) -> tuple[str, ...]: ...
-    @property
-    def scene(self) -> Scene: ...
 
 
 @dataclass(frozen=True)
@@ -71,6 +54,7 @@ class Solution(Result):
         relaxations: changes that would each make one possible, cheapest first.
         ranked: builds the alternatives when they are asked for.
         feasible: (N, n) postures of the search that do the task, none where they are not kept.
+        engine: the functions that found it; None where they are not kept.
     """
 
     problem: Any
@@ -84,6 +68,7 @@ class Solution(Result):
     reasons: tuple[Reason, ...] = ()
     relaxations: tuple[Relaxation, ...] = ()
     feasible: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    engine: Engine | None = None
 
     @cached_property
     def most_manipulable(self) -> ManipulablePosture | None:
@@ -169,6 +154,21 @@ class Solution(Result):
         found: Clearance | None = self.problem.scene.clearance(self.q)
         return found
 
+    @cached_property
+    def improvements(self) -> tuple[Improvement, ...]:
+        """What would lower the spread: smaller errors, a calibration, the part elsewhere; most gain first."""
+        return improvements((self,), np.max, place=self)
+
+    def sigma_under(self, sources: Sources) -> float:
+        """σ_max [m] of the part that counts, in this posture under other errors."""
+        if not np.any(sources.covariance):
+            return 0.0
+        return replace(self, problem=replace(self.problem, sources=sources)).critical.sigma_max
+
+    def sigma_at(self, target: TaskTarget, q: Array) -> float:
+        """σ_max [m] of the part that counts, at another target in the posture (n,)."""
+        return replace(self, target=target, q=q).critical.sigma_max
+
     def gain_over(self, sigma: float) -> float:
         """Relative reduction of σ_max against ``sigma`` [m], ``1 − σ_max/sigma``: 0.1 means 10 % smaller."""
         return 1.0 - self.critical.sigma_max / sigma if sigma > 0 else 0.0
@@ -195,6 +195,7 @@ class Solution(Result):
             "floor": self._lower_bound_json(),
             "orientation": self.orientation.to_json(),
             "most_manipulable": self.most_manipulable and self.most_manipulable.to_json(),
+            "what_would_help": [change.to_json() for change in self.improvements],
             "typical_sigma_max": finite_or_none(statistics.typical),
             "worst_sigma_max": finite_or_none(statistics.worst),
             "solver": statistics.to_json(),

@@ -14,13 +14,13 @@ from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.selection.grid_layout import GridRequest, Plane, grid_of
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.map_clear import clear_candidates
 from posture_opt.selection.map_neighbours import Neighbourhood
 from posture_opt.selection.map_points import Grid, MapPoint, NeighbourSolves, map_points_of
 from posture_opt.selection.map_search import best_candidates
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.selector import PostureSelector
-from posture_opt.selection.solution import HasTask
 from posture_opt.selection.task_target import TaskTarget
 
 _SAMPLES = 4000  # tool points that show how far the workspace goes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -26,7 +27,6 @@ class Critical:
         bias: (m,) [m].
         sigma_max: largest standard deviation [m].
         worst_axis: (3,) the direction of it, world; its largest component is positive.
-        radius95: distance from the target that 95 % of all tool points stay within [m].
     """
 
     within: Within
@@ -35,7 +35,6 @@ class Critical:
     bias: Array
     sigma_max: float
     worst_axis: Array
-    radius95: float
 
     @classmethod
     def of(cls, within: Within, basis: Array, covariance: Array, bias: Array) -> Critical:
@@ -47,7 +46,12 @@ class Critical:
         worst = basis @ vectors[:, -1]
         worst = worst * np.sign(worst[np.argmax(np.abs(worst))])  # as the axes of an ellipse: a line, told one way
         sigma_max = deviation(float(values[-1]), covariance)
-        return cls(within, basis.T, C, b, sigma_max, worst, coverage_radius(0.95, C, b))
+        return cls(within, basis.T, C, b, sigma_max, worst)
+
+    @cached_property
+    def radius95(self) -> float:
+        """Distance from the target that 95 % of all tool points stay within [m]."""
+        return coverage_radius(0.95, self.covariance, self.bias)
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers, SI."""

@@ -15,8 +15,8 @@ from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress, finite_or_none
 from posture_opt.result import Result
 from posture_opt.selection.grid_layout import Plane
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.map_points import Grid, MapPoint
-from posture_opt.selection.solution import HasTask
 from posture_opt.selection.target_map import TargetMap, map_targets
 from posture_opt.uncertainty.coverage_radius import central_radii
 from posture_opt.uncertainty.regions import coverage_factor

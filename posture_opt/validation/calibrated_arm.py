@@ -13,8 +13,8 @@ from posture_opt.calibration.fitted_arm import FittableProblem, FittedArm, persi
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.plan_comparison import Comparison, compare_plans
-from posture_opt.selection.solution import HasTask
 from posture_opt.validation.prediction import JointScatter
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
 

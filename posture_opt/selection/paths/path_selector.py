@@ -15,6 +15,7 @@ from posture_opt.errors import NoSolutionError
 from posture_opt.numerics import Array
 from posture_opt.selection.batches import usual_starts
 from posture_opt.selection.engine import Engine
+from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.infeasible import explain_infeasibility, infeasible
 from posture_opt.selection.multistart import multistart
 from posture_opt.selection.paths.joint_steps import JointSteps
@@ -28,7 +29,6 @@ from posture_opt.selection.paths.task_path import TaskPath
 from posture_opt.selection.placement import PlacementRange
 from posture_opt.selection.relaxation import Reason
 from posture_opt.selection.selector import PostureSelector, task_of
-from posture_opt.selection.solution import HasTask
 from posture_opt.selection.task_target import TaskTarget
 from posture_opt.selection.tasks.path_task import PathTask
 

@@ -11,6 +11,7 @@ import numpy as np
 from posture_opt.collision.scene import Clearance
 from posture_opt.numerics import Array, finite_or_none
 from posture_opt.result import Result
+from posture_opt.selection.improvements import Improvement, improvements
 from posture_opt.selection.multistart import Sampled
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.paths.motion import Motion
@@ -136,6 +137,11 @@ class PathSolution(Result):
         found: Clearance | None = self.problem.scene.clearance(self.motion.Q)
         return found
 
+    @cached_property
+    def improvements(self) -> tuple[Improvement, ...]:
+        """What would lower the largest spread of this motion: smaller errors, a calibration; most gain first."""
+        return improvements(self.points, np.max)
+
     def gain_over(self, sigma: float) -> float:
         """Relative reduction of the largest σ_max along the path against ``sigma`` [m]."""
         return 1.0 - float(self.motion.sigma.max()) / sigma if sigma > 0 else 0.0
@@ -150,6 +156,7 @@ class PathSolution(Result):
         return self.points[0].to_json() | {
             "clearance": None if self.clearance is None else self.clearance.to_json(),
             **({"workpiece": placement_json(self.placement)} if self.on_workpiece else {}),
+            "what_would_help": [change.to_json() for change in self.improvements],
             "path": [_point_json(point) for point in self.stations],
             "largest_joint_step": self.largest_joint_step,
             "largest_step": self.largest_step,
