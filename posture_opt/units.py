@@ -171,8 +171,11 @@ def _quantity(dimension: str) -> Any:
     return Annotated[float, BeforeValidator(read), WithJsonSchema(schema)]
 
 
-# Angle or length: a parameter's name decides, so the text is read when the robot is known.
-Quantity = Annotated[Any, WithJsonSchema({"type": "string", "examples": ["1 deg", "10 mm"]})]
+BY_NAME = "angle or length"
+"""The dimension of what the name of a joint or a parameter decides."""
+
+# A parameter's name decides, so the text is read when the robot is known.
+Quantity = Annotated[Any, WithJsonSchema({"type": "string", "examples": ["1 deg", "10 mm"], "dimension": BY_NAME})]
 
 
 @dataclass(frozen=True)
@@ -208,7 +211,14 @@ def joint_text(value: float, unit: str) -> str:
 JointValue = Annotated[
     JointQuantity,
     PlainValidator(_joint_quantity),
-    WithJsonSchema({"type": "string", "description": "angle or length with its unit", "examples": ["30 deg", "80 mm"]}),
+    WithJsonSchema(
+        {
+            "type": "string",
+            "description": "angle or length with its unit",
+            "examples": ["30 deg", "80 mm"],
+            "dimension": BY_NAME,
+        }
+    ),
 ]
 """The value of a joint: an angle of a revolute one, a length of a prismatic one."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
@@ -10,13 +9,11 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from posture_opt.errors import InputError, Issue, did_you_mean
+from posture_opt.problem.plain_data import plain
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document, read_yaml
 
-_LARGEST_INT = 10**300  # beyond it no float can follow: it is infinite
 _DEFAULT = "insert_planar_2r"
 
 
@@ -40,7 +37,7 @@ def problem_from_dict(data: Mapping[str, Any], folder: str | PathLike[str] = "."
     """
     if not isinstance(data, Mapping):
         raise InputError(Issue(f"a problem is a mapping of sections, not {type(data).__name__}"))
-    return build_problem(Document(_plain(data)), Path(folder), "problem")
+    return build_problem(Document(plain(data)), Path(folder), "problem")
 
 
 def builtin_names() -> tuple[str, ...]:
@@ -75,16 +72,3 @@ def problems_folder() -> Path:
     """The folder of the built-in problems: inside the installed package, or beside it in a source tree."""
     inside = Path(str(files("posture_opt"))) / "problems"
     return inside if inside.is_dir() else inside.parents[1] / "problems"
-
-
-def _plain(value: Any) -> Any:
-    """Mappings, sequences, arrays and paths as the plain types that a file would give."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, int) and abs(value) > _LARGEST_INT:
-        return math.inf if value > 0 else -math.inf
-    return fspath(value) if isinstance(value, PathLike) else value

@@ -30,22 +30,14 @@ from posture_opt.problem.fitting import (
 )
 from posture_opt.problem.parts import input_notes, parse_spec, problem_notes, read_parts
 from posture_opt.problem.path_file import with_path
+from posture_opt.problem.replacing import kept_of_task, replaced_data
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document, read_yaml
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.registered_tasks import every_task
 from posture_opt.selection.solvers import Solver
-from posture_opt.selection.tasks import Task, known_to
+from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.uncertainty_section import MeasurementSpec, UncertaintySpec
-
-_TARGETS: dict[str, tuple[str, ...]] = {
-    "position": (),
-    "region": (),
-    "features": ("workpiece", "combine"),
-    **dict.fromkeys(("path", "points"), ("workpiece", "axes", "spacing", "largest_step")),
-}
-"""Keys of a task that say where, one of them at a time, each with those that mean nothing without it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +105,7 @@ class Problem:
             InputError: unknown kind or key, or a value that does not fit.
         """
         former = dict(self.document.get("task") or {})
-        task = {**known_to(kind, former, every_task()), **({"kind": kind} if kind else {}), **keys}
-        for rival in _TARGETS:
-            if rival in keys:
-                for other in set(_TARGETS) - {rival, *keys}:
-                    gone = {other, *_TARGETS[other]} - set(keys)
-                    task = {key: value for key, value in task.items() if key not in gone}
+        task = {**kept_of_task(former, kind, keys), **({"kind": kind} if kind else {}), **keys}
         document = {**self.document, "task": task}
         spec = parse_spec(Document(document))
         notes = self.notes
@@ -137,6 +124,22 @@ class Problem:
             notes=notes,
             overridden=frozenset(overridden),
         )
+
+    def replace(self, **changes: Any) -> Problem:
+        """The same problem with other values at some keys of its file, two underscores between the parts of a key.
+
+        ``problem.replace(task__position=(0.6, 0.2, 0.1), uncertainty__repeatability="0.05 mm")``: quantities with
+        their units as in the file, or plain numbers and arrays in SI units and radians. What is given replaces all
+        that stood at its key, None takes the key away. A task that is told where in another way forgets the former
+        one. Entries of a list go by their name or number, ``robot__joints__elbow__a``, and keys with a point in them
+        as ``**{"uncertainty__sigma__elbow.theta": 3e-4}``.
+
+        Raises:
+            InputError: everything that does not fit, by the key.
+        """
+        data, keys = replaced_data(self.document, changes, self.robot)
+        found = build_problem(Document(data), self.folder, self.name, attached=self.attached)
+        return replace(found, header=self.header, origin=self.origin, overridden=self.overridden | keys)
 
     def with_robot(self, robot: Mapping[str, Any]) -> Problem:
         """The same problem with another ``robot`` section, as in the file.

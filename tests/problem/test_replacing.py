@@ -1,0 +1,129 @@
+"""Changes of a problem without a file: what they reach, in which units, and what they refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.errors import InputError
+from posture_opt.problem.problem import Problem
+
+
+@pytest.fixture(scope="module")
+def panda() -> Problem:
+    return po.load_problem("insert_panda")
+
+
+def same_as_file(problem: Problem) -> None:
+    """A replaced problem is the one that its own file holds."""
+    again = po.problem_from_dict(problem.to_dict(), problem.folder)
+    assert again.task == problem.task
+    assert again.robot == problem.robot
+    np.testing.assert_array_equal(again.sources.covariance, problem.sources.covariance)
+
+
+def test_si_and_units_say_the_same(panda: Problem) -> None:
+    si = panda.replace(
+        task__position=np.array([0.55, 0.1, 0.2]),
+        uncertainty__repeatability=5e-5,
+        robot__payload=np.float64(1.5),
+        robot__tool={"xyz": [0, 0, 0.12], "rpy": (0, 0, np.pi / 2)},
+    )
+    written = panda.replace(
+        task__position=["550 mm", "10 cm", "0.2 m"],
+        uncertainty__repeatability="0.05 mm",
+        robot__payload="1.5 kg",
+        robot__tool={"xyz": ["0 m", "0 m", "120 mm"], "rpy": ["0 deg", "0 deg", "90 deg"]},
+    )
+    assert si.task is not None
+    assert si.task.position == pytest.approx((0.55, 0.1, 0.2), rel=1e-15)
+    assert written.task is not None
+    assert written.task.position == pytest.approx(si.task.position, rel=1e-15)
+    np.testing.assert_allclose(si.sources.covariance, written.sources.covariance, rtol=1e-14)
+    q = [0.1, 0.2, 0.3, -1.5, 0.2, 1.5, 0.1]
+    np.testing.assert_allclose(po.propagate(si, q).position, po.propagate(written, q).position, rtol=0, atol=1e-15)
+    assert si.robot.payload == 1.5
+    same_as_file(si)
+
+
+def test_the_former_problem_stays_as_it_was(panda: Problem) -> None:
+    before = panda.to_yaml()
+    changed = panda.replace(task__position=[0.6, 0, 0.2])
+    assert panda.to_yaml() == before
+    assert changed is not panda
+    assert changed.name == panda.name
+
+
+def test_numbers_of_joints_and_parameters_take_the_unit_of_their_name() -> None:
+    scara = po.load_problem("insert_scara")
+    turning, sliding = (next(j for j in scara.robot.joints if j.type == t) for t in ("revolute", "prismatic"))
+    changed = scara.replace(uncertainty={"sigma": {f"{turning.name}.theta": 1e-3, f"{sliding.name}.d": 1e-5}})
+    assert dict(zip(changed.sources.names, changed.sources.sigma, strict=True)) == pytest.approx(
+        {f"{turning.name}.theta": 1e-3, f"{sliding.name}.d": 1e-5}
+    )
+    held = [{"kind": "near_posture", "posture": {turning.name: 0.3, sliding.name: 0.05}, "at_most": 0.5}]
+    term = scara.replace(task__subject_to=held).to_dict()["task"]["subject_to"][0]
+    assert term["posture"] == {turning.name: "0.3 rad", sliding.name: "0.05 m"}
+    assert term["at_most"] == "0.5 rad"
+
+
+def test_keys_with_points_and_entries_of_lists() -> None:
+    ur10 = po.load_problem("insert_ur10")
+    changed = ur10.replace(**{"uncertainty__sigma__elbow.theta": "1 mrad"})
+    sigma = dict(zip(changed.sources.names, changed.sources.sigma, strict=True))
+    assert sigma["elbow.theta"] == pytest.approx(1e-3)
+    assert sigma["shoulder_pan.theta"] == pytest.approx(3e-4)
+    arm = po.load_problem("insert_planar_2r").replace(robot__joints__joint2__a=0.9, robot__joints__0__a="1.1 m")
+    np.testing.assert_allclose(po.propagate(arm, [0, 0]).position, [2.0, 0, 0], atol=1e-15)
+
+
+def test_another_way_to_say_where_takes_the_place_of_the_former(panda: Problem) -> None:
+    region = panda.replace(task__region={"min": [0.4, -0.1, 0.2], "max": [0.5, 0.1, 0.2]})
+    assert region.task is not None
+    assert region.task.position is None
+    assert region.task.clearance == pytest.approx(2e-4)
+    drill = panda.replace(task__kind="drill")
+    assert drill.task is not None
+    assert (drill.task.kind, drill.task.position) == ("drill", (0.5, 0.1, 0.2))
+
+
+def test_none_takes_a_key_away(panda: Problem) -> None:
+    assert "clearance" not in panda.replace(task__clearance=None).to_dict()["task"]
+    assert panda.replace(task=None).task is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"task__positoin": [0, 0, 0]}, "task.positoin: unknown key – did you mean 'position'"),
+        ({"task__position": [0.1, 0.2]}, "task.position: a position has three coordinates, 2 are given"),
+        ({"task__clearance": "5 kg"}, "task.clearance: 'kg' is not a unit of length"),
+        ({"uncertainty__repeatability": "0.05"}, "uncertainty.repeatability: the length has no unit"),
+        ({"task__clearance__x": 1}, "task.clearance: '0.2 mm' stands here, which has no key 'x'"),
+        ({"task__subject_to__7__at_least": 1}, r"the list has no such entry – one of: 0"),
+        ({"robot__payload": float("nan")}, "robot.payload: nan is not a finite number"),
+        ({"robot__name": "panta"}, "robot.name: there is no preset of this name – did you mean 'panda'"),
+        ({"tsk__position": 1}, "tsk: unknown key – did you mean 'task'"),
+    ],
+)
+def test_what_does_not_fit_is_named_by_its_key(panda: Problem, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        panda.replace(**changes)
+
+
+def test_all_that_does_not_fit_at_once(panda: Problem) -> None:
+    with pytest.raises(InputError) as caught:
+        panda.replace(task__clearance="1 kg", robot__payload="2 m")
+    assert {issue.key for issue in caught.value.issues} == {("task", "clearance"), ("robot", "payload")}
+
+
+def test_a_fault_that_the_file_has_keeps_its_line(tmp_path: Path) -> None:
+    """Of what was replaced the file says nothing any more; of the rest it does."""
+    problem = po.load_problem("insert_panda").replace(task__clearance=1e-4)
+    kept = problem.placed(po.errors.Issue("far", ("task", "position")))
+    gone = problem.placed(po.errors.Issue("small", ("task", "clearance")))
+    assert (kept.file.endswith("insert_panda.yaml"), kept.line > 0, gone.file) == (True, True, "")
