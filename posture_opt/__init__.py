@@ -16,6 +16,7 @@
     problem, data, calibration ─ assess ─> assessment  what the model gets wrong, and whether the rest is scatter
     problem, data, calibration ─ check_spread ─> check  is the predicted spread true?
     problem, data ─ map_accuracy ─────> map          bias and spread over a grid of targets, beside what was measured
+    targets.csv ── compensate ────────> compensation  joint values that bring this arm to the targets
     {name: problem} ─ compare_plans ──> comparison   what models of one arm choose for its task
     problem, calibration ─ calibrated_problem ─> problem  the calibrated arm, to be planned with
 
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from posture_opt.batch.batch_diagnosis import BatchDiagnosis, diagnose_batch
     from posture_opt.calibration.calibrate import calibrate
     from posture_opt.calibration.calibration import Calibration
+    from posture_opt.compensation.compensate import compensate
+    from posture_opt.compensation.compensation import Compensation
     from posture_opt.diagnosis.diagnose import diagnose
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.experiments.measurement_plan import MeasurementPlan
@@ -69,6 +72,7 @@ __all__ = [
     "Calibration",
     "Cloud",
     "Comparison",
+    "Compensation",
     "Diagnosis",
     "FeaturesSolution",
     "MeasurementPlan",
@@ -88,6 +92,7 @@ __all__ = [
     "calibrated_problem",
     "check_spread",
     "compare_plans",
+    "compensate",
     "diagnose",
     "diagnose_batch",
     "errors",
@@ -112,6 +117,7 @@ _HOMES = {
     "BatchDiagnosis": "batch.batch_diagnosis",
     "Calibration": "calibration.calibration",
     "Cloud": "uncertainty.cloud",
+    "Compensation": "compensation.compensation",
     "Comparison": "selection.plan_comparison",
     "Diagnosis": "diagnosis.diagnosis",
     "FeaturesSolution": "selection.features_solution",
@@ -131,6 +137,7 @@ _HOMES = {
     "calibrated_problem": "problem.fitted_problem",
     "check_spread": "validation.spread_check",
     "compare_plans": "selection.plan_comparison",
+    "compensate": "compensation.compensate",
     "diagnose": "diagnosis.diagnose",
     "diagnose_batch": "batch.batch_diagnosis",
     "extended_problem": "problem.fitted_problem",

@@ -21,6 +21,7 @@ from posture_opt.errors import PostureOptError, nearest
 COMMANDS = {
     # name -> one line for --help
     "calibrate": "What measurements say about the parameters of the arm.",
+    "compensate": "Joint values that bring this arm, with its errors, to targets.",
     "diagnose": "What the simulation gets wrong, its cause by name, and what naming it brings.",
     "export": "Write the covariance of the tool point as C code.",
     "list": "List tasks, effects, presets, solvers, terms and built-in problems.",
@@ -37,6 +38,7 @@ _FILES = {
     "posture": ("uncertainty", "simulate", "export"),
     "problem_file": ("list", "new", "schema"),
     "map": ("map",),
+    "compensate": ("compensate",),
     "plan_measurements": ("plan-measurements",),
 }
 _INTERRUPTED = 130  # what a shell reports of a program that ^C ended

@@ -78,7 +78,7 @@ def _assemble(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Fa
         q=q,
         position=_position(cells, q, robot, faults) if measured.any() else None,
         measured_axes=measured,
-        rotation=_rotation(cells, line, faults) if QUATERNION[0] in columns else None,
+        rotation=unit_quaternions(cells, line, faults) if QUATERNION[0] in columns else None,
         pose=poses,
         goal=goal[0] if goal else poses.copy(),
         target=target[0],
@@ -145,8 +145,8 @@ def _position(cells: Cells, q: Array, robot: Robot, faults: Faults) -> Array:
     return position
 
 
-def _rotation(cells: Cells, line: Codes, faults: Faults) -> Array:
-    """(N, 4) unit quaternions with w >= 0."""
+def unit_quaternions(cells: Cells, line: Codes, faults: Faults) -> Array:
+    """(N, 4) unit quaternions with w >= 0 of the columns of the orientation."""
     rotation = np.column_stack([_present(cells.number(name)) for name in QUATERNION])
     norm = np.linalg.norm(rotation, axis=1)
     for row in np.flatnonzero(np.abs(norm - 1) > _NORM):

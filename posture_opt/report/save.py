@@ -31,6 +31,7 @@ CAPTIONS = {
     "map_spread": "The distance from its mean that the tool point keeps with 95 % probability: dark is good.",
     "joint_map": "The scatter over both joints: dark is good.",
     "bench": "The scatter over where the workpiece stands: dark is good, hatched is out of reach of some feature.",
+    "compensation": "How far every target is missed with the given joint values, and expected with the compensated.",
     "landing": "Where the tool lands in the old posture and in the new one: ellipses hold 95 %.",
     "residual_vectors": "Errors as arrows, from where the model says to where was measured (enlarged as stated).",
     "residual_joints": "Errors along each joint's motion, where it moves the tool: a line off zero is systematic.",
@@ -49,12 +50,15 @@ CAPTIONS = {
 }
 Files = dict[str, bytes]
 
-_JSON = ("solution", "spread", "calibration", "diagnosis", "plan", "map", "assessment", "spread_check", "comparison")
+_JSON = (
+    *("solution", "spread", "calibration", "diagnosis", "plan", "map", "assessment", "spread_check"),
+    *("comparison", "compensation"),
+)
 DOCUMENTS = frozenset((*(f"{name}.json" for name in _JSON), "report.txt", "report.html"))
 OWN_FILES = DOCUMENTS | frozenset(
     (
         *(f"{name}{end}" for name in ("calibrated", "extended") for end in (".yaml", "_covariance.csv", ".urdf")),
-        *("cloud.csv", "plan_points.csv", "uncertainty.yaml", "map.csv", "postures.csv"),
+        *("cloud.csv", "plan_points.csv", "uncertainty.yaml", "map.csv", "postures.csv", "compensated.csv"),
         *(f"{name}.{kind}" for name in CAPTIONS for kind in ("png", "svg")),
     )
 )

@@ -19,6 +19,7 @@ from posture_opt.report.figures.accuracy_map import plot_bias, plot_spread_map
 from posture_opt.report.figures.batch import plot_batch
 from posture_opt.report.figures.bench import plot_bench
 from posture_opt.report.figures.comparison import plot_landing
+from posture_opt.report.figures.compensation import plot_compensation
 from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram, plot_scores
 from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
 from posture_opt.report.figures.path import plot_path
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from posture_opt.report.calibration_report import CalibrationPresenter
     from posture_opt.report.cloud_report import CloudPresenter
     from posture_opt.report.comparison_report import ComparisonPresenter
+    from posture_opt.report.compensation_report import CompensationPresenter
     from posture_opt.report.diagnosis_report import DiagnosisPresenter
     from posture_opt.report.features_solution_report import FeaturesSolutionPresenter
     from posture_opt.report.measurement_plan_report import MeasurementPlanPresenter
@@ -115,6 +117,11 @@ def spread(shown: SpreadPresenter) -> Drawings:
 def cloud(shown: CloudPresenter) -> Drawings:
     """The cloud beside the closed form, and the arm."""
     return {"cloud": partial(plot_cloud, shown.result), "arm": partial(plot_spread, shown.result.spread)}
+
+
+def compensation(shown: CompensationPresenter) -> Drawings:
+    """What every target is missed by, before and after."""
+    return {"compensation": partial(plot_compensation, shown.result)}
 
 
 def target_map(shown: TargetMapPresenter) -> Drawings:

@@ -1,0 +1,31 @@
+"""``optimize-posture compensate``: joint values that bring this arm, with its errors, to targets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+import posture_opt as po
+from posture_opt.cli.options import Common, common_options, problem_options
+from posture_opt.cli.output import output, save_result, show_result
+from posture_opt.cli.request import placed, requested_problem
+
+
+@click.command("compensate")
+@click.argument("targets", type=click.Path(path_type=Path), metavar="TARGETS.csv")
+@problem_options
+@common_options
+def compensate_command(common: Common, targets: Path, **given: Any) -> None:
+    """Joint values that bring the tool of this arm, with its corrections and effects, to the targets.
+
+    TARGETS.csv has x, y, z with units, optionally qw, qx, qy, qz, and joint columns that say which posture to stay
+    near; or joint columns alone, which stand for where the drawn arm would be with them. JOINT.approach and payload
+    count as in measurements. The answer, compensated.csv, has the rows of the targets in their units.
+    """
+    problem = requested_problem(**given)
+    with output(common), placed(problem):
+        found = po.compensate(problem, targets)
+        save_result(common, found)
+    show_result(common, found)

@@ -1,0 +1,169 @@
+"""``compensate``: joint values with which this arm, flaws and all, brings its tool to targets."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+from posture_opt.compensation.arrivals import Arrivals, arrivals
+from posture_opt.compensation.compensation import Compensation, joint_column
+from posture_opt.compensation.expected_miss import expected_miss
+from posture_opt.compensation.nearest_postures import NearestPostures, Poses
+from posture_opt.compensation.start_postures import start_postures
+from posture_opt.compensation.targets import Targets, read_targets
+from posture_opt.errors import NoSolutionError
+from posture_opt.measurements.table import TableLike
+from posture_opt.model.arm import Arm
+from posture_opt.numerics import Array, Mask
+from posture_opt.robot.robot import Robot
+from posture_opt.uncertainty.joint_digits import JointDigits, joint_digits
+from posture_opt.uncertainty.sources import Sources
+from posture_opt.units import number
+
+_ROUNDS = 40  # of effects and chain in turn; effects of a thousandth of a joint's motion converge in five
+_FREE = 12  # rounds after which a joint's side stays what it is: one that hardly moves may not settle
+_SAME = 1e-10  # rad or m
+_AT_LIMIT = 1e-9  # rad or m
+_FAR = 3.0  # times the length of the arm: a target beyond is probably in another unit
+_LISTED = 20  # lines named in an error
+
+
+class HasNominal(Protocol):
+    """What a compensation needs of a ``Problem``."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def arm(self) -> Arm: ...
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def nominal(self) -> Robot: ...
+    @property
+    def sources(self) -> Sources: ...
+
+
+def compensate(problem: HasNominal, targets: TableLike | Targets) -> Compensation:
+    """The joint values that bring the tool of the arm of ``problem``, corrections and effects included, to targets.
+
+    Of all postures that do, each row's is the one with the smallest sum of squared joint motions [rad, m] from the
+    posture given for it, ``min |q − q_near|²`` subject to ``f(q, u) = target`` and the limits. Without joint columns
+    the posture of the drawn arm takes its place. The side from which a joint arrives, and how far it moved, is that of
+    its ``approach`` column, or follows from the row before as it is commanded; the first row's is the task's. An arm
+    with too few joints for an orientation comes as near to it as it can.
+
+    Args:
+        problem: names ``arm``, ``nominal`` and ``sources``: a calibrated or extended problem.
+        targets: the path of a CSV file, a table, or `read_targets`.
+
+    Raises:
+        InputError: everything wrong with the targets, each with line and column.
+        NoSolutionError: targets out of reach, each with its line; ``solution`` is the compensation with what comes
+            nearest.
+    """
+    rows = targets if isinstance(targets, Targets) else read_targets(targets, problem.robot)
+    wanted = _wanted(problem, rows)
+    solver = NearestPostures(problem.robot)
+    near = start_postures(problem.nominal, solver, wanted) if rows.near is None else rows.near
+    exact, solved_for, reached = _settled(problem.arm, solver, rows, wanted, near)
+    digits = joint_digits(problem, exact)
+    q = _rounded(problem.robot, rows, exact, digits)
+    came = arrivals(problem.arm, rows, q)
+    found = Compensation(
+        problem, rows, wanted, near, q, digits, reached,
+        before=expected_miss(problem.arm, problem.sources, rows, wanted, near, arrivals(problem.arm, rows, near)),
+        after=expected_miss(problem.arm, problem.sources, rows, wanted, q, came),
+        unsettled=_sided(problem.arm) & (came.side != solved_for.side),
+    )  # fmt: skip
+    if not reached.all():
+        raise NoSolutionError(_out_of_reach(found, solver), found)
+    return found
+
+
+def _wanted(problem: HasNominal, rows: Targets) -> Poses:
+    """Where the tool is to come: as the file says, or where the drawn arm would be with the given joints."""
+    if rows.position is not None:
+        return Poses(rows.position, rows.rotation)
+    assert rows.near is not None, "without a place there are joints"
+    T = np.asarray(Arm(problem.nominal).pose(rows.near), dtype=float)
+    return Poses(T[:, :3, 3], T[:, :3, :3])
+
+
+def _settled(
+    arm: Arm, solver: NearestPostures, rows: Targets, wanted: Poses, near: Array
+) -> tuple[Array, Arrivals, Mask]:
+    """(N, n) postures, the arrivals that they were solved for, and (N,) whether they reach their poses.
+
+    What effects add at the present postures is taken off the targets, the chain is solved for these, and again: from
+    which side a joint arrives depends on the postures found.
+    """
+    if not arm.effects:
+        q = solver.solve(wanted, near)
+        return q, arrivals(arm, rows, q), solver.reached(q, wanted)
+    q, came, aimed = near, arrivals(arm, rows, near), wanted
+    for round_ in range(_ROUNDS):
+        aimed = _without_effects(arm.under(came.inputs(arm, rows)), wanted, q)
+        moved = solver.solve(aimed, near, q)
+        change, q = float(np.abs(moved - q).max()), moved
+        fresh = arrivals(arm, rows, q)
+        if round_ >= _FREE:
+            fresh = Arrivals(came.side, fresh.way)
+        if change < _SAME and (fresh.side == came.side).all():
+            break
+        came = fresh
+    return q, came, solver.reached(q, aimed)
+
+
+def _without_effects(arm: Arm, wanted: Poses, q: Array) -> Poses:
+    """The poses that the chain has to reach so that the arm with its effects comes to the wanted ones."""
+    T, bare = np.asarray(arm.pose(q), dtype=float), np.asarray(Arm(arm.robot).pose(q), dtype=float)
+    position = wanted.position - (T[:, :3, 3] - bare[:, :3, 3])
+    if wanted.rotation is None:
+        return Poses(position, None)
+    turned = T[:, :3, :3] @ bare[:, :3, :3].transpose(0, 2, 1)
+    return Poses(position, turned.transpose(0, 2, 1) @ wanted.rotation)
+
+
+def _rounded(robot: Robot, rows: Targets, q: Array, digits: JointDigits) -> Array:
+    """(N, n) the joint values as they are written [rad or m]."""
+    columns = []
+    for joint, values in zip(robot.joints, q.T, strict=True):
+        _, factor = joint_column(rows, joint)
+        columns.append(np.round(values / factor, digits.decimals(joint, factor)) * factor)
+    return np.column_stack(columns)
+
+
+def _sided(arm: Arm) -> Mask:
+    """(n,) joints for whose effects the side of arrival matters."""
+    asked = {effect.target for effect in arm.effects if "approach" in effect.needs}
+    return np.array([joint.name in asked for joint in arm.robot.joints])
+
+
+def _out_of_reach(found: Compensation, solver: NearestPostures) -> str:
+    """A line for each target that the arm does not come to: by how much, and which joints are at their limits."""
+    robot, bad = found.problem.robot, np.flatnonzero(~found.reached)
+    places = [f"{found.targets.file}:{found.targets.line[k]}: {_reason(found, k)}" for k in bad[:_LISTED]]
+    more = [f"and {len(bad) - _LISTED} more"] if len(bad) > _LISTED else []
+    reach = _FAR * robot.length
+    apart = np.linalg.norm(found.wanted.position[bad], axis=1)
+    hint = (
+        [f"the arm is {robot.length * 1e3:.0f} mm long: is the unit of x, y, z right?"] if (apart > reach).all() else []
+    )
+    head = f"{len(bad)} of {len(found)} targets cannot be reached"
+    return "\n".join([head, *places, *more, *hint])
+
+
+def _reason(found: Compensation, k: int) -> str:
+    robot = found.problem.robot
+    held = [
+        f"{joint.name} at its {'upper' if value > (joint.lower + joint.upper) / 2 else 'lower'} limit"
+        for joint, value in zip(robot.joints, found.q[k], strict=True)
+        if min(value - joint.lower, joint.upper - value) < max(_AT_LIMIT, found.digits.turn)
+    ]
+    because = f" ({', '.join(held)})" if held else ""
+    off, turned = found.after.off[k], found.after.turned[k]
+    if off > 10 * found.digits.turn * robot.length + 1e-6:
+        return f"the tool point stays {number(1e3 * off)} mm away{because}"
+    return f"the tool comes there only turned by {number(math.degrees(turned))} deg{because}"

@@ -1,0 +1,154 @@
+"""``Compensation``: joint values that bring this arm to its targets, and what is left."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from posture_opt.compensation.expected_miss import ExpectedMiss
+from posture_opt.compensation.nearest_postures import Poses
+from posture_opt.compensation.targets import Targets
+from posture_opt.numerics import Array, Mask
+from posture_opt.result import Result
+from posture_opt.robot.robot import Joint
+from posture_opt.uncertainty.joint_digits import JointDigits
+from posture_opt.units import fixed
+
+_DECIMALS = 5  # of a mm: off and left to 10 nm
+_LISTED = 8  # lines named in a note
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Compensation(Result):
+    """N targets with the commands that bring the tool to them, in the order of the targets.
+
+    Args:
+        problem: the arm with its corrections and effects.
+        targets: as they were given; ``wanted``: the poses that they mean.
+        near: (N, n) the postures to stay near [rad or m]: those given, else those of the drawn arm.
+        q: (N, n) the compensated joint values, rounded to the digits that are written [rad or m].
+        digits: how far they are rounded.
+        reached: (N,) whether the arm comes to the target.
+        before: what is expected with ``near``; after: with ``q``.
+        unsettled: (N, n) joints that hardly move, so that rounding decides from which side they arrive.
+    """
+
+    problem: Any
+    targets: Targets
+    wanted: Poses
+    near: Array
+    q: Array
+    digits: JointDigits
+    reached: Mask
+    before: ExpectedMiss
+    after: ExpectedMiss
+    unsettled: Mask
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def off(self) -> Array:
+        """(N,) distance of the tool point from its target with the given joint values, as expected [m]."""
+        return self.before.off
+
+    @property
+    def left(self) -> Array:
+        """(N,) root mean square distance that is left after the compensation, as expected [m]."""
+        return self.after.rms
+
+    @property
+    def oriented(self) -> bool:
+        """Whether the orientation of the tool is wanted too."""
+        return self.wanted.rotation is not None
+
+    @property
+    def postures(self) -> list[dict[str, float]]:
+        """Joint name -> value [rad or m], in the order of the targets."""
+        names = self.problem.robot.joint_names
+        return [dict(zip(names, map(float, row), strict=True)) for row in self.q]
+
+    @cached_property
+    def heads(self) -> tuple[tuple[Joint, str, float], ...]:
+        """Every joint with the head of its column and what one of its unit is [rad or m]."""
+        return tuple((joint, *joint_column(self.targets, joint)) for joint in self.problem.robot.joints)
+
+    def to_csv(self) -> str:
+        """The targets with the joint values in place: their columns and units, then ``off [mm]`` and ``left [mm]``."""
+        rows = [[self._head(k) for k in range(len(self.targets.heads))]]
+        rows[0] = [*([] if self._given else [head for _, head, _ in self.heads]), *rows[0], "off [mm]", "left [mm]"]
+        at = (
+            {self.targets.columns[joint.name].index: j for j, (joint, *_) in enumerate(self.heads)}
+            if self._given
+            else {}
+        )
+        for k, cells in enumerate(self.targets.cells):
+            joints = [self.digits.text(j, v, f) for (j, _, f), v in zip(self.heads, self.q[k], strict=True)]
+            texts = [joints[at[i]] if i in at else cell for i, cell in enumerate(cells)]
+            off, left = (fixed(1e3 * float(values[k]), _DECIMALS) for values in (self.off, self.left))
+            rows.append([*([] if self._given else joints), *texts, off, left])
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(rows)
+        return text.getvalue()
+
+    @property
+    def _given(self) -> bool:
+        return self.targets.near is not None
+
+    def _head(self, k: int) -> str:
+        return self.targets.heads[k].strip()
+
+    def to_json(self) -> dict[str, Any]:
+        """The document ``compensation.json``: SI units and radians."""
+        rows = zip(self.targets.line, self.postures, self.reached, strict=True)
+        return {
+            "name": self.problem.name,
+            "targets": [
+                {
+                    "line": int(line),
+                    "position": self.wanted.position[k].tolist(),
+                    "posture": posture,
+                    "reached": bool(reached),
+                    "off": float(self.off[k]),
+                    "left": float(self.left[k]),
+                    "off_rotation": float(self.before.turned[k]) if self.oriented else None,
+                    "left_rotation": float(self.after.rms_turned[k]) if self.oriented else None,
+                }
+                for k, (line, posture, reached) in enumerate(rows)
+            ],
+            "off_rms": rms(self.off),
+            "left_rms": rms(self.left),
+            "largest_joint_change": float(np.abs(self.q - self.near).max()),
+            "notes": list(self.notes),
+        }
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader should know."""
+        joints = [self.problem.robot.joint_names[j] for j in np.flatnonzero(self.unsettled.any(axis=0))]
+        if not joints:
+            return ()
+        lines = ", ".join(str(line) for line in self.targets.line[self.unsettled.any(axis=1)][:_LISTED])
+        verb = "moves" if len(joints) == 1 else "move"
+        return (
+            f"{', '.join(joints)} hardly {verb} to line {lines}, so the side of arrival is not certain: state it in "
+            f"a column {joints[0]}.approach and arrive from there",
+        )
+
+
+def joint_column(targets: Targets, joint: Joint) -> tuple[str, float]:
+    """The head of a joint's column and its unit [rad or m]: as given, else deg and mm."""
+    column = targets.columns.get(joint.name)
+    if column is not None:
+        return targets.heads[column.index].strip(), column.factor
+    return (f"{joint.name} [deg]", float(np.pi / 180)) if joint.type == "revolute" else (f"{joint.name} [mm]", 1e-3)
+
+
+def rms(values: Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))

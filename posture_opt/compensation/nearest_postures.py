@@ -1,0 +1,159 @@
+"""The postures of a chain that bring its tool to wanted poses and lie nearest to given ones, many at once.
+
+Newton's method with priorities: first the tool point, then what orientation the arm has freedom for, then the distance
+to the given posture, each in the null space of those before (Nakamura, Hanafusa, Yoshikawa 1987). A joint that a step
+would drive beyond its limit is set to it and the step is made by the others (Flacco, De Luca, Khatib 2012).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.model.arm import Arm
+from posture_opt.numerics import Array, Mask
+from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.task_target import Reach
+
+REACHED = 1e-7
+"""m and rad: what a posture leaves of a pose that it reaches; steps that converge leave 1e-12."""
+_STEPS = 80
+_LONGEST = 0.3  # rad or m: longer steps of a linear model of a rotation mean nothing
+_STILL = 1e-11  # rad or m: rounding, where the Jacobian is poor
+_DAMPING = 0.1  # of the squared error (Sugihara 2011)
+_LEAST = 1e-16  # rad² or m²: singular values below 1e-8 move nothing
+_SAMPLES = 12  # random postures at which freedom is counted
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """N wanted poses: tool points (N, 3) [m] and orientations (N, 3, 3), or any; world."""
+
+    position: Array
+    rotation: Array | None
+
+    def take(self, rows: Mask) -> Poses:
+        """Some of them."""
+        return Poses(self.position[rows], None if self.rotation is None else self.rotation[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Misses:
+    """What N postures leave of their poses: of the tool point (N, 3) [m], of the rotation (N, 3) [rad], world."""
+
+    position: Array
+    rotation: Array
+
+
+class NearestPostures:
+    """The solver of one chain without effects.
+
+    Attributes:
+        directions: (3, r) in which the arm moves its tool point at will.
+        turns: in how many ways it turns the tool with the point held.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot, self._arm = robot, Arm(robot)
+        self._lower, self._upper = np.array(robot.lower), np.array(robot.upper)
+        self.directions = Reach.of(self._arm, (0.0, 0.0, 1.0)).directions
+        self.turns = self._freedom() - self.directions.shape[1]
+
+    def misses(self, q: Array, wanted: Poses) -> Misses:
+        """What postures (N, n) leave."""
+        T = np.asarray(self._arm.pose(q), dtype=float)
+        return pose_misses(T, wanted)
+
+    def solve(self, wanted: Poses, near: Array, start: Array | None = None) -> Array:
+        """(N, n) postures at the wanted poses, or as near to them as they come, that lie nearest to ``near`` (N, n)."""
+        q = np.clip(near if start is None else start, self._lower, self._upper).copy()
+        open_rows = np.ones(len(q), dtype=bool)
+        for _ in range(_STEPS):
+            step = self._step(q[open_rows], wanted.take(open_rows), near[open_rows])
+            longest = np.abs(step).max(axis=1, initial=0.0)
+            step *= np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-300))[:, None]
+            q[open_rows] = np.clip(q[open_rows] + step, self._lower, self._upper)
+            open_rows[np.flatnonzero(open_rows)[longest < _STILL]] = False
+            if not open_rows.any():
+                break
+        return q
+
+    def reached(self, q: Array, wanted: Poses) -> Mask:
+        """(N,) whether postures are at their poses, as far as the arm moves at will."""
+        left = self.misses(q, wanted)
+        off = np.linalg.norm(left.position @ self.directions, axis=1)
+        turned = np.linalg.norm(left.rotation, axis=1) if self.turns >= 3 else np.zeros(len(q))
+        return np.asarray((off < REACHED) & (turned < REACHED))
+
+    def _step(self, q: Array, wanted: Poses, near: Array) -> Array:
+        """(N, n) one step of every row, joints beyond their limits held at them."""
+        left = self.misses(q, wanted)
+        J = np.asarray(self._arm.jacobian(q), dtype=float)
+        parts = [(self.directions.T @ J[:, :3], left.position @ self.directions, self.directions.shape[1])]
+        if wanted.rotation is not None:
+            parts.append((J[:, 3:], left.rotation, min(self.turns, 3)))
+        free, held = np.ones_like(q), np.zeros_like(q)
+        step = held
+        for _ in range(self.robot.n):
+            step = _prioritised(parts, near - q, free, held)
+            low, high = q + step < self._lower, q + step > self._upper
+            beyond = (low | high) & (free > 0)
+            if not beyond.any():
+                break
+            free = np.where(beyond, 0.0, free)
+            held = np.where(beyond, np.where(low, self._lower, self._upper) - q, held)
+        return step
+
+    def _freedom(self) -> int:
+        """The largest number of ways in which the tool moves and turns at once; leaning by corrections is none."""
+        rng = np.random.default_rng(0)
+        q = rng.uniform(*drawn_between(self.robot), (_SAMPLES, self.robot.n))
+        J = np.asarray(self._arm.jacobian(q), dtype=float)
+        parts = np.concatenate([self.directions.T @ J[:, :3], J[:, 3:]], axis=1)
+        return int(np.linalg.matrix_rank(parts, tol=max(1e-7, 2 * min(self.robot.skew, 0.05))).max())
+
+
+def pose_misses(T: Array, wanted: Poses) -> Misses:
+    """What poses (N, 4, 4) leave of the wanted ones; where any orientation serves, nothing of the rotation."""
+    position = wanted.position - T[:, :3, 3]
+    if wanted.rotation is None:
+        return Misses(position, np.zeros_like(position))
+    return Misses(position, rotation_vectors(wanted.rotation @ T[:, :3, :3].transpose(0, 2, 1)))
+
+
+def rotation_vectors(R: Array) -> Array:
+    """(N, 3) axis times angle [rad] of rotations (N, 3, 3), exact for small angles and up to half a turn."""
+    v = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1) / 2
+    sine, cosine = np.linalg.norm(v, axis=1), (np.trace(R, axis1=1, axis2=2) - 1) / 2
+    angle = np.arctan2(sine, cosine)
+    scaled: Array = v * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)[:, None]
+    # Half a turn has no sine: the axis is the column of R + 1 that is longest.
+    for row in np.flatnonzero((sine < 1e-9) & (cosine < 0)):
+        columns = R[row] + np.eye(3)
+        axis = columns[:, np.argmax(np.linalg.norm(columns, axis=0))]
+        scaled[row] = np.pi * axis / np.linalg.norm(axis)
+    return scaled
+
+
+def _prioritised(parts: list[tuple[Array, Array, int]], to_near: Array, free: Array, held: Array) -> Array:
+    """(N, n) the step: each part (A, b, rank) as ``A dq = b`` in the null space of those before, then towards near."""
+    step = held.copy()
+    null = free[:, :, None] * np.eye(free.shape[1])
+    for A, b, rank in parts:
+        left = b - np.einsum("nij,nj->ni", A, step)
+        inverse = _damped_inverse(A @ null, rank, (b**2).sum(axis=1))
+        step = step + np.einsum("nij,nj->ni", inverse, left)
+        null = null - inverse @ A @ null
+    last: Array = step + np.einsum("nij,nj->ni", null, to_near - step)
+    return last
+
+
+def _damped_inverse(A: Array, rank: int, squared: Array) -> Array:
+    """(N, n, m) damped pseudo-inverses of (N, m, n), at most ``rank`` singular values of each."""
+    U, s, V = np.linalg.svd(A, full_matrices=False)
+    kept = s[:, :rank]
+    weights = kept / (kept**2 + (_DAMPING * squared + _LEAST)[:, None])
+    inverse: Array = np.einsum("nki,nk,nmk->nim", V[:, :rank], weights, U[:, :, :rank])
+    return inverse

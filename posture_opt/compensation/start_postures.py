@@ -1,0 +1,55 @@
+"""Postures for targets that come without one: those of the drawn arm, each near the one before it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posture_opt.compensation.nearest_postures import NearestPostures, Poses
+from posture_opt.model.arm import Arm
+from posture_opt.numerics import Array
+from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.inverse_kinematics import InverseKinematics
+from posture_opt.selection.pose_request import PoseRequest
+from posture_opt.selection.task_target import spin_axis
+
+_AXIS = (0.0, 0.0, 1.0)
+_STARTS = 200  # random postures that are led to a target which the posture before it does not lead to
+_ALIKE = 1e-3  # rad: orientations that are as near as each other
+
+
+def start_postures(drawn: Robot, chain: NearestPostures, wanted: Poses) -> Array:
+    """(N, n) postures of the ``drawn`` arm at wanted poses, for which the ``chain`` with its corrections reaches them.
+
+    Each row starts from the one before it, so that the arm moves little; the first, and one that cannot be reached so,
+    takes of many random starts the posture nearest to the one before, or to the middle of the joints' ranges.
+    """
+    low, high = drawn_between(chain.robot)
+    before = (low + high) / 2
+    search = InverseKinematics(Arm(chain.robot), _AXIS, chain.directions, None, spun=chain.turns >= 3)
+    rng, found = np.random.default_rng(0), []
+    for row in range(len(wanted.position)):
+        one = wanted.take(np.arange(len(wanted.position)) == row)
+        q = chain.solve(one, before[None]) if row else before[None]
+        if not chain.reached(q, one)[0]:
+            q = _searched(search, chain, one, before, rng)
+        found.append(q[0])
+        before = q[0]
+    return NearestPostures(drawn).solve(wanted, np.array(found))
+
+
+def _searched(
+    search: InverseKinematics, chain: NearestPostures, one: Poses, before: Array, rng: np.random.Generator
+) -> Array:
+    """(1, n) of the postures that random starts lead to, the nearest to ``before``; else what comes nearest."""
+    oriented = one.rotation is not None and chain.turns >= 3
+    R = np.eye(3) if one.rotation is None else one.rotation[0]
+    request = PoseRequest(one.position[0], R[:, 2], R @ spin_axis(_AXIS), np.array([1.0, *[float(oriented)] * 2]))
+    led, _ = search.solve(search.random_postures(_STARTS, rng), request)
+    every = Poses(np.repeat(one.position, len(led), axis=0), one.rotation and np.repeat(one.rotation, len(led), axis=0))
+    led = chain.solve(every, np.broadcast_to(before, led.shape), led)
+    left = chain.misses(led, every)
+    off = np.linalg.norm(left.position @ chain.directions, axis=1) + np.linalg.norm(left.rotation, axis=1)
+    good = off <= off.min() + (_ALIKE if chain.turns < 3 else 1e-6)
+    distance = np.where(good, np.abs(led - before).max(axis=1), np.inf)
+    return led[[int(np.argmin(distance))]]

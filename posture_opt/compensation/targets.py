@@ -1,0 +1,164 @@
+"""``Targets``: where the tool is to come, row by row, and which posture to stay near."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from posture_opt.measurements.columns import (
+    AXES,
+    QUATERNION,
+    Cells,
+    Column,
+    incomplete_quaternion,
+    known_columns,
+    read_cells,
+)
+from posture_opt.measurements.measurements import nominal_poses, still_axes
+from posture_opt.measurements.reading import unit_quaternions
+from posture_opt.measurements.table import Faults, TableLike, open_table
+from posture_opt.numerics import Array, Codes
+from posture_opt.robot.robot import Robot
+
+_MEASURED_ONLY = ("target", "robot", "point")
+_BEYOND = 1e-6  # rad or m: rounding of a limit that was written with six digits
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """N targets in the order of the file.
+
+    Args:
+        heads: of all columns, as given; cells: (N rows) their texts.
+        columns: what each known column is, by name.
+        position: (N, 3) wanted tool point, world [m]; ``None`` where the file has joint values alone.
+        rotation: (N, 3, 3) wanted orientation of the tool in the world, or ``None``: any.
+        near: (N, n) the postures to stay near [rad or m], or ``None``.
+        side: (N, n) the stated side from which a joint arrives, -1 or +1; 0 where the row before says it.
+        payload: (N,) [kg], temperature: (N,) [degC], time: (N,) [s]; ``None`` without the column.
+        line: (N,) of each row in ``file``.
+    """
+
+    heads: tuple[str, ...]
+    cells: tuple[tuple[str, ...], ...]
+    columns: Mapping[str, Column]
+    position: Array | None
+    rotation: Array | None
+    near: Array | None
+    side: Array
+    payload: Array | None
+    temperature: Array | None
+    time: Array | None
+    line: Codes
+    file: str
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+
+def read_targets(source: TableLike, robot: Robot) -> Targets:
+    """The targets in a CSV file, a pandas DataFrame or a mapping from column head to values.
+
+    Columns are those of measurements: joints, ``x, y, z``, ``qw, qx, qy, qz``, ``JOINT.approach``, ``payload``,
+    ``temperature``, ``time``, ``pose`` and ``goal``; joints may be left out, or the tool point.
+
+    Raises:
+        InputError: everything wrong with the file, each with line, column and the mend.
+    """
+    table = open_table(source)
+    faults = table.faults
+    columns, meant = known_columns(table.heads, robot, table.line, faults)
+    _missing(columns, meant, robot, table.line, faults)
+    blocks = list(table.blocks)
+    cells = read_cells(blocks, columns.values(), faults)
+    if not len(cells.line) and not faults.count:
+        faults.stop("there is no row behind the header", "add one row for each target", table.line)
+    faults.refuse()
+    near = _near(cells, columns, robot, faults)
+    position = _position(cells, columns, robot)
+    rotation = unit_quaternions(cells, cells.line, faults) if QUATERNION[0] in columns else None
+    faults.refuse()
+    texts = [[_text(cell) for cell in column] for block in blocks for column in zip(*block.cells, strict=True)]
+    return Targets(
+        table.heads, tuple(map(tuple, texts)), columns, position,
+        None if rotation is None else rotation_matrices(rotation), near, _sides(cells, robot),
+        cells.number("payload"), cells.number("temperature"), cells.number("time"), cells.line, faults.file,
+    )  # fmt: skip
+
+
+def rotation_matrices(quaternions: Array) -> Array:
+    """(N, 3, 3) of unit quaternions (N, 4), w x y z."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: int, faults: Faults) -> None:
+    there = {*columns, *meant}
+    for name in _MEASURED_ONLY:
+        if name in columns:
+            faults.add("targets have no such column", name, mend="leave it out: it belongs to measurements", line=line)
+    joints = [joint for joint in robot.joints if joint.name in there]
+    axes = [axis for axis in AXES if axis in there]
+    for joint in robot.joints if joints else ():
+        if joint.name not in there:
+            unit = "deg" if joint.type == "revolute" else "mm"
+            mend = f"add {joint.name} [{unit}], or leave out all joints"
+            faults.add("the column of this joint is missing", joint.name, mend=mend, line=line)
+    still = still_axes(robot)
+    for axis, fixed in zip(AXES, still, strict=True):
+        if axes and axis not in there and not fixed:
+            faults.add(f"the column {axis} is missing", axis, mend=f"add {axis} [mm]", line=line)
+    if not axes and not joints:
+        faults.add(
+            "nothing says where to go", mend="add x [mm], y [mm], z [mm], or a column for every joint", line=line
+        )
+    incomplete_quaternion(there, line, faults)
+    if QUATERNION[0] in columns and not axes:
+        faults.add("an orientation without a place", QUATERNION[0], mend="add x [mm], y [mm], z [mm]", line=line)
+
+
+def _near(cells: Cells, columns: Mapping[str, Column], robot: Robot, faults: Faults) -> Array | None:
+    """(N, n) the postures of the joint columns; values beyond the limits are faults."""
+    if robot.joint_names[0] not in columns:
+        return None
+    found = [cells.number(name) for name in robot.joint_names]
+    q = np.column_stack([values for values in found if values is not None])
+    for values, joint in zip(q.T, robot.joints, strict=True):
+        column = columns[joint.name]
+        for row in np.flatnonzero((values > joint.upper + _BEYOND) | (values < joint.lower - _BEYOND)):
+            bounds = ", ".join(f"{bound / column.factor:.6g}" for bound in (joint.lower, joint.upper))
+            message = f"{values[row] / column.factor:.6g} {column.unit} lies beyond its limits [{bounds}]"
+            mend = "correct the value, its unit, or the limits of the joint"
+            faults.add(message, joint.name, values[row], mend, int(cells.line[row]))
+    return np.clip(q, robot.lower, robot.upper)
+
+
+def _position(cells: Cells, columns: Mapping[str, Column], robot: Robot) -> Array | None:
+    """(N, 3) the wanted points; a coordinate that the arm cannot change may be left out."""
+    if not any(axis in columns for axis in AXES):
+        return None
+    fixed = nominal_poses(robot, np.array([robot.lower]))[0][0]
+    found = [cells.number(axis) for axis in AXES]
+    count = len(cells.line)
+    return np.column_stack([np.full(count, fixed[k]) if v is None else v for k, v in enumerate(found)])
+
+
+def _sides(cells: Cells, robot: Robot) -> Array:
+    side = np.zeros((len(cells.line), robot.n))
+    for j, name in enumerate(robot.joint_names):
+        values = cells.number(f"{name}.approach")
+        if values is not None:
+            side[:, j] = np.nan_to_num(values, nan=0.0)
+    return side
+
+
+def _text(cell: Any) -> str:
+    return cell.strip() if isinstance(cell, str) else repr(float(cell)) if isinstance(cell, float) else str(cell)

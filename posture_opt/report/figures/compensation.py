@@ -1,0 +1,40 @@
+"""How far targets are missed with the given joint values, and what is left once these are compensated."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from posture_opt.compensation.compensation import rms
+from posture_opt.report.style import BLUE, LIGHT, ORANGE, legend_below, new_figure, styled
+from posture_opt.report.units_text import length, length_unit
+
+if TYPE_CHECKING:
+    from posture_opt.compensation.compensation import Compensation
+
+
+@styled
+def plot_compensation(found: Compensation) -> Figure:
+    """Both errors of every target, in the order of the targets; logarithmic."""
+    off, left = found.off, found.left
+    among = [rms(off), rms(left)]
+    unit, factor = length_unit(among)
+    least = max(float(left.max()) * 1e-3, 1e-9)  # what was not off at all still shows, at the lower edge
+    number = np.arange(1, len(found) + 1)
+    figure = new_figure(7.2, 4.2)
+    axes = figure.add_subplot()
+    axes.vlines(
+        number, factor * np.maximum(left, least), factor * np.maximum(off, least), color=LIGHT, lw=1.5, zorder=1
+    )
+    for values, size, colour, mark, label in (
+        (off, among[0], ORANGE, "s", "as given"),
+        (left, among[1], BLUE, "o", "compensated"),
+    ):
+        text = f"{label}: {length(size, among=among)} RMS"
+        axes.plot(number, factor * np.maximum(values, least), mark, color=colour, ms=6, mec="white", label=text)
+    axes.set(yscale="log", xlabel="target, in the order of the file", ylabel=f"distance from the target [{unit}]")
+    axes.margins(x=0.02, y=0.12)
+    legend_below(axes, 2)
+    return figure
