@@ -14,11 +14,15 @@ class Facts:
 
 @dataclass(frozen=True)
 class Table:
-    """Cells as text; the first ``text_columns`` of them are words, the others numbers."""
+    """Cells as text; the first ``text_columns`` of them are words, the others numbers.
+
+    ``views`` are the keys of what the interactive view of a page shows for each row; empty where it shows nothing.
+    """
 
     headers: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     text_columns: int = 1
+    views: tuple[str, ...] = ()
 
     def transposed(self) -> Table:
         """Rows as columns, for a table that is too wide."""

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, cast
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array, Mask
 from posture_opt.report.blocks import Report, Summary
+from posture_opt.report.interactive.library import plotly_js
+from posture_opt.report.page import Page
 from posture_opt.report.save import Files, report_files, save_files, summary_html
 from posture_opt.report.text import render, render_summary
 from posture_opt.result import Result, snake_case
@@ -122,10 +124,23 @@ class Presenter(ABC, Generic[R]):
     def contents(self, *, figures: bool = True) -> Files:
         """File name -> content of all that `save` writes."""
         drawn = self.figures() if figures else {}
-        files = report_files(self.document, self.result.to_json(), self.report(), drawn, self.problem.to_yaml())
+        files = report_files(self.document, self.result.to_json(), self._page(figures), drawn)
         return {**files, **self.files()}
 
+    def _page(self, pictures: bool) -> Page:
+        """The page without its figures: with the interactive view where there is one and what draws it is installed."""
+        report = self.report()
+        asked = getattr(import_module("posture_opt.report.interactive.views"), self._name, None) if pictures else None
+        view = asked(self) if asked is not None and plotly_js() else None
+        brief = frozenset(block.title for block in self.brief().blocks)
+        return Page(
+            report, view=view, hint=asked is not None and view is None, brief=brief, problem_file=self.problem.to_yaml()
+        )
+
+    @property
+    def _name(self) -> str:
+        return snake_case(type(self.result).__name__)
+
     def _drawings(self) -> Drawings:
-        name = snake_case(type(self.result).__name__)
-        drawings: Drawings = getattr(import_module("posture_opt.report.figures.results"), name)(self)
+        drawings: Drawings = getattr(import_module("posture_opt.report.figures.results"), self._name)(self)
         return drawings

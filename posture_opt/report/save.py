@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Mapping
-from functools import cache
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from posture_opt import __version__
 from posture_opt.output import json_text, staged_folder
-from posture_opt.report.blocks import Facts, Report, Summary, Table
+from posture_opt.report.blocks import Summary
+from posture_opt.report.page import Page
 from posture_opt.report.style import image
 from posture_opt.report.text import render
 
 if TYPE_CHECKING:
-    from jinja2 import Template
     from matplotlib.figure import Figure
 
 CAPTIONS = {
@@ -68,47 +66,22 @@ OWN_FILES = DOCUMENTS | frozenset(
 """
 
 
-def report_html(report: Report, images: Mapping[str, bytes], version: str, problem_file: str = "") -> str:
-    """The report as one page; ``images`` are PNG files by the name of the figure."""
-    embedded = {name: b64encode(data).decode("ascii") for name, data in images.items()}
-    return _template().render(
-        report=report, images=embedded, captions=CAPTIONS, version=version, problem_file=problem_file, kind=_kind
-    )
-
-
 def summary_html(summary: Summary) -> str:
     """A summary as a small table."""
     rows = "".join(f"<tr><th>{escape(label)}</th><td>{escape(text)}</td></tr>" for label, text in summary.facts)
     return f"<table><caption>{escape(summary.title)}</caption>{rows}</table>"
 
 
-def _kind(item: str | Facts | Table) -> str:
-    return "text" if isinstance(item, str) else type(item).__name__.lower()
+def report_files(name: str, document: dict[str, Any], page: Page, figures: Mapping[str, Figure]) -> Files:
+    """File name -> content of a report: its document as ``{name}.json``, report.txt, report.html, the figures.
 
-
-@cache
-def _template() -> Template:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("posture_opt.report"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
-    return environment.get_template("report.html")
-
-
-def report_files(
-    name: str, document: dict[str, Any], report: Report, figures: Mapping[str, Figure], problem_file: str
-) -> Files:
-    """File name -> content of a report: its document as ``{name}.json``, report.txt, report.html, the figures."""
-    files = {f"{name}.json": (json_text(document) + "\n").encode(), "report.txt": render(report).encode()}
+    The page gets the figures.
+    """
+    files = {f"{name}.json": (json_text(document) + "\n").encode(), "report.txt": render(page.report).encode()}
     images = {figure: image(drawn, "png") for figure, drawn in figures.items()}
     files |= {f"{figure}.png": data for figure, data in images.items()}
     files |= {f"{figure}.svg": image(drawn, "svg") for figure, drawn in figures.items()}
-    return {**files, "report.html": report_html(report, images, __version__, problem_file).encode()}
+    return {**files, "report.html": replace(page, images=images, captions=CAPTIONS).html().encode()}
 
 
 def save_files(folder: Path, files: Files) -> tuple[Path, ...]:

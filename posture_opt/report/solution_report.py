@@ -204,7 +204,12 @@ def alternatives_block(solution: Solution) -> Block:
         row += [fixed(a.posture[j.name] * joint_unit(j.type)[1], 1) for j in joints]
         row += [fixed(1e3 * float(v), 1) for v in a.position] if free else []
         rows.append(tuple(row))
-    table = _turned(headers, rows) if sum(len(h) + 2 for h in headers) > _WIDE else Table(tuple(headers), tuple(rows))
+    views = tuple(f"alternative-{rank}" for rank in range(1, len(rows) + 1))
+    table = (
+        _turned(headers, rows)
+        if sum(len(h) + 2 for h in headers) > _WIDE
+        else Table(tuple(headers), tuple(rows), views=views)
+    )
     return Block("Alternatives", (*ranking_sentence(solution), table), figure="joint_map")
 
 

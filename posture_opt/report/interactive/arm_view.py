@@ -1,0 +1,268 @@
+"""``ArmView``: an arm in several postures to choose from, with what is asked of its tool point and what is around."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.report.figures.arm_geometry import (
+    ErrorRegion,
+    TargetGeometry,
+    enlargement,
+    extent_of,
+    floor_under,
+    obstacles_near,
+)
+from posture_opt.report.figures.arm_solids import ArmSolids, Solid
+from posture_opt.report.interactive.triangles import Triangles, arrow, ball, solids_document
+from posture_opt.report.units_text import joint_unit
+from posture_opt.robot.shape import BASE, TOOL
+from posture_opt.units import fixed
+
+if TYPE_CHECKING:
+    from posture_opt.collision.scene import Scene
+    from posture_opt.model.arm import Arm
+    from posture_opt.robot.robot import Robot
+    from posture_opt.uncertainty.budget import Share
+    from posture_opt.uncertainty.spread import Spread
+
+_ARROW = 0.28  # of the extent: the direction of the task
+_LARGEST = 0.4  # of the extent: an enlarged region is no longer than this
+_APART = 1e-4  # m: from there on a target is marked beside the tool point
+_BOUNDED = 800  # corners of an arm are looked at for its extent
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Words at a joint, at ``base`` or at ``tool``, which are shown in colour."""
+
+    owner: str
+    text: str
+
+
+@dataclass(frozen=True)
+class ShownPosture:
+    """One posture of a view.
+
+    Args:
+        key: by which rows of tables name it; ``label`` is read by people.
+        q: (n,) [rad or m].
+        facts: pairs of a label and a value.
+        spread: of the tool there; None: no region is drawn.
+        shares: of the owners of the sources (a joint, ``base``, ``tool``) in the variance that counts.
+        value: by which the point is coloured where the view has values.
+    """
+
+    key: str
+    label: str
+    q: Array
+    facts: tuple[tuple[str, str], ...] = ()
+    spread: Spread | None = None
+    target: TargetGeometry | None = None
+    shares: tuple[tuple[str, float], ...] = ()
+    marks: tuple[Mark, ...] = ()
+    value: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ArmView:
+    """An arm in at least one posture.
+
+    Args:
+        choice: what the postures are, as the label of the list to choose from.
+        scene: what stands around; None: nothing.
+        points: whether the tool points are marked, to be clicked; ``line`` whether they are joined in their order.
+        values: what colours the points, with its unit.
+    """
+
+    robot: Robot
+    postures: tuple[ShownPosture, ...]
+    choice: str
+    scene: Scene | None = None
+    points: bool = False
+    line: bool = False
+    values: str = ""
+
+    @property
+    def keys(self) -> frozenset[str]:
+        """Of all postures."""
+        return frozenset(posture.key for posture in self.postures)
+
+    def document(self) -> dict[str, Any]:
+        """Plain numbers: lengths in mm, frames as ``R | t`` row by row."""
+        around = self._around
+        low, high = _bounds(np.concatenate([self._points, *(s.faces.reshape(-1, 3) for s in around)]))
+        return {
+            "arm": solids_document(self._arm.solids),
+            "joints": [self._joint(k) for k in range(self.robot.n)],
+            "around": [{"name": s.name, "role": s.role, **Triangles.of([s.faces]).document()} for s in around],
+            "shapes": {"ball": ball().document(4), "arrow": arrow().document(4)},
+            "postures": [self._posture(posture) for posture in self.postures],
+            "region": self._regions[0].label if self._regions else "",
+            "box": self._box,
+            "points": self.points,
+            "line": self.line,
+            "values": self.values,
+            "low": np.round(1e3 * low).tolist(),
+            "high": np.round(1e3 * high).tolist(),
+            "eye": self._eye,
+        }
+
+    @cached_property
+    def _arm(self) -> ArmSolids:
+        return ArmSolids(self.robot)
+
+    @cached_property
+    def _frames(self) -> tuple[Array, ...]:
+        return tuple(self._arm.frames(posture.q) for posture in self.postures)
+
+    @cached_property
+    def _points(self) -> Array:
+        """(k, 3) corners of the arm in all postures, not all of them where there are many [m]."""
+        found = []
+        for frames in self._frames:
+            for solid in self._arm.solids:
+                corners = solid.placed(frames).faces.reshape(-1, 3)
+                found.append(corners[:: max(1, len(self.postures) * len(corners) // _BOUNDED)])
+        return np.concatenate(found)
+
+    @cached_property
+    def _extent(self) -> float:
+        """The largest edge of the box around the arm in its first posture [m]."""
+        frames = self._frames[0]
+        return extent_of(np.concatenate([solid.placed(frames).faces.reshape(-1, 3) for solid in self._arm.solids]))
+
+    @cached_property
+    def _around(self) -> tuple[Solid, ...]:
+        obstacles = () if self.scene is None else obstacles_near(self.scene, self._points)
+        floor = None if self._planar else floor_under(self._points, obstacles)
+        return obstacles if floor is None else (*obstacles, floor)
+
+    @property
+    def _planar(self) -> bool:
+        spread = self.postures[0].spread
+        return spread is not None and len(spread.basis) == 2
+
+    @cached_property
+    def _regions(self) -> tuple[ErrorRegion, ...]:
+        """Of the postures that have one, all enlarged alike, so that their sizes compare."""
+        spreads = [posture.spread for posture in self.postures if posture.spread is not None]
+        sizes = [float(spread.region(0.95)[-1]) for spread in spreads]
+        if not sizes:
+            return ()
+        factor = enlargement(sizes[0], self._extent)
+        if max(sizes) * factor > _LARGEST * self._extent:
+            factor = max(1.0, enlargement(max(sizes), _LARGEST / 0.16 * self._extent))
+        return tuple(ErrorRegion.of(spread, factor) for spread in spreads)
+
+    def _posture(self, posture: ShownPosture) -> dict[str, Any]:
+        k = self.postures.index(posture)
+        region = None
+        if posture.spread is not None:
+            region = self._regions[sum(p.spread is not None for p in self.postures[:k])]
+        target = posture.target
+        tool = self._frames[k][-1][:3, 3]
+        missed = target is not None and target.kind == "point" and np.linalg.norm(target.lower - tool) > _APART
+        return {
+            "key": posture.key,
+            "label": posture.label,
+            "facts": [*posture.facts, *self._joint_facts(posture.q)],
+            "frames": [_affine(T[:3, :3], T[:3, 3]) for T in self._frames[k]],
+            "region": None if region is None else _affine(region.factor * _square(region.semi_axes), region.center),
+            "arrow": None if target is None else _affine(_ARROW * self._extent * _turned(target.direction), tool),
+            "hole": None if region is None else _hole(target, region.factor, tool),
+            "missed": (1e3 * target.lower).round(1).tolist() if target is not None and missed else None,
+            "shares": [[owner, round(share, 4)] for owner, share in posture.shares],
+            "marks": [[mark.owner, mark.text] for mark in posture.marks],
+            "value": posture.value,
+        }
+
+    def _joint_facts(self, q: Array) -> list[tuple[str, str]]:
+        units = [joint_unit(joint.type) for joint in self.robot.joints]
+        values = zip(self.robot.joint_names, units, q, strict=True)
+        return [(name, f"{fixed(value * factor)} {unit}") for name, (unit, factor), value in values]
+
+    def _joint(self, k: int) -> dict[str, Any]:
+        joint = self._arm.joints[k]
+        return {"name": joint.name, "frame": joint.frame, "middle": (1e3 * joint.middle).round(1).tolist()}
+
+    @property
+    def _box(self) -> list[list[float]] | None:
+        """(2, 3) corners of the box for the target [mm]; None where there is none."""
+        target = self.postures[0].target
+        if target is None or target.kind != "region":
+            return None
+        return np.round(1e3 * np.array([target.lower, target.upper]), 1).tolist()  # type: ignore[no-any-return]
+
+    @property
+    def _eye(self) -> list[float]:
+        """(3,) the direction to the viewer: from the side of the arm and a little from above; planar arms from above
+        their plane.
+        """
+        if self._planar:
+            spread = self.postures[0].spread
+            assert spread is not None
+            return np.cross(*spread.basis).round(3).tolist()  # type: ignore[no-any-return]
+        origins = self._frames[0][:, :3, 3]
+        out = (origins - origins[0])[:, :2]
+        far = out[np.argmax(np.linalg.norm(out, axis=1))]
+        azimuth = math.atan2(far[1], far[0]) - math.radians(62)
+        return [round(math.cos(azimuth), 3), round(math.sin(azimuth), 3), 0.45]
+
+
+def owner_of(parameter: str, arm: Arm) -> str:
+    """The joint that a source of error belongs to, ``base`` or ``tool``; empty where it belongs to none."""
+    robot = arm.robot
+    for owner, factors in ((BASE, robot.base), *zip(robot.joint_names, robot.links, strict=True), (TOOL, robot.tool)):
+        if any(factor.parameter == parameter for factor in factors):
+            return owner
+    if parameter in arm.unknown_sides:
+        return parameter.removesuffix(".side")
+    targets = [effect.target for effect in arm.effects if parameter in effect.parameter_names]
+    return next((target for target in targets if target in (*robot.joint_names, BASE, TOOL)), "")
+
+
+def shares_by_owner(shares: Sequence[Share], arm: Arm) -> tuple[tuple[str, float], ...]:
+    """The shares of all sources of one owner together, the largest first."""
+    total: dict[str, float] = {}
+    for share in shares:
+        owner = owner_of(share.parameter, arm)
+        total[owner] = total.get(owner, 0.0) + share.share
+    return tuple(sorted(((owner, size) for owner, size in total.items() if owner), key=lambda entry: -entry[1]))
+
+
+def _bounds(points: Array) -> tuple[Array, Array]:
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.04 * float((high - low).max())
+    return low - margin, high + margin
+
+
+def _affine(A: Array, t: Array) -> list[float]:
+    """``A | t`` row by row, (12,): A as it is, t in mm."""
+    rows = np.column_stack([np.round(A, 5), np.round(1e3 * t, 2)])
+    return rows.ravel().tolist()
+
+
+def _square(semi_axes: Array) -> Array:
+    return np.hstack([semi_axes, np.zeros((3, 3 - semi_axes.shape[1]))])
+
+
+def _turned(direction: Array) -> Array:
+    """(3, 3) a rotation that brings z along a unit vector."""
+    side = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+    side /= np.linalg.norm(side)
+    return np.column_stack([side, np.cross(direction, side), direction])
+
+
+def _hole(target: TargetGeometry | None, factor: float, tool: Array) -> list[float] | None:
+    """The rim of the clearance as what makes it of a unit circle, enlarged as the region is; None without one."""
+    if target is None or target.clearance is None:
+        return None
+    middle = target.lower if target.kind == "point" else tool
+    return _affine(factor * target.clearance * _turned(target.direction), middle)

@@ -1,0 +1,71 @@
+"""Surfaces as triangles with shared corners, as plotly.js draws them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from posture_opt.collision.facets import cylinder_facets, tapered_facets
+from posture_opt.numerics import Array, Codes
+from posture_opt.report.figures.arm_solids import Solid
+
+_SAME = 1e-7  # m: corners nearer than this are one
+_SHAFT, _HEAD = 0.028, 0.075  # radii of an arrow of length 1
+_NECK = 0.74  # where its head begins
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Corners (v, 3) [m], and for each triangle (t, 3) which three it has; ``owner`` (t,) which surface it is of."""
+
+    corners: Array
+    faces: Codes
+    owner: Codes
+
+    @classmethod
+    def of(cls, surfaces: Sequence[Array]) -> Triangles:
+        """Of surfaces, each of faces (k, 4, 3); no two share a corner. A face with two corners in one is a triangle."""
+        corners, faces, owner, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=int)], [np.zeros(0, dtype=int)], 0
+        for which, surface in enumerate(surfaces):
+            flat = surface.reshape(-1, 3)
+            _, first, index = np.unique(np.round(flat / _SAME), axis=0, return_index=True, return_inverse=True)
+            quad = index.reshape(-1, 4)
+            three = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
+            whole = (three[:, 0] != three[:, 1]) & (three[:, 1] != three[:, 2]) & (three[:, 2] != three[:, 0])
+            corners.append(flat[first])
+            faces.append(three[whole] + count)
+            owner.append(np.full(int(whole.sum()), which))
+            count += len(first)
+        return cls(np.concatenate(corners), np.concatenate(faces), np.concatenate(owner))
+
+    def document(self, decimals: int = 1) -> dict[str, Any]:
+        """``x, y, z`` [mm] of the corners, and ``i, j, k`` of the triangles."""
+        points = np.round(1e3 * self.corners, decimals)
+        return {
+            **{name: points[:, axis].tolist() for axis, name in enumerate("xyz")},
+            **{name: self.faces[:, axis].tolist() for axis, name in enumerate("ijk")},
+        }
+
+
+def solids_document(solids: Sequence[Solid]) -> dict[str, Any]:
+    """Solids as one mesh: beside its triangles the frame of each corner, and of which part each triangle is."""
+    found = Triangles.of([solid.faces for solid in solids])
+    frame = np.zeros(len(found.corners), dtype=int)
+    frame[found.faces] = np.array([solid.frame for solid in solids])[found.owner][:, None]
+    parts = [{"name": solid.name, "role": solid.role} for solid in solids]
+    return {**found.document(), "frame": frame.tolist(), "part": found.owner.tolist(), "parts": parts}
+
+
+def arrow() -> Triangles:
+    """An arrow of length 1 along z from the origin."""
+    neck, tip = np.array([0.0, 0.0, _NECK]), np.array([0.0, 0.0, 1.0])
+    return Triangles.of([cylinder_facets(np.zeros(3), neck, _SHAFT), tapered_facets(neck, tip, _HEAD, 0.0)])
+
+
+def ball() -> Triangles:
+    """A ball of radius 1 about the origin; what flattens it to a disc makes it the region of a planar arm."""
+    pole = np.array([0.0, 0.0, 1e-9])
+    return Triangles.of([tapered_facets(-pole, pole, 1.0, 1.0)])

@@ -1,0 +1,84 @@
+"""``report.html``: the report as one page that needs nothing beside it and no network."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+from posture_opt import __version__
+from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.interactive.library import INSTALL, packed_json, plotly_js
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+    from posture_opt.report.interactive.arm_view import ArmView
+
+_FOLDS = 3  # blocks: a page with fewer is short, and nothing of it is folded
+
+
+@dataclass(frozen=True)
+class Page:
+    """What stands on a page.
+
+    Args:
+        images: PNG files by the name of the figure; ``captions`` say what they show.
+        view: the interactive view; None: there is none.
+        hint: whether to say how to get one.
+        brief: titles of the blocks that are open at first; the others are folded. None: all are open.
+        problem_file: its text, shown at the end.
+    """
+
+    report: Report
+    images: Mapping[str, bytes] = field(default_factory=dict)
+    captions: Mapping[str, str] = field(default_factory=dict)
+    view: ArmView | None = None
+    hint: bool = False
+    brief: Collection[str] | None = None
+    problem_file: str = ""
+
+    def html(self) -> str:
+        """The page."""
+        return _template().render(
+            page=self,
+            report=self.report,
+            blocks=[(f"part-{k}", block, self._opened(block)) for k, block in enumerate(self.report.blocks, 1)],
+            images={name: b64encode(data).decode("ascii") for name, data in self.images.items()},
+            keys=frozenset() if self.view is None else self.view.keys,
+            library="" if self.view is None else plotly_js(),
+            data="" if self.view is None else packed_json(self.view.document()),
+            style=_text("page.css"),
+            script=_text("page.js") + ("" if self.view is None else _text("view.js")),
+            install=INSTALL,
+            version=__version__,
+            kind=_kind,
+        )
+
+    def _opened(self, block: Block) -> bool:
+        return self.brief is None or block.title in self.brief or len(self.report.blocks) <= _FOLDS
+
+
+def _kind(item: str | Facts | Table) -> str:
+    return "text" if isinstance(item, str) else type(item).__name__.lower()
+
+
+def _text(name: str) -> str:
+    return (files("posture_opt.report") / "templates" / name).read_text(encoding="utf-8")
+
+
+@cache
+def _template() -> Template:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("posture_opt.report"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    return environment.get_template("report.html")

@@ -1,0 +1,182 @@
+// The arm in 3-D, drawn by plotly.js: a posture is chosen from the list, in a table, or by its point.
+(async () => {
+  const view = document.getElementById("arm-view");
+  const find = (selector) => view.querySelector(selector);
+  const unpacked = async (id) => {
+    const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (c) => c.charCodeAt(0));
+    return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+  };
+  const webgl = document.createElement("canvas").getContext("webgl");
+  if (!webgl || typeof DecompressionStream === "undefined") return;
+  const library = document.createElement("script");
+  library.textContent = await unpacked("view-library");
+  document.head.append(library);
+  const data = JSON.parse(await unpacked("view-data"));
+  const plot = find(".plot");
+  const COLOURS = { base: "#6b7580", link: "#8fb3d9", joint: "#4a5561", tool: "#009e73", obstacle: "#d55e00", floor: "#c9c9c9" };
+  const HIGHLIGHT = "#d55e00";
+  const shown = { region: true, budget: false, obstacles: true, names: false };
+  let at = 0;
+
+  const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
+  const moved = (T, x, y, z) => [
+    T[0] * x + T[1] * y + T[2] * z + T[3], T[4] * x + T[5] * y + T[6] * z + T[7], T[8] * x + T[9] * y + T[10] * z + T[11]];
+  // A mesh with its corners moved by one transform, or each by that of its frame.
+  const placed = (mesh, of) => {
+    const found = { x: [], y: [], z: [], i: mesh.i, j: mesh.j, k: mesh.k };
+    mesh.x.forEach((x, c) => {
+      const [a, b, d] = moved(of(c), x, mesh.y[c], mesh.z[c]);
+      found.x.push(a); found.y.push(b); found.z.push(d);
+    });
+    return found;
+  };
+  const blend = (share) => {
+    const t = Math.max(0, Math.min(1, share)), from = [221, 226, 231], to = [213, 94, 0];
+    return `rgb(${from.map((c, k) => Math.round(c + t * (to[k] - c))).join(",")})`;
+  };
+  const solid = { type: "mesh3d", flatshading: false, hoverinfo: "skip", showscale: false,
+    lighting: { ambient: 0.55, diffuse: 0.75, specular: 0.12, roughness: 0.6, fresnel: 0.05 },
+    lightposition: { x: -2000, y: -4000, z: 9000 } };
+  const lines = (points, look) => ({ type: "scatter3d", mode: "lines", hoverinfo: "skip", showlegend: false,
+    x: points.map((p) => p[0]), y: points.map((p) => p[1]), z: points.map((p) => p[2]), line: look });
+
+  const arm = (posture) => {
+    const shares = new Map(posture.shares), marks = new Map(posture.marks);
+    const largest = Math.max(...shares.values(), 1e-9);
+    const colour = data.arm.parts.map((part) => {
+      if (shown.budget && part.role !== "base") return blend((shares.get(part.name) || 0) / largest);
+      if (marks.has(part.name) && (part.role === "joint" || part.role === "base" || part.role === "tool")) return HIGHLIGHT;
+      return COLOURS[part.role];
+    });
+    return { ...solid, ...placed(data.arm, (c) => posture.frames[data.arm.frame[c]]), facecolor: data.arm.part.map((p) => colour[p]) };
+  };
+  const ring = (T) => Array.from({ length: 49 }, (_, k) => moved(T, 1000 * Math.cos(k * Math.PI / 24), 1000 * Math.sin(k * Math.PI / 24), 0));
+  const box = ([low, high]) => {
+    const corner = (c) => [0, 1, 2].map((k) => (c >> k & 1 ? high : low)[k]);
+    const gap = [null, null, null];
+    return [0, 1, 2, 3, 4, 5, 6, 7].flatMap((c) => [1, 2, 4].filter((b) => !(c & b)).flatMap((b) => [corner(c), corner(c | b), gap]));
+  };
+  const points = () => {
+    const tools = data.postures.map((p) => p.frames[p.frames.length - 1]);
+    const valued = data.postures.some((p) => p.value !== null);
+    return { type: "scatter3d", mode: data.line ? "lines+markers" : "markers", showlegend: false,
+      x: tools.map((T) => T[3]), y: tools.map((T) => T[7]), z: tools.map((T) => T[11]),
+      customdata: data.postures.map((p) => p.key), hovertext: data.postures.map((p) => plain(p.label)), hoverinfo: "text",
+      line: { color: "#767676", width: 3 },
+      marker: { size: data.postures.map((_, k) => (k === at ? 9 : 5)), line: { color: "#000", width: 1 },
+        color: valued ? data.postures.map((p) => p.value) : "#0072b2", colorscale: "Cividis", showscale: valued,
+        colorbar: { title: { text: plain(data.values), side: "right" }, thickness: 12, len: 0.7 } } };
+  };
+  const joints = (posture) => {
+    const middles = data.joints.map((j) => moved(posture.frames[j.frame], ...j.middle));
+    const value = new Map(posture.facts);
+    return { type: "scatter3d", mode: "markers", showlegend: false, hoverinfo: "text",
+      hovertext: data.joints.map((j) => plain(`${j.name}: ${value.get(j.name)}`)),
+      x: middles.map((p) => p[0]), y: middles.map((p) => p[1]), z: middles.map((p) => p[2]), marker: { size: 14, opacity: 0, color: "#000" } };
+  };
+  const traces = () => {
+    const posture = data.postures[at];
+    const tool = posture.frames[posture.frames.length - 1];
+    const found = [arm(posture)];
+    data.around.forEach((body) => {
+      if (body.role === "floor" || shown.obstacles)
+        found.push({ ...solid, ...placed(body, () => [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]), color: COLOURS[body.role], flatshading: true,
+          opacity: body.role === "floor" ? 0.45 : 0.28, hoverinfo: body.role === "floor" ? "skip" : "text", hovertext: plain(body.name) });
+    });
+    if (posture.region && shown.region)
+      found.push({ ...solid, ...placed(data.shapes.ball, () => posture.region), color: "#e69f00", opacity: 0.6, hoverinfo: "text", hovertext: plain(data.region) });
+    if (posture.arrow) found.push({ ...solid, ...placed(data.shapes.arrow, () => posture.arrow), color: "#222222" });
+    if (posture.hole && shown.region) found.push(lines(ring(posture.hole), { color: "#0072b2", width: 6 }));
+    if (data.box) found.push(lines(box(data.box), { color: "#767676", width: 3, dash: "dash" }));
+    if (posture.missed) found.push({ ...lines([posture.missed]), mode: "markers", marker: { symbol: "x", size: 6, color: HIGHLIGHT } });
+    if (data.points) found.push(points());
+    found.push(joints(posture));
+    found.push({ ...lines([[tool[3], tool[7], tool[11]]]), mode: "markers", marker: { size: 4, color: "#000" } });
+    return found;
+  };
+  const labels = () => {
+    const posture = data.postures[at], frames = posture.frames;
+    const where = { base: [0, 0, 0], tool: [0, 0, 0] };
+    const spot = (owner) => {
+      const joint = data.joints.find((j) => j.name === owner);
+      if (joint) return moved(frames[joint.frame], ...joint.middle);
+      return moved(frames[owner === "tool" ? frames.length - 1 : 0], ...(where[owner] || [0, 0, 0]));
+    };
+    const told = posture.marks.map(([owner, text]) => [owner, text, HIGHLIGHT]);
+    if (shown.budget) posture.shares.filter(([, share]) => share >= 0.01)
+      .forEach(([owner, share]) => told.push([owner, `${owner} ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %`, "#7a3600"]));
+    if (shown.names && !shown.budget) data.joints.forEach((j) => told.push([j.name, j.name, "#333"]));
+    const order = new Map(["base", ...data.joints.map((j) => j.name), "tool"].map((name, k) => [name, k]));
+    told.sort((a, b) => order.get(a[0]) - order.get(b[0]));
+    const found = told.map(([owner, text, color], k) => {
+      const [x, y, z] = spot(owner), side = k % 2 ? 1 : -1;
+      return { x, y, z, text: plain(text), showarrow: true, arrowhead: 0, arrowwidth: 1, arrowcolor: color, ax: side * 70, ay: -28 - 14 * (k % 3),
+        font: { color, size: 13 }, bgcolor: "rgba(255,255,255,0.85)", bordercolor: color, borderpad: 2, xanchor: side < 0 ? "right" : "left" };
+    });
+    if (shown.obstacles) data.around.filter((body) => body.role === "obstacle").forEach((body) => {
+      const top = body.z.indexOf(Math.max(...body.z));
+      found.push({ x: body.x[top], y: body.y[top], z: body.z[top], text: plain(body.name), showarrow: false, yshift: 10, font: { color: "#a04500", size: 12 } });
+    });
+    return found;
+  };
+  const spans = [0, 1, 2].map((k) => data.high[k] - data.low[k]);
+  const longest = Math.max(...spans);
+  const axis = (name, k) => ({ title: { text: `${name} [mm]` }, range: [data.low[k], data.high[k]], backgroundcolor: "#fff", gridcolor: "#ddd", zeroline: false, nticks: 6, showspikes: false });
+  const start = { eye: { x: 1.55 * data.eye[0], y: 1.55 * data.eye[1], z: 1.55 * data.eye[2] }, up: Math.abs(data.eye[2]) > 0.95 ? { x: 0, y: 1, z: 0 } : { x: 0, y: 0, z: 1 }, center: { x: 0, y: 0, z: -0.05 } };
+  let camera = start;
+  const layout = () => ({ margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, paper_bgcolor: "#fff", font: { size: 12 },
+    scene: { xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), aspectmode: "manual",
+      aspectratio: { x: 1.25 * spans[0] / longest, y: 1.25 * spans[1] / longest, z: 1.25 * spans[2] / longest }, camera, annotations: labels(), dragmode: "turntable" } });
+  const config = { displaylogo: false, responsive: true, showTips: false, modeBarButtonsToRemove: ["resetCameraLastSave3d", "hoverClosest3d", "tableRotation"] };
+
+  const rows = () => document.querySelectorAll("tr[data-view]");
+  const tell = () => {
+    const posture = data.postures[at];
+    const list = find(".shown");
+    list.replaceChildren(...posture.facts.flatMap(([label, value]) => {
+      const term = document.createElement("dt"), said = document.createElement("dd");
+      term.textContent = label; said.textContent = value;
+      return [term, said];
+    }));
+    find("#posture").value = posture.key;
+    view.dataset.shown = posture.key;
+    rows().forEach((row) => { if (row.dataset.view === posture.key) row.setAttribute("aria-current", "true"); else row.removeAttribute("aria-current"); });
+  };
+  const draw = async () => {
+    if (plot._fullLayout && plot._fullLayout.scene) camera = plot._fullLayout.scene._scene.getCamera();
+    await Plotly.react(plot, traces(), layout(), config);
+  };
+  const choose = async (k) => { at = (k + data.postures.length) % data.postures.length; tell(); await draw(); };
+  const named = (key) => data.postures.findIndex((posture) => posture.key === key);
+
+  view.classList.add("drawn");
+  tell();
+  await Plotly.newPlot(plot, traces(), layout(), config);
+  const has = (what, there) => { if (!there) find(`.switches .${what}`).remove(); };
+  has("region", data.region); has("budget", data.postures.some((p) => p.shares.length)); has("obstacles", data.around.some((b) => b.role === "obstacle"));
+  if (data.region) find(".region-label").textContent = data.region;
+  if (data.postures.length < 2) find(".choose").remove();
+  else {
+    find("#posture").addEventListener("change", (event) => choose(named(event.target.value)));
+    view.querySelectorAll("[data-step]").forEach((button) => button.addEventListener("click", () => choose(at + Number(button.dataset.step))));
+  }
+  view.querySelectorAll("[data-show]").forEach((box) => box.addEventListener("change", () => { shown[box.dataset.show] = box.checked; draw(); }));
+  rows().forEach((row) => row.addEventListener("click", () => { choose(named(row.dataset.view)); view.scrollIntoView({ block: "nearest" }); }));
+  plot.on("plotly_click", (event) => { const key = event.points[0].customdata; if (key !== undefined && named(key) >= 0) choose(named(key)); });
+  const look = (to) => { camera = to; return Plotly.relayout(plot, { "scene.camera": to }); };
+  const distance = 2.2;
+  const LOOKS = { start, x: { ...start, eye: { x: distance, y: 0, z: 0.05 }, up: { x: 0, y: 0, z: 1 } }, y: { ...start, eye: { x: 0, y: -distance, z: 0.05 }, up: { x: 0, y: 0, z: 1 } },
+    z: { ...start, eye: { x: 0, y: 0, z: distance }, up: { x: 0, y: 1, z: 0 } } };
+  view.querySelectorAll("[data-look]").forEach((button) => button.addEventListener("click", () => look(LOOKS[button.dataset.look])));
+  find(".stage").addEventListener("keydown", (event) => {
+    const step = { ArrowLeft: [-0.15, 0], ArrowRight: [0.15, 0], ArrowUp: [0, 0.15], ArrowDown: [0, -0.15] }[event.key];
+    const scale = { "+": 0.9, "-": 1.1 }[event.key];
+    if (!step && !scale) return;
+    event.preventDefault();
+    const now = plot._fullLayout.scene._scene.getCamera(), { x, y, z } = now.eye;
+    const r = Math.hypot(x, y, z) * (scale || 1), [turn, rise] = step || [0, 0];
+    const around = Math.atan2(y, x) + turn, up = Math.max(-1.5, Math.min(1.5, Math.asin(z / Math.hypot(x, y, z)) + rise));
+    look({ ...now, eye: { x: r * Math.cos(up) * Math.cos(around), y: r * Math.cos(up) * Math.sin(around), z: r * Math.sin(up) } });
+  });
+  view.dataset.ready = "true";
+})();
