@@ -1,17 +1,18 @@
-"""One look for all figures: colours that colour-blind readers tell apart, units on the axes, no global state.
+"""One look for all figures: one width and one type size, colours that colour-blind readers tell apart.
 
-Colours: M. Okabe and K. Ito, "Color Universal Design" (2008).
+Colours: M. Okabe and K. Ito, "Color Universal Design" (2008). In grey print the three lines of a figure are told by
+their dashes, marks by their shapes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Mapping
 from functools import wraps
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, ParamSpec
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 P = ParamSpec("P")
@@ -25,15 +26,31 @@ GREY = "#767676"
 LIGHT = "#D9D9D9"
 MODEL_COLOURS = {"nominal": ORANGE, "calibrated": BLUE, "extended": GREEN, "delivered": PURPLE}
 """Of named models, the same in every figure."""
+MODEL_DASHES: dict[str, Any] = {
+    "nominal": (0, (4, 1.5)), "calibrated": "-", "extended": (0, (1, 1)), "delivered": (0, (5, 1, 1, 1))
+}  # fmt: skip
+"""Of named models, for whoever sees no colours."""
 COLOUR_MAP = "cividis"  # even in lightness, the same to colour-blind eyes
 
 DPI = 150
+WIDTH = 8.0
+"""Of every figure [inch]: a page scales them all alike, so that their type comes out in one size."""
+FONT = 9.0
+"""Of every text in a figure [pt]."""
+_LETTER = 0.56 * FONT / 72  # mean width of a letter [inch]
+_HANDLE = 0.55  # of a legend: width of a mark with its gaps [inch]
+_DOT = 4.5  # of a legend: size of what stands for many small dots [pt]
+_ASIDE = 34  # letters of a line of a legend beside the axes
 
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # travels with matplotlib
-    "font.size": 10,
-    "axes.titlesize": 11,
-    "axes.labelsize": 10,
+    "font.size": FONT,
+    "axes.titlesize": FONT,
+    "axes.labelsize": FONT,
+    "figure.titlesize": FONT,
+    "figure.labelsize": FONT,
+    "xtick.labelsize": FONT,
+    "ytick.labelsize": FONT,
     "axes.edgecolor": GREY,
     "axes.linewidth": 0.8,
     "axes.grid": True,
@@ -42,13 +59,17 @@ STYLE: dict[str, Any] = {
     "axes.spines.right": False,
     "grid.color": "#E6E6E6",
     "grid.linewidth": 0.6,
-    "legend.fontsize": 9,
+    "legend.fontsize": FONT,
+    "legend.title_fontsize": FONT,
     "legend.frameon": False,
     "lines.linewidth": 1.8,
+    "hatch.linewidth": 0.6,
     "xtick.color": "#404040",
     "ytick.color": "#404040",
     "figure.facecolor": "white",
     "figure.constrained_layout.use": True,
+    "figure.constrained_layout.w_pad": 0.08,
+    "figure.constrained_layout.h_pad": 0.08,
     "savefig.facecolor": "white",
     "svg.fonttype": "path",
     "svg.hashsalt": "posture_opt",
@@ -56,33 +77,72 @@ STYLE: dict[str, Any] = {
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """A function that draws a figure, drawing it in the style of the house."""
+    """A function that draws a figure, drawing it in the style of the house, its layout computed once and for all."""
 
     @wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
         from matplotlib import rc_context
 
         with rc_context(STYLE):  # type: ignore[arg-type]
-            return draw(*args, **kwargs)
+            return _settled(draw(*args, **kwargs))
 
     return drawn
 
 
-def new_figure(width: float = 6.4, height: float = 4.8) -> Figure:
-    """An empty figure [inch] that belongs to no window."""
+def _settled(figure: Figure) -> Figure:
+    """The figure with fixed places: the second time, because ticks follow from the first; files would do so again."""
+    for _ in range(2):
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    return figure
+
+
+def new_figure(height: float) -> Figure:
+    """An empty figure of the width of all and this height [inch]; it belongs to no window."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height))
+    return Figure(figsize=(WIDTH, height))
 
 
-def legend_below(axes: Axes, columns: int = 2) -> None:
-    """The legend under the axes, where it hides nothing."""
-    axes.figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
+def legend_below(figure: Figure, entries: Mapping[str, Any] | None = None) -> None:
+    """One legend of all axes under them, each entry once, in as many columns as fit."""
+    entries = legend_entries(figure) if entries is None else entries
+    if not entries:
+        return
+    column = _HANDLE + _LETTER * max(map(len, entries))
+    columns = min(max(int((WIDTH - 0.3) / column), 1), len(entries))
+    rows = -(-len(entries) // columns)
+    figure.legend(
+        [_handle(h) for h in entries.values()],
+        list(entries),
+        loc="outside lower center",
+        ncols=-(-len(entries) // rows),
+    )
 
 
-def legend_above(axes: Axes, columns: int = 2) -> None:
-    """The legend over the axes: in space the labels of the axes hang out of them below."""
-    axes.figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=columns)
+def legend_beside(figure: Figure, entries: Mapping[str, Any] | None = None) -> None:
+    """The same to the right of axes that are about as wide as high, long entries on several lines."""
+    entries = legend_entries(figure) if entries is None else entries
+    labels = [textwrap.fill(label, _ASIDE) for label in entries]
+    figure.legend([_handle(h) for h in entries.values()], labels, loc="outside right upper", labelspacing=0.9)
+
+
+def _handle(handle: Any) -> Any:
+    """A handle for the legend: dots that are small because they are many are large in it."""
+    from matplotlib.lines import Line2D
+
+    if not isinstance(handle, Line2D) or handle.get_marker() != "." or handle.get_linestyle() != "None":
+        return handle
+    return Line2D([], [], ls="none", marker="o", ms=_DOT, mew=0, color=handle.get_color())
+
+
+def legend_entries(figure: Figure) -> dict[str, Any]:
+    """Label -> handle of all that is labelled in any of the axes, once."""
+    found: dict[str, Any] = {}
+    for axes in figure.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    return found
 
 
 def image(figure: Figure, kind: str) -> bytes:
@@ -91,5 +151,5 @@ def image(figure: Figure, kind: str) -> bytes:
 
     metadata = {"Date": None, "Creator": "posture_opt"} if kind == "svg" else {"Software": "posture_opt"}
     with rc_context(STYLE), BytesIO() as file:  # type: ignore[arg-type]
-        figure.savefig(file, format=kind, dpi=DPI, metadata=metadata, bbox_inches="tight", pad_inches=0.1)
+        figure.savefig(file, format=kind, dpi=DPI, metadata=metadata)
         return file.getvalue()

@@ -15,6 +15,7 @@ from posture_opt.report.style import (
     GREY,
     ORANGE,
     VERMILLION,
+    WIDTH,
     legend_below,
     new_figure,
     styled,
@@ -59,7 +60,7 @@ def _plane(spread: Spread, aim: Aim, skeleton: Skeleton, factor: float) -> Figur
     B = spread.basis
     line, joints = skeleton.points @ B.T, skeleton.joints @ B.T
     boundary = enlarged_ellipse(spread, factor)
-    figure = new_figure(6.4, 5.6)
+    figure = new_figure(5.0)
     axes = figure.add_subplot()
     label = region_label(spread, factor)
     axes.fill(*boundary.T, facecolor=ORANGE, alpha=0.35, zorder=2)
@@ -75,7 +76,7 @@ def _plane(spread: Spread, aim: Aim, skeleton: Skeleton, factor: float) -> Figur
         seen += _plane_direction(axes, B @ aim.direction, tool, skeleton.extent)
     _limits(axes, np.vstack(seen))
     axes.set(xlabel=f"{line_words(B[0])} [mm]", ylabel=f"{line_words(B[1])} [mm]", aspect="equal")
-    legend_below(axes, 3)
+    legend_below(figure)
     return figure
 
 
@@ -110,6 +111,6 @@ def _limits(axes: Any, points: Array) -> None:
     margin = 0.08 * max(float((high - low).max()), 1.0)
     # As high as it must be for its width: no white bands above and below an arm that lies flat.
     width, height = high - low + 2 * margin
-    axes.figure.set_size_inches(6.4, min(max(5.4 * height / width + 1.2, 3.2), 8.0))
+    axes.figure.set_size_inches(WIDTH, min(max((WIDTH - 1.0) * height / width + 1.0, 3.0), 6.0))
     axes.set_xlim(low[0] - margin, high[0] + margin)
     axes.set_ylim(low[1] - margin, high[1] + margin)

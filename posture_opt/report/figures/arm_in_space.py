@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from posture_opt.numerics import Array
 from posture_opt.report.figures.bodies import Bodies, label_obstacles, obstacles_near
 from posture_opt.report.figures.skeleton import APART, ARROW, Aim, Skeleton, region_label
-from posture_opt.report.style import BLUE, GREY, LIGHT, ORANGE, VERMILLION, legend_above, new_figure
+from posture_opt.report.style import BLUE, GREY, LIGHT, ORANGE, VERMILLION, legend_below, new_figure
 
 if TYPE_CHECKING:
     from posture_opt.selection.task_target import TaskTarget
@@ -37,7 +37,7 @@ def enlarged_ellipsoid(spread: Spread, factor: float, n: int = 24) -> Array:
 
 def draw_in_space(spread: Spread, aim: Aim, skeleton: Skeleton, factor: float) -> Figure:
     """The arm, the region about its tool point, the target and what stands around."""
-    figure = new_figure(6.8, 5.8)
+    figure = new_figure(5.8)
     # What lies in front is decided here: sorted by depth, the region would hide the tool point at its centre.
     axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
     surface = enlarged_ellipsoid(spread, factor)
@@ -74,12 +74,11 @@ def draw_in_space(spread: Spread, aim: Aim, skeleton: Skeleton, factor: float) -
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     axes.set_box_aspect(tuple(high - low), zoom=0.97)
     axes.view_init(*angles)
-    axes.tick_params(labelsize=8)
     axes.locator_params(nbins=6)
     if cell is not None:
         cell.draw(axes, *angles, zorder=2)
         label_obstacles(axes, obstacles, np.vstack(seen[:3]))
-    legend_above(axes, 3)
+    legend_below(figure)
     return figure
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from posture_opt.report.style import BLUE, GREY, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.style import BLUE, GREY, ORANGE, VERMILLION, legend_below, legend_beside, new_figure, styled
 from posture_opt.report.words import source_words
 from posture_opt.uncertainty.regions import Ellipsoid
 
@@ -24,10 +24,10 @@ _PANELS = 3
 def plot_batch(problem: Problem, found: Batch) -> Figure:
     """The robots as points with their standard errors, and the ellipse that holds 95 % of the robots of the type."""
     pairs = [pair for pair in found.pairs if pair.significant][:_PANELS] or list(found.pairs[:1])
-    figure = new_figure(5.2 * len(pairs) + 0.6, 5.4)
+    figure = new_figure({1: 5.0, 2: 4.6}.get(len(pairs), 3.8))
     for k, pair in enumerate(pairs):
         _panel(figure.add_subplot(1, len(pairs), k + 1), problem, found, pair)
-    legend_below(figure.axes[0], 2 if len(pairs) == 1 else 4)
+    (legend_beside if len(pairs) == 1 else legend_below)(figure)
     return figure
 
 

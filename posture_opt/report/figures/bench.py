@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from posture_opt.report.style import COLOUR_MAP, GREY, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.style import COLOUR_MAP, GREY, VERMILLION, legend_beside, new_figure, styled
 from posture_opt.report.units_text import length_unit
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def plot_bench(found: FeaturesSolution) -> Figure:
     """
     bench = found.bench
     assert bench is not None, "a map has two axes"
-    figure = new_figure(6.8, 6.2)
+    figure = new_figure(5.2)
     axes = figure.add_subplot()
     _draw_map(figure, axes, found, bench)
     level = bench.axes == (0, 1)
@@ -43,8 +43,8 @@ def plot_bench(found: FeaturesSolution) -> Figure:
     others = [k for k in range(4) if k not in bench.axes and found.placement.free[k]]
     if others:
         held = ", ".join(f"{_WORDS[k]} {_UNITS[k] * found.w[k]:.1f} {'deg' if k == 3 else 'mm'}" for k in others)
-        axes.set_title(f"at {held}, as in the answer", fontsize=9)
-    legend_below(axes, 3)
+        axes.set_title(f"at {held}, as in the answer")
+    legend_beside(figure)
     return figure
 
 
@@ -80,7 +80,7 @@ def _draw_features(axes: Any, found: FeaturesSolution) -> None:
     axes.plot(*worst[:2], "o", color="none", mec=VERMILLION, mew=2, ms=11, zorder=7, label="worst feature")
     if len(points) <= _NAMED:
         for name, point in zip(found.names, points, strict=True):
-            text = axes.annotate(name, point[:2], xytext=(7, 4), textcoords="offset points", fontsize=8, zorder=8)
+            text = axes.annotate(name, point[:2], xytext=(7, 4), textcoords="offset points", zorder=8)
             text.set_bbox({"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1})
     # The part may reach beyond the range of its origin.
     for pick, limits, k in ((axes.set_xlim, axes.get_xlim(), 0), (axes.set_ylim, axes.get_ylim(), 1)):

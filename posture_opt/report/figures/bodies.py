@@ -99,7 +99,7 @@ def label_obstacles(axes: Any, seen: Mapping[str, Array], arm: Array) -> None:
         apart = np.linalg.norm(places[:, None] - taken, axis=2).min(axis=1)
         k = int(np.argmax(apart))
         taken = np.vstack([taken, places[k]])
-        axes.text(*points[k], name, color=_darker(VERMILLION), fontsize=9, ha="center", va="bottom", zorder=9)
+        axes.text(*points[k], name, color=_darker(VERMILLION), ha="center", va="bottom", zorder=9)
 
 
 def _inside(faces: Array, low: Array, high: Array) -> Mask:

@@ -10,9 +10,20 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
-from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.figures.axis_names import axis_name, levelled
+from posture_opt.report.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    VERMILLION,
+    legend_below,
+    legend_beside,
+    new_figure,
+    styled,
+)
 from posture_opt.report.units_text import length, length_unit, stated_length
-from posture_opt.report.words import line_words
 from posture_opt.uncertainty.cloud import cloud_of
 from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
 
@@ -37,18 +48,18 @@ def plot_cloud(cloud: Cloud) -> Figure:
     unit, scale = length_unit([float(spread.ellipse.semi_axes[-1])])
     offsets = cloud.points[:_DRAWN] - spread.position
     half = 1.1 * scale * float(np.abs(offsets).max())
-    figure = new_figure(6.2, 6.4) if len(views) == 1 else new_figure(10.5, 4.4)
+    figure = new_figure(5.0 if len(views) == 1 else 3.6)
     for k, B in enumerate(views, start=1):
         axes = figure.add_subplot(1, len(views), k)
         if k == 1 and len(views) > 1 and seen is not None and seen.critical.within != "all":
             axes.set_title("seen along the direction of the task")
         _view(axes, cloud, B, offsets @ B.T, scale)
         _task_marks(axes, seen, B, scale, half)
-        axes.set(xlabel=f"{line_words(B[0])}, off the nominal point [{unit}]")
-        axes.set(ylabel=f"{line_words(B[1])}, off the nominal point [{unit}]")
+        direction = None if seen is None else seen.direction
+        axes.set(xlabel=f"{axis_name(B[0], direction)} [{unit}]", ylabel=f"{axis_name(B[1], direction)} [{unit}]")
         axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
         axes.locator_params(nbins=5 if len(views) > 1 else 9)
-    legend_below(axes, 2)
+    (legend_beside if len(views) == 1 else legend_below)(figure)
     return figure
 
 
@@ -56,7 +67,9 @@ def _views(spread: Spread, seen: TaskSpread | None) -> list[Array]:
     """(2, 3) each: what is looked at."""
     if len(spread.basis) == 2:
         return [spread.basis]
-    frame = np.eye(3) if seen is None or seen.critical.within == "all" else seen.axes
+    frame = np.eye(3)
+    if seen is not None and seen.critical.within != "all":
+        frame = np.vstack([levelled(seen.axes[:2]), seen.direction])
     return [frame[list(pair)] for pair in combinations(range(3), 2)]
 
 
@@ -73,13 +86,13 @@ def _view(axes: Any, cloud: Cloud, B: Array, points: Array, scale: float) -> Non
     spread = cloud.spread
     shown = f"{len(points)} of " if len(points) < cloud.n else ""
     drawn = f"{shown}{cloud.n} simulated tool points"
-    axes.plot(*(scale * points).T, ".", color=BLUE, ms=3.5, alpha=0.5, mew=0, zorder=2, label=drawn)
+    axes.plot(*(scale * points).T, ".", color=BLUE, ms=4, alpha=0.45, mew=0, rasterized=True, zorder=2, label=drawn)
     closed = Ellipsoid(B @ spread.bias, B @ spread.covariance @ B.T)
     sampled = Ellipsoid(B @ (cloud.mean - spread.position), B @ cloud.covariance @ B.T)
     label = f"95 % ellipse, closed form ({closed.factor(0.95):.3f} std. dev.)"
     axes.plot(*(scale * closed.points(0.95)).T, color=VERMILLION, lw=2.6, zorder=4, label=label)
     axes.plot(*(scale * sampled.points(0.95)).T, "--", color=ORANGE, zorder=5, label="95 % ellipse, simulated")
-    axes.plot(0, 0, "x", color="black", ms=8, mew=2, zorder=6, label="nominal tool point")
+    mark_origin(axes, "nominal tool point")
 
 
 @styled
@@ -91,36 +104,44 @@ def plot_cross_section(
     points = (cloud_of(spread, n, seed).points - spread.position) @ B.T
     ellipse = Ellipsoid(B @ spread.bias, B @ spread.covariance @ B.T)
     unit, scale = length_unit([float(ellipse.semi_axes[-1])])
-    figure = new_figure(6.2, 6.4)
+    figure = new_figure(5.0)
     axes = figure.add_subplot()
     label = f"{n} simulated tool points"
-    axes.plot(*(scale * points).T, ".", color=BLUE, ms=3.5, alpha=0.5, mew=0, zorder=2, label=label)
+    axes.plot(*(scale * points).T, ".", color=BLUE, ms=4, alpha=0.45, mew=0, rasterized=True, zorder=2, label=label)
     boundary = scale * ellipse.points(0.95)
     axes.plot(*boundary.T, color=VERMILLION, zorder=4, label=f"95 % ellipse ({ellipse.factor(0.95):.3f} std. dev.)")
     boundary = np.vstack([boundary, _top_end(axes, seen, B, scale)])
-    axes.plot(*(scale * ellipse.center), "P", color=VERMILLION, mec="white", ms=8, zorder=5, label="mean")
-    axes.plot(0, 0, "x", color="black", ms=8, mew=2, zorder=6, label=origin)
+    mark_origin(axes, origin)
+    axes.plot(*(scale * ellipse.center), "D", color=VERMILLION, mec="white", ms=7, zorder=7, ls="none", label="mean")
     half = 1.12 * float(np.abs(np.vstack([scale * points, boundary])).max())
     if len(seen.critical.covariance) == 1:
         _band(axes, seen, B, scale, half)
     clearance_lines(axes, seen, B, scale, half)
-    frame_target(axes, B, half, unit, origin)
-    legend_below(axes, 2)
+    frame_target(axes, seen, B, half, unit, origin)
+    legend_beside(figure)
     return figure
 
 
 def _top_end(axes: Any, seen: TaskSpread, B: Array, scale: float) -> Array:
     """(k, 2) the 95 % ellipse of the other end of a peg, drawn dashed where the view is across the direction."""
-    if seen.peg is None or len(seen.peg.top.basis) != 2 or not np.allclose(seen.peg.top.basis, B):
+    if seen.peg is None or len(seen.peg.top.basis) != 2:
         return np.zeros((0, 2))
-    boundary = scale * Ellipsoid(seen.peg.top.bias, seen.peg.top.covariance).points(0.95)
+    top, turn = seen.peg.top, B @ seen.peg.top.basis.T
+    if abs(abs(np.linalg.det(turn)) - 1) > 1e-9:  # another plane
+        return np.zeros((0, 2))
+    boundary = scale * Ellipsoid(turn @ top.bias, turn @ top.covariance @ turn.T).points(0.95)
     axes.plot(*boundary.T, "--", color=PURPLE, zorder=4, label="95 % ellipse of the top end of the peg")
     return np.asarray(boundary)
 
 
-def frame_target(axes: Any, B: Array, half: float, unit: str, origin: str = "target") -> None:
+def mark_origin(axes: Any, label: str) -> None:
+    """A cross whose arms reach beyond every mark that may lie on it."""
+    axes.plot(0, 0, "+", color="black", ms=22, mew=1.4, zorder=6, ls="none", label=label)
+
+
+def frame_target(axes: Any, seen: TaskSpread, B: Array, half: float, unit: str, origin: str = "target") -> None:
     """The square about the target that is shown, with its axes named."""
-    names = [f"{line_words(b)}, off the {origin} [{unit}]" for b in B]
+    names = [f"{axis_name(b, seen.direction)}, off the {origin} [{unit}]" for b in B]
     axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xlabel=names[0], ylabel=names[1])
 
 
@@ -131,11 +152,11 @@ def view_basis(spread: Spread, seen: TaskSpread) -> Array:
     if len(spread.basis) == 2:
         basis = spread.basis
     elif len(critical.basis) == 2:
-        basis = critical.basis
+        basis = levelled(critical.basis)
     elif len(critical.basis) == 1:
-        basis = seen.axes[[0, 2]]
+        basis = np.array([levelled(seen.axes[:2])[0], seen.direction])
     else:
-        basis = spread.axes[::-1][:2]
+        basis = levelled(spread.axes[::-1][:2])
     return basis
 
 
@@ -150,8 +171,8 @@ def _band(axes: Any, seen: TaskSpread, B: Array, scale: float, half: float) -> N
     axes.fill(*strip.T, facecolor=ORANGE, alpha=0.18, edgecolor=ORANGE, lw=1, zorder=1, label=label)
     aside = -0.88 * half * np.array([-along[1], along[0]])  # near the edge, where it hides no point
     ends = (aside + along * 0.45 * half, aside - along * 0.45 * half)
-    axes.annotate("", *ends, zorder=7, arrowprops={"arrowstyle": "<|-|>", "color": PURPLE, "lw": 2.2})
-    axes.plot([], [], color=PURPLE, lw=2.2, label="the direction that counts")
+    axes.annotate("", *ends, zorder=7, arrowprops={"arrowstyle": "<|-|>", "color": "black", "lw": 2.0})
+    axes.plot([], [], color="black", lw=2.0, label="the direction that counts")
 
 
 def _strip(along: Array, low: float, high: float, reach: float) -> Array:

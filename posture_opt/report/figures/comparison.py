@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.report.comparison_report import distinct_columns
-from posture_opt.report.figures.cloud import clearance_lines, frame_target, view_basis
-from posture_opt.report.style import MODEL_COLOURS, legend_below, new_figure, styled
+from posture_opt.report.figures.cloud import clearance_lines, frame_target, mark_origin, view_basis
+from posture_opt.report.style import MODEL_COLOURS, MODEL_DASHES, legend_beside, new_figure, styled
 from posture_opt.report.units_text import length_unit
 from posture_opt.report.words import MODEL_NAMES
 from posture_opt.uncertainty.regions import Ellipsoid
@@ -17,6 +17,7 @@ from posture_opt.uncertainty.regions import Ellipsoid
 if TYPE_CHECKING:
     from posture_opt.selection.plan_comparison import Comparison
 
+_MARKS = {"nominal": "s", "calibrated": "o", "extended": "D", "delivered": "^"}
 _SEEN = 0.03  # of the picture: an ellipse that is smaller hides behind the mark of its centre
 
 
@@ -29,26 +30,27 @@ def plot_landing(comparison: Comparison) -> Figure:
     """
     chosen, _ = comparison.answered[comparison.reference]
     B = view_basis(chosen.spread, chosen.task_spread)
-    figure = new_figure(6.2, 6.4)
+    figure = new_figure(5.0)
     axes = figure.add_subplot()
     regions = [
-        (Ellipsoid(B @ landing.miss, B @ landing.covariance @ B.T), MODEL_COLOURS[name], MODEL_NAMES[name])
+        (Ellipsoid(B @ landing.miss, B @ landing.covariance @ B.T), name)
         for name, (_, landing) in distinct_columns(comparison).items()
     ]
-    every = np.vstack([region.points(0.95) for region, *_ in regions])
+    every = np.vstack([region.points(0.95) for region, _ in regions])
     half = 1.12 * float(np.abs(every).max())
     unit, scale = length_unit([half])
-    for region, colour, label in regions:
+    for region, name in regions:
+        colour, label = MODEL_COLOURS[name], MODEL_NAMES[name]
         boundary = (scale * region.points(0.95)).T
         large = float(np.ptp(boundary, axis=1).max()) > _SEEN * 2 * scale * half
         axes.fill(*boundary, facecolor=colour, alpha=0.12, lw=0)
-        axes.plot(*boundary, color=colour, label=f"{label}: 95 % ellipse" if large else None)
+        axes.plot(*boundary, color=colour, ls=MODEL_DASHES[name], label=f"{label}: 95 % ellipse" if large else None)
         hidden = None if large else f"{label}: 95 % ellipse smaller than this mark"
-        look: dict[str, Any] = {"marker": "P" if large else "o", "ms": 8 if large else 7, "mec": "white", "ls": "none"}
-        axes.plot(*(scale * region.center), color=colour, zorder=5, label=hidden, **look)
-    axes.plot(0, 0, "x", color="black", ms=6, mew=1.2, zorder=6, label="target")
+        look: dict[str, Any] = {"marker": _MARKS[name], "ms": 7, "mec": "white", "ls": "none"}
+        axes.plot(*(scale * region.center), color=colour, zorder=7, label=hidden, **look)
+    mark_origin(axes, "target")
     half *= scale
     clearance_lines(axes, chosen.task_spread, B, scale, half)
-    frame_target(axes, B, half, unit)
-    legend_below(axes, 1)
+    frame_target(axes, chosen.task_spread, B, half, unit)
+    legend_beside(figure)
     return figure

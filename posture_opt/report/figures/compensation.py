@@ -23,7 +23,7 @@ def plot_compensation(found: Compensation) -> Figure:
     unit, factor = length_unit(among)
     least = max(float(left.max()) * 1e-3, 1e-9)  # what was not off at all still shows, at the lower edge
     number = np.arange(1, len(found) + 1)
-    figure = new_figure(7.2, 4.2)
+    figure = new_figure(3.9)
     axes = figure.add_subplot()
     axes.vlines(
         number, factor * np.maximum(left, least), factor * np.maximum(off, least), color=LIGHT, lw=1.5, zorder=1
@@ -36,5 +36,5 @@ def plot_compensation(found: Compensation) -> Figure:
         axes.plot(number, factor * np.maximum(values, least), mark, color=colour, ms=6, mec="white", label=text)
     axes.set(yscale="log", xlabel="target, in the order of the file", ylabel=f"distance from the target [{unit}]")
     axes.margins(x=0.02, y=0.12)
-    legend_below(axes, 2)
+    legend_below(figure)
     return figure

@@ -14,27 +14,32 @@ from posture_opt.diagnosis.score_tests import log_p, scan_frequencies
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import Array
 from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, noise_floor, periodic_joints
-from posture_opt.report.figures.residuals import chosen_rows
-from posture_opt.report.style import BLUE, GREEN, GREY, MODEL_COLOURS, PURPLE, legend_below, new_figure, styled
+from posture_opt.report.figures.diagnosis_scores import critical_log_p
+from posture_opt.report.figures.residuals import chosen_rows, dots_look
+from posture_opt.report.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    MODEL_COLOURS,
+    MODEL_DASHES,
+    legend_below,
+    new_figure,
+    styled,
+)
 from posture_opt.units import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from posture_opt.diagnosis.candidates import ScoredCandidate
     from posture_opt.diagnosis.diagnosis import Diagnosis
-    from posture_opt.diagnosis.score_tests import NullDistribution, ProjectedBaseline
+    from posture_opt.diagnosis.score_tests import ProjectedBaseline
 
 
-_MOST = 25  # candidates
-_SAME = 0.3  # cycles per revolution
 _DOTS = 1500
-_MANY = 400  # rows: then dots are small
 _BELOW = 0.8  # of the line of the noise: there the scale ends at the latest
 _DECADES = 2.5  # more of them need no ticks between
 _BINS = 30  # along the rows, for the course of the RMS
 _FEW = 5  # rows of such a bin
-_TICKS = (0, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
 
 _MOST_JOINTS = 6  # joints
 _CYCLES = (3, 5, 10, 20, 50, 100, 200, 300)
@@ -43,7 +48,7 @@ _CYCLES = (3, 5, 10, 20, 50, 100, 200, 300)
 @styled
 def plot_errors(found: Diagnosis) -> Figure:
     """Lengths of the errors row by row in the order of measuring, and how many stay below which length."""
-    figure = new_figure(9.6, 4.4)
+    figure = new_figure(3.9)
     over, below = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2)})
     names = [name for name in MODELS if name != "extended" or fitted_effects(found)]
     smallest = math.inf
@@ -52,11 +57,11 @@ def plot_errors(found: Diagnosis) -> Figure:
         rows = chosen_rows(len(lengths), _DOTS)
         rms = 1e3 * found.errors[name].rms
         smallest = min(smallest, float(np.quantile(lengths, 0.02)))
-        size = 6 if len(rows) < _MANY else 3
-        over.plot(rows + 1, lengths[rows], ".", color=MODEL_COLOURS[name], ms=size, alpha=0.55, mew=0)
-        over.plot(*_course(lengths), color=MODEL_COLOURS[name], lw=2)
+        over.plot(rows + 1, lengths[rows], ".", color=MODEL_COLOURS[name], mew=0, **dots_look(len(rows)))
+        over.plot(*_course(lengths), color=MODEL_COLOURS[name], ls=MODEL_DASHES[name], lw=2)
         below.step(
-            100 * np.arange(1, len(lengths) + 1) / len(lengths), np.sort(lengths), color=MODEL_COLOURS[name],
+            100 * np.arange(1, len(lengths) + 1) / len(lengths), np.sort(lengths),
+            color=MODEL_COLOURS[name], ls=MODEL_DASHES[name],
             label=f"{MODELS[name]}: RMS {number(rms)} mm",
         )  # fmt: skip
     noise = noise_floor(found)
@@ -74,7 +79,7 @@ def plot_errors(found: Diagnosis) -> Figure:
         ylabel="position error of held-out rows [mm]",
     )
     below.set(xlabel="share of the rows below [%]", xlim=(0, 100))
-    legend_below(below, 2)
+    legend_below(figure)
     return figure
 
 
@@ -95,89 +100,6 @@ def _course(lengths: Array) -> tuple[Array, Array]:
     return np.array([p.mean() + 1 for p in parts]), np.array([np.sqrt(np.mean(lengths[p] ** 2)) for p in parts])
 
 
-def evidence(found: Diagnosis) -> list[tuple[ScoredCandidate, float]]:
-    """Every candidate with its log p-value over the critical one of its family, the most significant first."""
-    search = found.search
-    scored = search.scored
-    null = search.null
-    lines = {family: critical_log_p(null, family) for family in {j.candidate.family for j in scored}}
-    pairs = [(j, max(j.log_p / lines[j.candidate.family], 0.0)) for j in scored]
-    return sorted(pairs, key=lambda pair: -pair[1])
-
-
-def critical_log_p(null: NullDistribution, family: str) -> float:
-    """The log p-value that a candidate of a family needs to be significant, corrected for the whole search."""
-    low, high = -60.0, -1e-6
-    for _ in range(50):
-        middle = (low + high) / 2
-        low, high = (middle, high) if null.family_wise(middle, family) < FIRST_EFFECT else (low, middle)
-    return low
-
-
-@styled
-def plot_scores(found: Diagnosis) -> Figure:
-    """Evidence of each candidate on the calibrated arm alone, with the line of the significance level."""
-    pairs = evidence(found)
-    scored = [j for j, _ in pairs[:_MOST]]
-    # Evidence spans from a little to hundreds of times what noise does: its root shows both ends.
-    size = [math.sqrt(value) for _, value in pairs[:_MOST]]
-    ends = [_chosen(j, found) for j in scored]
-    figure = new_figure(8.4, 1.4 + 0.24 * max(len(scored), 4))
-    axes = figure.add_subplot()
-    for k, (j, width, end) in enumerate(zip(scored, size, ends, strict=True)):
-        colour = (GREEN if end else BLUE) if j.candidate.named else PURPLE
-        axes.barh(
-            k, width, height=0.72, color=colour, zorder=2, edgecolor="white", lw=0.5,
-            hatch="///" if end and not j.candidate.named else None,
-        )  # fmt: skip
-    axes.axvline(1, color="black", lw=1.2, ls="--", zorder=3)
-    nameless = any(end and not j.candidate.named for j, end in zip(scored, ends, strict=True))
-    handles = _handles(
-        any(end and j.candidate.named for j, end in zip(scored, ends, strict=True)), nameless, FIRST_EFFECT
-    )
-    axes.set_yticks(range(len(scored)), [j.candidate.what.label for j in scored], fontsize=9)
-    axes.set_ylim(max(len(scored), 4) - 0.5, -0.5)
-    right = 1.04 * max([*size, 1.5])
-    ticks = [t for t in _TICKS if math.sqrt(t) <= right and (t in (0, 1) or math.sqrt(t) > 0.12 * right)]
-    axes.set_xticks([math.sqrt(t) for t in ticks], [f"{t:g}" for t in ticks], fontsize=9)
-    axes.set_xlim(0, right)
-    axes.set_xlabel("evidence of each by itself: log p-value over that of the line")
-    axes.grid(axis="y", visible=False)
-    axes.tick_params(axis="y", length=0)
-    if len(pairs) > len(scored):
-        axes.set_title(f"the first {len(scored)} of {len(pairs)} candidates", fontsize=10)
-    figure.legend(*handles, loc="outside lower center", ncols=2)
-    return figure
-
-
-def _chosen(scored: ScoredCandidate, found: Diagnosis) -> bool:
-    """Whether the candidate is part of the final model; a line of a periodogram as that very line."""
-    cycles = getattr(scored.candidate.what, "cycles", None)
-    return any(
-        (what.kind, what.target) == scored.candidate.key
-        and (cycles is None or abs(getattr(what, "cycles", 0.0) - cycles) < _SAME)
-        for what in (
-            *found.model.effects,
-            *(s.what for s in found.search.chosen if not s.named),
-        )
-    )
-
-
-def _handles(named: bool, nameless: bool, level: float) -> tuple[list[Any], list[str]]:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    line = Line2D([], [], color="black", ls="--", lw=1.2)
-    entries = [
-        *([(Patch(color=GREEN), "named in the final model")] if named else []),
-        (Patch(color=BLUE), "a cause of the catalogue"),
-        (Patch(color=PURPLE), "an unnamed component"),
-        *([(Patch(fc=PURPLE, hatch="///", ec="white"), "an unnamed component of the final model")] if nameless else []),
-        (line, f"by chance, {100 * level:.1f} % of data sets reach this line"),
-    ]
-    return [e[0] for e in entries], [e[1] for e in entries]
-
-
 @styled
 def plot_periodogram(found: Diagnosis) -> Figure:
     """Share of the rest that each number of cycles explains, before its lines are named and after."""
@@ -185,7 +107,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
     linearised, model = found.linearised, found.model
     chosen = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
     line = critical_log_p(found.search.null, CyclicError.family)
-    figure = new_figure(9.0, 0.9 + 2.2 * len(joints))
+    figure = new_figure(0.9 + 2.0 * len(joints))
     grid = figure.subplots(len(joints), 1, squeeze=False, sharex=True).ravel()
     after = linearised.baseline(chosen, flips=0)
     for axes, joint in zip(grid, joints, strict=True):
@@ -204,7 +126,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
     grid[-1].set_xticks(_CYCLES, [f"{t:g}" for t in _CYCLES])
     grid[-1].minorticks_off()
     grid[-1].set_xlabel("cycles per revolution")
-    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    legend_below(figure)
     return figure
 
 
@@ -229,4 +151,4 @@ def _mark(axes: Any, cycles: float, k: int) -> None:
     """A line with its number, the one beside it lower."""
     axes.axvline(cycles, color=GREY, lw=0.8, ls=":", zorder=1)
     at = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "xytext": (3, -10 - 10 * (k % 3))}
-    axes.annotate(f"{cycles:.4g}", (cycles, 1.0), fontsize=8, **at)
+    axes.annotate(f"{cycles:.4g}", (cycles, 1.0), **at)

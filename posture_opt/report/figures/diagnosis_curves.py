@@ -14,7 +14,7 @@ from posture_opt.model.effects.cause import Abscissa, over_joint
 from posture_opt.numerics import Array
 from posture_opt.report.diagnosis_sizes import fitted_effects
 from posture_opt.report.figures.residual_trends import Binned
-from posture_opt.report.figures.residuals import chosen_rows
+from posture_opt.report.figures.residuals import chosen_rows, dots_look
 from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION, legend_below, new_figure, styled
 
 if TYPE_CHECKING:
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 _MOST = 12  # effects
 _DOTS = 800
-_MANY = 300  # rows: then dots are small
 _BINS = 24
 _FEWEST = 4  # rows of a bin
 _LEVER = 0.1  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
 _SIDES = {-1.0: ORANGE, 1.0: PURPLE}  # rows without a side are blue
+_MARKS = {-1.0: "<", 1.0: ">"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,17 +55,14 @@ def plot_curves(found: Diagnosis) -> Figure:
     shown = fitted_effects(found)[:_MOST]
     columns = min(len(shown), 2)
     rows = math.ceil(len(shown) / columns)
-    figure = new_figure(9.6 if columns == 2 else 7.2, 0.8 + 2.9 * rows)
+    figure = new_figure(0.8 + (2.6 if columns == 2 else 3.4) * rows)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, (place, finding) in zip(grid, shown, strict=False):
         _panel(axes, curve_of(found, tangents, place, finding))
         axes.set_title(finding.cause.label)
     for axes in grid[len(shown) :]:
         axes.set_visible(False)
-    handles: dict[str, Any] = {}
-    for axes in grid[: len(shown)]:
-        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3, markerscale=1.5)
+    legend_below(figure)
     return figure
 
 
@@ -77,7 +74,7 @@ def _panel(axes: Any, curve: Curve) -> None:
         mine = curve.side == side
         colour, name = (BLUE, "rows") if len(sides) < 2 else (_SIDES.get(side, GREY), f"side {side:+.0f}")
         some = dots[mine[dots]]
-        axes.plot(curve.x[some], curve.errors[some], ".", color=colour, label=name, **look)
+        axes.plot(curve.x[some], curve.errors[some], _MARKS.get(side, "."), color=colour, ls="none", label=name, **look)
         last = side == sides[-1]
         if mine.sum() > _FEWEST:
             label = "mean of neighbours with its 95 % band" if last else ""
@@ -96,9 +93,7 @@ def _panel(axes: Any, curve: Curve) -> None:
 
 
 def _look(rows: int) -> dict[str, Any]:
-    """Of dots: the more there are, the smaller."""
-    size = {"ms": 3, "alpha": 0.35} if rows > _MANY else {"ms": 6, "alpha": 0.5}
-    return {"mew": 0, "rasterized": True, **size}
+    return {"mew": 0, "rasterized": True, **dots_look(rows)}
 
 
 def curve_of(found: Diagnosis, sensitivities: EffectSensitivities, place: int, finding: Finding) -> Curve:
@@ -155,7 +150,7 @@ def plot_left(found: Diagnosis) -> Figure:
     e = -found.model.whitened.reshape(len(residuals.data), residuals.block)
     moving = [k for k in range(residuals.robot.n) if np.ptp(residuals.data.q[:, k]) > 1e-6]
     rows = math.ceil((len(moving) + 1) / 2)
-    figure = new_figure(9.6, 0.8 + 2.0 * rows)
+    figure = new_figure(0.8 + 1.9 * rows)
     grid = figure.subplots(rows, 2, squeeze=False).ravel()
     for axes, joint in zip(grid, moving, strict=False):
         column = tangents.joints[joint]
@@ -174,8 +169,8 @@ def plot_left(found: Diagnosis) -> Figure:
     axes.set_ylim(0, 1.2 * high)
     for spare in grid[len(moving) + 1 :]:
         spare.set_visible(False)
-    figure.supylabel("error left, along the joint's own motion [mm]", fontsize=10)
-    legend_below(grid[0], 2)
+    figure.supylabel("error left, along the joint's own motion [mm]")
+    legend_below(figure)
     return figure
 
 

@@ -27,7 +27,7 @@ def plot_path(found: PathSolution) -> Figure:
     """The largest standard deviation in the part that counts, divided by the sources' shares in its variance, and the
     joints, each as its change from the first point on.
     """
-    figure = new_figure(8.2, 6.2)
+    figure = new_figure(5.8)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     _spread(above, found)
     _joints(below, found)

@@ -17,6 +17,7 @@ from posture_opt.report.style import (
     ORANGE,
     VERMILLION,
     legend_below,
+    legend_beside,
     new_figure,
     styled,
 )
@@ -33,7 +34,7 @@ def plot_plan_points(plan: MeasurementPlan) -> Figure:
     """The planned tool points, the given ones and the task's, over those of random allowed postures, from each side."""
     moving = [k for k in range(3) if np.ptp(plan.reach[:, k]) > _STILL]
     pairs = [(0, 1), (0, 2)] if len(moving) == 3 else [(moving[0], moving[-1])]
-    figure = new_figure(5.2 * len(pairs) + 0.6, 5.4)
+    figure = new_figure(4.6)
     for number, pair in enumerate(pairs, start=1):
         axes = figure.add_subplot(1, len(pairs), number)
         at = list(pair)
@@ -52,17 +53,8 @@ def plot_plan_points(plan: MeasurementPlan) -> Figure:
         names = [f"{'xyz'[k]} [mm]" for k in pair]
         axes.set(xlabel=names[0], ylabel=names[1], aspect="equal")
         axes.locator_params(nbins=6)
-    _one_legend(figure)
+    (legend_beside if len(pairs) == 1 else legend_below)(figure)
     return figure
-
-
-def _one_legend(figure: Figure) -> None:
-    """One legend for all views: what stands in any of them, once."""
-    entries: dict[Any, Any] = {}
-    for axes in figure.axes:
-        handles, labels = axes.get_legend_handles_labels()
-        entries |= {label: handle for label, handle in zip(labels, handles, strict=True) if label not in entries}
-    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=3 if len(entries) > 2 else 2)
 
 
 @styled
@@ -73,12 +65,12 @@ def plot_plan_errors(plan: MeasurementPlan) -> Figure:
         unit: [i for i, p in enumerate(plan.parameters) if shown(plan, i) and p.unit == unit] for unit, *_ in groups
     }
     drawn = [group for group in groups if rows[group[0]]]
-    figure = new_figure(5.0 * len(drawn) + 1.0, 1.7 + 0.27 * max((len(r) for r in rows.values()), default=1))
+    figure = new_figure(1.3 + 0.24 * max((len(r) for r in rows.values()), default=1))
     for number, (unit, written, factor) in enumerate(drawn, start=1):
         axes = figure.add_subplot(1, len(drawn), number)
         _errors(axes, plan, rows[unit], factor)
         axes.set_xlabel(f"expected standard error [{written}]")
-    legend_below(figure.axes[0], 3)
+    legend_below(figure)
     return figure
 
 

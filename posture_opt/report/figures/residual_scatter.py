@@ -10,8 +10,18 @@ from matplotlib.figure import Figure
 from posture_opt.measurements.measurements import rows_of
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes
-from posture_opt.report.figures.residuals import chosen_rows
-from posture_opt.report.style import BLUE, GREEN, GREY, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.figures.residuals import chosen_rows, dots_look
+from posture_opt.report.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILLION,
+    legend_below,
+    legend_beside,
+    new_figure,
+    styled,
+)
 from posture_opt.report.words import line_words
 from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor, hotelling_factor
 from posture_opt.validation.prediction import ErrorSources
@@ -36,17 +46,17 @@ _VISITS = 4000
 def plot_shape(shown: Shown) -> Figure:
     """Histograms with the normal curve and, below, quantiles beside normal ones, axis by axis."""
     axes_of = shown.axes
-    figure = new_figure(3.2 * len(axes_of), 5.6)
+    figure = new_figure(5.4)
     grid = figure.subplots(2, len(axes_of), squeeze=False)
     for column, axis in zip(grid.T, axes_of, strict=True):
         values = shown.errors["calibrated"][:, axis]
         _histogram(column[0], values)
         _quantiles(column[1], values)
         column[0].set_xlabel(f"error in {'xyz'[axis]} [mm]")
-        column[1].set_xlabel("normal quantile [standard deviations]")
+        column[1].set_xlabel("normal quantile [std. dev.]")
     grid[0][0].set_ylabel("rows")
-    grid[1][0].set_ylabel("measured [standard deviations]")
-    legend_below(grid[1][0], 3)
+    grid[1][0].set_ylabel("measured [std. dev.]")
+    legend_below(figure)
     return figure
 
 
@@ -72,7 +82,7 @@ def _quantiles(axes: Any, values: Array) -> None:
     low, high = (ndtri(betaincinv(rank, n + 1 - rank, p)) for p in (0.025, 0.975))
     axes.fill_between(normal, low, high, color=GREY, alpha=0.3, lw=0, zorder=1, label="95 % of normal ones")
     axes.plot(normal[[0, -1]], normal[[0, -1]], color=VERMILLION, lw=1.2, zorder=2, label="normal distribution")
-    axes.plot(normal, ordered, ".", color=BLUE, ms=4, mew=0, zorder=3, label="errors")
+    axes.plot(normal, ordered, ".", color=BLUE, ms=7, mew=0, zorder=3, label="errors")
 
 
 def _outer(n: int) -> tuple[Array, Array]:
@@ -86,7 +96,7 @@ def plot_region(shown: Shown, found: Assessment) -> Figure:
     left = found.residual_scatter
     assert left is not None
     pairs = [(a, b) for k, a in enumerate(shown.axes) for b in shown.axes[k + 1 :]]
-    figure = new_figure(6.0, 6.2) if len(pairs) == 1 else new_figure(10.5, 4.4)
+    figure = new_figure(5.0 if len(pairs) == 1 else 3.5)
     rows = chosen_rows(len(shown.data), _DOTS)
     errors = shown.errors["calibrated"]
     half = 1.05 * float(np.abs(errors[rows]).max())
@@ -97,7 +107,7 @@ def plot_region(shown: Shown, found: Assessment) -> Figure:
         points = errors[:, list(pair)]
         region = Ellipsoid(np.zeros(2), points.T @ points / len(points))
         few = f"{len(rows)} of " if len(rows) < len(points) else ""
-        dots: dict[str, Any] = {"color": BLUE, "ms": 3.5, "alpha": 0.5, "mew": 0, "rasterized": True}
+        dots: dict[str, Any] = {"color": BLUE, "mew": 0, "rasterized": True, **dots_look(len(rows))}
         axes.plot(*points[rows].T, ".", zorder=2, label=f"{few}{len(points)} errors", **dots)
         label = f"95 % ellipse for {left.dof} {rows_or_poses} ({factor:.3f} std. dev.)"
         axes.plot(*boundary(region, factor).T, color=VERMILLION, lw=2.2, zorder=4, label=label)
@@ -108,7 +118,7 @@ def plot_region(shown: Shown, found: Assessment) -> Figure:
         axes.set(xlabel=f"error in {'xyz'[pair[0]]} [mm]", ylabel=f"error in {'xyz'[pair[1]]} [mm]")
         axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
         axes.locator_params(nbins=5 if len(pairs) > 1 else 9)
-    legend_below(figure.axes[0], 3 if len(pairs) > 1 else 2)
+    (legend_beside if len(pairs) == 1 else legend_below)(figure)
     return figure
 
 
@@ -128,7 +138,7 @@ def plot_repeats(problem: Problem, shown: Shown, found: Assessment) -> Figure:
     alone = len(clouds) == 1 and len(groups) > 1
     columns = min(len(clouds), 3)
     lines = -(-len(clouds) // columns)
-    figure = new_figure(3.4 * columns + 0.4, 3.5 * lines + 0.9) if columns > 1 else new_figure(5.6, 6.0)
+    figure = new_figure((8.0 / columns - 0.1) * lines + 0.7 if columns > 1 else 5.0)
     predicted = [_predicted(problem, shown, rows, B) for rows in clouds]
     offsets = [_pooled(shown, groups, B) if alone else _about_mean(shown, rows, B) for rows in clouds]
     half = 1.08 * max(float(np.abs(outline).max()) for outline in [*offsets, *_outlines(predicted)])
@@ -144,7 +154,7 @@ def plot_repeats(problem: Problem, shown: Shown, found: Assessment) -> Figure:
         axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
         axes.set(xlabel=f"{line_words(B[0])} [mm]", ylabel=f"{line_words(B[1])} [mm]")
         axes.locator_params(nbins=5)
-    legend_below(figure.axes[0], min(columns, 3))
+    (legend_beside if columns == 1 else legend_below)(figure)
     return figure
 
 

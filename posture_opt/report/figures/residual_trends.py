@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from posture_opt.measurements.measurements import group_means
 from posture_opt.numerics import Array
-from posture_opt.report.figures.residuals import TITLES, chosen_rows
+from posture_opt.report.figures.residuals import TITLES, chosen_rows, dots_look
 from posture_opt.report.style import (
     BLUE,
     GREEN,
@@ -38,7 +38,11 @@ _GAP = 0.08  # of the bins, all of them empty: no line is drawn over it
 _LEVER = 0.05  # of the longest: nearer to its axis, a joint moves the tool point in no direction to speak of
 
 _SIDES = ((-1, "from below", ORANGE, -0.12), (1, "from above", PURPLE, 0.12))
-_XYZ = (BLUE, VERMILLION, GREEN)
+_XYZ: tuple[dict[str, Any], ...] = (
+    {"color": BLUE, "marker": "o"},
+    {"color": VERMILLION, "marker": "s", "ls": "--"},
+    {"color": GREEN, "marker": "^", "ls": ":"},
+)
 _FEWEST_ARRIVALS = 10  # arrivals from a side
 _VALUES = 3  # different ones that make a line
 _BINS = 30
@@ -68,21 +72,21 @@ class Binned:
         variance = np.bincount(at, (values - mean[at]) ** 2, bins) / (some - 1)
         return cls(middle, mean, stdtrit(some - 1, 0.975) * np.sqrt(variance / some))
 
-    def draw(self, axes: Any, colour: str, label: str = "") -> None:
+    def draw(self, axes: Any, color: str = "black", label: str = "", **look: Any) -> None:
         """The line with its band; it passes over a few empty bins, not over a wide gap."""
         known = np.isfinite(self.mean)
         wide = np.flatnonzero(np.diff(np.flatnonzero(known)) > max(_GAP * len(known), 3)) + 1
         x, mean, band = (np.insert(values[known], wide, np.nan) for values in (self.x, self.mean, self.band))
+        axes.fill_between(x, mean - band, mean + band, color=color, alpha=0.25, lw=0, zorder=3)
         marker = "o" if len(x) <= _STEPS else ""
-        axes.fill_between(x, mean - band, mean + band, color=colour, alpha=0.3, lw=0, zorder=3)
-        axes.plot(x, mean, color=colour, lw=1.5, marker=marker, ms=4, zorder=4, label=label)
+        axes.plot(x, mean, **{"color": color, "lw": 1.5, "marker": marker, "ms": 4, **look}, zorder=4, label=label)
 
 
 @styled
 def plot_residuals_over_joints(shown: Shown) -> Figure:
     """Errors along the motion of each joint over its value: dots are poses, the line is their mean in bins."""
     robot = shown.robot
-    figure = new_figure(9.6, 1.2 + 1.55 * robot.n)
+    figure = new_figure(1.0 + 1.35 * robot.n)
     grid = figure.subplots(robot.n, 2, squeeze=False)
     poses = len(np.unique(shown.data.pose))
     for name, column in zip(shown.errors, grid.T, strict=True):
@@ -96,15 +100,15 @@ def plot_residuals_over_joints(shown: Shown) -> Figure:
             axes.set_ylim(-limit, limit)
             axes.locator_params(axis="y", nbins=4)
         column[0].set_title(TITLES[name])
-    figure.supylabel("error along the joint's own motion [mm]", fontsize=10)
-    legend_below(grid[0][1], 2)
+    figure.supylabel("error along the joint's own motion [mm]")
+    legend_below(figure)
     return figure
 
 
 def _panel(axes: Any, x: Array, along: Array, colour: str, poses: int) -> None:
     """One joint; ``poses`` were measured in all, and those that the joint hardly moves are not among ``x``."""
     dots = chosen_rows(len(x), _DOTS)
-    look: dict[str, Any] = {"color": colour, "ms": 3 if len(x) > 200 else 6, "alpha": 0.5, "mew": 0}
+    look: dict[str, Any] = {"color": colour, "mew": 0, **dots_look(len(dots))}
     some = f"{_DOTS} of {poses}" if poses > _DOTS else str(poses)
     axes.plot(x[dots], along[dots], ".", zorder=2, rasterized=True, label=f"{some} poses", **look)
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
@@ -131,7 +135,7 @@ def plot_residuals_over_inputs(shown: Shown) -> Figure:
     """Mean errors by axis over the inputs that the data have, and along each joint's motion by its approach."""
     inputs, sided = _inputs(shown), _both_sides(shown)
     lines = len(inputs) + bool(sided)
-    figure = new_figure(9.6, 0.9 + 2.1 * lines)
+    figure = new_figure(0.7 + 1.9 * lines)
     grid = figure.subplots(lines, 2, squeeze=False)
     for name, column in zip(shown.errors, grid.T, strict=True):
         column[0].set_title(TITLES[name])
@@ -144,10 +148,7 @@ def plot_residuals_over_inputs(shown: Shown) -> Figure:
         axes.set_ylabel("mean error [mm]")
     if sided:
         grid[-1][0].set_ylabel("mean error along\nthe joint's motion [mm]")
-    entries = {
-        label: handle for axes in grid[:, 0] for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
-    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=len(entries))
+    legend_below(figure)
     return figure
 
 
@@ -171,7 +172,7 @@ def _clock(seconds: Array) -> tuple[str, Array]:
 def _over(axes: Any, shown: Shown, errors: Array, x: Array) -> None:
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
     for axis in shown.axes:
-        Binned.of(x, errors[:, axis], _BINS).draw(axes, _XYZ[axis], "xyz"[axis])
+        Binned.of(x, errors[:, axis], _BINS).draw(axes, label="xyz"[axis], **_XYZ[axis])
 
 
 def _both_sides(shown: Shown) -> list[int]:
@@ -195,6 +196,15 @@ def _approach(axes: Any, shown: Shown, errors: Array, joints: list[int]) -> None
             means.append(part.mean())
             bars.append(2 * part.std(ddof=1) / np.sqrt(len(part)))
         places = np.arange(len(joints)) + shift
-        axes.errorbar(places, means, bars, fmt="o", color=colour, ms=5, capsize=3, label=f"joint arrives {label}")
+        axes.errorbar(
+            places,
+            means,
+            bars,
+            fmt="<" if side < 0 else ">",
+            color=colour,
+            ms=6,
+            capsize=3,
+            label=f"joint arrives {label}",
+        )
     axes.set_xticks(range(len(joints)), [shown.robot.joint_names[k].replace("_", "\n") for k in joints])
     axes.grid(axis="x", visible=False)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 
 TITLES = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
+_MANY = 400  # dots
 _ARROWS = 400  # more of them hide each other
 _LONG = 0.16  # of the workspace: the arrow of a large error
 _FLAT = 0.02  # of the workspace: measured points that leave a plane by less are drawn in it
@@ -88,18 +89,17 @@ def _rows(vector: Any, n: int) -> Array:
     return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (n,)) for entry in vector], axis=-1)
 
 
-def settled(figure: Figure) -> Figure:
-    """The figure with its layout computed once and for all: every file of it would do so again, three times."""
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
-    return figure
-
-
 def exaggeration(size: float, extent: float) -> float:
     """The round factor (1, 2, 5, 10, …) that makes an arrow of ``size`` nearest below a share of ``extent``."""
     wanted = max(_LONG * extent / size, 1.0) if size > 0 else 1.0
     power = 10.0 ** math.floor(math.log10(wanted))
     return max(step * power for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9))
+
+
+def dots_look(n: int) -> dict[str, float]:
+    """Size and opacity of n dots: the fewer, the larger, so that each is seen and many make no fog."""
+    size = float(np.clip(60.0 / max(n, 1) ** 0.5, 3.5, 9.0))
+    return {"ms": size, "alpha": 0.75 if n < _MANY else 0.45}
 
 
 def chosen_rows(n: int, most: int) -> Codes:
@@ -117,8 +117,8 @@ def plot_residual_vectors(shown: Shown) -> Figure:
     factor = exaggeration(large, float(np.ptp(shown.places, axis=0).max()))
     ends = np.concatenate([shown.places[rows], (shown.places + factor * shown.errors["nominal"])[rows]])
     boxes = [(ends[:, list(view)].min(axis=0), ends[:, list(view)].max(axis=0)) for view in views]
-    heights = [float(np.clip(4.4 * (high - low)[1] / (high - low)[0], 1.6, 6.0)) for low, high in boxes]
-    figure = new_figure(9.6, sum(heights) + 0.8)
+    heights = [float(np.clip(3.4 * (high - low)[1] / (high - low)[0], 1.4, 5.0)) for low, high in boxes]
+    figure = new_figure(sum(heights) + 0.8)
     grid = figure.subplots(len(views), 2, squeeze=False, gridspec_kw={"height_ratios": heights})
     drawn = []
     for line, view, box in zip(grid, views, boxes, strict=True):
@@ -135,7 +135,7 @@ def plot_residual_vectors(shown: Shown) -> Figure:
     label = f"{number(key, 1)} mm  "
     grid[0][1].quiverkey(drawn[1], 0.86, 1.04, key * factor, label, labelpos="W", color="black")
     some = f", {len(rows)} of {len(shown.data)} rows drawn by lot" if len(rows) < len(shown.data) else ""
-    figure.suptitle(f"measured minus model, enlarged {factor:g}\N{MULTIPLICATION SIGN}{some}", fontsize=10)
+    figure.suptitle(f"measured minus model, enlarged {factor:g}\N{MULTIPLICATION SIGN}{some}")
     return figure
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, cast
 
@@ -16,24 +15,24 @@ from posture_opt.report.figures import (
     plot_spread,
 )
 from posture_opt.report.figures.accuracy_map import plot_bias, plot_spread_map
+from posture_opt.report.figures.axis_names import critical_axis, with_letter
 from posture_opt.report.figures.batch import plot_batch
 from posture_opt.report.figures.bench import plot_bench
 from posture_opt.report.figures.comparison import plot_landing
 from posture_opt.report.figures.compensation import plot_compensation
-from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram, plot_scores
+from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram
 from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
+from posture_opt.report.figures.diagnosis_scores import plot_scores
 from posture_opt.report.figures.path import plot_path
 from posture_opt.report.figures.plan import plot_plan_errors, plot_plan_points
 from posture_opt.report.figures.residual_scatter import plot_region, plot_repeats, plot_shape
 from posture_opt.report.figures.residual_trends import plot_residuals_over_inputs, plot_residuals_over_joints
-from posture_opt.report.figures.residuals import Shown, plot_residual_vectors, settled
+from posture_opt.report.figures.residuals import Shown, plot_residual_vectors
 from posture_opt.report.figures.spread_check import plot_joint_scatter, plot_reliability
 from posture_opt.report.figures.target_map import plot_target_map
 from posture_opt.uncertainty.cloud import cloud_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from posture_opt.problem.problem import Problem
     from posture_opt.report.accuracy_map_report import AccuracyMapPresenter
     from posture_opt.report.assessment_report import AssessmentPresenter
@@ -66,7 +65,9 @@ def solution(shown: SolutionPresenter) -> Drawings:
     if found.status == "infeasible":
         return drawings
     drawings["cloud"] = partial(plot_cross_section, found.spread, found.task_spread)
-    drawings["budget"] = lambda: plot_budget(found.spread, found.task_spread.budget_groups, found.critical.worst_axis)
+    drawings["budget"] = lambda: plot_budget(
+        found.spread, found.task_spread.budget_groups, critical_axis(found.critical)
+    )
     if found.optimisation_problem.robot.n == 2:
         drawings["joint_map"] = partial(plot_joint_map, found)
     return drawings
@@ -79,7 +80,7 @@ def path_solution(shown: PathSolutionPresenter) -> Drawings:
         "path": partial(plot_path, found),
         "arm": partial(plot_solution, found.worst),
         "budget": lambda: plot_budget(
-            found.worst.spread, found.worst.task_spread.budget_groups, found.worst.critical.worst_axis
+            found.worst.spread, found.worst.task_spread.budget_groups, critical_axis(found.worst.critical)
         ),
     }
 
@@ -95,7 +96,7 @@ def features_solution(shown: FeaturesSolutionPresenter) -> Drawings:
     if found.status == "infeasible":
         return arm
     worst = found.stations[found.worst]
-    budget = lambda: plot_budget(worst.spread, worst.task_spread.budget_groups, worst.critical.worst_axis)  # noqa: E731
+    budget = lambda: plot_budget(worst.spread, worst.task_spread.budget_groups, critical_axis(worst.critical))  # noqa: E731
     bench: Drawings = {"bench": partial(plot_bench, found)} if found.placement.free.sum() > 1 else {}
     return {**bench, **arm, "cloud": partial(plot_cross_section, worst.spread, worst.task_spread), "budget": budget}
 
@@ -106,11 +107,12 @@ def spread(shown: SpreadPresenter) -> Drawings:
     seen, arm = found.for_task, partial(plot_spread, found)
     if seen is None:
         drawn = lambda: plot_cloud(cloud_of(found, _DRAWN, 0))  # noqa: E731
-        return {"arm": arm, "cloud": drawn, "budget": lambda: plot_budget(found, found.budget_groups, found.axes[-1])}
+        longest = with_letter("along the longest axis of the scatter", found.axes[-1])
+        return {"arm": arm, "cloud": drawn, "budget": lambda: plot_budget(found, found.budget_groups, longest)}
     return {
         "arm": arm,
         "cloud": partial(plot_cross_section, found, seen, origin="nominal point"),
-        "budget": lambda: plot_budget(found, seen.budget_groups, seen.critical.worst_axis),
+        "budget": lambda: plot_budget(found, seen.budget_groups, critical_axis(seen.critical)),
     }
 
 
@@ -195,7 +197,7 @@ def diagnosis(shown: DiagnosisPresenter) -> Drawings:
         "diagnosis_periodogram": not periodic_joints(found),
         "diagnosis_left": found.verdict != "unexplained",
     }
-    drawn = {name: _settled(draw) for name, draw in drawings.items() if not absent.get(name)}
+    drawn = {name: draw for name, draw in drawings.items() if not absent.get(name)}
     return {**drawn, **_landing(shown.comparison)}
 
 
@@ -212,7 +214,7 @@ def _assessed(found: Assessment) -> Drawings:
     if found.repeats is not None:
         problem = cast("Problem", found.calibration.request.problem)
         drawings["residual_repeats"] = partial(plot_repeats, problem, rows, found)
-    return {name: _settled(draw) for name, draw in drawings.items()}
+    return drawings
 
 
 def _checked(found: SpreadCheck) -> Drawings:
@@ -225,11 +227,3 @@ def _landing(found: Comparison | None) -> Drawings:
     if found is None or not {"nominal", found.reference} <= set(found.answered):
         return {}
     return {"landing": partial(plot_landing, found)}
-
-
-def _settled(draw: Callable[[], Figure | None]) -> Callable[[], Figure | None]:
-    def drawn() -> Figure | None:
-        figure = draw()
-        return None if figure is None else settled(figure)
-
-    return drawn

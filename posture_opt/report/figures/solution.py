@@ -11,9 +11,19 @@ from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
 from posture_opt.report.budget_parts import group_words, main_groups, others_words
-from posture_opt.report.style import BLUE, COLOUR_MAP, GREY, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.style import (
+    BLUE,
+    COLOUR_MAP,
+    GREY,
+    LIGHT,
+    ORANGE,
+    VERMILLION,
+    legend_beside,
+    new_figure,
+    styled,
+)
 from posture_opt.report.units_text import joint_unit, length_unit, percent
-from posture_opt.report.words import PARTS, line_words
+from posture_opt.report.words import PARTS
 
 if TYPE_CHECKING:
     from posture_opt.robot.robot import Joint
@@ -25,8 +35,8 @@ _GRID = 181
 
 
 @styled
-def plot_budget(spread: Spread, groups: Sequence[ShareGroup], axis: Any) -> Figure:
-    """Share of every source in the variance along ``axis`` (3,), the largest on top, the small ones lumped."""
+def plot_budget(spread: Spread, groups: Sequence[ShareGroup], along: str) -> Figure:
+    """Share of every source in the variance ``along`` some axis, the largest on top, the small ones lumped."""
     arm = spread.tool_point.arm
     shown, rest = main_groups(groups)
     names = [group_words(group, arm) for group in shown]
@@ -34,7 +44,7 @@ def plot_budget(spread: Spread, groups: Sequence[ShareGroup], axis: Any) -> Figu
     if rest:
         names.append(others_words(rest))
         values.append(sum(s.share for s in rest))
-    figure = new_figure(6.4, 1.3 + 0.36 * len(names))
+    figure = new_figure(0.75 + 0.28 * len(names))
     axes = figure.add_subplot()
     colours = [BLUE] * len(shown) + [LIGHT] * bool(rest)
     axes.barh(range(len(names)), [100 * v for v in values], color=colours, height=0.68)
@@ -44,7 +54,7 @@ def plot_budget(spread: Spread, groups: Sequence[ShareGroup], axis: Any) -> Figu
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
     axes.set_xlim(min(0.0, 110 * min(values)), 113 * max(values))
-    axes.set_xlabel(f"share of the variance along {line_words(axis)} [%]")
+    axes.set_xlabel(f"share of the variance {along} [%]")
     axes.grid(axis="y", visible=False)
     axes.tick_params(axis="y", length=0)
     return figure
@@ -65,7 +75,7 @@ def plot_joint_map(solution: Solution) -> Figure:
     grid = [_values(joint) for joint in joints]
     sigma, position = _evaluate(solution, *np.meshgrid(*grid, indexing="ij"))
     unit, scale = length_unit([float(sigma.max())])
-    figure = new_figure(6.8, 6.2)
+    figure = new_figure(5.2)
     axes = figure.add_subplot()
     shown = [g * f for g, f in zip(grid, factors, strict=True)]
     mesh = axes.contourf(*shown, scale * sigma.T, levels=20, cmap=COLOUR_MAP)
@@ -79,7 +89,7 @@ def plot_joint_map(solution: Solution) -> Figure:
     axes.set(xlabel=names[0], ylabel=names[1])
     axes.grid(visible=False)
     _ticks(axes, joints, shown)
-    legend_below(axes, 3)
+    legend_beside(figure)
     return figure
 
 

@@ -13,8 +13,10 @@ from posture_opt.report.style import (
     GREY,
     LIGHT,
     MODEL_COLOURS,
+    MODEL_DASHES,
     VERMILLION,
     legend_below,
+    legend_beside,
     new_figure,
     styled,
 )
@@ -30,7 +32,7 @@ _CLIP = 1.15  # times the largest value that is well told: beyond, a bar says no
 @styled
 def plot_reliability(found: SpreadCheck) -> Figure:
     """The share of the rows in the predicted region of every probability: on the diagonal the prediction is true."""
-    figure = new_figure(5.8, 6.0)
+    figure = new_figure(5.0)
     axes = figure.add_subplot()
     nominal = found.coverage["nominal"]
     true = "the file's spread true" if found.stated else "the instrument all there is"
@@ -43,17 +45,17 @@ def plot_reliability(found: SpreadCheck) -> Figure:
         shares = 100 * np.arange(1, n + 1) / n
         label = MODEL_NAMES[name] + ("" if name != "nominal" or found.stated else " (the instrument alone)")
         curve = np.r_[0.0, 100 * c.probability], np.r_[0.0, shares]
-        axes.step(*curve, where="post", color=MODEL_COLOURS[name], label=label)
+        axes.step(*curve, where="post", color=MODEL_COLOURS[name], ls=MODEL_DASHES[name], label=label)
         width = {"nominal": 5, "calibrated": 2.5}[name]  # where both overlap, both are seen
         ends = 100 * np.array(c.interval)
         axes.plot([95, 95], ends, color=MODEL_COLOURS[name], lw=width, solid_capstyle="butt", zorder=4)
-        axes.plot(95, 100 * c.share, "o", color=MODEL_COLOURS[name], mec="white", ms=7, zorder=5)
+        axes.plot(95, 100 * c.share, "o", color=MODEL_COLOURS[name], mec="white", ms=9, zorder=5)
     region = REGIONS[nominal.dimension].removeprefix("95 % ")
     axes.axvline(95, color=GREY, lw=0.8, ls=":")
     axes.set(xlim=(0, 101), ylim=(0, 101), aspect="equal")
     axes.set_xlabel(f"predicted: probability of the {region} [%] (dotted: 95 %)")
     axes.set_ylabel("measured: rows inside it [%]")
-    legend_below(axes, 1)
+    legend_beside(figure)
     return figure
 
 
@@ -73,18 +75,12 @@ def plot_joint_scatter(found: SpreadCheck) -> Figure:
     panels = [([rows[k] for k in turning], "deg", math.degrees(1.0))] if turning else []
     panels.append((lengths, "mm", 1e3))
     heights = [len(part) for part, _, _ in panels]
-    figure = new_figure(6.4, 1.9 + 0.36 * sum(heights))
+    figure = new_figure(1.3 + 0.28 * sum(heights) + 0.4 * len(panels))
     grid = figure.add_gridspec(len(panels), 1, height_ratios=[h + 0.8 for h in heights])
     for k, (part, unit, factor) in enumerate(panels):
         _bars(figure.add_subplot(grid[k]), part, unit, factor)
-    shown = dict(zip(*reversed(_labels(figure)), strict=True))
-    figure.legend(list(shown.values()), list(shown), loc="outside lower center", ncols=3)
+    legend_below(figure)
     return figure
-
-
-def _labels(figure: Figure) -> tuple[list[Any], list[Any]]:
-    pairs = [axes.get_legend_handles_labels() for axes in figure.axes]
-    return [h for handles, _ in pairs for h in handles], [label for _, labels in pairs for label in labels]
 
 
 def _bars(axes: Any, rows: list[tuple[Any, ...]], unit: str, factor: float) -> None:

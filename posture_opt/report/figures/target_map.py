@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
-from posture_opt.report.style import BLUE, COLOUR_MAP, LIGHT, ORANGE, VERMILLION, legend_below, new_figure, styled
+from posture_opt.report.style import (
+    BLUE,
+    COLOUR_MAP,
+    LIGHT,
+    ORANGE,
+    VERMILLION,
+    WIDTH,
+    legend_below,
+    new_figure,
+    styled,
+)
 from posture_opt.report.units_text import length_unit
 from posture_opt.report.words import PARTS, line_words
 from posture_opt.units import fixed
@@ -23,8 +33,7 @@ if TYPE_CHECKING:
     from posture_opt.selection.map_points import Grid
     from posture_opt.selection.target_map import TargetMap
 
-_WIDTH = 7.2
-_PANELS = 5.1  # of the width: the rest is the scale of colours
+_PANELS = WIDTH - 1.9  # the rest is the scale of colours with its numbers
 _MOST_LAYERS = 9
 _ARROW = 0.14  # of the picture
 _HATCH = {"not reached": "////", "requirement not met": "...."}
@@ -85,7 +94,7 @@ def new_panels(canvas: Canvas) -> tuple[Figure, list[tuple[Any, int]]]:
     (u0, u1), (v0, v1) = edges_of(canvas.grid)
     # As high as the panels are for their width: no white bands, and a scale of colours of the same height.
     height = _PANELS / columns * min(max((v1 - v0) / (u1 - u0), 0.3), 1.4)
-    figure = new_figure(_WIDTH, rows * (height + 0.5) + 0.7)
+    figure = new_figure(rows * (height + 0.5) + 0.7)
     panels = []
     for k, layer in enumerate(shown):
         axes = figure.add_subplot(rows, columns, k + 1)
@@ -105,14 +114,12 @@ def _name_axes(axes: Any, grid: Grid, layer: int, small: bool) -> None:
     off = "" if grid.aligned else ", off the middle"
     axes.set(xlabel=f"{names[0]}{off} [mm]", ylabel=f"{names[1]}{off} [mm]", aspect="equal")
     if grid.aligned and (len(grid.values[2]) > 1 or abs(grid.values[2][0]) > 1e-9):
-        axes.set_title(f"{names[2]} = {fixed(1e3 * grid.values[2][layer], 1)} mm", fontsize=9 if small else 10)
+        axes.set_title(f"{names[2]} = {fixed(1e3 * grid.values[2][layer], 1)} mm")
     (u0, u1), (v0, v1) = edges_of(grid)
     axes.set(xlim=(u0, u1), ylim=(v0, v1))
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
     axes.locator_params(nbins=5 if small else 8)
-    if small:
-        axes.tick_params(labelsize=8)
 
 
 def _corners(grid: Grid) -> tuple[Array, Array]:
@@ -199,20 +206,13 @@ def finish(figure: Figure, panels: Sequence[tuple[Any, int]], mesh: Any, label: 
     bar = figure.colorbar(mesh, ax=[axes for axes, _ in panels], aspect=25, ticks=MaxNLocator(7))
     bar.set_label(label)
     bar.outline.set_visible(False)
-    if len(panels) == 1:
-        legend_below(panels[0][0], 3)
-        return
-    named: dict[str, Any] = {}
-    for axes, _ in panels:
-        handles, labels = axes.get_legend_handles_labels()
-        named |= dict(zip(labels, handles, strict=True))
-    figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=3)
+    legend_below(figure)
 
 
 def plot_line(grid: Grid, label: str, values: Array) -> Figure:
     """Lengths (U,) [m] along a line of targets."""
     unit, scale = length_unit([float(np.nanmax(values))])
-    figure = new_figure(6.4, 4.2)
+    figure = new_figure(3.8)
     axes = figure.add_subplot()
     axes.plot(1e3 * grid.values[0], scale * values, "o-", ms=4, color=BLUE)
     (left, right), _ = edges_of(grid)
@@ -224,5 +224,5 @@ def plot_line(grid: Grid, label: str, values: Array) -> Figure:
     axes.set(xlabel=f"{line_words(grid.axes[0])} [mm]", ylabel=f"{label} [{unit}]", xlim=(left, right))
     axes.set_ylim(bottom=0)
     if len(nowhere):
-        legend_below(axes)
+        legend_below(figure)
     return figure

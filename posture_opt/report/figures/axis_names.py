@@ -1,0 +1,61 @@
+"""What an axis of a figure is called: by what it means to the task, not by three numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.report.words import PARTS, line_words
+
+if TYPE_CHECKING:
+    from posture_opt.uncertainty.critical import Critical
+
+_SAME = 1e-6  # sine of the angle below which two lines are one
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+def axis_name(axis: Array, direction: Array | None = None) -> str:
+    """A unit vector (3,), world: a coordinate axis by its letter, else told by the direction (3,) of the task, by the
+    horizontal or, with neither, as "sideways" or "steepest" of the plane drawn.
+    """
+    letter = line_words(axis)
+    if len(letter) == 1:
+        return letter
+    if direction is not None and _parallel(axis, direction):
+        return "along the direction of the task"
+    across = direction is not None and abs(float(axis @ direction)) < _SAME
+    where = "horizontally" if abs(float(axis[2])) < _SAME else "upwards"
+    return f"across the direction, {where}" if across else f"{where} in the plane drawn"
+
+
+def levelled(plane: Array) -> Array:
+    """(2, 3) another orthonormal basis of a plane (2, 3): along coordinate axes, else with the first horizontal."""
+    if all(len(line_words(axis)) == 1 for axis in plane):
+        return plane
+    normal = np.cross(plane[0], plane[1])
+    letters = [e for e in np.eye(3) if abs(float(e @ normal)) < _SAME]
+    if len(letters) == 2:
+        return np.array(letters)
+    first = np.cross(_UP, normal)
+    first = first / np.linalg.norm(first)
+    first = first * np.sign(first[np.argmax(np.abs(first))])
+    second = np.cross(normal, first)
+    return np.array([first, second * (1.0 if second[2] >= 0 else -1.0)])
+
+
+def critical_axis(critical: Critical) -> str:
+    """Where the part that counts scatters most: "along the worst axis across the direction (x)"."""
+    part = PARTS[critical.within]
+    return with_letter(part if len(critical.covariance) == 1 else f"along the worst axis {part}", critical.worst_axis)
+
+
+def with_letter(words: str, axis: Array) -> str:
+    """Words for an axis, and its letter where it is one of the world's."""
+    letter = line_words(axis)
+    return f"{words} ({letter})" if len(letter) == 1 else words
+
+
+def _parallel(a: Array, b: Array) -> bool:
+    return bool(np.linalg.norm(np.cross(a, b)) < _SAME)

@@ -1,0 +1,139 @@
+"""The candidates of a diagnosis: the causes of the model first, with their p-values in it, then the others."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from matplotlib.figure import Figure
+
+from posture_opt.diagnosis.levels import FIRST_EFFECT
+from posture_opt.report.style import GREY, PURPLE, legend_below, new_figure, styled
+from posture_opt.report.words import p_words
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.candidates import ScoredCandidate
+    from posture_opt.diagnosis.diagnosis import Diagnosis
+    from posture_opt.diagnosis.score_tests import NullDistribution
+
+_MOST = 22  # candidates
+_SAME = 0.3  # cycles per revolution
+_TICKS = (0, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
+_LETTER = 0.0115  # of the axes: width of a letter
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredRow:
+    """A candidate with its evidence by itself, and its p-value beside the rest of the model if it is part of that."""
+
+    scored: ScoredCandidate
+    evidence: float
+    p_value: float | None
+
+    @property
+    def named(self) -> bool:
+        return self.scored.candidate.named
+
+
+def evidence(found: Diagnosis) -> list[tuple[ScoredCandidate, float]]:
+    """Every candidate with its log p-value over the critical one of its family, the most significant first."""
+    search = found.search
+    scored = search.scored
+    null = search.null
+    lines = {family: critical_log_p(null, family) for family in {j.candidate.family for j in scored}}
+    pairs = [(j, max(j.log_p / lines[j.candidate.family], 0.0)) for j in scored]
+    return sorted(pairs, key=lambda pair: -pair[1])
+
+
+def critical_log_p(null: NullDistribution, family: str) -> float:
+    """The log p-value that a candidate of a family needs to be significant, corrected for the whole search."""
+    low, high = -60.0, -1e-6
+    for _ in range(50):
+        middle = (low + high) / 2
+        low, high = (middle, high) if null.family_wise(middle, family) < FIRST_EFFECT else (low, middle)
+    return low
+
+
+def scored_rows(found: Diagnosis) -> tuple[list[ScoredRow], int]:
+    """What is drawn, from the top: those of the model, wherever they rank, then the best others; how many there are."""
+    rows = [ScoredRow(scored, value, _p_value(scored, found)) for scored, value in evidence(found)]
+    own = [row for row in rows if row.p_value is not None]
+    others = [row for row in rows if row.p_value is None]
+    return [*own, *others[: max(_MOST - len(own), 0)]], len(rows)
+
+
+@styled
+def plot_scores(found: Diagnosis) -> Figure:
+    """Evidence of each candidate on the calibrated arm alone, with the line of the significance level.
+
+    A cause that the others hide at first ranks low here: so those of the model come first, each with its p-value in it.
+    """
+    rows, count = scored_rows(found)
+    figure = new_figure(1.3 + 0.22 * max(len(rows), 4))
+    axes = figure.add_subplot()
+    # Evidence spans from a little to hundreds of times what noise does: its root shows both ends.
+    right = 1.04 * max([*(math.sqrt(row.evidence) for row in rows), 1.5])
+    axes.axvline(1, color="black", lw=1.2, ls="--", zorder=3, label=_line_words())
+    for k, row in enumerate(rows):
+        width = math.sqrt(row.evidence)
+        axes.barh(k, width, height=0.74, zorder=2, edgecolor="white", lw=0.5, **_look(row))
+        if row.p_value is not None:
+            _say(axes, k, width / right, width, f"in the model: {p_words(row.p_value)}")
+    own = sum(row.p_value is not None for row in rows)
+    if 0 < own < len(rows):
+        axes.axhline(own - 0.5, color=GREY, lw=0.8, zorder=1)
+    axes.set_yticks(range(len(rows)), [row.scored.candidate.what.label for row in rows])
+    axes.set_ylim(max(len(rows), 4) - 0.5, -0.5)
+    ticks = [t for t in _TICKS if math.sqrt(t) <= right and (t in (0, 1) or math.sqrt(t) > 0.12 * right)]
+    axes.set_xticks([math.sqrt(t) for t in ticks], [f"{t:g}" for t in ticks])
+    axes.set_xlim(0, right)
+    axes.set_xlabel("evidence of each by itself: log p-value over that of the dashed line")
+    axes.grid(axis="y", visible=False)
+    axes.tick_params(axis="y", length=0)
+    axes.set_title(_title(own, len(rows), count), loc="left")
+    legend_below(figure)
+    return figure
+
+
+def _title(own: int, drawn: int, count: int) -> str:
+    if not own:
+        return f"The best {drawn} of {count} candidates" if drawn < count else "All candidates"
+    return f"Part of the model: {own}. Below the line: the best {drawn - own} of {count - own} other candidates"
+
+
+def _say(axes: Any, k: int, share: float, width: float, text: str) -> None:
+    """A text after its bar, or inside where there is no room."""
+    inside = share + _LETTER * len(text) > 1
+    axes.annotate(
+        text, (width, k), xytext=(-4 if inside else 4, 0), textcoords="offset points", va="center",
+        ha="right" if inside else "left", color="white" if inside else "black", zorder=4,
+    )  # fmt: skip
+
+
+def _look(row: ScoredRow) -> dict[str, Any]:
+    """Colour and hatching tell causes with a name from those without, and the model's from the others."""
+    if row.p_value is None:
+        return {"color": "#7FB8D8", "label": "named cause"} if row.named else {
+            "facecolor": "#E5BCD3", "hatch": "///", "label": "unnamed component"
+        }  # fmt: skip
+    return {"color": "#00664B", "label": "named cause in the model"} if row.named else {
+        "facecolor": PURPLE, "hatch": "xxx", "label": "unnamed component in the model"
+    }  # fmt: skip
+
+
+def _line_words() -> str:
+    return f"by chance, {100 * FIRST_EFFECT:.1f} % of data sets reach this line"
+
+
+def _p_value(scored: ScoredCandidate, found: Diagnosis) -> float | None:
+    """The p-value of dropping the candidate from the final model; a line of a periodogram as that very line."""
+    cycles = getattr(scored.candidate.what, "cycles", None)
+    own = [(finding.cause, finding.p_value) for finding in found.effects if finding.place is not None]
+    chosen = zip(found.search.chosen, found.search.p_values, strict=True)
+    own += [(candidate.what, p) for candidate, p in chosen if not candidate.named]
+    for what, p in own:
+        near = cycles is None or abs(getattr(what, "cycles", 0.0) - cycles) < _SAME
+        if (what.kind, what.target) == scored.candidate.key and near:
+            return p
+    return None

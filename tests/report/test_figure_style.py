@@ -1,0 +1,98 @@
+"""One look of all figures, measured as they are rendered: one width, one type size, nothing cut off, told in grey."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
+
+import posture_opt as po
+from posture_opt.problem.load import load_builtin, problems_folder
+from posture_opt.report.style import FONT, WIDTH
+from posture_opt.result import Result
+
+_TELLS = 0.15  # of the way from black to white: what grey print tells apart
+_SLACK = 0.03  # inch: half a line or mark beyond its axes
+
+
+def _rows(problem: Any, file: str) -> Any:
+    return po.read_measurements(problems_folder() / file, problem)
+
+
+def _calibrated() -> Result:
+    problem = load_builtin("insert_ur10_measured")
+    return po.calibrate(problem, _rows(problem, "ur10_measured.csv"))
+
+
+def _diagnosed() -> Result:
+    problem = load_builtin("insert_ur10_measured")
+    return po.diagnose(problem, _rows(problem, "ur10_measured.csv"))
+
+
+def _batch() -> Result:
+    problem = load_builtin("insert_planar_2r_measured")
+    return po.calibrate_batch(problem, _rows(problem, "planar_2r_batch.csv"))
+
+
+RESULTS: dict[str, Callable[[], Result]] = {
+    "planar": lambda: po.select_posture(load_builtin("insert_planar_2r")),
+    "in space": lambda: po.select_posture(load_builtin("insert_panda_cell")),
+    "oblique": lambda: po.select_posture(load_builtin("drill_ur5e")),
+    "path": lambda: po.select_posture(load_builtin("weld_ur10")),
+    "features": lambda: po.select_posture(load_builtin("insert_ur10_plate")),
+    "spread": lambda: po.propagate(load_builtin("insert_planar_2r"), np.radians([90, -180])),
+    "cloud": lambda: po.simulate(load_builtin("insert_ur10_peg"), np.radians([0, -90, 90, -90, -90, 0]), n=500),
+    "map": lambda: po.map_targets(load_builtin("insert_planar_2r"), counts=(5, 5)),
+    "accuracy": lambda: po.map_accuracy(load_builtin("insert_planar_2r_calibrated"), counts=(4, 4)),
+    "calibration": _calibrated,
+    "diagnosis": _diagnosed,
+    "batch": _batch,
+    "plan": lambda: po.plan_measurements(load_builtin("insert_planar_2r_measured"), 8),
+}
+
+
+@pytest.fixture(scope="module", params=list(RESULTS))
+def figures(request: pytest.FixtureRequest) -> dict[str, Figure]:
+    drawn = RESULTS[request.param]().figures()
+    assert drawn
+    return drawn
+
+
+def _texts(figure: Figure) -> list[Text]:
+    return [t for t in figure.findobj(Text) if isinstance(t, Text) and t.get_visible() and t.get_text().strip()]
+
+
+def test_every_text_has_one_size_and_every_figure_one_width(figures: dict[str, Figure]) -> None:
+    for name, figure in figures.items():
+        assert figure.get_size_inches()[0] == WIDTH, name
+        assert {t.get_fontsize() for t in _texts(figure)} == {FONT}, name
+
+
+def test_nothing_is_cut_off(figures: dict[str, Figure]) -> None:
+    for name, figure in figures.items():
+        box, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+        assert min(box.x0, box.y0, width - box.x1, height - box.y1) > -_SLACK, (name, box)
+
+
+def test_lines_of_one_legend_are_told_apart_in_grey(figures: dict[str, Figure]) -> None:
+    for name, figure in figures.items():
+        handles = [h for legend in figure.legends for h in legend.legend_handles if isinstance(h, Line2D)]
+        for a, b in combinations(handles, 2):
+            same = _shape(a) == _shape(b) and abs(_grey(a) - _grey(b)) < _TELLS
+            assert not same, (name, a.get_color(), b.get_color(), _shape(a))
+
+
+def _shape(line: Line2D) -> tuple[Any, ...]:
+    dashes = getattr(line, "_dash_pattern", None)
+    return str(line.get_linestyle()), str(dashes), str(line.get_marker()), str(line.get_markerfacecolor()) == "none"
+
+
+def _grey(line: Line2D) -> float:
+    return float(np.dot(to_rgb(line.get_color()), (0.299, 0.587, 0.114)))
