@@ -106,7 +106,8 @@ def _settled(
     for round_ in range(_ROUNDS):
         aimed = _without_effects(arm.under(came.inputs(arm, rows)), wanted, q)
         moved = solver.solve(aimed, near, q)
-        change, q = float(np.abs(moved - q).max()), moved
+        there = solver.reached(moved, aimed)  # the others would not come to rest
+        change, q = float(np.abs(moved - q)[there].max(initial=0.0)), moved
         fresh = arrivals(arm, rows, q)
         if round_ >= _FREE:
             fresh = Arrivals(came.side, fresh.way)

@@ -15,6 +15,7 @@ from posture_opt.selection.task_target import spin_axis
 
 _AXIS = (0.0, 0.0, 1.0)
 _STARTS = 200  # random postures that are led to a target which the posture before it does not lead to
+_KEPT = 24  # of them, those that come nearest
 _ALIKE = 1e-3  # rad: orientations that are as near as each other
 
 
@@ -45,7 +46,8 @@ def _searched(
     oriented = one.rotation is not None and chain.turns >= 3
     R = np.eye(3) if one.rotation is None else one.rotation[0]
     request = PoseRequest(one.position[0], R[:, 2], R @ spin_axis(_AXIS), np.array([1.0, *[float(oriented)] * 2]))
-    led, _ = search.solve(search.random_postures(_STARTS, rng), request)
+    led, errors = search.solve(search.random_postures(_STARTS, rng), request)
+    led = led[np.argsort(errors, kind="stable")[:_KEPT]]
     every = Poses(np.repeat(one.position, len(led), axis=0), one.rotation and np.repeat(one.rotation, len(led), axis=0))
     led = chain.solve(every, np.broadcast_to(before, led.shape), led)
     left = chain.misses(led, every)
