@@ -140,6 +140,12 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f"known are {listed(names)}" if names else "none is known"
 
 
+def either(names: Iterable[str]) -> str:
+    """``'a'``, or ``'a', 'b' or 'c'``."""
+    *others, last = [f"'{name}'" for name in names]
+    return f"{', '.join(others)} or {last}" if others else last
+
+
 def one_of(word: str, known: Iterable[str], what: str = "one of") -> str:
     """``did you mean 'x'? one of: x, y``: the nearest name where one is like ``word``, and all that are known."""
     names = list(known)

@@ -17,7 +17,28 @@ from pathlib import Path
 from typing import Any
 
 
-class Result(ABC):
+class Summarised:
+    """Prints in a few lines, in a terminal as in a notebook; a dataclass among these has ``repr=False``."""
+
+    def summary(self) -> str:
+        """What this is and its most important numbers, with units: at most 12 lines."""
+        return str(self._presenter.summary_text())
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def _repr_html_(self) -> str:
+        return str(self._presenter.summary_html())
+
+    @cached_property
+    def _presenter(self) -> Any:
+        """How this is told; the only way from the rooms below to the reports above."""
+        name = type(self).__name__
+        module = import_module(f"posture_opt.report.{snake_case(name)}_report")
+        return getattr(module, f"{name}Presenter")(self)
+
+
+class Result(Summarised, ABC):
     """A frozen answer that prints in a few lines, reports, draws and saves itself.
 
     Subclasses are dataclasses with ``repr=False``, add ``to_json``, and carry what their report tells of.
@@ -26,10 +47,6 @@ class Result(ABC):
     @abstractmethod
     def to_json(self) -> dict[str, Any]:
         """The JSON document of this result: SI units and radians."""
-
-    def summary(self) -> str:
-        """What this is and its most important numbers, with units: at most 12 lines."""
-        return str(self._presenter.summary_text())
 
     def report(self, *, full: bool = True) -> str:
         """The report as plain text, as the command line prints it: the whole, or what fits on one screen."""
@@ -64,19 +81,6 @@ class Result(ABC):
         """
         written: tuple[Path, ...] = self._presenter.save(Path(folder), figures=figures, beside=beside or {})
         return written
-
-    def __repr__(self) -> str:
-        return self.summary()
-
-    def _repr_html_(self) -> str:
-        return str(self._presenter.summary_html())
-
-    @cached_property
-    def _presenter(self) -> Any:
-        """How this result is told; the only way from the rooms below to the reports above."""
-        name = type(self).__name__
-        module = import_module(f"posture_opt.report.{snake_case(name)}_report")
-        return getattr(module, f"{name}Presenter")(self)
 
 
 def snake_case(name: str) -> str:

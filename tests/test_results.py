@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import json
+import pickle
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -108,6 +110,51 @@ def test_the_table_has_columns_and_rows(result: Result) -> None:
     table = result.to_dataframe()
     assert len(table.columns) >= 2
     assert len(table) > 0
+
+
+@pytest.mark.parametrize("name", ["insert_panda", "insert_ur10_plate", "insert_ur10_extended", "trace_scara", MEASURED])
+def test_problems_and_measurements_print_in_a_few_lines_too(name: str) -> None:
+    problem = po.load_problem(name)
+    assert repr(problem) == problem.summary()
+    assert 4 <= len(repr(problem).splitlines()) <= 12
+    assert problem.name in repr(problem)
+    assert problem._repr_html_().startswith("<table>")
+
+
+def test_measurements_say_how_many_rows_of_what() -> None:
+    _, data = measured()
+    assert repr(data).splitlines()[1:3] == [
+        "  Rows      60, each of another posture",
+        "  Measured  position (x, y)",
+    ]
+    assert data._repr_html_().startswith("<table>")
+
+
+def test_postures_print_in_degrees_and_hold_radians() -> None:
+    posture = po.propagate(po.load_problem("insert_planar_2r"), "30 deg, -1 rad").posture
+    assert repr(posture) == "{joint1: 30.0000 deg, joint2: -57.2958 deg}"
+    assert posture == {"joint1": pytest.approx(0.5235987755982988), "joint2": -1.0}
+    assert posture.degrees["joint1"] == pytest.approx(30)
+    slide = po.propagate(po.load_problem("insert_scara"), [0.1, 0.2, 0.03, 0.1]).posture
+    assert "joint3: 30.000 mm" in repr(slide)
+    for again in (pickle.loads(pickle.dumps(slide)), copy.deepcopy(slide)):
+        assert repr(again) == repr(slide)
+
+
+@pytest.mark.parametrize(
+    ("posture", "message"),
+    [
+        ("30 deg", "1 value given for 2 joints"),
+        ("30 deg, 3 mm", "joint2: 'mm' is not a unit of angle"),
+        ({"joint1": "30", "joint2": 0.0}, "joint1: the angle has no unit"),
+    ],
+)
+def test_postures_with_units_are_read_or_refused(posture: Any, message: str) -> None:
+    problem = po.load_problem("insert_planar_2r")
+    by_name = po.propagate(problem, {"joint1": "30 deg", "joint2": -1.0})
+    assert by_name.q == pytest.approx(po.propagate(problem, "30 deg, -1 rad").q, abs=0)
+    with pytest.raises(InputError, match=message):
+        po.propagate(problem, posture)
 
 
 def test_without_pandas_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

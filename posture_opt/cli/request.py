@@ -11,9 +11,8 @@ from typing import Any, TypeVar
 import click
 
 from posture_opt.cli.quantities import entries, exact_note, height_of, joint_sigmas
-from posture_opt.errors import InputError, Issue, KeyPath, did_you_mean, nearest
-from posture_opt.files import nearest_file
-from posture_opt.problem.load import builtin_names, builtin_problem, load_problem, problem_from_dict
+from posture_opt.errors import InputError, Issue, KeyPath, did_you_mean
+from posture_opt.problem.load import builtin_problem, load_problem, problem_from_dict
 from posture_opt.problem.measured_robot import problem_of_measured_robot
 from posture_opt.problem.problem import Problem
 from posture_opt.robot import preset_names
@@ -65,7 +64,7 @@ def requested_problem(
     if robot:
         return _as_options(lambda: _problem_of_robot(str(robot), base_link, tip_link, sigma, task, goal))
     if problem:
-        chosen = _load(problem)
+        chosen = load_problem(problem)
     elif task:
         chosen = _as_options(lambda: builtin_problem(task))
     else:
@@ -74,14 +73,6 @@ def requested_problem(
         former = (chosen.document.get("task") or {}).get("subject_to") or []
         goal["subject_to"] = [*(term for term in former if term["kind"] != "link_height"), *goal["subject_to"]]
     return _as_options(lambda: chosen.with_task(task, **goal)) if task or goal else chosen
-
-
-def _load(name: str) -> Problem:
-    """A file, or where there is none of that name, a built-in problem."""
-    near = "" if name in builtin_names() else nearest(name, builtin_names())
-    if near and not Path(name).exists() and not nearest_file(Path(name)):
-        raise InputError(Issue(f"no such file: {name}", mend=f"did you mean the built-in '{near}'?"))
-    return load_problem(name)
 
 
 def _problem_of_robot(

@@ -15,6 +15,7 @@ from posture_opt.experiments.plan_search import Tour
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Mask
 from posture_opt.result import Result
+from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Robot
 
 Purpose = Literal["parameters", "task"]
@@ -93,9 +94,9 @@ class MeasurementPlan(Result):
         return self.problem.robot
 
     @property
-    def postures(self) -> list[dict[str, float]]:
-        """Joint name -> value [rad, m], in the order of the tour."""
-        return [dict(zip(self.robot.joint_names, map(float, row), strict=True)) for row in self.q]
+    def postures(self) -> list[Posture]:
+        """Joint name -> value [rad, m], printed in degrees, in the order of the tour."""
+        return [Posture(self.robot, row) for row in self.q]
 
     def to_csv(self) -> str:
         """The postures in the order of the tour, in deg and mm; with what is measured added, ``read_measurements``

@@ -13,6 +13,7 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.model.chain import factor_values, stack, walk
 from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.result import Summarised
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
 from posture_opt.units import Length
@@ -21,8 +22,8 @@ Distance = Annotated[tuple[str, str, Length], Field(examples=[["front/0", "front
 _STILL = 1e-9  # m; rounding of half turns at a reach of metres is 1e-15
 
 
-@dataclass(frozen=True, eq=False)
-class Measurements:
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurements(Summarised):
     """N measurements in the order in which they were made.
 
     Groups of rows are integer codes; the texts they stand for are in the tuples of names. Where the file has no

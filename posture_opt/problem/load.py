@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
@@ -9,7 +10,8 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from posture_opt.errors import InputError, Issue, did_you_mean
+from posture_opt.errors import InputError, Issue, did_you_mean, either, listed
+from posture_opt.files import nearest_file
 from posture_opt.problem.plain_data import plain
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document, read_yaml
@@ -23,9 +25,12 @@ def load_problem(path: str | PathLike[str]) -> Problem:
     Raises:
         InputError: everything wrong with the file, each with line, key and the mend.
     """
-    file = Path(path)
-    if fspath(path) in builtin_names() and not file.exists():
-        file = problems_folder() / f"{fspath(path)}.yaml"
+    file, name = Path(path), fspath(path)
+    if not file.exists():
+        if name in builtin_names():
+            file = problems_folder() / f"{name}.yaml"
+        elif near := _near_builtin(name):
+            raise InputError(Issue(f"no such file: {name}", mend=near))
     return build_problem(read_yaml(file), file.parent, file.stem)
 
 
@@ -43,6 +48,16 @@ def problem_from_dict(data: Mapping[str, Any], folder: str | PathLike[str] = "."
 def builtin_names() -> tuple[str, ...]:
     """The names of the problems that travel with the package, sorted."""
     return tuple(sorted(path.stem for path in problems_folder().glob("*.yaml")))
+
+
+def _near_builtin(name: str) -> str:
+    """The mend of a name that is nothing yet: built-in problems that are called like it; empty where a file is."""
+    if nearest_file(Path(name)):
+        return ""
+    if near := difflib.get_close_matches(name.lower(), builtin_names(), 3, 0.6):
+        return f"did you mean the built-in {either(near)}?"
+    bare = Path(name).name == name and not Path(name).suffix
+    return f"the built-in problems are {listed(builtin_names(), 100)}" if bare else ""
 
 
 def load_builtin(name: str) -> Problem:

@@ -33,6 +33,7 @@ from posture_opt.problem.path_file import with_path
 from posture_opt.problem.replacing import kept_of_task, replaced_data
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document, read_yaml
+from posture_opt.result import Summarised
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
@@ -40,8 +41,8 @@ from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.uncertainty_section import MeasurementSpec, UncertaintySpec
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
+@dataclass(frozen=True, eq=False, repr=False)
+class Problem(Summarised):
     """What a problem file says, in SI units and radians.
 
     ``nominal`` is the robot without its corrections and effects; ``stated`` are the sources of error that the file

@@ -19,13 +19,14 @@ from posture_opt.report.interactive.library import plotly_js
 from posture_opt.report.page import Page
 from posture_opt.report.save import Files, report_files, save_files, summary_html
 from posture_opt.report.text import render, render_summary
-from posture_opt.result import Result, snake_case
+from posture_opt.result import Result, Summarised, snake_case
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from posture_opt.problem.problem import Problem
 
+S = TypeVar("S", bound=Summarised)
 R = TypeVar("R", bound=Result)
 
 Drawings = dict[str, Callable[[], "Figure | None"]]
@@ -39,7 +40,26 @@ def problem_of(result: Any) -> Problem:
     return cast("Problem", result.problem)
 
 
-class Presenter(ABC, Generic[R]):
+class SummaryPresenter(ABC, Generic[S]):
+    """One object in a few lines."""
+
+    def __init__(self, result: S) -> None:
+        self.result: S = result
+
+    @abstractmethod
+    def summary(self) -> Summary:
+        """What it is, and its three or four most important numbers."""
+
+    def summary_text(self) -> str:
+        """The summary as plain text, at most 12 lines."""
+        return render_summary(self.summary())
+
+    def summary_html(self) -> str:
+        """The summary as a small table for notebooks."""
+        return summary_html(self.summary())
+
+
+class Presenter(SummaryPresenter[R]):
     """One result with what only its report needs, worked out when it is asked for.
 
     Args:
@@ -48,17 +68,10 @@ class Presenter(ABC, Generic[R]):
 
     document: ClassVar[str]
 
-    def __init__(self, result: R) -> None:
-        self.result = result
-
     @property
     def problem(self) -> Problem:
         """What was asked; its file stands at the end of the page."""
         return problem_of(self.result)
-
-    @abstractmethod
-    def summary(self) -> Summary:
-        """What the result is, and its three or four most important numbers."""
 
     @abstractmethod
     def report(self) -> Report:
@@ -75,14 +88,6 @@ class Presenter(ABC, Generic[R]):
     def files(self) -> Files:
         """Further files of ``save`` by name."""
         return {}
-
-    def summary_text(self) -> str:
-        """The summary as plain text, at most 12 lines."""
-        return render_summary(self.summary())
-
-    def summary_html(self) -> str:
-        """The summary as a small table for notebooks."""
-        return summary_html(self.summary())
 
     def report_text(self, full: bool = True) -> str:
         """The report, or its first screen, as plain text, at most 100 columns wide."""

@@ -11,6 +11,7 @@ import numpy as np
 from posture_opt.collision.scene import Clearance
 from posture_opt.numerics import Array, finite_or_none
 from posture_opt.result import Result
+from posture_opt.robot.posture import Posture
 from posture_opt.selection.bench_map import BenchMap, bench_map
 from posture_opt.selection.improvements import Improvement, improvements
 from posture_opt.selection.optimisation_problem import OptimisationProblem
@@ -125,8 +126,8 @@ class FeaturesSolution(Result):
         return self.first.q
 
     @property
-    def posture(self) -> dict[str, float]:
-        """Joint name -> value [rad or m], of the first feature."""
+    def posture(self) -> Posture:
+        """Joint name -> value [rad or m], printed in degrees, of the first feature."""
         return self.first.posture
 
     @property

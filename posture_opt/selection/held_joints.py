@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
+from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.infeasible import Explanation
 from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE
@@ -57,5 +58,5 @@ def explain_held(robot: Robot, held: Mapping[int, float], q: Array) -> Explanati
             reasons.append(Reason(f"fixed_joints of {joint.name}", message, amount, joint.unit))
             changes.append(f"hold {joint.name} at {there} (now {here})")
             cost += amount
-    posture = dict(zip(robot.joint_names, map(float, q), strict=True))
+    posture = Posture(robot, q)
     return Explanation(q, tuple(reasons), (Relaxation(" and ".join(changes), tuple(reasons), posture, cost),))

@@ -11,6 +11,7 @@ import numpy as np
 
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array
+from posture_opt.robot.posture import Posture
 from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.solvers import Solver
@@ -25,7 +26,7 @@ _TIE = 1e-4  # of the manipulability: of postures that are as good, the one that
 class ManipulablePosture:
     """A posture (joint name -> rad or m), its manipulability [m/rad] and its σ_max [m]."""
 
-    posture: dict[str, float]
+    posture: Posture
     manipulability: float
     sigma_max: float
 
@@ -56,7 +57,7 @@ def most_manipulable(
         starts = np.vstack([starts, *_met(asked, target, [polish(q, target.parameters).x for q in starts])])
     sizes, variances = (column[:, 0] for column in measured(starts, target.parameters))
     best = min(np.flatnonzero(sizes >= (1 - _TIE) * sizes.max()), key=lambda k: float(variances[k]))
-    posture = dict(zip(problem.robot.joint_names, map(float, starts[best]), strict=True))
+    posture = Posture(problem.robot, starts[best])
     return ManipulablePosture(posture, float(sizes[best]), float(np.sqrt(max(variances[best], 0.0))))
 
 

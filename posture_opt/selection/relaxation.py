@@ -12,6 +12,7 @@ import numpy as np
 
 from posture_opt.collision.scene import ITSELF, row_name
 from posture_opt.numerics import Array
+from posture_opt.robot.posture import Posture
 from posture_opt.selection.elastic_problem import AXIS, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.selection.nlp import Row
 from posture_opt.selection.optimisation_problem import OptimisationProblem
@@ -54,7 +55,7 @@ def relaxation(
     problem: OptimisationProblem, elastic: ElasticProblem, target: TaskTarget, names: Sequence[str], way: Compromise
 ) -> Relaxation:
     """The relaxation of the requirements ``names`` that a compromise shows to suffice."""
-    posture = dict(zip(problem.robot.joint_names, map(float, way.q), strict=True))
+    posture = Posture(problem.robot, way.q)
     lacking = dict(zip(elastic.requirements, map(float, way.lacking), strict=True))
     told = _Told(problem, elastic, target, way.q)
     parts = [part for name in names if lacking[name] > 0 for part in told.parts(name, lacking[name], len(names) > 1)]

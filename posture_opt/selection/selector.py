@@ -11,6 +11,7 @@ import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.numerics import Array, Progress
+from posture_opt.robot.posture import Posture
 from posture_opt.selection.aligner import Aligner
 from posture_opt.selection.batches import until_found_often, until_recurrence
 from posture_opt.selection.end_moments import end_moments
@@ -244,9 +245,8 @@ class PostureSelector:
     ) -> tuple[Alternative, ...]:
         Q = np.array([c.q for c in optima[:_MOST_ALTERNATIVES]])
         moments = end_moments(problem, Q, critical_basis(problem, target))
-        names = self._problem.robot.joint_names
         return tuple(
-            Alternative(dict(zip(names, map(float, q), strict=True)), x, float(s))
+            Alternative(Posture(self._problem.robot, q), x, float(s))
             for q, x, s in zip(Q, moments.position, moments.sigma, strict=True)
         )
 

@@ -12,6 +12,7 @@ import numpy as np
 from posture_opt.collision.scene import Clearance
 from posture_opt.numerics import Array, finite_or_none
 from posture_opt.result import Result
+from posture_opt.robot.posture import Posture
 from posture_opt.selection.engine import Engine
 from posture_opt.selection.improvements import Improvement, improvements
 from posture_opt.selection.lower_bound import LowerBound, lower_bound
@@ -34,7 +35,7 @@ Status = Literal["optimal", "feasible", "infeasible"]
 class Alternative:
     """A distinct posture (joint name -> rad or m), its tool point (3,) [m] and its σ_max [m]."""
 
-    posture: dict[str, float]
+    posture: Posture
     position: Array
     sigma_max: float
 
@@ -76,9 +77,9 @@ class Solution(Result):
         return most_manipulable(self.optimisation_problem, self.target, self.problem.solver, self.feasible)
 
     @property
-    def posture(self) -> dict[str, float]:
-        """Joint name -> value [rad or m]."""
-        return dict(zip(self.optimisation_problem.robot.joint_names, map(float, self.q), strict=True))
+    def posture(self) -> Posture:
+        """Joint name -> value [rad or m], printed in degrees."""
+        return Posture(self.optimisation_problem.robot, self.q)
 
     @cached_property
     def spread(self) -> Spread:

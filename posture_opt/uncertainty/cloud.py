@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array
 from posture_opt.result import Result
-from posture_opt.robot.robot import PostureLike
+from posture_opt.robot.posture import Posture, PostureLike
 from posture_opt.uncertainty.adaptive import AdaptiveResult
 from posture_opt.uncertainty.adaptive import adaptive as adaptive_trials
 from posture_opt.uncertainty.pose_covariance import FRAME
@@ -61,8 +61,8 @@ class Cloud(Result):
     adaptive: AdaptiveResult | None = None
 
     @property
-    def posture(self) -> dict[str, float]:
-        """Joint name -> value [rad or m]."""
+    def posture(self) -> Posture:
+        """Joint name -> value [rad or m], printed in degrees."""
         return self.spread.posture
 
     @property

@@ -14,7 +14,8 @@ from posture_opt.model.arm import HasArm
 from posture_opt.model.chain import Walk
 from posture_opt.numerics import Array
 from posture_opt.result import Result
-from posture_opt.robot.robot import PostureLike, Robot, limit_notes, read_posture
+from posture_opt.robot.posture import Posture, PostureLike, limit_notes, read_posture
+from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.budget import Share, budgets
 from posture_opt.uncertainty.budget_groups import ShareGroup, share_groups
 from posture_opt.uncertainty.integration import Integration
@@ -70,9 +71,9 @@ class Spread(Result):
         return self.tool_point.robot
 
     @property
-    def posture(self) -> dict[str, float]:
-        """Joint name -> value [rad or m]."""
-        return dict(zip(self.robot.joint_names, self.q, strict=True))
+    def posture(self) -> Posture:
+        """Joint name -> value [rad or m], printed in degrees."""
+        return Posture(self.robot, self.q)
 
     @property
     def method(self) -> str:

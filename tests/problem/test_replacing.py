@@ -127,3 +127,20 @@ def test_a_fault_that_the_file_has_keeps_its_line(tmp_path: Path) -> None:
     kept = problem.placed(po.errors.Issue("far", ("task", "position")))
     gone = problem.placed(po.errors.Issue("small", ("task", "clearance")))
     assert (kept.file.endswith("insert_panda.yaml"), kept.line > 0, gone.file) == (True, True, "")
+
+
+@pytest.mark.parametrize(
+    ("name", "mend"),
+    [
+        ("insert_pandas", "did you mean the built-in 'insert_panda',"),
+        ("nothing_like_it", "the built-in problems are custom_planar_2r, "),
+        ("somewhere/else.yaml", "'optimize-posture new planar_2r' prints"),
+    ],
+)
+def test_a_name_that_is_no_problem_lists_those_that_are(
+    name: str, mend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=mend):
+        po.load_problem(name)
+    assert po.load_problem("insert_panda").name == "Vertical insertion with a Panda"

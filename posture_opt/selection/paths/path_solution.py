@@ -11,6 +11,7 @@ import numpy as np
 from posture_opt.collision.scene import Clearance
 from posture_opt.numerics import Array, finite_or_none
 from posture_opt.result import Result
+from posture_opt.robot.posture import Posture
 from posture_opt.selection.improvements import Improvement, improvements
 from posture_opt.selection.multistart import Sampled
 from posture_opt.selection.optimisation_problem import OptimisationProblem
@@ -95,8 +96,8 @@ class PathSolution(Result):
         return self.points[self.motion.worst]
 
     @property
-    def posture(self) -> dict[str, float]:
-        """Joint name -> value [rad or m] at the first point."""
+    def posture(self) -> Posture:
+        """Joint name -> value [rad or m], printed in degrees, at the first point."""
         return self.points[0].posture
 
     @property

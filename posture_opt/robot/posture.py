@@ -1,0 +1,113 @@
+"""Postures: what a caller states, in radians or with units, and what results hold, printed in degrees."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean
+from posture_opt.robot.robot import Joint, Robot
+from posture_opt.units import fixed, parse_quantity
+
+PostureLike = Mapping[str, float | str] | Sequence[float | str] | str | Any
+"""n joint values in the order of the robot, or joint name -> value: numbers in rad or m, or texts with a unit.
+
+One text has all of them: ``"90 deg, -180 deg"``.
+"""
+
+
+class Posture(dict[str, float]):
+    """Joint name -> value [rad or m]; printed, it shows degrees and millimetres, and `degrees` has these numbers."""
+
+    def __init__(self, robot: Robot, q: Sequence[float] | Any) -> None:
+        super().__init__(zip(robot.joint_names, map(float, q), strict=True))
+        self._slides: frozenset[str] = frozenset(joint.name for joint in robot.joints if joint.type == "prismatic")
+
+    @property
+    def degrees(self) -> dict[str, float]:
+        """Joint name -> value [deg, of prismatic joints mm]."""
+        return {name: q * 1e3 if name in self._slides else math.degrees(q) for name, q in self.items()}
+
+    def __repr__(self) -> str:
+        units = {name: (3, "mm") if name in self._slides else (4, "deg") for name in self}  # micrometres at the tool
+        shown = [f"{name}: {fixed(value, units[name][0])} {units[name][1]}" for name, value in self.degrees.items()]
+        return f"{{{', '.join(shown)}}}"
+
+
+def read_posture(robot: Robot, posture: PostureLike) -> tuple[float, ...]:
+    """The (n,) joint values [rad or m] of a posture given by order or by name.
+
+    Raises:
+        InputError: another number of values, unknown or missing joint names, values that are no finite numbers, or
+            texts that are no quantities.
+    """
+    values = _by_name(robot, posture) if isinstance(posture, Mapping) else _by_order(robot, posture)
+    issues: list[Issue] = []
+    read = [_read(joint, value, issues) for joint, value in zip(robot.joints, values, strict=True)]
+    if issues:
+        raise InputError(issues)
+    return tuple(read)
+
+
+def limit_notes(robot: Robot, posture: Sequence[float]) -> tuple[str, ...]:
+    """One sentence for each joint outside its limits."""
+    notes = []
+    for joint, value in zip(robot.joints, posture, strict=True):
+        excess = max(value - joint.upper, joint.lower - value)
+        # What is written in degrees comes back with the rounding of the conversion.
+        if excess > 1e-9:
+            side = "above its upper" if value > joint.upper else "below its lower"
+            limit = joint.upper if value > joint.upper else joint.lower
+            notes.append(f"{joint.name} is {_shown(joint, excess)} {side} limit of {_shown(joint, limit)}")
+    return tuple(notes)
+
+
+def _by_name(robot: Robot, posture: Mapping[str, Any]) -> list[Any]:
+    names = robot.joint_names
+    issues = []
+    for name in posture:
+        if name not in names:
+            mend = did_you_mean(str(name), names)
+            issues.append(Issue("the robot has no such joint", ("posture", str(name)), posture[name], mend))
+    missing = [name for name in names if name not in posture]
+    if missing:
+        issues.append(Issue(f"no value for {', '.join(missing)}", ("posture",), mend="give every joint a value"))
+    if issues:
+        raise InputError(issues)
+    return [posture[name] for name in names]
+
+
+def _by_order(robot: Robot, posture: Any) -> list[Any]:
+    wanted = f"give {robot.n} values: {', '.join(robot.joint_names)} (rad, prismatic joints in m, or with units)"
+    if isinstance(posture, str):
+        posture = [part.strip() for part in posture.split(",")]
+    if isinstance(posture, bytes) or not hasattr(posture, "__len__"):
+        raise InputError(Issue(f"{posture!r} is no posture", ("posture",), posture, wanted))
+    if len(posture) != robot.n:
+        given = f"{len(posture)} {'value' if len(posture) == 1 else 'values'} given for {robot.n} joints"
+        raise InputError(Issue(given, ("posture",), posture, wanted))
+    return list(posture)
+
+
+def _read(joint: Joint, value: Any, issues: list[Issue]) -> float:
+    """The value [rad or m]; zero where it is none, which is told."""
+    key = ("posture", joint.name)
+    if isinstance(value, str):
+        try:
+            return parse_quantity(value, "angle" if joint.type == "revolute" else "length")
+        except BadValueError as error:
+            issues.append(error.issue(key, value))
+    elif isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
+        issues.append(Issue(f"{value!r} is no number", key, value, f"give a value in {joint.unit}"))
+    elif not math.isfinite(value):
+        issues.append(Issue(f"the value is {value}", key, value, f"give a finite value in {joint.unit}"))
+    else:
+        return float(value)
+    return 0.0
+
+
+def _shown(joint: Joint, value: float) -> str:
+    return f"{math.degrees(value):.4g} deg" if joint.type == "revolute" else f"{value * 1e3:.4g} mm"
