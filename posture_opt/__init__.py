@@ -17,6 +17,7 @@
     problem, data, calibration ─ check_spread ─> check  is the predicted spread true?
     problem, data ─ map_accuracy ─────> map          bias and spread over a grid of targets, beside what was measured
     targets.csv ── compensate ────────> compensation  joint values that bring this arm to the targets
+    {name: problem} ─ compare ────────> comparison   one task for several arms, each answer judged by the others
     {name: problem} ─ compare_plans ──> comparison   what models of one arm choose for its task
     problem, calibration ─ calibrated_problem ─> problem  the calibrated arm, to be planned with
 
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from posture_opt.model.arm import Arm
     from posture_opt.problem.fitted_problem import calibrated_problem, extended_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
+    from posture_opt.selection.arm_comparison import ArmComparison, compare
     from posture_opt.selection.features_solution import FeaturesSolution
     from posture_opt.selection.paths.path_solution import PathSolution
     from posture_opt.selection.plan_comparison import Comparison, compare_plans
@@ -66,6 +68,7 @@ __version__ = "0.1.0"
 __all__ = [
     "AccuracyMap",
     "Arm",
+    "ArmComparison",
     "Assessment",
     "Batch",
     "BatchDiagnosis",
@@ -91,6 +94,7 @@ __all__ = [
     "calibrate_batch",
     "calibrated_problem",
     "check_spread",
+    "compare",
     "compare_plans",
     "compensate",
     "diagnose",
@@ -112,6 +116,7 @@ _HOMES = {
     # A name is imported when it is first used: `import posture_opt` and `--help` need none of CasADi.
     "AccuracyMap": "validation.accuracy_map",
     "Arm": "model.arm",
+    "ArmComparison": "selection.arm_comparison",
     "Assessment": "validation.assessment",
     "Batch": "batch.batch_calibration",
     "BatchDiagnosis": "batch.batch_diagnosis",
@@ -136,6 +141,7 @@ _HOMES = {
     "calibrate_batch": "batch.batch_calibration",
     "calibrated_problem": "problem.fitted_problem",
     "check_spread": "validation.spread_check",
+    "compare": "selection.arm_comparison",
     "compare_plans": "selection.plan_comparison",
     "compensate": "compensation.compensate",
     "diagnose": "diagnosis.diagnose",

@@ -45,6 +45,11 @@ def followed() -> Any:
     return po.load_problem("insert_planar_2r").with_task("trace", points=points)
 
 
+def arms_compared() -> po.ArmComparison:
+    names = ("insert_planar_2r_measured", "insert_planar_2r_calibrated")
+    return po.compare({name: po.load_problem(name) for name in names})
+
+
 MADE: dict[str, Callable[[], Result]] = {
     "Solution": lambda: po.select_posture(po.load_problem("insert_planar_2r_fixed_hole")),
     "PathSolution": lambda: po.select_posture(followed()),
@@ -58,6 +63,7 @@ MADE: dict[str, Callable[[], Result]] = {
     "Compensation": lambda: po.compensate(
         po.load_problem("insert_planar_2r_calibrated"), {"x [m]": [0.9, 1.1], "y [m]": [0.4, 0.5]}
     ),
+    "ArmComparison": arms_compared,
     "Calibration": lambda: calibrated()[2],
     "Assessment": lambda: po.assess(*calibrated()),
     "SpreadCheck": lambda: po.check_spread(*calibrated()),

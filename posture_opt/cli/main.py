@@ -22,6 +22,7 @@ COMMANDS = {
     # name -> one line for --help
     "calibrate": "What measurements say about the parameters of the arm.",
     "compensate": "Joint values that bring this arm, with its errors, to targets.",
+    "compare": "The same task with two arms, or with two models of one arm.",
     "diagnose": "What the simulation gets wrong, its cause by name, and what naming it brings.",
     "export": "Write the covariance of the tool point as C code.",
     "list": "List tasks, effects, presets, solvers, terms and built-in problems.",
@@ -34,6 +35,7 @@ COMMANDS = {
 }
 _FILES = {
     # file -> the commands in it; `plan-measurements` is its function `plan_measurements_command`
+    "compare": ("compare",),
     "measured": ("calibrate", "diagnose"),
     "posture": ("uncertainty", "simulate", "export"),
     "problem_file": ("list", "new", "schema"),

@@ -142,6 +142,22 @@ class Problem(Summarised):
         found = build_problem(Document(data), self.folder, self.name, attached=self.attached)
         return replace(found, header=self.header, origin=self.origin, overridden=self.overridden | keys)
 
+    def with_task_of(self, other: Problem) -> Problem:
+        """The same arm in the same cell with the task of another problem, whose path stays where it is.
+
+        Raises:
+            InputError: the task names joints that this arm lacks.
+        """
+        task = dict(other.document.get("task") or {})
+        if task.get("path"):
+            task["path"] = str(other.folder.absolute() / task["path"])
+        arm = arm_with(self.robot, self.effects, other.task)
+        return replace(
+            self, arm=arm, task=other.task, document={**self.document, "task": task},
+            notes=(*(note for note in self.notes if note not in input_notes(self.arm)), *input_notes(arm)),
+            overridden=self.overridden | {("task",)},
+        )  # fmt: skip
+
     def with_robot(self, robot: Mapping[str, Any]) -> Problem:
         """The same problem with another ``robot`` section, as in the file.
 

@@ -31,6 +31,7 @@ CAPTIONS = {
     "bench": "The scatter over where the workpiece stands: dark is good, hatched is out of reach of some feature.",
     "compensation": "How far every target is missed with the given joint values, and expected with the compensated.",
     "landing": "Where the tool lands in the old posture and in the new one: ellipses hold 95 %.",
+    "arm_comparison": "Where each posture lands about the target, as each arm predicts it: ellipses hold 95 %.",
     "residual_vectors": "Errors as arrows, from where the model says to where was measured (enlarged as stated).",
     "residual_joints": "Errors along each joint's motion, where it moves the tool: a line off zero is systematic.",
     "residual_inputs": "Mean errors with their 95 % bands over time, other inputs, and the side a joint came from.",

@@ -196,7 +196,7 @@ def _planned(problem: HasTask, seed: int | None, workers: int, hint: str) -> Pla
 def _judged(plan: PlannedPosture, reference: HasTask, basis: Array, measured: Array | None) -> PlannedPosture:
     if plan.solution is None:
         return plan
-    return PlannedPosture(plan.solution, _landing(reference, plan.solution, basis, measured), plan.reasons)
+    return PlannedPosture(plan.solution, landing(reference, plan.solution, basis, measured), plan.reasons)
 
 
 def _far_away(problem: HasTask) -> str:
@@ -217,7 +217,7 @@ def _far_away(problem: HasTask) -> str:
     )
 
 
-def _landing(problem: HasTask, solution: Solution, basis: Array, measured: Array | None) -> Landing:
+def landing(problem: HasTask, solution: Solution, basis: Array, measured: Array | None) -> Landing:
     """As ``problem`` predicts it at the posture of a solution that another model may have chosen."""
     spread = propagate(problem, solution.q)
     wanted = np.clip(solution.spread.position, solution.target.lower, solution.target.upper)

@@ -15,6 +15,7 @@ from posture_opt.report.figures import (
     plot_spread,
 )
 from posture_opt.report.figures.accuracy_map import plot_bias, plot_spread_map
+from posture_opt.report.figures.arm_comparison import plot_arm_comparison
 from posture_opt.report.figures.axis_names import critical_axis, with_letter
 from posture_opt.report.figures.batch import plot_batch
 from posture_opt.report.figures.bench import plot_bench
@@ -35,6 +36,7 @@ from posture_opt.uncertainty.cloud import cloud_of
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
     from posture_opt.report.accuracy_map_report import AccuracyMapPresenter
+    from posture_opt.report.arm_comparison_report import ArmComparisonPresenter
     from posture_opt.report.assessment_report import AssessmentPresenter
     from posture_opt.report.batch_diagnosis_report import BatchDiagnosisPresenter
     from posture_opt.report.batch_report import BatchPresenter
@@ -180,6 +182,11 @@ def spread_check(shown: SpreadCheckPresenter) -> Drawings:
 def comparison(shown: ComparisonPresenter) -> Drawings:
     """Where the tool lands in the posture of each model."""
     return _landing(shown.result)
+
+
+def arm_comparison(shown: ArmComparisonPresenter) -> Drawings:
+    """Where the postures of all arms land, as each of them predicts it."""
+    return {"arm_comparison": partial(plot_arm_comparison, shown.result)}
 
 
 def diagnosis(shown: DiagnosisPresenter) -> Drawings:

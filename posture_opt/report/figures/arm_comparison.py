@@ -1,0 +1,77 @@
+"""Where the postures of several arms land about the target, as each of the arms predicts it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from posture_opt.numerics import Array
+from posture_opt.report.figures.cloud import clearance_lines, frame_target, mark_origin, view_basis
+from posture_opt.report.style import BLUE, GREEN, ORANGE, PURPLE, legend_below, new_figure, styled
+from posture_opt.report.units_text import length, length_unit
+from posture_opt.uncertainty.regions import Ellipsoid
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from posture_opt.selection.arm_comparison import ArmComparison
+    from posture_opt.selection.plan_comparison import Landing
+
+Look = tuple[str, str, str]
+_FAR = 30.0  # times the largest ellipse of an arm in its own posture: farther off, only the legend says so
+_LOOKS = ((BLUE, "-", "o"), (ORANGE, "--", "s"), (GREEN, "-.", "D"), (PURPLE, ":", "^"))
+
+
+@styled
+def plot_arm_comparison(found: ArmComparison) -> Figure:
+    """The 95 % ellipses of all answers about the target, a panel for every arm that predicts them."""
+    judges = [name for name in found.arms if any(name in arm.judged for arm in found.answered.values())]
+    station = next(iter(found.answered.values())).stations[0]
+    B = view_basis(station.spread, station.task_spread)
+    own = max(_extent(_worst(arm.judged[name].landings), B) for name, arm in found.answered.items())
+    near = {
+        (judge, name): _worst(arm.judged[judge].landings)
+        for judge in judges
+        for name, arm in found.answered.items()
+        if judge in arm.judged
+    }
+    half = 1.12 * max(size for landing in near.values() if (size := _extent(landing, B)) <= _FAR * own)
+    unit, scale = length_unit([half])
+    looks = {name: _LOOKS[k % len(_LOOKS)] for k, name in enumerate(found.arms)}
+    figure = new_figure(4.9)
+    for axes, judge in zip(figure.subplots(1, len(judges), squeeze=False)[0], judges, strict=True):
+        for name in found.answered:
+            if (judge, name) in near:
+                _draw(axes, near[judge, name], B, (scale, half), f"planned with {name}", looks[name])
+        mark_origin(axes, "target")
+        clearance_lines(axes, station.task_spread, B, scale, half * scale)
+        frame_target(axes, station.task_spread, B, half * scale, unit)
+        axes.set_title(f"predicted by {judge}")
+    legend_below(figure)
+    return figure
+
+
+def _worst(landings: tuple[Landing, ...]) -> Landing:
+    return max(landings, key=lambda landing: landing.critical_error)
+
+
+def _region(landing: Landing, B: Array) -> Ellipsoid:
+    return Ellipsoid(B @ landing.miss, B @ landing.covariance @ B.T)
+
+
+def _extent(landing: Landing, B: Array) -> float:
+    return float(np.abs(_region(landing, B).points(0.95)).max())
+
+
+def _draw(axes: Axes, landing: Landing, B: Array, frame: tuple[float, float], label: str, look: Look) -> None:
+    (scale, half), (colour, dashes, mark) = frame, look
+    region = _region(landing, B)
+    if _extent(landing, B) > 1.12 * half:
+        axes.plot([], [], mark, color=colour, label=f"{label}: {length(landing.distance)} off, outside")
+        return
+    boundary = (scale * region.points(0.95)).T
+    axes.fill(*boundary, facecolor=colour, alpha=0.12, lw=0)
+    axes.plot(*boundary, color=colour, ls=dashes, label=f"{label}: 95 % ellipse")
+    axes.plot(*(scale * region.center), mark, color=colour, ms=7, mec="white", zorder=7)

@@ -1,0 +1,121 @@
+"""One task for two arms: each answer is its own solve, each judgement a Monte Carlo cloud of the other arm."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import posture_opt as po
+from posture_opt.cli.main import main
+from posture_opt.errors import InputError, NoSolutionError
+
+TASK = {"kind": "insert", "direction": [0, -1, 0], "position": ["0.9 m", "0.7 m", "0 m"], "clearance": "10 mm"}
+NAMES = {"joint1.theta": "2 mrad", "joint2.theta": "2 mrad"}
+
+
+def planar(*, task: dict | None = None, corrections: dict | None = None, sigma: dict | None = None) -> po.Problem:
+    robot = {"kind": "preset", "name": "planar_2r", **({"corrections": corrections} if corrections else {})}
+    data = {"robot": robot, "uncertainty": {"sigma": sigma or NAMES}}
+    return po.problem_from_dict({**data, **({"task": task} if task else {})})
+
+
+def test_every_arm_has_its_own_best_posture():
+    rough, fine = planar(task=TASK), planar(task=TASK, sigma={"joint1.theta": "1 mrad", "joint2.theta": "4 mrad"})
+    found = po.compare({"rough": rough, "fine": fine})
+    for name, problem in (("rough", rough), ("fine", fine)):
+        alone = po.select_posture(problem)
+        assert found.arms[name].answer.posture == pytest.approx(alone.posture, abs=1e-9)
+        assert found.arms[name].judged[name].sigma_max == pytest.approx(alone.critical.sigma_max, rel=1e-9)
+    sigmas = {name: arm.judged[name].sigma_max for name, arm in found.arms.items()}
+    assert found.best == min(sigmas, key=sigmas.get)
+
+
+def test_a_judgement_is_where_the_other_arm_lands():
+    nominal = planar(task=TASK)
+    true = planar(
+        task=TASK, corrections={"joint1.a": "4 mm", "joint2.theta": "3 mrad"}, sigma={"joint2.theta": "1 mrad"}
+    )
+    found = po.compare({"nominal": nominal, "true": true})
+    plan = found.arms["nominal"].judged["true"]
+    q1, q2 = found.arms["nominal"].answer.posture.values()
+    # The planar arm by hand, its first link 4 mm longer and its second joint 3 mrad off.
+    angles = q1 + q2 + 3e-3 + np.random.default_rng(0).normal(0, 1e-3, 200_000)
+    x = 1.004 * math.cos(q1) + np.cos(angles) - 0.9
+    assert plan.distance == pytest.approx(abs(x.mean()), rel=1e-3)
+    assert plan.sigma_max == pytest.approx(x.std(), rel=0.01)
+    assert plan.success_probability == pytest.approx(np.mean(np.abs(x) <= 10e-3), abs=5e-3)
+    assert np.mean(np.abs(x) <= plan.critical_error) == pytest.approx(0.95, abs=3e-3)
+    assert found.arms["true"].judged["true"].distance < 1e-5
+
+
+def test_the_task_of_the_first_goes_to_all():
+    other = planar(task={**TASK, "position": ["1.2 m", "0.2 m", "0 m"]})
+    found = po.compare({"a": planar(task=TASK), "b": other, "c": planar()})
+    assert np.allclose(found.arms["b"].answer.target.lower, [0.9, 0.7, 0.0])
+    assert "is also given to b; the task stated in b is not used" in found.notes[0]
+    assert "is also given to c." in found.notes[1]
+
+
+def test_the_side_of_approach_goes_with_the_task():
+    effects = [{"kind": "backlash", "joint": "joint1", "estimate": {"width": "4 mrad"}}]
+    loose = po.problem_from_dict({**planar().to_dict(), "effects": effects})
+    found = po.compare({"tight": planar(task={**TASK, "approach": {"joint1": 1}}), "loose": loose})
+    assert found.arms["loose"].answer.task_spread.critical.sigma_max == pytest.approx(
+        po.select_posture(loose.with_task(**{**TASK, "approach": {"joint1": 1}})).critical.sigma_max, rel=1e-6
+    )
+
+
+def test_an_arm_that_cannot_is_told_with_its_reason():
+    joints = [
+        {"name": name, "type": "revolute", "a": "0.2 m", "alpha": "0 deg", "d": "0 m", "theta": "0 deg"}
+        for name in ("j1", "j2")
+    ]
+    short = {"kind": "dh", "joints": joints}
+    small = po.problem_from_dict({"robot": short, "uncertainty": {"sigma": {"j1.theta": "1 mrad"}}})
+    found = po.compare({"long": planar(task=TASK), "short": small})
+    assert found.arms["short"].answer is None
+    assert found.best == "long"
+    assert "short cannot do the task" in found.report()
+    assert "Why short cannot do the task" in found.report()
+    with pytest.raises(NoSolutionError, match="short: "):
+        po.compare({"short": small.with_task(**TASK), "other": small})
+
+
+def test_arms_with_other_joints_do_not_judge_each_other():
+    found = po.compare({"planar": po.load_problem("insert_planar_2r"), "ur5e": po.load_problem("drill_ur5e")})
+    assert set(found.arms["planar"].judged) == {"planar"}
+    assert "different joints" in found.report()
+
+
+def test_features_are_judged_at_the_worst_of_them():
+    tray = po.load_problem("insert_scara_tray")
+    found = po.compare({"a": tray, "b": tray.with_robot({**tray.document["robot"], "payload": "1 kg"})})
+    assert len(found.arms["a"].judged["b"].landings) == 6
+    assert found.arms["a"].judged["b"].sigma_max == pytest.approx(found.arms["a"].answer.sigmas.max(), rel=1e-6)
+
+
+def test_no_task_and_one_problem_are_refused():
+    with pytest.raises(InputError, match="no task to compare"):
+        po.compare({"a": planar(), "b": planar(task=TASK)})
+    with pytest.raises(InputError, match="two problems"):
+        po.compare({"a": planar(task=TASK)})
+
+
+def test_the_command_writes_and_prints(tmp_path):
+    out = tmp_path / "out"
+    with pytest.raises(SystemExit) as ended:
+        main(["compare", "insert_ur10", "insert_ur10_extended", "--out", str(out), "--json"])
+    assert ended.value.code == 0
+    document = json.loads((out / "comparison.json").read_text(encoding="utf-8"))
+    assert set(document["arms"]) == {"insert_ur10", "insert_ur10_extended"}
+    assert {"comparison.json", "report.html", "report.txt", "arm_comparison.png"} <= {f.name for f in out.iterdir()}
+
+
+@pytest.mark.parametrize("given", [["insert_ur10"], ["insert_ur10", "insert_ur10"]])
+def test_usage_names_two_files(given):
+    with pytest.raises(SystemExit) as ended:
+        main(["compare", *given])
+    assert ended.value.code == 2
