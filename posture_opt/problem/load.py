@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
@@ -10,13 +9,14 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from posture_opt.errors import InputError, Issue, did_you_mean, either, listed
+from posture_opt.errors import InputError, Issue, did_you_mean, either, listed, nearest
 from posture_opt.files import nearest_file
 from posture_opt.problem.plain_data import plain
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document, read_yaml
 
 _DEFAULT = "insert_planar_2r"
+_OFFERED = 4  # names that begin like what was written
 
 
 def load_problem(path: str | PathLike[str]) -> Problem:
@@ -54,7 +54,9 @@ def _near_builtin(name: str) -> str:
     """The mend of a name that is nothing yet: built-in problems that are called like it; empty where a file is."""
     if nearest_file(Path(name)):
         return ""
-    if near := difflib.get_close_matches(name.lower(), builtin_names(), 3, 0.6):
+    begun = [known for known in builtin_names() if known.startswith(name)]
+    near = begun[:_OFFERED] or [nearest(name, builtin_names())]
+    if near[0]:
         return f"did you mean the built-in {either(near)}?"
     bare = Path(name).name == name and not Path(name).suffix
     return f"the built-in problems are {listed(builtin_names(), 100)}" if bare else ""

@@ -132,7 +132,8 @@ def test_a_fault_that_the_file_has_keeps_its_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "mend"),
     [
-        ("insert_pandas", "did you mean the built-in 'insert_panda',"),
+        ("insert_pandas", "did you mean the built-in 'insert_panda'\\?"),
+        ("insert_pan", "the built-in 'insert_panda', 'insert_panda_block' or 'insert_panda_cell'"),
         ("nothing_like_it", "the built-in problems are custom_planar_2r, "),
         ("somewhere/else.yaml", "'optimize-posture new planar_2r' prints"),
     ],
