@@ -16,6 +16,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from posture_opt.numerics import Progress
+
 
 class Summarised:
     """Prints in a few lines, in a terminal as in a notebook; a dataclass among these has ``repr=False``."""
@@ -69,17 +71,24 @@ class Result(Summarised, ABC):
         return self._presenter.dataframe()
 
     def save(
-        self, folder: str | PathLike[str], *, figures: bool = True, beside: Mapping[str, bytes] | None = None
+        self,
+        folder: str | PathLike[str],
+        *,
+        figures: bool = True,
+        beside: Mapping[str, bytes] | None = None,
+        progress: Progress | None = None,
     ) -> tuple[Path, ...]:
         """Write the JSON document, the report as text and as a page, tables and figures: all of them, or nothing.
 
         Files of an earlier result of this package in ``folder`` are removed, measured or planned data are not.
-        ``beside`` are further files by name.
+        ``beside`` are further files by name; ``progress`` is told how many of how many parts are made.
 
         Raises:
             InputError: the folder cannot be written to.
         """
-        written: tuple[Path, ...] = self._presenter.save(Path(folder), figures=figures, beside=beside or {})
+        written: tuple[Path, ...] = self._presenter.save(
+            Path(folder), figures=figures, beside=beside or {}, progress=progress
+        )
         return written
 
 

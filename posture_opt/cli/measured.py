@@ -12,7 +12,8 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Command, Common, add_options, common_options, problem_options
-from posture_opt.cli.output import output, progress_bar, save_result, show, show_result, write_text
+from posture_opt.cli.output import output, save_result, show, show_result, write_text
+from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.request import placed, problem_of_data, requested_problem
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.problem.problem import Problem

@@ -10,7 +10,8 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
-from posture_opt.cli.output import output, progress_bar, save_result, show_result
+from posture_opt.cli.output import output, save_result, show_result
+from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.quantities import corner, height_of
 from posture_opt.cli.request import placed, requested_problem
 from posture_opt.errors import InputError, Issue

@@ -9,7 +9,8 @@ import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, posture_option, problem_options
-from posture_opt.cli.output import OUT, output, progress_bar, save_result, show, show_result
+from posture_opt.cli.output import OUT, output, save_result, show, show_result
+from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.quantities import requested_posture
 from posture_opt.cli.request import placed, requested_problem
 from posture_opt.errors import NoSolutionError
@@ -38,7 +39,7 @@ def solve(common: Common, explain: bool, **given: Any) -> None:
 
 def _solved(problem: Problem, common: Common) -> tuple[Answer, NoSolutionError | None]:
     """The solution, or the nearest posture with the reason why it is none."""
-    with progress_bar(common, "batches of starts") as progress, placed(problem):
+    with progress_bar(common, "searching") as progress, placed(problem):
         try:
             return po.select_posture(problem, seed=common.seed, workers=common.workers, progress=progress), None
         except NoSolutionError as error:

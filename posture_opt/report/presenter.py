@@ -9,11 +9,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, cast
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.numerics import Array, Mask
+from posture_opt.numerics import Array, Mask, Progress
 from posture_opt.report.blocks import Report, Summary
 from posture_opt.report.interactive.library import plotly_js
 from posture_opt.report.page import Page
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
     from posture_opt.problem.problem import Problem
 
+T = TypeVar("T")
 S = TypeVar("S", bound=Summarised)
 R = TypeVar("R", bound=Result)
 
@@ -122,15 +124,29 @@ class Presenter(SummaryPresenter[R]):
             raise InputError(Issue("to_dataframe needs the library pandas", mend=mend)) from None
         return pandas.DataFrame(dict(self.columns()))
 
-    def save(self, folder: Path, *, figures: bool = True, beside: Mapping[str, bytes]) -> tuple[Path, ...]:
+    def save(
+        self, folder: Path, *, figures: bool = True, beside: Mapping[str, bytes], progress: Progress | None = None
+    ) -> tuple[Path, ...]:
         """Writes document, reports, further files and figures into ``folder``, all or none; their paths."""
-        return save_files(folder, {**self.contents(figures=figures), **beside})
+        return save_files(folder, {**self.contents(figures=figures, progress=progress), **beside})
 
-    def contents(self, *, figures: bool = True) -> Files:
-        """File name -> content of all that `save` writes."""
-        drawn = self.figures() if figures else {}
-        files = report_files(self.document, self.result.to_json(), self._page(figures), drawn)
-        return {**files, **self.files()}
+    def contents(self, *, figures: bool = True, progress: Progress | None = None) -> Files:
+        """File name -> content of all that `save` writes.
+
+        ``progress`` is told of document and page, and of each figure three times: drawn, as PNG, as SVG.
+        """
+        drawings = self._drawings() if figures else {}
+        parts, done = 3 * len(drawings) + 2, count(1)
+
+        def made(part: T) -> T:
+            if progress is not None:
+                progress(next(done), parts)
+            return part
+
+        document, page = made(self.result.to_json()), made(self._page(figures))
+        drawn = {name: made(draw()) for name, draw in drawings.items()}
+        there = {name: figure for name, figure in drawn.items() if figure is not None}
+        return {**report_files(self.document, document, page, there, made), **self.files()}
 
     def _page(self, pictures: bool) -> Page:
         """The page without its figures: with the interactive view where there is one and what draws it is installed."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -73,15 +73,21 @@ def summary_html(summary: Summary) -> str:
     return f"<table><caption>{escape(summary.title)}</caption>{rows}</table>"
 
 
-def report_files(name: str, document: dict[str, Any], page: Page, figures: Mapping[str, Figure]) -> Files:
+def report_files(
+    name: str,
+    document: dict[str, Any],
+    page: Page,
+    figures: Mapping[str, Figure],
+    made: Callable[[bytes], bytes] = bytes,
+) -> Files:
     """File name -> content of a report: its document as ``{name}.json``, report.txt, report.html, the figures.
 
-    The page gets the figures.
+    The page gets the figures; ``made`` is called with each picture and hands it back.
     """
     files = {f"{name}.json": (json_text(document) + "\n").encode(), "report.txt": render(page.report).encode()}
-    images = {figure: image(drawn, "png") for figure, drawn in figures.items()}
+    images = {figure: made(image(drawn, "png")) for figure, drawn in figures.items()}
     files |= {f"{figure}.png": data for figure, data in images.items()}
-    files |= {f"{figure}.svg": image(drawn, "svg") for figure, drawn in figures.items()}
+    files |= {f"{figure}.svg": made(image(drawn, "svg")) for figure, drawn in figures.items()}
     return {**files, "report.html": replace(page, images=images, captions=CAPTIONS).html().encode()}
 
 

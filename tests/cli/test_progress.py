@@ -7,7 +7,7 @@ import io
 import pytest
 
 from posture_opt.cli.options import Common
-from posture_opt.cli.output import DELAY, ProgressBar, progress_bar
+from posture_opt.cli.progress import DELAY, ProgressBar, progress_bar
 
 
 class Clock:
@@ -67,7 +67,7 @@ def test_nothing_done_and_nothing_to_do(clock, terminal):
     bar.show(0, 0)
     assert terminal.getvalue() == ""
     bar.show(0, 3)
-    assert terminal.getvalue().endswith("0/3"), "no guess of the time left"
+    assert terminal.getvalue().endswith("0/3, 0:02 so far"), "no guess of the time left"
 
 
 @pytest.mark.parametrize(("quiet", "tty"), [(True, True), (False, False)])
@@ -80,10 +80,11 @@ def test_no_bar_where_nobody_looks(quiet, tty, monkeypatch):
 
 
 def test_bar_on_a_terminal(monkeypatch):
-    monkeypatch.setattr("posture_opt.cli.output.DELAY", 0.0)
+    monkeypatch.setattr("posture_opt.cli.progress._BEGUN", -1e9)
+    monkeypatch.setattr("posture_opt.cli.progress.STAGE_DELAY", 0.0)
     monkeypatch.setattr("sys.stderr", stream := io.StringIO())
     stream.isatty = lambda: True
     with progress_bar(Common(), "starts") as progress:
         progress(1, 2)
     assert stream.getvalue().startswith("\rstarts: ")
-    assert stream.getvalue().rstrip(" \r").endswith("left")
+    assert stream.getvalue().rstrip(" \r").endswith("2/2"), "full at the end"

@@ -1,0 +1,129 @@
+"""A progress bar in one line of a terminal, which shows that the program works on until it has answered."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, TextIO
+
+from posture_opt.cli.options import Common
+from posture_opt.numerics import Progress
+
+DELAY = 2.0  # s; what is done by then needs no bar
+STAGE_DELAY = 0.3  # s of one stage of a longer work: what is shorter would only flicker
+PAUSE = 0.1  # s between two drawings: faster than this nobody reads
+TICK = 0.5  # s; so often the time goes on where nothing else changes
+CELLS = 30
+_BEGUN = time.monotonic()  # a command line program does one thing: it begins with its imports
+
+
+@contextmanager
+def progress_bar(common: Common, what: str) -> Iterator[Progress | None]:
+    """A callback (done, total) that draws a bar on a terminal, after two seconds; None where nobody looks.
+
+    The stages of one command have a bar each, one after the other, and the two seconds count once. Between two calls
+    the time goes on; where there is none, the line shows how long the stage takes already.
+    """
+    if common.quiet or common.json or not sys.stderr.isatty():
+        yield None
+        return
+    now = time.monotonic()
+    bar = ProgressBar(what, sys.stderr, delay=max(_BEGUN + DELAY - now, STAGE_DELAY))
+    with _ticking(bar.tick):
+        try:
+            yield bar.show
+        except BaseException:
+            bar.clear()
+            raise
+        bar.end()
+
+
+class ProgressBar:
+    """Draws ``what: ███░░░ 12/50, 1:20 left`` over itself; nothing before ``delay`` seconds are over."""
+
+    def __init__(
+        self, what: str, stream: TextIO, clock: Callable[[], float] = time.monotonic, *, delay: float = DELAY
+    ) -> None:
+        self._what, self._stream, self._clock = what, stream, clock
+        self._begun = clock()
+        self._next = self._begun + delay
+        self._drawn = 0
+        self._drawing = False
+        self._done, self._total = 0, 0
+
+    def show(self, done: int, total: int) -> None:
+        """Draw that ``done`` of ``total`` parts are done."""
+        if total > 0:
+            self._done, self._total = done, total
+            self.tick()
+
+    def tick(self) -> None:
+        """Draw what is known, unless that was done a moment ago."""
+        now = self._clock()
+        # A tick can come in the middle of a drawing.
+        if now < self._next or self._drawing:
+            return
+        self._next = now + PAUSE
+        spent = now - self._begun
+        if not self._done:
+            so_far = f"{_minutes(spent)} so far"
+            self._draw(f"{self._what}: {self._bar()}, {so_far}" if self._total else f"{self._what}: {so_far}")
+            return
+        self._draw(f"{self._what}: {self._bar()}, {_minutes(spent * (self._total - self._done) / self._done)} left")
+
+    def end(self) -> None:
+        """All is done: a bar that was drawn is full for a moment, and the line as it was found."""
+        if self._drawn and self._total:
+            self._done = self._total
+            self._draw(f"{self._what}: {self._bar()}")
+        self.clear()
+
+    def clear(self) -> None:
+        """Leave the line as it was found."""
+        if self._drawn:
+            self._draw("")
+            self._stream.write("\r")
+            self._stream.flush()
+
+    def _bar(self) -> str:
+        filled = CELLS * self._done // self._total
+        return f"{'█' * filled}{'░' * (CELLS - filled)} {self._done}/{self._total}"
+
+    def _draw(self, line: str) -> None:
+        self._drawing = True
+        line = line[: shutil.get_terminal_size().columns - 1]
+        self._stream.write("\r" + line.ljust(self._drawn))
+        self._stream.flush()
+        self._drawn = len(line)
+        self._drawing = False
+
+
+@contextmanager
+def _ticking(tick: Callable[[], None]) -> Iterator[None]:
+    """Calls ``tick`` again and again while the body runs, by a timer of the system.
+
+    A thread would do as well, but for the processes that searches fork: a timer is not handed on to them.
+    """
+    if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def ticked(number: int, frame: Any) -> None:
+        tick()
+
+    former = signal.signal(signal.SIGALRM, ticked)
+    signal.setitimer(signal.ITIMER_REAL, TICK, TICK)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, former)
+
+
+def _minutes(seconds: float) -> str:
+    return f"{round(seconds) // 60}:{round(seconds) % 60:02d}"
