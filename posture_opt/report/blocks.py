@@ -7,27 +7,31 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Facts:
-    """Pairs of a label and what there is to say."""
+    """Pairs of a label and what there is to say; ``view`` is the key of what the interactive view of a page shows."""
 
     rows: tuple[tuple[str, str], ...]
+    view: str = ""
 
 
 @dataclass(frozen=True)
 class Table:
     """Cells as text; the first ``text_columns`` of them are words, the others numbers.
 
-    ``views`` are the keys of what the interactive view of a page shows for each row; empty where it shows nothing.
+    ``views`` are the keys of what the interactive view of a page shows for each row, ``column_views`` for each column;
+    empty where it shows nothing.
     """
 
     headers: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     text_columns: int = 1
     views: tuple[str, ...] = ()
+    column_views: tuple[str, ...] = ()
 
     def transposed(self) -> Table:
         """Rows as columns, for a table that is too wide."""
         cells = tuple(zip(self.headers, *self.rows, strict=True))
-        return Table(cells[0], cells[1:], 1)
+        heads, rows = (("", *self.views) if self.views else ()), self.column_views[1:]
+        return Table(cells[0], cells[1:], 1, rows, heads)
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def causes_block(found: Diagnosis) -> Block:
     short = effects[_FULL:] if len(effects) > _FULL + 1 else []
     for i, finding in enumerate((f for f in found.effects if f not in short), 1):
         what = f"{i}. {sentence(finding_words(finding, found.problem))}"
-        items += [what, Facts(tuple(_facts(found, finding)))]
+        items += [what, Facts(tuple(_facts(found, finding)), view=view_key(found, finding))]
     if short:
         items += ["Lighter ones:", _lighter(found, short)]
     figure = "diagnosis_curves" if effects else ""
@@ -74,7 +74,13 @@ def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
         most = length(float(tool_shifts(found.model, place)[0].max()))
         size = headline_of(found, finding)
         rows.append((finding.cause.label, size, most, percent(finding.gain), p_value(finding.p_value)))
-    return Table(("cause", "size", "at the tool up to", "RMS reduced by", "p-value"), tuple(rows))
+    views = tuple(view_key(found, finding) for finding in findings)
+    return Table(("cause", "size", "at the tool up to", "RMS reduced by", "p-value"), tuple(rows), views=views)
+
+
+def view_key(found: Diagnosis, finding: Finding) -> str:
+    """By which the interactive view knows a cause."""
+    return f"cause-{found.effects.index(finding) + 1}"
 
 
 def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:

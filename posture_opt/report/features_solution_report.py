@@ -197,11 +197,12 @@ def _postures_block(found: FeaturesSolution) -> Block:
         row = [name, number(float(found.sigmas[k]) * factor, 4), *([_share(odds[k])] if known else [])]
         row += [fixed(v * joint_unit(j.type)[1]) for v, j in zip(station.q, joints, strict=True)]
         rows.append(tuple(row))
-    table = Table(tuple(headers), tuple(rows))
+    views = tuple(f"feature-{k}" for k in range(1, len(rows) + 1))
+    table = Table(tuple(headers), tuple(rows), views=views)
     wide = sum(len(header) + 2 for header in headers) > _WIDE and len(rows) <= 8
     points = Table(("feature", "tool point in the world"), tuple(
         (name, place(station.spread.position)) for name, station in zip(found.names, found.stations, strict=True)
-    ), 2)  # fmt: skip
+    ), 2, views)  # fmt: skip
     return Block("A posture for each feature", (table.transposed() if wide else table, points), figure="arm")
 
 

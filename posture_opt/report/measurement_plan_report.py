@@ -201,7 +201,8 @@ def postures_block(plan: MeasurementPlan) -> Block:
         for k, (q, point) in enumerate(zip(plan.q[:_MOST_ROWS], plan.points, strict=False))
     )
     more = [f"and {len(plan.q) - _MOST_ROWS} more in plan.csv"] if len(plan.q) > _MOST_ROWS else []
-    table = Table(("no.", *heads, "x [mm]", "y [mm]", "z [mm]"), rows, text_columns=0)
+    views = tuple(f"posture-{row[0]}" for row in rows)
+    table = Table(("no.", *heads, "x [mm]", "y [mm]", "z [mm]"), rows, text_columns=0, views=views)
     return Block("Postures, in the order of measurement", (*_travel(plan), table, *more))
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from posture_opt import __version__
-from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.blocks import Facts, Report, Table
 from posture_opt.report.interactive.library import INSTALL, packed_json, plotly_js
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from posture_opt.report.interactive.arm_view import ArmView
 
-_FOLDS = 3  # blocks: a page with fewer is short, and nothing of it is folded
+_FOLDS = 3  # blocks: a page with fewer is short, and nothing of it is folded; of others so many are open at least
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,11 @@ class Page:
         return _template().render(
             page=self,
             report=self.report,
-            blocks=[(f"part-{k}", block, self._opened(block)) for k, block in enumerate(self.report.blocks, 1)],
+            blocks=[(f"part-{k}", block) for k, block in enumerate(self.report.blocks, 1)],
+            opened=self._opened,
             images={name: b64encode(data).decode("ascii") for name, data in self.images.items()},
-            keys=frozenset() if self.view is None else self.view.keys,
+            keys=self._keys,
+            shown=self._shown,
             library="" if self.view is None else plotly_js(),
             data="" if self.view is None else packed_json(self.view.document()),
             style=_text("page.css"),
@@ -58,8 +60,20 @@ class Page:
             kind=_kind,
         )
 
-    def _opened(self, block: Block) -> bool:
-        return self.brief is None or block.title in self.brief or len(self.report.blocks) <= _FOLDS
+    @property
+    def _keys(self) -> frozenset[str]:
+        return frozenset() if self.view is None else self.view.keys
+
+    def _shown(self, views: Sequence[str], k: int) -> str:
+        """The key of what row or column k shows in the view; empty where that is nothing."""
+        return views[k] if k < len(views) and views[k] in self._keys else ""
+
+    @property
+    def _opened(self) -> frozenset[str]:
+        """Titles of the blocks that are open at first."""
+        titles = [block.title for block in self.report.blocks]
+        told = [title for title in titles if self.brief is None or title in self.brief]
+        return frozenset(told if len(told) >= _FOLDS else (*told, *titles[:_FOLDS]))
 
 
 def _kind(item: str | Facts | Table) -> str:

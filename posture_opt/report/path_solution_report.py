@@ -136,7 +136,8 @@ def _points(found: PathSolution) -> Block:
         xyz = [fixed(1e3 * float(v), 1) for v in found.path.points[k]]
         number_of = str(int(np.searchsorted(listed, k)) + 1)
         rows.append((number_of, number(factor * float(found.motion.sigma[k]), 4), *xyz, *q))
-    table = Table(tuple(heads), tuple(rows)).transposed()
+    views = tuple(f"point-{row[0]}" for row in rows)
+    table = Table(tuple(heads), tuple(rows), views=views).transposed()
     left = len(found.path.points) - len(shown)
     text = (f"{count(left, 'point')} more in postures.csv.",) if left else ()
     return Block("Postures along the path", (table, *text), figure="path")

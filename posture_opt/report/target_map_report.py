@@ -108,7 +108,12 @@ def places_table(found: TargetMap, map_points: dict[str, MapPoint]) -> Table:
         ]
         cells += [fixed(q * joint_unit(joint.type)[1], 1) for q, joint in zip(map_point.q, joints, strict=True)]
         rows.append(tuple(cells))
-    return Table(tuple(headers), tuple(rows))
+    return Table(tuple(headers), tuple(rows), views=tuple(view_key(map_point) for map_point in map_points.values()))
+
+
+def view_key(map_point: MapPoint) -> str:
+    """By which the interactive view knows a target."""
+    return f"target {place(map_point.position)}"
 
 
 def map_block(found: TargetMap) -> Block:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 _ARROW = 0.28  # of the extent: the direction of the task
 _LARGEST = 0.4  # of the extent: an enlarged region is no longer than this
+_RIM = 0.25  # of the extent: an enlarged clearance is no wider than this
 _APART = 1e-4  # m: from there on a target is marked beside the tool point
 _BOUNDED = 800  # corners of an arm are looked at for its extent
 
@@ -97,7 +98,8 @@ class ArmView:
     def document(self) -> dict[str, Any]:
         """Plain numbers: lengths in mm, frames as ``R | t`` row by row."""
         around = self._around
-        low, high = _bounds(np.concatenate([self._points, *(s.faces.reshape(-1, 3) for s in around)]))
+        # The floor goes on beyond what is drawn of it.
+        low, high = _bounds(np.concatenate([self._points, *(_corners(s) for s in around if s.role != "floor")]))
         return {
             "arm": solids_document(self._arm.solids),
             "joints": [self._joint(k) for k in range(self.robot.n)],
@@ -176,12 +178,21 @@ class ArmView:
             "frames": [_affine(T[:3, :3], T[:3, 3]) for T in self._frames[k]],
             "region": None if region is None else _affine(region.factor * _square(region.semi_axes), region.center),
             "arrow": None if target is None else _affine(_ARROW * self._extent * _turned(target.direction), tool),
-            "hole": None if region is None else _hole(target, region.factor, tool),
+            "hole": None if region is None else self._hole(target, region.factor, tool),
             "missed": (1e3 * target.lower).round(1).tolist() if target is not None and missed else None,
             "shares": [[owner, round(share, 4)] for owner, share in posture.shares],
             "marks": [[mark.owner, mark.text] for mark in posture.marks],
             "value": posture.value,
         }
+
+    def _hole(self, target: TargetGeometry | None, factor: float, tool: Array) -> list[float] | None:
+        """The rim of the clearance as what makes it of a unit circle, enlarged as the region is; None where there is
+        none, or it lies outside of the picture.
+        """
+        if target is None or target.clearance is None or factor * target.clearance > _RIM * self._extent:
+            return None
+        middle = target.lower if target.kind == "point" else tool
+        return _affine(factor * target.clearance * _turned(target.direction), middle)
 
     def _joint_facts(self, q: Array) -> list[tuple[str, str]]:
         units = [joint_unit(joint.type) for joint in self.robot.joints]
@@ -208,12 +219,13 @@ class ArmView:
         if self._planar:
             spread = self.postures[0].spread
             assert spread is not None
-            return np.cross(*spread.basis).round(3).tolist()  # type: ignore[no-any-return]
+            # A little off the normal: what is up on the screen is then up in the plane.
+            return (np.cross(*spread.basis) - 0.01 * spread.basis[1]).round(3).tolist()  # type: ignore[no-any-return]
         origins = self._frames[0][:, :3, 3]
         out = (origins - origins[0])[:, :2]
         far = out[np.argmax(np.linalg.norm(out, axis=1))]
         azimuth = math.atan2(far[1], far[0]) - math.radians(62)
-        return [round(math.cos(azimuth), 3), round(math.sin(azimuth), 3), 0.45]
+        return [round(0.9 * math.cos(azimuth), 3), round(0.9 * math.sin(azimuth), 3), 0.42]
 
 
 def owner_of(parameter: str, arm: Arm) -> str:
@@ -237,6 +249,10 @@ def shares_by_owner(shares: Sequence[Share], arm: Arm) -> tuple[tuple[str, float
     return tuple(sorted(((owner, size) for owner, size in total.items() if owner), key=lambda entry: -entry[1]))
 
 
+def _corners(solid: Solid) -> Array:
+    return solid.faces.reshape(-1, 3)
+
+
 def _bounds(points: Array) -> tuple[Array, Array]:
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.04 * float((high - low).max())
@@ -258,11 +274,3 @@ def _turned(direction: Array) -> Array:
     side = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
     side /= np.linalg.norm(side)
     return np.column_stack([side, np.cross(direction, side), direction])
-
-
-def _hole(target: TargetGeometry | None, factor: float, tool: Array) -> list[float] | None:
-    """The rim of the clearance as what makes it of a unit circle, enlarged as the region is; None without one."""
-    if target is None or target.clearance is None:
-        return None
-    middle = target.lower if target.kind == "point" else tool
-    return _affine(factor * target.clearance * _turned(target.direction), middle)

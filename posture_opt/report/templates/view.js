@@ -110,8 +110,8 @@
     told.sort((a, b) => order.get(a[0]) - order.get(b[0]));
     const found = told.map(([owner, text, color], k) => {
       const [x, y, z] = spot(owner), side = k % 2 ? 1 : -1;
-      return { x, y, z, text: plain(text), showarrow: true, arrowhead: 0, arrowwidth: 1, arrowcolor: color, ax: side * 70, ay: -28 - 14 * (k % 3),
-        font: { color, size: 13 }, bgcolor: "rgba(255,255,255,0.85)", bordercolor: color, borderpad: 2, xanchor: side < 0 ? "right" : "left" };
+      return { x, y, z, text: plain(text).replace(/\n/g, "<br>"), align: "left", showarrow: true, arrowhead: 0, arrowwidth: 1, arrowcolor: color,
+        ax: side * 40, ay: -28 - 20 * (k >> 1), font: { color, size: 12 }, bgcolor: "rgba(255,255,255,0.85)", bordercolor: color, borderpad: 2, xanchor: side < 0 ? "right" : "left" };
     });
     if (shown.obstacles) data.around.filter((body) => body.role === "obstacle").forEach((body) => {
       const top = body.z.indexOf(Math.max(...body.z));
@@ -122,14 +122,16 @@
   const spans = [0, 1, 2].map((k) => data.high[k] - data.low[k]);
   const longest = Math.max(...spans);
   const axis = (name, k) => ({ title: { text: `${name} [mm]` }, range: [data.low[k], data.high[k]], backgroundcolor: "#fff", gridcolor: "#ddd", zeroline: false, nticks: 6, showspikes: false });
-  const start = { eye: { x: 1.55 * data.eye[0], y: 1.55 * data.eye[1], z: 1.55 * data.eye[2] }, up: Math.abs(data.eye[2]) > 0.95 ? { x: 0, y: 1, z: 0 } : { x: 0, y: 0, z: 1 }, center: { x: 0, y: 0, z: -0.05 } };
+  // So far off that the whole box is seen.
+  const away = 0.9 * 1.25 * Math.hypot(...spans) / longest;
+  const start = { eye: { x: away * data.eye[0], y: away * data.eye[1], z: away * data.eye[2] }, up: { x: 0, y: 0, z: 1 }, center: { x: 0, y: 0, z: -0.05 } };
   let camera = start;
   const layout = () => ({ margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, paper_bgcolor: "#fff", font: { size: 12 },
     scene: { xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), aspectmode: "manual",
       aspectratio: { x: 1.25 * spans[0] / longest, y: 1.25 * spans[1] / longest, z: 1.25 * spans[2] / longest }, camera, annotations: labels(), dragmode: "turntable" } });
   const config = { displaylogo: false, responsive: true, showTips: false, modeBarButtonsToRemove: ["resetCameraLastSave3d", "hoverClosest3d", "tableRotation"] };
 
-  const rows = () => document.querySelectorAll("tr[data-view]");
+  const rows = () => document.querySelectorAll("main [data-view]");
   const tell = () => {
     const posture = data.postures[at];
     const list = find(".shown");
@@ -161,12 +163,16 @@
     view.querySelectorAll("[data-step]").forEach((button) => button.addEventListener("click", () => choose(at + Number(button.dataset.step))));
   }
   view.querySelectorAll("[data-show]").forEach((box) => box.addEventListener("change", () => { shown[box.dataset.show] = box.checked; draw(); }));
-  rows().forEach((row) => row.addEventListener("click", () => { choose(named(row.dataset.view)); view.scrollIntoView({ block: "nearest" }); }));
+  rows().forEach((row) => row.addEventListener("click", (event) => {
+    event.stopPropagation();
+    choose(named(row.dataset.view));
+    view.scrollIntoView({ block: "nearest" });
+  }));
   plot.on("plotly_click", (event) => { const key = event.points[0].customdata; if (key !== undefined && named(key) >= 0) choose(named(key)); });
   const look = (to) => { camera = to; return Plotly.relayout(plot, { "scene.camera": to }); };
-  const distance = 2.2;
-  const LOOKS = { start, x: { ...start, eye: { x: distance, y: 0, z: 0.05 }, up: { x: 0, y: 0, z: 1 } }, y: { ...start, eye: { x: 0, y: -distance, z: 0.05 }, up: { x: 0, y: 0, z: 1 } },
-    z: { ...start, eye: { x: 0, y: 0, z: distance }, up: { x: 0, y: 1, z: 0 } } };
+  const distance = 1.15 * away;
+  const LOOKS = { start, x: { ...start, eye: { x: distance, y: 0, z: 0.05 } }, y: { ...start, eye: { x: 0, y: -distance, z: 0.05 } },
+    z: { ...start, eye: { x: 0, y: -0.01, z: distance } } };
   view.querySelectorAll("[data-look]").forEach((button) => button.addEventListener("click", () => look(LOOKS[button.dataset.look])));
   find(".stage").addEventListener("keydown", (event) => {
     const step = { ArrowLeft: [-0.15, 0], ArrowRight: [0.15, 0], ArrowUp: [0, 0.15], ArrowDown: [0, -0.15] }[event.key];
