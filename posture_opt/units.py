@@ -1,6 +1,7 @@
 """Quantities with units in files and reports, SI and radians inside.
 
-A number that has a dimension carries its unit in the file: ``0.05 mm``, ``20 arcsec``, ``8 urad/(N m)``.
+A number that has a dimension carries its unit in the file: ``0.05 mm``, ``20 arcsec``, ``8 urad/(N m)``. Zero needs
+none: it is the same in every unit.
 The annotated types below are the fields of the ``Spec`` classes: they read such a text and hold SI floats.
 `shown` goes the other way, with a standard error where there is one: ``0.261 ± 0.012 mrad``.
 """
@@ -125,14 +126,14 @@ def _factor(unit: str, dimension: str) -> float:
 
 
 def parse_quantity(value: Any, dimension: str) -> float:
-    """The SI value of a text such as ``"0.05 mm"``.
+    """The SI value of a text such as ``"0.05 mm"``; a bare zero is zero in every unit.
 
     Args:
         value: what stands in the file.
         dimension: a key of ``DIMENSIONS``.
 
     Raises:
-        BadValueError: no text, no number, no unit, a wrong unit, or not finite.
+        BadValueError: no text, no number, no unit though it is not zero, a wrong unit, or not finite.
     """
     si, example = DIMENSIONS[dimension]
     if isinstance(value, bool) or not isinstance(value, str | int | float):
@@ -141,6 +142,8 @@ def parse_quantity(value: Any, dimension: str) -> float:
     if isinstance(value, int | float):
         if not math.isfinite(value):
             raise BadValueError(f"{value} is not a finite number", f"write for example {example}")
+        if value == 0:
+            return 0.0
         unit = example.split(" ", 1)[1]
         raise BadValueError(
             f"the {dimension} has no unit (here {value:g})", f"write {value:g} {unit} or {value:g} {si}"
@@ -157,13 +160,17 @@ def parse_quantity(value: Any, dimension: str) -> float:
     return result
 
 
+_TEXT_OR_ZERO: dict[str, Any] = {"type": ["string", "number"], "minimum": 0, "maximum": 0}
+"""Schema of a text with a unit; the bounds are those of a bare number, which can only be zero."""
+
+
 def _quantity(dimension: str) -> Any:
     def read(value: Any) -> float:
         return parse_quantity(value, dimension)
 
     example = DIMENSIONS[dimension][1]
     schema = {
-        "type": "string",
+        **_TEXT_OR_ZERO,
         "description": f"{dimension} with its unit",
         "examples": [example],
         "dimension": dimension,  # our own word: messages write bounds in a unit of it
@@ -175,25 +182,39 @@ BY_NAME = "angle or length"
 """The dimension of what the name of a joint or a parameter decides."""
 
 # A parameter's name decides, so the text is read when the robot is known.
-Quantity = Annotated[Any, WithJsonSchema({"type": "string", "examples": ["1 deg", "10 mm"], "dimension": BY_NAME})]
+Quantity = Annotated[Any, WithJsonSchema({**_TEXT_OR_ZERO, "examples": ["1 deg", "10 mm"], "dimension": BY_NAME})]
 
 
 @dataclass(frozen=True)
 class JointQuantity:
-    """An angle [rad] or a length [m], as the joint that it is meant for asks."""
+    """An angle [rad] or a length [m], as the joint that it is meant for asks; a bare zero has no ``dimension``."""
 
     value: float
     dimension: str
 
     @property
     def unit(self) -> str:
-        """SI unit."""
-        return "rad" if self.dimension == "angle" else "m"
+        """SI unit; none of a bare zero."""
+        return {"angle": "rad", "length": "m"}.get(self.dimension, "")
+
+    def suits(self, dimension: str) -> bool:
+        """Whether this can be the value of a joint that takes this dimension."""
+        return self.dimension in (dimension, "")
+
+
+def is_bare_zero(text: Any) -> bool:
+    """Whether this is zero without a unit: an angle or a length alike."""
+    try:
+        return not isinstance(text, bool) and float(text) == 0
+    except (TypeError, ValueError):
+        return False
 
 
 def _joint_quantity(text: Any) -> JointQuantity:
     if isinstance(text, JointQuantity):
         return text
+    if is_bare_zero(text):
+        return JointQuantity(0.0, "")
     try:
         return JointQuantity(parse_quantity(text, "angle"), "angle")
     except BadValueError as error:
@@ -213,7 +234,7 @@ JointValue = Annotated[
     PlainValidator(_joint_quantity),
     WithJsonSchema(
         {
-            "type": "string",
+            **_TEXT_OR_ZERO,
             "description": "angle or length with its unit",
             "examples": ["30 deg", "80 mm"],
             "dimension": BY_NAME,

@@ -15,6 +15,7 @@ from posture_opt.cli.options import Command, Common, add_options, common_options
 from posture_opt.cli.output import output, save_result, show, show_result, write_text
 from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.request import placed, problem_of_data, requested_problem
+from posture_opt.cli.robot_options import names_problem_file
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.problem.problem import Problem
 from posture_opt.result import Result
@@ -70,7 +71,7 @@ def answer(
     """Reads the measurements and shows what they say, those of one robot or those of several."""
     if session.refit_frames and session.test is None:
         raise click.UsageError("--refit-frames goes with --test.")
-    made = given["robot"] is not None and given["problem"] is None
+    made = given["problem"] is None and given["robot"] is not None and not names_problem_file(given["robot"])
     problem = problem_of_data(session.data, **_without_problem(given)) if made else requested_problem(**given)
     starter = StarterFile.of(common, session.data, problem) if made else StarterFile()
     with output(common), placed(problem):

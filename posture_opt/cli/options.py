@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 Command = Callable[..., Any]
+FRAME_HELP = '"0, 0, 150 mm" or, with roll, pitch, yaw, "0, 0, 150 mm, 0, 0, 90 deg".'
 
 
 @dataclass(frozen=True)
@@ -55,9 +56,16 @@ def problem_options(command: Command) -> Command:
     return add_options(
         command,
         click.option("--problem", metavar="FILE", help="Problem file (YAML), or the name of a built-in problem."),
-        click.option("--robot", metavar="PRESET|URDF", help="A preset or a URDF file, in place of a problem file."),
+        click.option(
+            "--robot",
+            metavar="PRESET|FILE",
+            help="A preset, a URDF file, or the robot of a problem file, with what is uncertain about it.",
+        ),
         click.option("--base-link", metavar="LINK", help="First link of the chain in the URDF file."),
         click.option("--tip-link", metavar="LINK", help="Last link of the chain in the URDF file."),
+        click.option("--tool", metavar="TEXT", help=f"Tool point in the flange: {FRAME_HELP}"),
+        click.option("--base", metavar="TEXT", help="Base of the robot in the world, as --tool."),
+        click.option("--payload", metavar="TEXT", help='Mass at the tool point: "1.2 kg".'),
         click.option(
             "--sigma", metavar="TEXT", help='Scatter of every joint, "0.02 deg"; "0.02 deg, 0.01 mm" with slides.'
         ),

@@ -12,6 +12,7 @@ from typing import Any, get_args
 import click
 
 from posture_opt.cli.output import write_text
+from posture_opt.cli.robot_options import RobotOptions
 from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.effects import CATALOGUE
@@ -19,6 +20,7 @@ from posture_opt.output import json_text
 from posture_opt.problem.load import builtin_names, load_builtin
 from posture_opt.problem.schema import json_schema
 from posture_opt.problem.starter import starter_text
+from posture_opt.problem.urdf_starter import urdf_starter_text
 from posture_opt.report.text import WIDTH, text_table
 from posture_opt.robot import load_preset, preset_names
 from posture_opt.selection.registered_tasks import every_task, registered_tasks
@@ -89,23 +91,38 @@ TABLES: dict[str, Callable[[], list[Row]]] = {
 
 
 @click.command("new")
-@click.argument("preset", required=False)
+@click.argument("robot", required=False, metavar="PRESET|URDF")
+@click.option("--base-link", metavar="LINK", help="First link of the chain in the URDF file.")
+@click.option("--tip-link", metavar="LINK", help="Last link of the chain in the URDF file.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write it to a file.")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
 @click.option("--debug", is_flag=True, hidden=True)
-def new_command(preset: str | None, out: Path | None, force: bool, debug: bool) -> None:
-    """Print a commented problem file for PRESET, which solves as it is."""
-    if preset is None:
-        raise click.UsageError(f"Name a preset: {', '.join(preset_names())}.")
-    try:
-        text = starter_text(preset)
-    except InputError as error:
-        raise InputError([replace(issue, key=("PRESET",)) for issue in error.issues]) from None
+def new_command(
+    robot: str | None, base_link: str | None, tip_link: str | None, out: Path | None, force: bool, debug: bool
+) -> None:
+    """Print a commented problem file for a preset or a URDF file, which solves as it is."""
+    if robot is None:
+        raise click.UsageError(f"Name a preset: {', '.join(preset_names())}; or a URDF file.")
+    options = RobotOptions(robot, base_link, tip_link)
+    options.check()
     if out is not None and out.exists() and not force:
         raise InputError(
             Issue(f"{out} exists", ("--out",), str(out), "choose another name, or replace it with --force")
         )
-    write_text(out, text)
+    write_text(out, _starter(options, Path() if out is None else out.parent))
+
+
+def _starter(options: RobotOptions, folder: Path) -> str:
+    robot = str(options.robot)
+    try:
+        if options.is_robot_file:
+            return urdf_starter_text(Path(robot), options.base_link, options.tip_link, folder)
+        return starter_text(robot)
+    except InputError as error:
+        keys = {"base_link": "--base-link", "tip_link": "--tip-link"}
+        what = "URDF" if options.is_robot_file else "PRESET"
+        named = [replace(i, key=(keys.get(str(i.key[0]) if i.key else "", what),)) for i in error.issues]
+        raise InputError(named) from None
 
 
 @click.command("schema")

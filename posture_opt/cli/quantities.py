@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean
 from posture_opt.robot.robot import Joint, Robot
-from posture_opt.units import parse_quantity
+from posture_opt.units import is_bare_zero, parse_quantity
+
+_FRAME = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def joint_sigmas(text: str, joints: tuple[Joint, ...]) -> dict[str, str]:
@@ -14,7 +17,7 @@ def joint_sigmas(text: str, joints: tuple[Joint, ...]) -> dict[str, str]:
     given: dict[str, str] = {}
     issues: list[Issue] = []
     for entry in entries(text):
-        kind = "prismatic" if _is_length(entry) else "revolute"
+        kind = _joint_type(entry, given, joints)
         try:
             _check(entry, kind, given, joints)
         except BadValueError as error:
@@ -55,6 +58,13 @@ def _own_parameter(joint: Joint) -> str:
     return f"{joint.name}.{'theta' if joint.type == 'revolute' else 'd'}"
 
 
+def _joint_type(entry: str, given: Mapping[str, str], joints: tuple[Joint, ...]) -> str:
+    """The joints that an entry of ``--sigma`` is meant for; a bare zero for those of which nothing was said before."""
+    if is_bare_zero(entry):
+        return next((joint.type for joint in joints if joint.type not in given), "revolute")
+    return "prismatic" if _is_length(entry) else "revolute"
+
+
 def _is_length(text: str) -> bool:
     try:
         parse_quantity(text, "length")
@@ -69,6 +79,43 @@ def entries(text: str) -> list[str]:
     if "," not in text and ";" not in text and re.fullmatch(r"[-+.\deE\s]+", text):
         return text.split()
     return [entry.strip() for entry in re.split(r"[,;]", text)]
+
+
+def frame_of(option: str, text: str) -> str | dict[str, list[str]]:
+    """The frame of ``"0, 0, 150 mm"`` or ``"0, 0, 150 mm, 0, 0, 90 deg"`` (x, y, z, roll, pitch, yaw), as in a file.
+
+    Raises:
+        InputError: not three or six numbers, or one of them without its unit or with the wrong one.
+    """
+    if text.strip() == "free":
+        return "free"
+    parts = entries(text)
+    if len(parts) not in (3, 6):
+        count = "1 entry" if len(parts) == 1 else f"{len(parts)} entries"
+        mend = f'write x, y, z: {option} "0, 0, 150 mm", or add roll, pitch, yaw: "0, 0, 150 mm, 0, 0, 90 deg"'
+        raise InputError(Issue(f"{count} where 3 or 6 belong", (option,), text, mend))
+    issues = []
+    for index, part in enumerate(parts):
+        try:
+            parse_quantity(part, "length" if index < 3 else "angle")
+        except BadValueError as error:
+            issues.append(error.issue((option, _FRAME[index]), part))
+    if issues:
+        raise InputError(issues)
+    return {"xyz": parts[:3], **({"rpy": parts[3:]} if parts[3:] else {})}
+
+
+def payload_of(text: str) -> str:
+    """The mass that ``--payload`` states.
+
+    Raises:
+        InputError: it is no mass.
+    """
+    try:
+        parse_quantity(text, "mass")
+    except BadValueError as error:
+        raise InputError(error.issue(("--payload",), text)) from None
+    return text
 
 
 def height_of(text: str) -> float:

@@ -11,11 +11,11 @@ from typing import Any, TypeVar
 import click
 
 from posture_opt.cli.quantities import entries, exact_note, height_of, joint_sigmas
-from posture_opt.errors import InputError, Issue, KeyPath, did_you_mean
+from posture_opt.cli.robot_options import RobotOptions, robot_of_problem_file, with_robot_options
+from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.problem.load import builtin_problem, load_problem, problem_from_dict
 from posture_opt.problem.measured_robot import problem_of_measured_robot
 from posture_opt.problem.problem import Problem
-from posture_opt.robot import preset_names
 
 T = TypeVar("T")
 
@@ -28,6 +28,9 @@ _OPTION_OF: dict[KeyPath, str] = {
     ("robot", "file"): "--robot",
     ("robot", "base_link"): "--base-link",
     ("robot", "tip_link"): "--tip-link",
+    ("robot", "tool"): "--tool",
+    ("robot", "base"): "--base",
+    ("robot", "payload"): "--payload",
     ("uncertainty", "sigma"): "--sigma",
     ("uncertainty",): "--sigma",
 }
@@ -35,10 +38,13 @@ _OPTION_OF: dict[KeyPath, str] = {
 
 def requested_problem(
     problem: str | None,
-    robot: str | None,
+    robot: str | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
     sigma: str | None = None,
+    tool: str | None = None,
+    base: str | None = None,
+    payload: str | None = None,
     task: str | None = None,
     position: str | None = None,
     direction: str | None = None,
@@ -52,17 +58,11 @@ def requested_problem(
     """
     if problem and robot:
         raise click.UsageError("--problem and --robot both name a robot: keep one of them.")
-    if robot is None and (sigma or base_link or tip_link):
-        raise click.UsageError("--sigma, --base-link and --tip-link go with --robot; a problem file has them inside.")
-    goal: dict[str, Any] = {}
-    if position:
-        goal["position"] = entries(position)
-    if direction:
-        goal["direction"] = entries(direction)
-    if link_height:
-        goal["subject_to"] = [_link_height(link_height)]
+    options = RobotOptions(robot, base_link, tip_link, sigma, tool, base, payload)
+    options.check()
+    goal = _goal(position, direction, link_height)
     if robot:
-        return _as_options(lambda: _problem_of_robot(str(robot), base_link, tip_link, sigma, task, goal))
+        return _as_options(lambda: _problem_of_robot(options, task, goal))
     if problem:
         chosen = load_problem(problem)
     elif task:
@@ -72,54 +72,64 @@ def requested_problem(
     if link_height:
         former = (chosen.document.get("task") or {}).get("subject_to") or []
         goal["subject_to"] = [*(term for term in former if term["kind"] != "link_height"), *goal["subject_to"]]
+    chosen = _as_options(lambda: with_robot_options(chosen, options))
     return _as_options(lambda: chosen.with_task(task, **goal)) if task or goal else chosen
 
 
-def _problem_of_robot(
-    robot: str, base_link: str | None, tip_link: str | None, sigma: str | None, task: str | None, goal: dict[str, Any]
-) -> Problem:
-    section = _robot_section(robot, base_link, tip_link)
-    data: dict[str, Any] = {"name": f"{task or 'robot'}: {Path(robot).stem}", "robot": section}
+def _goal(position: str | None, direction: str | None, link_height: str | None) -> dict[str, Any]:
+    """Keys of the task that options state."""
+    goal: dict[str, Any] = {}
+    if position:
+        goal["position"] = entries(position)
+    if direction:
+        goal["direction"] = entries(direction)
+    if link_height:
+        goal["subject_to"] = [_link_height(link_height)]
+    return goal
+
+
+def _problem_of_robot(options: RobotOptions, task: str | None, goal: dict[str, Any]) -> Problem:
     if goal and not task:
         raise click.UsageError("--position, --direction and --link-height belong to a task: name it with --task.")
+    if options.is_problem_file:
+        known = robot_of_problem_file(options)
+        return _with_sigma(known.with_task(task, **goal) if task else known, options)
+    section = options.section()
+    data: dict[str, Any] = {"name": f"{task or 'robot'}: {Path(str(options.robot)).stem}", "robot": section}
     if task:
         data["task"] = {"kind": task, **goal}
-    if not sigma:
-        return problem_from_dict(data)
-    joints = problem_from_dict({"robot": section}).robot.joints
-    data["uncertainty"] = {"sigma": joint_sigmas(sigma, joints)}
-    problem = problem_from_dict(data)
-    return replace(problem, notes=(*problem.notes, *exact_note(joints, data["uncertainty"]["sigma"])))
+    problem = _with_sigma(problem_from_dict(data), options)
+    return replace(problem, notes=(*problem.notes, *options.notes({})))
 
 
-def problem_of_data(
-    data: Path, robot: str, base_link: str | None = None, tip_link: str | None = None, sigma: str | None = None
-) -> Problem:
+def _with_sigma(problem: Problem, options: RobotOptions) -> Problem:
+    """The problem with the scatter of every joint that ``--sigma`` states, if it does."""
+    if not options.sigma:
+        return problem
+    joints = problem.robot.joints
+    sigma = joint_sigmas(options.sigma, joints)
+    found = problem.with_sigma(sigma)
+    return replace(found, notes=(*found.notes, *exact_note(joints, sigma)))
+
+
+def problem_of_data(data: Path, **given: Any) -> Problem:
     """The problem that measurements of a robot without a problem file stand for: its frames are free.
+
+    Args:
+        given: the fields of ``RobotOptions``.
 
     Raises:
         InputError: the options do not fit, or the file cannot be read.
         UsageError: links of a preset.
     """
-    section = _robot_section(robot, base_link, tip_link)
+    options = RobotOptions(**given)
+    options.check()
+    section = options.section()
     stated = {}
-    if sigma:
+    if options.sigma:
         joints = _as_options(lambda: problem_from_dict({"robot": section})).robot.joints
-        stated["sigma"] = joint_sigmas(sigma, joints)
+        stated["sigma"] = joint_sigmas(options.sigma, joints)
     return _as_options(lambda: problem_of_measured_robot(section, data, stated))
-
-
-def _robot_section(robot: str, base_link: str | None, tip_link: str | None) -> dict[str, Any]:
-    is_file = robot.lower().endswith((".urdf", ".xml")) or "/" in robot or Path(robot).is_file()
-    if not is_file and (base_link or tip_link):
-        raise click.UsageError("--base-link and --tip-link choose a chain in a URDF file, and --robot names a preset.")
-    if is_file:
-        links = {"base_link": base_link, "tip_link": tip_link}
-        return {"kind": "urdf", "file": robot, **{key: link for key, link in links.items() if link}}
-    if robot not in preset_names():
-        mend = f"{did_you_mean(robot, preset_names())} Or name a URDF file"
-        raise InputError(Issue(f"there is no preset '{robot}'", ("--robot",), robot, mend))
-    return {"kind": "preset", "name": robot}
 
 
 def _link_height(text: str) -> dict[str, str]:

@@ -19,7 +19,6 @@ from posture_opt.robot.robot import Robot
 from posture_opt.units import number
 
 _COUNTED = re.compile(r"^\s*(?P<stem>[A-Za-z]+[ _-]?)(?P<number>\d+)\s*\[")
-FREE = "no problem file is given: base and tool are free, to be found from the data"
 _TASK = "task: {kind: insert, direction: [0, 0, -1], position: [0.5 m, 0.2 m, 0.2 m]}"
 
 
@@ -42,7 +41,7 @@ def problem_of_measured_robot(
     plain = problem_from_dict({"robot": robot}).robot
     if robot["kind"] == "preset":
         robot = _named_as_counted(robot, plain, open_table(data).heads)
-    document = {"name": plain.name or "Measured robot", "robot": {**robot, "base": "free", "tool": "free"}}
+    document = {"name": plain.name or "Measured robot", "robot": {"base": "free", "tool": "free", **robot}}
     free = problem_from_dict(document)
     stated = dict(uncertainty or {})
     if plain.repeatability is not None and not stated:
@@ -53,8 +52,17 @@ def problem_of_measured_robot(
         stated["measurement"] = {"position": f"{number(sigma * 1e3, 2)} mm"}
     problem = problem_from_dict({**document, **({"uncertainty": stated} if stated else {})})
     repeats = _from_repeats(sigma, freedom) if freedom >= ENOUGH else ""
-    notes = (*problem.notes, FREE, *([f"the {repeats}"] if repeats else []))
+    notes = (*problem.notes, _free(problem.robot), *([f"the {repeats}"] if repeats else []))
     return replace(problem, notes=notes, header=_header(_instrument(repeats, measured.touches)))
+
+
+def _free(robot: Robot) -> str:
+    """Which frames are free, of a robot that comes without a problem file."""
+    frames = [name for name, free in (("base", robot.base_free), ("tool", robot.tool_free)) if free]
+    if not frames:
+        return "no problem file is given; base and tool are those of the command line"
+    are = "are" if len(frames) > 1 else "is"
+    return f"no problem file is given: {' and '.join(frames)} {are} free, to be found from the data"
 
 
 def _from_repeats(sigma: float, freedom: int) -> str:
@@ -77,7 +85,7 @@ def _header(instrument: tuple[str, str]) -> tuple[str, ...]:
     """What the file says of itself in its first lines."""
     return (
         "A problem file of posture_opt, made for measurements of a robot. Edit it, and name it with --problem.",
-        "Base and tool are free: they are found from the data. Where one is known, write {xyz: [..], rpy: [..]}.",
+        "A base or tool that is free is found from the data. Where one is known, write {xyz: [..], rpy: [..]}.",
         *instrument,
         "With a task, its posture is planned before and after calibration, in the frame of the measurements:",
         f"  {_TASK}",

@@ -40,6 +40,9 @@ from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources import Sources
 from posture_opt.uncertainty.uncertainty_section import MeasurementSpec, UncertaintySpec
 
+_OF_ROBOT = ("name", "robot", "uncertainty", "effects", "data")
+"""Sections that speak of the robot and its measurements, wherever it stands and whatever it does."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Problem(Summarised):
@@ -158,6 +161,12 @@ class Problem(Summarised):
             overridden=self.overridden | {("task",)},
         )  # fmt: skip
 
+    def of_robot(self) -> Problem:
+        """The robot, what is uncertain about it, its effects and its data, without a task and what stands around it."""
+        kept = {key: value for key, value in self.document.items() if key in _OF_ROBOT}
+        document = Document(kept, self.origin.file, self.origin.lines)
+        return build_problem(document, self.folder, self.name, attached=self.attached)
+
     def with_robot(self, robot: Mapping[str, Any]) -> Problem:
         """The same problem with another ``robot`` section, as in the file.
 
@@ -166,6 +175,15 @@ class Problem(Summarised):
         """
         document = Document({**self.document, "robot": dict(robot)})
         return build_problem(document, self.folder, self.name, attached=self.attached)
+
+    def with_sigma(self, sigma: Mapping[str, str]) -> Problem:
+        """The same problem where nothing but these standard deviations is uncertain: PARAMETER -> quantity.
+
+        Raises:
+            InputError: unknown parameters, or values without their unit.
+        """
+        document = {**self.document, "uncertainty": {"sigma": dict(sigma)}}
+        return build_problem(Document(document), self.folder, self.name, attached=self.attached)
 
     def with_fit(self, fit: FittedArm) -> Problem:
         """The same problem with the arm that measurements found: its parameters, effects, covariance and scatter.

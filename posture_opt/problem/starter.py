@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import string
+from dataclasses import dataclass
 
 from posture_opt.model.arm import Arm
 from posture_opt.robot import load_preset
@@ -13,15 +14,13 @@ _TEXT = string.Template("""\
 #
 #   optimize-posture --problem THIS_FILE.yaml
 #
-# Every number with a dimension carries its unit: 1 deg, 20 arcsec, 0.05 mm, 2.5 kg. A line behind '#' is a
-# suggestion; 'optimize-posture list' names tasks and terms, 'optimize-posture schema' every key.
+# Every number with a dimension carries its unit: 1 deg, 20 arcsec, 0.05 mm, 2.5 kg; only 0 needs none. A line behind
+# '#' is a suggestion; 'optimize-posture list' names tasks and terms, 'optimize-posture schema' every key.
 
 name: Insertion with the $title
 
 robot:
-  kind: preset
-  name: $preset
-  # joints: $joints
+$robot
   # base: {xyz: [0 m, 0 m, 0 m], rpy: [0 deg, 0 deg, 0 deg]}     # the base in the world
   # tool: {xyz: [0 m, 0 m, 0.1 m], rpy: [0 deg, 0 deg, 0 deg]}   # the tool point in the flange
   # payload: 2 kg
@@ -37,7 +36,7 @@ $uncertainty
 task:
   kind: insert                      # insert | drill | probe | measure | trace | place
   direction: $direction             # in the world
-  position: $position
+$position
   # In place of it, a box to put the workpiece in; without both it may stand anywhere in reach, and its place is part
   # of the answer.
   # region: {min: $minimum, max: $maximum}
@@ -73,6 +72,21 @@ $sigma
 _TABLE = "    - {kind: link_height, at_least: 50 mm}      # elbow and wrist stay above the table: world z\n"
 
 
+_PRESET = string.Template("""\
+  kind: preset
+  name: $preset
+  # joints: $joints""")
+
+
+@dataclass(frozen=True)
+class StarterTarget:
+    """Where a starter's task is done: what its lines in the file say."""
+
+    direction: str
+    position: tuple[float, ...] | None
+    above_table: bool
+
+
 def starter_text(preset: str) -> str:
     """The text of a problem file for a preset, with comments.
 
@@ -82,19 +96,31 @@ def starter_text(preset: str) -> str:
     robot = load_preset(preset)
     # Well off the base axis and well within reach; a SCARA, which has no wrist to turn down, may stretch further.
     x, y = (0.45, 0.15) if _all_turn(robot) else (0.6, 0.3)
-    place = [x * _stretched(robot), y * _stretched(robot), _height(robot)]
+    place = (x * _stretched(robot), y * _stretched(robot), _height(robot))
+    # The arm of a SCARA stays at its height and its quill has to go below it; a planar arm lies in its table.
+    target = StarterTarget(sensible_direction(robot), place, _all_turn(robot) and not is_planar(robot))
+    return filled_starter(robot, _PRESET.substitute(preset=preset, joints=", ".join(robot.joint_names)), target)
+
+
+def filled_starter(robot: Robot, section: str, target: StarterTarget) -> str:
+    """The text of a problem file for a robot, whose section ``robot`` begins with these lines."""
+    x, y, z = target.position or (0.5, 0.2, 0.1)
+    position = f"position: {_point([x, y, z])}"
     return _TEXT.substitute(
         title=robot.name,
-        preset=preset,
-        joints=", ".join(robot.joint_names),
+        robot=section,
         uncertainty=_uncertainty(robot),
-        direction="[0, -1, 0]" if _planar(robot) else "[0, 0, -1]",
-        position=_point(place),
-        minimum=_point([place[0], -place[1], place[2]]),
-        maximum=_point([1.2 * place[0], place[1], place[2]]),
-        # The arm of a SCARA stays at its height and its quill has to go below it; a planar arm lies in its table.
-        table=_TABLE if _all_turn(robot) and not _planar(robot) else "",
+        direction=target.direction,
+        position=f"  {position}" if target.position else f"  # {position}",
+        minimum=_point([x, -y, z]),
+        maximum=_point([1.2 * x, y, z]),
+        table=_TABLE if target.above_table else "",
     )
+
+
+def sensible_direction(robot: Robot) -> str:
+    """Down, and of a planar arm a direction in its plane."""
+    return "[0, -1, 0]" if is_planar(robot) else "[0, 0, -1]"
 
 
 def _uncertainty(robot: Robot) -> str:
@@ -115,7 +141,7 @@ def _stretched(robot: Robot) -> float:
 
 def _height(robot: Robot) -> float:
     """A height that the tool reaches easily [m]."""
-    if _planar(robot):
+    if is_planar(robot):
         return 0.0
     if _all_turn(robot):
         return 0.1 * _stretched(robot)
@@ -127,7 +153,7 @@ def _all_turn(robot: Robot) -> bool:
     return all(joint.type == "revolute" for joint in robot.joints)
 
 
-def _planar(robot: Robot) -> bool:
+def is_planar(robot: Robot) -> bool:
     """Whether all joints turn about the z axis of the base and no link leaves its plane."""
     rotations = [factor for factor in robot.factors if factor.kind == "rotate"]
     slides = any(factor.kind == "translate" and factor.joint is not None for factor in robot.factors)

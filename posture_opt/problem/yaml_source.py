@@ -245,3 +245,8 @@ class _Dumper(yaml.SafeDumper):
 def dump_yaml(data: dict[str, Any]) -> str:
     """The YAML text that ``parse_yaml`` reads back as ``data``; small lists and mappings stand in one line."""
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110)
+
+
+def dump_scalar(text: str) -> str:
+    """A text as a YAML scalar in one line, in quotes where it needs them."""
+    return yaml.dump(text, Dumper=_Dumper, allow_unicode=True, width=math.inf).removesuffix("\n").removesuffix("\n...")

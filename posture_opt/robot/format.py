@@ -23,7 +23,7 @@ _RESERVED = {"base", "tool"}  # their frames own the parameters base.x … tool.
 _LIMITS_SCHEMA = WithJsonSchema(
     {
         "type": "array",
-        "items": {"type": "string"},
+        "items": {"type": ["string", "number"]},
         "minItems": 2,
         "maxItems": 2,
         "description": "lower and upper limit: angles (revolute) or lengths (prismatic)",

@@ -19,9 +19,9 @@ from posture_opt.robot.shape import BASE, Capsule
 from posture_opt.robot.urdf_chain import ChainSegment, link_factors, segments_of
 from posture_opt.robot.urdf_reader import in_urdf, read_urdf
 from posture_opt.robot.urdf_shape import Carried, moved, urdf_shape
+from posture_opt.robot.urdf_tip import chosen_tip
 from posture_opt.robot.urdf_tree import UrdfJoint, UrdfTree
 
-FLANGE = "tool0"
 MOVING = ("revolute", "continuous", "prismatic")
 
 
@@ -97,9 +97,9 @@ class UrdfRobot(RobotFormat):
             raise InputError([issue.at("file") for issue in error.issues]) from None
 
     def _path(self, tree: UrdfTree) -> list[UrdfJoint]:
-        base = self.base_link or _only(tree.roots(), "base_link", "root links, the file falls apart")
+        base = self.base_link or _only_root(tree.roots())
         tree.require(base, "base_link")
-        tip = self.tip_link or _only(tree.leaves(base), "tip_link", f"last links behind '{base}'")
+        tip = self.tip_link or chosen_tip(tree, base)
         tree.require(tip, "tip_link")
         path = tree.path(base, tip)
         if not path and tip == base:
@@ -111,10 +111,11 @@ class UrdfRobot(RobotFormat):
         return path
 
 
-def _only(links: list[str], key: str, what: str) -> str:
-    if len(links) == 1 or (key == "tip_link" and FLANGE in links):
-        return links[0] if len(links) == 1 else FLANGE
-    raise InputError(Issue(f"the URDF has {len(links)} {what}", (key,), None, f"name one: {key}: {listed(links)}"))
+def _only_root(links: list[str]) -> str:
+    if len(links) == 1:
+        return links[0]
+    message = f"the URDF has {len(links)} root links, the file falls apart"
+    raise InputError(Issue(message, ("base_link",), None, f"name one: base_link: {listed(links)}"))
 
 
 def _faults(path: list[UrdfJoint]) -> Iterator[Issue]:

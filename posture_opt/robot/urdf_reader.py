@@ -106,7 +106,7 @@ def read_urdf(path: Path) -> UrdfTree:
         InputError: no such file, not XML, not a URDF, a part missing, numbers that are none, or no tree.
     """
     try:
-        return _tree(_robot(content(path, MAX_BYTES)), path.stem)
+        return _tree(_robot(content(path, MAX_BYTES), path.name), path.stem)
     except InputError as error:
         raise InputError([in_urdf(issue, path) for issue in error.issues]) from None
 
@@ -118,17 +118,31 @@ def in_urdf(issue: Issue, path: Path) -> Issue:
     return replace(issue, message=f"{path}{line}{where}: {issue.message}", key=("file",), value=str(path), line=0)
 
 
-def _robot(data: bytes) -> Element:
-    """The element ``<robot>`` of the file."""
-    root, *others = read_elements(data)
+def _robot(data: bytes, name: str) -> Element:
+    """The element ``<robot>`` of the file ``name``."""
+    elements = read_elements(data)
+    if unexpanded := next(filter(None, map(_xacro, elements)), None):
+        stem = name.removesuffix(".xacro").removesuffix(".urdf").removesuffix(".xml")
+        there = f"{stem}.urdf" if name != f"{stem}.urdf" else f"{stem}_expanded.urdf"
+        raise InputError(replace(unexpanded, mend=f"expand it first: xacro {name} > {there}"))
+    root = elements[0]
     if root.tag != "robot":
         message = f"the file is no URDF: it begins with <{root.tag}>, not <robot>"
         raise InputError(Issue(message, mend="name a URDF file", line=root.line))
-    for element in others:
-        if element.tag.startswith("xacro:"):
-            message = f"this is a xacro file, not a URDF: it holds <{element.tag}>"
-            raise InputError(Issue(message, mend="expand it first: xacro FILE > robot.urdf", line=element.line))
     return root
+
+
+def _xacro(element: Element) -> Issue | None:
+    """The complaint about an element that xacro has still to expand; that a file declares its namespace is no proof."""
+    given = [f'{key}="{value}"' for key, value in element.attributes.items() if "${" in value or "$(" in value]
+    if element.tag.startswith("xacro:"):
+        found = f"<{element.tag}>"
+    elif given:
+        found = f"<{element.tag} {given[0]}>"
+    else:
+        return None
+    message = f"this is a xacro file, not a URDF: it holds {found}"
+    return Issue(message, line=element.line)
 
 
 def _tree(robot: Element, stem: str) -> UrdfTree:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,7 @@ def _of_link(collisions: Sequence[Collision], file: Path) -> Iterator[Capsule]:
         elif collision.kind == "capsule":
             yield _segment(collision, collision.size[0], collision.size[1])
         elif collision.kind != "sphere":
-            yield from (moved(found, collision.origin) for found in fitted_capsules(_body(collision, file), BASE))
+            yield from (moved(found, collision.origin) for found in _fitted(collision, file))
     yield from (_segment(ball, ball.size[0], 0.0) for ball in balls if id(ball) not in used)
 
 
@@ -92,10 +93,23 @@ def _segment(collision: Collision, radius: float, length: float) -> Capsule:
     return moved(Capsule(BASE, (0.0, 0.0, -length / 2), (0.0, 0.0, length / 2), radius), collision.origin)
 
 
-def _body(collision: Collision, file: Path) -> Edges:
-    """The edges of a box, a cylinder or a mesh in its own frame."""
-    if collision.kind == "mesh":
-        return read_mesh(located_mesh(collision.file, file), collision.size)
+def _fitted(collision: Collision, file: Path) -> tuple[Capsule, ...]:
+    """Capsules about a box, a cylinder or a mesh in its own frame."""
+    if collision.kind != "mesh":
+        return tuple(fitted_capsules(_body(collision), BASE))
+    path = located_mesh(collision.file, file)
+    status = path.stat()
+    return _fitted_mesh(path, collision.size, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=256)
+def _fitted_mesh(path: Path, scale: tuple[float, ...], _changed: int, _size: int) -> tuple[Capsule, ...]:
+    """Fitted once for all problems of an arm: a fine mesh takes a second."""
+    return tuple(fitted_capsules(read_mesh(path, scale), BASE))
+
+
+def _body(collision: Collision) -> Edges:
+    """The edges of a box or a cylinder in its own frame."""
     if collision.kind == "box":
         x, y = collision.size[0] / 2, collision.size[1] / 2
         rim, height = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), collision.size[2]

@@ -122,6 +122,15 @@ class PostureSelector:
 
         return self._answer(self._searched(seek, target), began)
 
+    def feasible(self, starts: int) -> bool:
+        """Whether so many starts find a posture that does the task; why there is none is not asked."""
+
+        def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
+            rng = np.random.default_rng(self._problem.solver.seed)
+            return until_found_often(engine, self.target, rng, starts), None
+
+        return bool(self._searched(seek, self.target).feasible)
+
     def solve_thoroughly(
         self,
         *,

@@ -216,7 +216,7 @@ def test_the_command_writes_table_document_and_figure(tmp_path: Path) -> None:
         (["--min", "0 m, 0 m, 0 m", "--max", "0 m, 0 m, 0 m"], "one point"),
         (["--min", "1 m, 0 m, 0 m", "--max", "0 m, 1 m, 0 m"], "empty in x"),
         (["--min", "0 m, 0 m", "--max", "1 m, 1 m, 0 m"], "three coordinates"),
-        (["--min", "0, 0 m, 0 m", "--max", "1 m, 1 m, 0 m"], "no unit"),
+        (["--min", "1, 0 m, 0 m", "--max", "1 m, 1 m, 0 m"], "no unit"),
         (["--plane", "xz"], "moves in another plane"),
     ],
 )

@@ -33,7 +33,7 @@ def joint_values(values: Mapping[str, JointQuantity], robot: Robot, *, within_li
     for index, (name, given) in zip(joints_named(values, robot), values.items(), strict=True):
         joint = robot.joints[index]
         wanted = "angle" if joint.type == "revolute" else "length"
-        if given.dimension != wanted:
+        if not given.suits(wanted):
             example = "30 deg" if wanted == "angle" else "80 mm"
             raise BadValueError(
                 f"{name} is {joint.type} and takes an {wanted}".replace("an l", "a l"), f"write {name}: {example}"
