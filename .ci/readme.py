@@ -9,7 +9,8 @@ Each page has a folder of its own, beside links to ``problems`` and ``.venv``; i
     <!-- into: PROBLEM -->      yaml: sections put into that built-in problem, which is loaded
     <!-- not run: REASON -->    left alone
     <!-- shown: COMMAND -->     what the command prints, with ``[…]`` where something is left out
-    <!-- shown | FILTER -->     what the sh or python block before it printed, through a shell filter; ``shown``: whole
+    <!-- shown | FILTER -->     what the sh or python block before it printed, through a shell filter; ``shown``: whole.
+                                ``lead 3`` is a filter for the first 3 paragraphs (2: title and answer)
 
     python .ci/readme.py sh NAME          the shell block of that name in README.md
     python .ci/readme.py check [PAGE …]   run everything on all pages, or on these
@@ -35,11 +36,12 @@ BLOCK = re.compile(
 )
 CUT = "[…]\n"
 LEAST_LIKENESS = 0.6  # of a line that has been reworded: below it, a renewed part needs a human
+LEAD = """lead() { awk 'BEGIN { RS = ""; ORS = "\\n\\n" } NR <= '"${1:-2}"; }\n"""
 INTO = """
 import sys, yaml, posture_opt as po
 from pathlib import Path
 builtin, fragment = (yaml.safe_load(Path(p).read_text(encoding="utf-8")) for p in sys.argv[1:])
-po.problem_from_dict(builtin | fragment)
+po.problem_from_dict(builtin | fragment, "." if "robot" in fragment else Path(sys.argv[1]).parent)
 """
 
 
@@ -159,7 +161,7 @@ def shown_now(block: Block, printed: str, here: Path) -> str:
     if block.mark.startswith("shown:"):
         printed = output(["bash", "-c", block.argument], here)
     if "|" in block.mark and not block.mark.startswith("shown:"):
-        printed = output(["bash", "-c", block.mark.partition("|")[2]], here, given=printed)
+        printed = output(["bash", "-c", LEAD + block.mark.partition("|")[2]], here, given=printed)
     whole = "\n".join(line.rstrip() for line in printed.strip("\n").splitlines()) + "\n"
     if CUT not in block.code:
         return whole

@@ -33,7 +33,7 @@ from tests.helpers.source import (
 
 PACKAGE = Path(posture_opt.__file__).parent
 MODULES = modules_of(PACKAGE)
-README = (PACKAGE.parent / "README.md").read_text(encoding="utf-8")
+ARCHITECTURE = (PACKAGE.parent / "docs" / "concepts" / "architecture.md").read_text(encoding="utf-8")
 HOME = {
     "casadi": {"model", "collision", "uncertainty", "selection", "calibration", "diagnosis"},
     "matplotlib": {"report"},
@@ -76,9 +76,9 @@ def test_rooms_are_those_of_the_package() -> None:
     assert there == set(ROOMS)
 
 
-def test_the_picture_in_the_readme_is_the_house() -> None:
+def test_the_picture_of_the_architecture_is_the_house() -> None:
     """Its rooms in the order in which they may import each other, and folders where there are folders."""
-    section = re.search(r"^## Inside\n.*?^```text\n(posture_opt/\n.*?)```", README, re.MULTILINE | re.DOTALL)
+    section = re.search(r"^```text\n(posture_opt/\n.*?)```", ARCHITECTURE, re.MULTILINE | re.DOTALL)
     assert section is not None
     entries = re.findall(r"^  (\w+)(\.py|/) ", section[1], re.MULTILINE)
     assert [name for name, _ in entries] == ["__init__", *ROOMS]

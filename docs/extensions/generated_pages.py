@@ -1,23 +1,25 @@
-"""Pages that are made of the program itself: they are written into ``docs/generated/parts`` before a build."""
+"""Pages that are made of the program itself: they are written into ``docs/generated`` before a build."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from command_line import command_line_page
+from presets import presets_table
+from problem_file import problem_file_page
+from python_names import python_names_page
 
 
-def write_pages(app: Any) -> None:
-    """Write every generated part, and leave alone those that are as they were: their pages need no new build."""
-    folder = Path(app.srcdir) / "generated" / "parts"
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, text in {"command_line.md": command_line_page()}.items():
-        path = folder / name
+def write_pages(docs: Path) -> None:
+    """Write every generated page, and leave alone those that are as they were: they need no new build."""
+    pages = {
+        "python.rst": python_names_page(),
+        "parts/command_line.md": command_line_page(),
+        "parts/presets.md": presets_table(),
+        "parts/problem_file.md": problem_file_page(),
+    }
+    for name, text in pages.items():
+        path = docs / "generated" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
-
-
-def setup(app: Any) -> dict[str, bool]:
-    app.connect("builder-inited", write_pages)
-    return {"parallel_read_safe": True}

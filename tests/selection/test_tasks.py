@@ -30,7 +30,7 @@ POINTS: dict[str, list[str]] = {
 KINDS = [kind_of(task) for task in TASKS]
 SINGLE = [kind for kind in KINDS if kind not in ("weld", "dispense")]
 """Those that are done at one posture."""
-OWN_TASK = (Path(__file__).parents[2] / "docs" / "own_task.md").read_text(encoding="utf-8")
+OWN_TASK = (Path(__file__).parents[2] / "docs" / "how-to" / "tasks" / "own-task.md").read_text(encoding="utf-8")
 
 
 def problem(robot: str, kind: str, **task: Any) -> Any:

@@ -1,0 +1,12 @@
+"""
+Along a path
+============
+
+The scatter across the travel along a bead, with its sources.
+"""
+
+import posture_opt as po
+
+problem = po.load_problem("../../problems/dispense_planar_2r.yaml")
+solution = po.select_posture(problem)
+figure = solution.plot()
