@@ -8,6 +8,7 @@
                                         problem ─ PostureSelector              built once, solved again and again
                                         problem ─ map_targets ─────> map       the best posture over a grid of targets
                                         problem ─ SpreadFunction               covariances of many postures
+                                        problem ─ export_files ─> files        for controllers, simulators, own code
                                         problem ─ Arm.from_problem             CasADi expressions of one's own
     data.csv ───── read_measurements ─> data
     problem, data ─ calibrate ────────> calibration  the parameters of the arm, with what the data determine
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.experiments.measurement_plan import MeasurementPlan
     from posture_opt.experiments.plan_measurements import plan_measurements
+    from posture_opt.export.export_files import export_files
+    from posture_opt.export.export_format import Exported
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.measurements.reading import read_measurements
     from posture_opt.model.arm import Arm
@@ -77,6 +80,7 @@ __all__ = [
     "Comparison",
     "Compensation",
     "Diagnosis",
+    "Exported",
     "FeaturesSolution",
     "MeasurementPlan",
     "Measurements",
@@ -100,6 +104,7 @@ __all__ = [
     "diagnose",
     "diagnose_batch",
     "errors",
+    "export_files",
     "extended_problem",
     "load_problem",
     "map_accuracy",
@@ -125,6 +130,7 @@ _HOMES = {
     "Compensation": "compensation.compensation",
     "Comparison": "selection.plan_comparison",
     "Diagnosis": "diagnosis.diagnosis",
+    "Exported": "export.export_format",
     "FeaturesSolution": "selection.features_solution",
     "MeasurementPlan": "experiments.measurement_plan",
     "Measurements": "measurements.measurements",
@@ -146,6 +152,7 @@ _HOMES = {
     "compensate": "compensation.compensate",
     "diagnose": "diagnosis.diagnose",
     "diagnose_batch": "batch.batch_diagnosis",
+    "export_files": "export.export_files",
     "extended_problem": "problem.fitted_problem",
     "load_problem": "problem.load",
     "map_accuracy": "validation.accuracy_map",

@@ -15,6 +15,7 @@ import pytest
 
 import posture_opt
 from posture_opt.collision.obstacles import OBSTACLES
+from posture_opt.export import EXPORTS
 from posture_opt.model.effects import EFFECTS, NOISES
 from posture_opt.robot import FORMATS
 from posture_opt.selection.solvers import SOLVERS
@@ -58,6 +59,7 @@ LISTS: dict[str, tuple[type[Any], ...]] = {
     "selection.tasks": TASKS,
     "selection.terms": TERMS,
     "selection.solvers": SOLVERS,
+    "export": EXPORTS,
 }
 """The open lists by their folders."""
 

@@ -24,8 +24,8 @@ COMMANDS = {
     "compensate": "Joint values that bring this arm, with its errors, to targets.",
     "compare": "The same task with two arms, or with two models of one arm.",
     "diagnose": "What the simulation gets wrong, its cause by name, and what naming it brings.",
-    "export": "Write the covariance of the tool point as C code.",
-    "list": "List tasks, effects, presets, solvers, terms and built-in problems.",
+    "export": "The arm, its covariance as code, or its posture as a robot program.",
+    "list": "List tasks, effects, presets, solvers, terms, exports and built-in problems.",
     "map": "The best posture and its spread over a grid of targets.",
     "new": "Print a commented problem file to start from.",
     "plan-measurements": "Which postures to measure next, and what they will tell.",
@@ -37,10 +37,11 @@ _FILES = {
     # file -> the commands in it; `plan-measurements` is its function `plan_measurements_command`
     "compare": ("compare",),
     "measured": ("calibrate", "diagnose"),
-    "posture": ("uncertainty", "simulate", "export"),
+    "posture": ("uncertainty", "simulate"),
     "problem_file": ("list", "new", "schema"),
     "map": ("map",),
     "compensate": ("compensate",),
+    "export": ("export",),
     "plan_measurements": ("plan-measurements",),
 }
 _INTERRUPTED = 130  # what a shell reports of a program that ^C ended

@@ -1,22 +1,19 @@
-"""Commands on one posture: the solve itself, ``uncertainty``, ``simulate`` and ``export``."""
+"""Commands on one posture: the solve itself, ``uncertainty`` and ``simulate``."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import click
 
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, posture_option, problem_options
-from posture_opt.cli.output import OUT, output, save_result, show, show_result
+from posture_opt.cli.output import output, save_result, show, show_result
 from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.quantities import requested_posture
 from posture_opt.cli.request import placed, requested_problem
 from posture_opt.errors import NoSolutionError
-from posture_opt.output import staged_folder
 from posture_opt.problem.problem import Problem
-from posture_opt.uncertainty.spread_function import covariance_c
 
 Answer = po.Solution | po.FeaturesSolution | po.PathSolution
 
@@ -83,29 +80,3 @@ def simulate_command(common: Common, posture: str, n: int, adaptive: bool, **giv
         cloud = po.simulate(problem, values, n=n, seed=seed, adaptive=adaptive)
         save_result(common, cloud)
     show_result(common, cloud)
-
-
-@click.command("export")
-@problem_options
-@click.option("--to", "target", type=click.Choice(["c"]), required=True, help="c: C99 source and header, math.h alone.")
-@click.option("--name", default="tool_covariance", show_default=True, help="Of the function and its files.")
-@common_options
-def export_command(common: Common, target: str, name: str, **given: Any) -> None:
-    """Write position and covariance of the tool point, as functions of the joints, as C code."""
-    problem = requested_problem(**given)
-    with output(common), placed(problem):
-        source, header = covariance_c(problem, name)
-        files = {f"{name}.h": header, f"{name}.c": source}
-        if common.out is not None:
-            _write(common.out, files)
-
-    def report() -> str:
-        return "\n".join(files.values()) if common.out is None else f"written to {common.out}: {', '.join(files)}"
-
-    show(common, lambda: {"target": target, "files": files}, report)
-
-
-def _write(out: Path, files: dict[str, str]) -> None:
-    with staged_folder(out, OUT) as folder:
-        for file, text in files.items():
-            (folder / file).write_text(text, encoding="utf-8")

@@ -15,6 +15,7 @@ from posture_opt.cli.output import write_text
 from posture_opt.cli.robot_options import RobotOptions
 from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.errors import InputError, Issue
+from posture_opt.export import EXPORTS
 from posture_opt.model.effects import CATALOGUE
 from posture_opt.output import json_text
 from posture_opt.problem.load import builtin_names, load_builtin
@@ -34,7 +35,7 @@ Row = dict[str, str]
 @click.option("--json", "as_json", is_flag=True, help="Print the JSON document and nothing else.")
 @click.option("--debug", is_flag=True, hidden=True)
 def list_command(as_json: bool, debug: bool) -> None:
-    """List tasks, effects, presets, solvers, terms and built-in problems."""
+    """List tasks, effects, presets, solvers, terms, exports and built-in problems."""
     tables = {title: rows() for title, rows in TABLES.items()}
     click.echo(json_text({key.replace(" ", "_"): rows for key, rows in tables.items()}) if as_json else _text(tables))
 
@@ -86,6 +87,7 @@ TABLES: dict[str, Callable[[], list[Row]]] = {
     "solvers": lambda: _kinds(SOLVERS),
     "terms": lambda: _kinds(TERMS),
     "obstacles": lambda: _kinds(OBSTACLES),
+    "exports": lambda: _kinds(EXPORTS),
     "built-in problems": _problems,
 }
 

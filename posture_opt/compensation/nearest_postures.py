@@ -24,6 +24,7 @@ _LONGEST = 0.3  # rad or m: longer steps of a linear model of a rotation mean no
 _STILL = 1e-11  # rad or m: rounding, where the Jacobian is poor
 _DAMPING = 0.1  # of the squared error (Sugihara 2011)
 _LEAST = 1e-16  # rad² or m²: singular values below 1e-8 move nothing
+_INSIDE = 1e-9  # rad or m: a fit within bounds starts off them
 _SAMPLES = 12  # random postures at which freedom is counted
 
 
@@ -78,7 +79,29 @@ class NearestPostures:
             open_rows[np.flatnonzero(open_rows)[longest < _STILL]] = False
             if not open_rows.any():
                 break
+        for row in np.flatnonzero(~self.reached(q, wanted)):
+            q[row] = self._fitted(wanted.take(np.arange(len(q)) == row), near[row])
         return q
+
+    def _fitted(self, one: Poses, near: Array) -> Array:
+        """(n,) the posture that comes nearest to a pose, from the given one on, where Newton's method does not settle.
+
+        Beside singular postures its steps jump to and fro; a least squares fit gets there, or shows that nothing does.
+        """
+        from scipy.optimize import least_squares
+
+        def left(q: Array) -> Array:
+            found = self.misses(q[None], one)
+            return np.concatenate([(found.position @ self.directions)[0], found.rotation[0] * self._oriented])
+
+        start = np.clip(near, self._lower + _INSIDE, self._upper - _INSIDE)
+        found = least_squares(left, start, bounds=(self._lower, self._upper), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        return np.asarray(found.x)
+
+    @property
+    def _oriented(self) -> float:
+        """Weight [m/rad] of the rotation in a fit: what cannot be had must not cost the tool point."""
+        return 1.0 if self.turns >= 3 else 1e-3
 
     def reached(self, q: Array, wanted: Poses) -> Mask:
         """(N,) whether postures are at their poses, as far as the arm moves at will."""

@@ -70,11 +70,11 @@ def _origin_factors(joint: UrdfJoint) -> tuple[Factor, ...]:
 
 
 def _constant(origin: Array) -> tuple[Factor, ...]:
-    named = frame_factors("", *_xyz_rpy(origin))
+    named = frame_factors("", *xyz_rpy(origin))
     return tuple(replace(factor, parameter="") for factor in named if factor.nominal != 0.0)
 
 
-def _xyz_rpy(T: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def xyz_rpy(T: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Position (3,) [m] and (roll, pitch, yaw) [rad] with ``R = Rz(yaw) Ry(pitch) Rx(roll)``.
 
     Roll is taken from what yaw and pitch leave over, so the product is exact at pitch = ±90° too, where yaw and

@@ -139,6 +139,16 @@ def covariance_c(problem: HasSources, name: str = "tool_covariance") -> tuple[st
     Raises:
         InputError: ``name`` is no free C identifier, or nothing is uncertain.
     """
+    function, described = spread_expressions(problem)
+    return c_source(function, name, described)
+
+
+def spread_expressions(problem: HasSources) -> tuple[ca.Function, dict[str, str]]:
+    """``q -> (position, covariance, first_order)`` of `covariance_c` as a CasADi function, with what each is.
+
+    Raises:
+        InputError: nothing is uncertain.
+    """
     require_sources(problem.sources)
     tool_point = ToolPoint.of(problem.arm, problem.sources)
     q = ca.SX.sym("q", problem.arm.robot.n)
@@ -154,4 +164,4 @@ def covariance_c(problem: HasSources, name: str = "tool_covariance") -> tuple[st
         "covariance": f"of the tool point in the world [m^2], {tool_point.method}{error}",
         "first_order": "the same to first order, J Sigma J' [m^2]",
     }
-    return c_source(function, name, described)
+    return function, described

@@ -15,18 +15,8 @@ from typing import Literal
 
 ROOMS = ["errors", "units", "spec", "numerics", "files", "output", "result"]
 ROOMS += ["robot", "model", "collision", "uncertainty", "selection"]
-ROOMS += [
-    "measurements",
-    "calibration",
-    "validation",
-    "experiments",
-    "diagnosis",
-    "batch",
-    "compensation",
-    "problem",
-    "report",
-    "cli",
-]
+ROOMS += ["measurements", "calibration", "validation", "experiments", "diagnosis", "batch", "compensation"]
+ROOMS += ["problem", "export", "report", "cli"]
 """The rooms of the package in the order in which they may import each other: each only those before it."""
 
 Where = Literal["top", "typing", "function"]

@@ -1,0 +1,67 @@
+"""``export_files``: a problem, or the posture that answers it, in the words of another program."""
+
+from __future__ import annotations
+
+from typing import Any, get_args
+
+from posture_opt.errors import InputError, Issue, one_of
+from posture_opt.export import EXPORTS
+from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
+from posture_opt.export.program_format import ProgramFormat
+from posture_opt.export.robot_program import program_through
+from posture_opt.robot.posture import PostureLike, read_posture
+
+
+def kind_of_export(listed: type[ExportFormat]) -> str:
+    """The name of a format."""
+    return str(get_args(listed.model_fields["kind"].annotation)[0])
+
+
+def export_kinds(programs_only: bool = False) -> dict[str, type[ExportFormat]]:
+    """The formats by name; of robot programs alone where that is asked for."""
+    return {kind_of_export(e): e for e in EXPORTS if not programs_only or issubclass(e, ProgramFormat)}
+
+
+def export_files(
+    problem: Any,
+    to: str,
+    *,
+    name: str = "",
+    posture: PostureLike | None = None,
+    speed: float = 10.0,
+    wait: float = 0.0,
+    seed: int | None = None,
+    workers: int = 1,
+) -> Exported:
+    """A problem in another format: its arm, its covariance as code, or its best posture as a robot program.
+
+    Args:
+        problem: a ``Problem``.
+        to: one of `export_kinds`.
+        name: of functions, programs and files; each format has one of its own.
+        posture: (n,) the stop of a robot program [rad or m]; default: the answer to the problem, which is planned.
+        speed: of robot programs [percent]; wait: at every stop [s].
+        seed, workers: of the planning.
+
+    Raises:
+        InputError: an unknown format, or one that cannot say it.
+        NoSolutionError: the problem has no posture to write.
+    """
+    kinds = export_kinds()
+    if to not in kinds:
+        raise InputError(Issue("there is no such export", ("--to",), to, one_of(to, kinds, "formats")))
+    given = None
+    if posture is not None:
+        q = [read_posture(problem.robot, posture)]
+        given = program_through(problem, "the given posture", q, [""], speed=speed, wait=wait)
+    source = ExportSource(problem, seed, workers, speed, wait, given)
+    return kinds[to](name=name).write(source)
+
+
+def program_files(program: Any, to: str, name: str) -> Exported:
+    """A robot program that is known, in one of the languages of controllers.
+
+    Raises:
+        InputError: as of `export_files`.
+    """
+    return export_kinds(programs_only=True)[to](name=name).write(ExportSource(None, given=program))

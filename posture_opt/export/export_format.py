@@ -1,0 +1,85 @@
+"""``ExportFormat``: what every format of an export shares; ``ExportSource``: what it is made from."""
+
+from __future__ import annotations
+
+import re
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.export.robot_program import RobotProgram, program_of
+from posture_opt.spec import Spec
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True)
+class Exported:
+    """File name -> text, and what could not be said in the format."""
+
+    files: Mapping[str, str]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ExportSource:
+    """A problem, and the motion that answers it, planned only where a format asks for it.
+
+    Args:
+        problem: what is exported.
+        seed, workers: of the planning.
+        speed: of programs, in percent of what the format takes for full; wait: at every stop [s].
+        given: the program, where it is known already.
+    """
+
+    problem: Any
+    seed: int | None = None
+    workers: int = 1
+    speed: float = 10.0
+    wait: float = 0.0
+    given: RobotProgram | None = None
+
+    @cached_property
+    def program(self) -> RobotProgram:
+        """The motion to write.
+
+        Raises:
+            NoSolutionError, InputError: as of `select_posture`.
+        """
+        if self.given is not None:
+            return self.given
+        return program_of(self.problem, self.seed, self.workers, self.speed, self.wait)
+
+
+class ExportFormat(Spec):
+    """One format of an export; ``name`` is that of functions, programs and files."""
+
+    summary: ClassVar[str]
+    """What it is, for lists."""
+    default: ClassVar[str]
+    """Name where none is given."""
+
+    name: str = ""
+
+    @abstractmethod
+    def write(self, source: ExportSource) -> Exported:
+        """The files, by name.
+
+        Raises:
+            InputError: the format cannot say it, or the name is none.
+        """
+
+    @property
+    def stem(self) -> str:
+        """The name, checked.
+
+        Raises:
+            InputError: it is no identifier.
+        """
+        name = self.name or self.default
+        if not _NAME.fullmatch(name):
+            raise InputError(Issue(f"{name!r} is no name", ("--name",), name, "use letters, digits and _"))
+        return name

@@ -1,0 +1,61 @@
+"""ROS messages as YAML: ``sensor_msgs/JointState`` of one posture, ``trajectory_msgs/JointTrajectory`` of several.
+
+Source: ROS, sensor_msgs/msg/JointState and trajectory_msgs/msg/JointTrajectory; radians and metres.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from posture_opt.export.program_format import ProgramFormat
+from posture_opt.export.robot_program import RobotProgram
+
+_FULL = 1.0  # rad/s or m/s of the joint that moves most, at 100 % of the speed
+_LEAST = 0.1  # s between two points of a trajectory
+_FIRST = 5.0  # s to the first one, from wherever the arm stands
+
+
+class JointState(ProgramFormat):
+    """A ROS message: of one posture a JointState, of several a JointTrajectory."""
+
+    summary: ClassVar[str] = "ROS message as YAML: JointState, or JointTrajectory of several stops"
+    most_joints: ClassVar[int] = 1000
+
+    kind: Literal["jointstate"] = "jointstate"
+
+    def files(self, program: RobotProgram) -> dict[str, str]:
+        names = json.dumps(list(program.robot.joint_names))
+        head = [f"# {line}" for line in program.head]
+        frame = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''"]
+        if len(program) == 1:
+            state = [f"name: {names}", f"position: [{', '.join(program.si[0])}]", "velocity: []", "effort: []"]
+            return {f"{self.stem}.yaml": "\n".join([*head, *frame, *state, ""])}
+        points = []
+        for values, label, times in zip(program.si, program.labels, self._times(program), strict=True):
+            for time in times:
+                points += [f"# {label}"] if label and time == times[0] else []
+                points += [f"- positions: [{', '.join(values)}]", f"  time_from_start: {duration(time)}"]
+        return {f"{self.stem}.yaml": "\n".join([*head, *frame, f"joint_names: {names}", "points:", *points, ""])}
+
+    @staticmethod
+    def _times(program: RobotProgram) -> list[tuple[float, ...]]:
+        """When the arm is to arrive at each stop and, where it waits, when it leaves it [s]."""
+        found: list[tuple[float, ...]] = []
+        clock = _FIRST
+        steps = [float(np.abs(b - a).max()) for a, b in itertools.pairwise(program.q)]
+        for step in [0.0, *steps]:
+            clock += max(step / (_FULL * program.speed / 100), _LEAST) if found else 0.0
+            found.append((clock, clock + program.wait) if program.wait else (clock,))
+            clock = found[-1][-1]
+        return found
+
+
+def duration(time: float) -> str:
+    """A time [s] as the message writes it."""
+    whole = math.floor(time)
+    return f"{{sec: {whole}, nanosec: {min(round((time - whole) * 1e9), 999_999_999)}}}"

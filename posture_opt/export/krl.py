@@ -1,0 +1,41 @@
+"""KUKA Robot Language: ``PTP`` to axis values in degrees.
+
+A program is a ``.src`` file with the motions and a ``.dat`` file of the same name with its data. ``E6AXIS`` holds six
+robot axes A1 … A6 and six external ones E1 … E6, in degrees or mm.
+Source: KUKA, "KUKA System Software 8.x, Operating and Programming Instructions for System Integrators".
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.export.program_format import ProgramFormat, seconds
+from posture_opt.export.robot_program import RobotProgram
+
+_AXES = (*(f"A{k}" for k in range(1, 7)), *(f"E{k}" for k in range(1, 7)))
+_LONGEST = 24  # characters of a name in KRL
+
+
+class Krl(ProgramFormat):
+    """A program of a KUKA controller."""
+
+    summary: ClassVar[str] = "program of a KUKA controller (PTP, degrees): .src and .dat"
+
+    kind: Literal["krl"] = "krl"
+
+    def files(self, program: RobotProgram) -> dict[str, str]:
+        name = self.stem
+        if len(name) > _LONGEST:
+            raise InputError(Issue(f"KRL has names of at most {_LONGEST} characters", ("--name",), name))
+        head = [f"; {line}" for line in program.head]
+        data = ["&ACCESS RVP", f"DEFDAT {name}", *head]
+        moves = ["&ACCESS RVP", f"DEF {name}()", *head, "BAS(#INITMOV, 0)"]
+        moves += [f"BAS(#VEL_PTP, {program.speed:g})", f"BAS(#ACC_PTP, {program.speed:g})"]
+        for k, (values, label) in enumerate(zip(program.degrees, program.labels, strict=True), start=1):
+            axes = zip(_AXES, [*values, *["0"] * (6 - len(values))], strict=False)
+            data.append(f"DECL E6AXIS XP{k}={{{', '.join(f'{axis} {value}' for axis, value in axes)}}}")
+            moves += [f"; {label}"] if label else []
+            moves.append(f"PTP XP{k}")
+            moves += [f"WAIT SEC {seconds(program.wait)}"] if program.wait else []
+        return {f"{name}.src": "\n".join([*moves, "END", ""]), f"{name}.dat": "\n".join([*data, "ENDDAT", ""])}

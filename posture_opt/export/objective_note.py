@@ -1,0 +1,23 @@
+"""The objective of the task of a problem, or why there is none to export."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from posture_opt.selection.task_objective import task_objective
+
+_NO_TASK = "the problem has no task: there is no objective to export"
+_SEVERAL = "the task has several targets, so no single objective is exported: write one for one of them with --position"
+
+
+def objective_or_note(problem: Any) -> tuple[tuple[Any, dict[str, str]] | None, tuple[str, ...]]:
+    """The function of `task_objective` with its descriptions, or a sentence.
+
+    Raises:
+        InputError: as of `task_objective`.
+    """
+    if problem.task is None:
+        return None, (_NO_TASK,)
+    if problem.task.features or problem.task.on_path:
+        return None, (_SEVERAL,)
+    return task_objective(problem), ()

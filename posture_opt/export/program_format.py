@@ -1,0 +1,43 @@
+"""``ProgramFormat``: what the languages of controllers share."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
+from posture_opt.export.robot_program import RobotProgram
+
+
+class ProgramFormat(ExportFormat):
+    """A robot program: it drives to every stop, joint by joint, and waits there."""
+
+    default: ClassVar[str] = "posture"
+    most_joints: ClassVar[int] = 12
+    """That the language can move."""
+
+    def write(self, source: ExportSource) -> Exported:
+        program = source.program
+        if program.robot.n > self.most_joints:
+            raise InputError(self._too_many(program.robot.n))
+        return Exported(self.files(program), program.notes)
+
+    @abstractmethod
+    def files(self, program: RobotProgram) -> dict[str, str]:
+        """File name -> text."""
+
+    def _too_many(self, joints: int) -> Issue:
+        message = f"the arm has {joints} joints, and a program of this kind moves {self.most_joints}"
+        return Issue(message, ("--to",), self.summary.split(":")[0], "use --to jointstate")
+
+
+def seconds(value: float) -> str:
+    """A time as a plain number with a decimal point: 2.0, 0.25."""
+    text = f"{value:.3f}".rstrip("0")
+    return text + "0" if text.endswith(".") else text
+
+
+def comment(label: str) -> str:
+    """A label in front of a move, or nothing."""
+    return label or "next stop"

@@ -1,0 +1,94 @@
+"""Covariance, objective and gradient as a Python module that needs NumPy alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Literal
+
+from posture_opt import __version__
+from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
+from posture_opt.export.objective_note import objective_or_note
+from posture_opt.model.python_source import python_source
+from posture_opt.uncertainty.spread_function import spread_expressions
+
+_HEAD = '''"""{title}
+
+Written by posture_opt {version}; needs NumPy alone. q is an array (..., n) of joint values [rad or m]: {joints}.
+
+{functions}
+"""
+
+import math
+
+import numpy as np
+
+JOINTS = {names!r}
+
+
+def _shaped(q, values, shape):
+    """Entries, column by column, as arrays (..., *shape)."""
+    every = np.broadcast_arrays(q[..., 0], *values)[1:]
+    flat = np.stack(every, axis=-1).reshape((*q.shape[:-1], *reversed(shape)))
+    return flat.swapaxes(-1, -2) if len(shape) == 2 else flat
+
+
+_erf = np.vectorize(math.erf, otypes=[float])
+'''
+_SPREAD = '''
+def position(q):
+    """(..., 3) {position}."""
+    return _spread(q)[0]
+
+
+def covariance(q):
+    """(..., 3, 3) {covariance}."""
+    return _spread(q)[1]
+
+
+def first_order(q):
+    """(..., 3, 3) {first_order}."""
+    return _spread(q)[2]
+'''
+_OBJECTIVE = '''
+def objective(q):
+    """(...) {objective}."""
+    return _objective(q)[0]
+
+
+def gradient(q):
+    """(..., n) {gradient}."""
+    return _objective(q)[1]
+'''
+
+
+class PythonCode(ExportFormat):
+    """``NAME.py`` with the functions position, covariance, first_order, and objective and gradient of the task."""
+
+    summary: ClassVar[str] = "covariance of the tool point, objective and gradient as Python, NumPy alone"
+    default: ClassVar[str] = "tool_covariance"
+
+    kind: Literal["python"] = "python"
+
+    def write(self, source: ExportSource) -> Exported:
+        problem = source.problem
+        function, said = spread_expressions(problem)
+        parts = [python_source(function, "_spread"), _SPREAD.format(**_safe(said))]
+        objective, notes = objective_or_note(problem)
+        told = dict(said)
+        if objective is not None:
+            parts += [python_source(objective[0], "_objective"), _OBJECTIVE.format(**_safe(objective[1]))]
+            told |= {key: text for key, text in objective[1].items() if key != "q"}
+        lines = [f"{key}(q): {text}" for key, text in _safe(told).items() if key != "q"]
+        head = _HEAD.format(
+            title=_safe({"": problem.name or "Spread of a tool point"})[""],
+            version=__version__,
+            joints=_safe({"": ", ".join(f"{j.name} [{j.unit}]" for j in problem.arm.robot.joints)})[""],
+            functions="\n".join(lines),
+            names=tuple(problem.arm.robot.joint_names),
+        )
+        return Exported({f"{self.stem}.py": "\n\n".join([head, *parts])}, notes)
+
+
+def _safe(texts: Mapping[str, str]) -> dict[str, str]:
+    """Texts as a docstring may hold them."""
+    return {key: text.replace("\\", "/").replace('"', "'") for key, text in texts.items()}

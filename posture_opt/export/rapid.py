@@ -1,0 +1,43 @@
+"""RAPID: ``MoveAbsJ`` to joint targets in degrees.
+
+A ``jointtarget`` is ``[robax, extax]``: six robot axes and six external ones, in degrees or mm, 9E9 for one that is not
+there. ``VelSet`` scales all programmed speeds; ``fine`` stops at the point; ``WaitTime \\InPos`` waits until the arm
+stands.
+Source: ABB, "Technical reference manual, RAPID Instructions, Functions and Data types".
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.export.program_format import ProgramFormat, seconds
+from posture_opt.export.robot_program import RobotProgram
+
+_LONGEST = 32  # characters of a name in RAPID
+_ABSENT = "9E9"
+
+
+class Rapid(ProgramFormat):
+    """A program module of an ABB controller."""
+
+    summary: ClassVar[str] = "program module of an ABB controller (MoveAbsJ, degrees)"
+
+    kind: Literal["rapid"] = "rapid"
+
+    def files(self, program: RobotProgram) -> dict[str, str]:
+        name = self.stem
+        if len(name) > _LONGEST - 4:
+            raise InputError(Issue(f"RAPID has names of at most {_LONGEST} characters", ("--name",), name))
+        data, moves = [], [f"    VelSet {program.speed:g}, 5000;"]
+        for k, (values, label) in enumerate(zip(program.degrees, program.labels, strict=True), start=1):
+            robot = [*values, *["0"] * 6][: max(6, min(len(values), 6))]
+            external = [*values[6:], *[_ABSENT] * 6][:6]
+            target = f"[[{', '.join(robot)}], [{', '.join(external)}]]"
+            data.append(f"  CONST jointtarget {name}_p{k} := {target};")
+            moves += [f"    ! {label}"] if label else []
+            moves.append(f"    MoveAbsJ {name}_p{k}\\NoEOffs, v1000, fine, tool0;")
+            moves += [f"    WaitTime\\InPos, {seconds(program.wait)};"] if program.wait else []
+        head = [f"  ! {line}" for line in program.head]
+        lines = [f"MODULE {name}", *head, *data, f"  PROC {name}_run()", *moves, "  ENDPROC", "ENDMODULE", ""]
+        return {f"{name}.mod": "\n".join(lines)}

@@ -1,0 +1,128 @@
+"""``RobotProgram``: stops to drive to and wait at, as every controller's language can say it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from posture_opt import __version__
+from posture_opt.model.arm import Arm
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.features_solution import FeaturesSolution
+from posture_opt.selection.paths.path_solution import PathSolution
+from posture_opt.selection.select_posture import Answer, select_posture
+from posture_opt.selection.solution import Solution
+from posture_opt.uncertainty.joint_digits import JointDigits, joint_digits
+
+CONVENTION = (
+    "Joint values are those of the joints of the model: its zeros and senses.",
+    "Check that the controller counts the same before the first run.",
+)
+
+_UNCHECKED = "The way from stop to stop is not checked for collisions: drive it slowly the first time."
+
+
+@dataclass(frozen=True, eq=False)
+class RobotProgram:
+    """Stops in their order.
+
+    Args:
+        title: of the problem; what: the stops are, in a word.
+        q: (N, n) joint values of the stops [rad or m]; labels: (N,) texts, empty for none.
+        digits: what rounding may cost.
+        speed: percent of what the language takes for full; wait: at every stop [s].
+        notes: sentences for the head of the program.
+    """
+
+    title: str
+    what: str
+    robot: Robot
+    q: Array
+    labels: tuple[str, ...]
+    digits: JointDigits
+    speed: float = 10.0
+    wait: float = 0.0
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @cached_property
+    def head(self) -> tuple[str, ...]:
+        """What stands at the beginning of the program, as plain lines of ASCII."""
+        what = f"{self.title}: {self.what}" if self.title else self.what
+        return tuple(map(plain, (what, f"Written by posture_opt {__version__}.", *CONVENTION, *self.notes)))
+
+    @property
+    def degrees(self) -> list[list[str]]:
+        """Joint values as texts, in deg and mm."""
+        return self.texts(float(np.pi / 180), 1e-3)
+
+    @property
+    def si(self) -> list[list[str]]:
+        """Joint values as texts, in rad and m."""
+        return self.texts(1.0, 1.0)
+
+    def texts(self, turn: float, slide: float) -> list[list[str]]:
+        """Joint values as texts, in units of ``turn`` rad and ``slide`` m."""
+        factors = [turn if joint.type == "revolute" else slide for joint in self.robot.joints]
+        return [
+            [self.digits.text(j, float(v), f) for j, v, f in zip(self.robot.joints, q, factors, strict=True)]
+            for q in self.q
+        ]
+
+
+def program_of(problem: Any, seed: int | None, workers: int, speed: float, wait: float) -> RobotProgram:
+    """The answer to a problem as a program: its posture, those of its features in order, or the points of its path.
+
+    Raises:
+        NoSolutionError, InputError: as of `select_posture`.
+    """
+    answer = select_posture(problem, seed=seed, workers=workers)
+    return replace(answer_program(problem, answer), speed=speed, wait=wait)
+
+
+def answer_program(problem: Any, answer: Answer) -> RobotProgram:
+    """The program of an answer that is known."""
+    what, stops = _stops(answer)
+    return program_through(problem, what, [q for q, _ in stops], [label for _, label in stops])
+
+
+def program_through(
+    problem: Any, what: str, q: ArrayLike, labels: Sequence[str], *, speed: float = 10.0, wait: float = 0.0
+) -> RobotProgram:
+    """The program through postures (N, n)."""
+    rows = np.asarray(q, dtype=float)
+    digits = joint_digits(problem, rows)
+    notes = (*_arrivals(problem.arm), *([_UNCHECKED] if len(rows) > 1 else []))
+    return RobotProgram(problem.name, what, problem.robot, rows, tuple(labels), digits, speed, wait, notes)
+
+
+def _arrivals(arm: Arm) -> Iterator[str]:
+    """From which sides joints are to arrive, where an effect of theirs depends on it and the task says so."""
+    for joint in dict.fromkeys(effect.target for effect in arm.effects if "approach" in effect.needs):
+        if joint in arm.inputs.stated:
+            upwards = arm.inputs.side(arm.robot.joint_names.index(joint)) > 0
+            yield f"{joint} is to arrive {'with growing' if upwards else 'with falling'} values."
+
+
+def _stops(answer: Answer) -> tuple[str, list[tuple[Array, str]]]:
+    if isinstance(answer, Solution):
+        return "the best posture", [(answer.q, "")]
+    if isinstance(answer, PathSolution):
+        return "along the path", [(point.q, f"point {k}") for k, point in enumerate(answer.points, start=1)]
+    assert isinstance(answer, FeaturesSolution)
+    order = answer.order.order
+    return "the features, in the order of the least travel", [(answer.postures[k], answer.names[k]) for k in order]
+
+
+def plain(text: str) -> str:
+    """A line of printable ASCII: what controllers read as a comment."""
+    swapped = text.translate(str.maketrans("–—σ°µ·×", "--sduxx"))
+    return "".join(c if " " <= c <= "~" else " " if c.isspace() else "?" for c in swapped)

@@ -1,0 +1,116 @@
+"""The arm as URDF: its corrections in the origins of the joints, base and tool as fixed joints.
+
+Source: ROS, "URDF XML specification": ``origin`` is ``Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)`` from the parent link
+to the joint, whose axis is given in the joint frame; the child link's frame is the joint frame after the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import ClassVar, Literal
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from posture_opt import __version__
+from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
+from posture_opt.model.chain import factor_values, stack, walk
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Factor, Joint, Robot
+from posture_opt.robot.urdf_chain import xyz_rpy
+
+_EFFORT, _VELOCITY = 1000.0, 1.0  # N m or N, rad/s or m/s: the format requires limits, and nobody stated these
+_PLACEHOLDERS = "effort and velocity limits of the joints are placeholders: the problem file has none"
+_NO_MASSES = "masses are left out: a URDF wants tensors of inertia with them, and the problem file has none"
+
+
+class UrdfArm(ExportFormat):
+    """A URDF file whose forward kinematics is that of the corrected arm, from ``world`` to ``tool``."""
+
+    summary: ClassVar[str] = "the corrected arm as URDF, from link 'world' to link 'tool'"
+    default: ClassVar[str] = "arm"
+
+    kind: Literal["urdf"] = "urdf"
+
+    def write(self, source: ExportSource) -> Exported:
+        problem = source.problem
+        effects = ", ".join(effect.name for effect in problem.arm.effects)
+        left_out = (f"a URDF cannot hold effects: left out are {effects}",) if effects else ()
+        free = [frame for frame in ("base", "tool") if getattr(problem.robot, f"{frame}_free")]
+        found = tuple(f"the {frame} is free, to be found from data: here it is at its start value" for frame in free)
+        notes = (*left_out, *found, _PLACEHOLDERS, _NO_MASSES)
+        return Exported({f"{self.stem}.urdf": urdf_text(problem.robot, self.stem, notes)}, notes)
+
+
+def urdf_text(robot: Robot, name: str, notes: Sequence[str] = ()) -> str:
+    """The URDF of a chain; joint names, zeros, senses and limits are those of its joints."""
+    before, behind = _parts(robot)
+    links = _unique(("world", "base", *(f"{joint.name}_link" for joint in robot.joints), "flange", "tool"))
+    fixed = _unique((*robot.joint_names, "world_to_base", "to_flange", "flange_to_tool"))[robot.n :]
+    origins = [before[0], *((*rest, *ahead) for rest, ahead in zip(behind[:-1], before[1:], strict=True))]
+    joints = [_fixed(fixed[0], links[0], links[1], robot.base)]
+    for k, (joint, origin) in enumerate(zip(robot.joints, origins, strict=True)):
+        joints.append(_moving(joint, links[k + 1], links[k + 2], origin, robot.factors[robot.driven[k]].axis))
+    joints.append(_fixed(fixed[1], links[-3], links[-2], behind[-1]))
+    joints.append(_fixed(fixed[2], links[-2], links[-1], robot.tool))
+    comment = "\n".join(f"  {line}".replace("--", "- -") for line in (f"Written by posture_opt {__version__}.", *notes))
+    body = [*(f"  <link name={quoteattr(link)}/>" for link in links), *joints]
+    head = f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n<robot name={quoteattr(name)}>'
+    return "\n".join([head, *body, "</robot>", ""])
+
+
+def _parts(robot: Robot) -> tuple[list[tuple[Factor, ...]], list[tuple[Factor, ...]]]:
+    """Of each link the factors up to its joint variable, whose own nominal value is among them, and those behind it.
+
+    A turn by the nominal value and one by the joint variable are about one axis: the order of the two is free.
+    """
+    before, behind = [], []
+    for link in robot.links:
+        at = next(i for i, factor in enumerate(link) if factor.joint is not None)
+        before.append(link[: at + 1])
+        behind.append(link[at + 1 :])
+    return before, behind
+
+
+def _pose(factors: Iterable[Factor]) -> Array:
+    """(4, 4) the product of factors at the joint value zero."""
+    still = [Factor(f.kind, f.axis, f.nominal) for f in factors]
+    reached = walk(still, factor_values(still, ()))
+    (a, b, c), x = reached.columns, reached.position
+    rows = [(a[k], b[k], c[k], x[k]) for k in range(3)]
+    return np.asarray(stack([*rows, (0.0, 0.0, 0.0, 1.0)]), dtype=float)
+
+
+def _origin(factors: Iterable[Factor]) -> str:
+    xyz, rpy = xyz_rpy(_pose(factors))
+    places, turns = (" ".join(repr(float(value) + 0.0) for value in part) for part in (xyz, rpy))
+    return f'    <origin xyz="{places}" rpy="{turns}"/>'
+
+
+def _fixed(name: str, parent: str, child: str, factors: Iterable[Factor]) -> str:
+    head = f'  <joint name={quoteattr(name)} type="fixed">'
+    return "\n".join([head, *_ends(parent, child), _origin(factors), "  </joint>"])
+
+
+def _moving(joint: Joint, parent: str, child: str, factors: Iterable[Factor], axis: int) -> str:
+    along = " ".join("1" if k == axis else "0" for k in range(3))
+    head = f'  <joint name={quoteattr(joint.name)} type="{joint.type}">'
+    bounds = f'lower="{float(joint.lower)!r}" upper="{float(joint.upper)!r}"'
+    limit = f'    <limit {bounds} effort="{_EFFORT!r}" velocity="{_VELOCITY!r}"/>'
+    motion = f'    <axis xyz="{along}"/>'
+    return "\n".join([head, *_ends(parent, child), _origin(factors), motion, limit, "  </joint>"])
+
+
+def _ends(parent: str, child: str) -> tuple[str, str]:
+    return f"    <parent link={quoteattr(parent)}/>", f"    <child link={quoteattr(child)}/>"
+
+
+def _unique(names: Sequence[str]) -> list[str]:
+    """The names, those that stand there already with an underscore more."""
+    found: list[str] = []
+    for name in names:
+        fresh = name
+        while fresh in found:
+            fresh += "_"
+        found.append(fresh)
+    return found
