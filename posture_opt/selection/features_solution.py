@@ -206,7 +206,8 @@ class FeaturesSolution(Result):
     @cached_property
     def improvements(self) -> tuple[Improvement, ...]:
         """What would lower the spread, where the workpiece stands: smaller errors, a calibration; most gain first."""
-        return improvements(self.stations, np.mean if self.task.combine == "mean" else np.max)
+        combined = np.mean if self.task.combine == "mean" else np.max
+        return () if self.status == "infeasible" else improvements(self.stations, combined)
 
     @cached_property
     def bench(self) -> BenchMap | None:

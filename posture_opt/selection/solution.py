@@ -158,7 +158,7 @@ class Solution(Result):
     @cached_property
     def improvements(self) -> tuple[Improvement, ...]:
         """What would lower the spread: smaller errors, a calibration, the part elsewhere; most gain first."""
-        return improvements((self,), np.max, place=self)
+        return () if self.status == "infeasible" else improvements((self,), np.max, place=self)
 
     def sigma_under(self, sources: Sources) -> float:
         """σ_max [m] of the part that counts, in this posture under other errors."""

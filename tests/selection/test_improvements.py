@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.errors import NoSolutionError
 from posture_opt.selection.improvements import CalibratedArm, HalvedSigma, MovedPart
 from posture_opt.selection.solution import Solution
 
@@ -140,6 +141,15 @@ def test_no_place_around_is_better_than_the_one_told():
 def test_a_part_that_was_placed_is_not_moved_again():
     free = {**PLANAR, "task": {"kind": "insert", "direction": [0, -1, 0]}}
     assert not change_of(solved(free), MovedPart)
+
+
+def test_a_task_that_cannot_be_done_has_no_improvements():
+    with pytest.raises(NoSolutionError) as failed:
+        po.select_posture(
+            po.problem_from_dict({**PLANAR, "task": {**PLANAR["task"], "position": ["3 m", "0 m", "0 m"]}})
+        )
+    assert failed.value.solution is not None
+    assert failed.value.solution.to_json()["what_would_help"] == []
 
 
 def test_features_and_paths_tell_it_too():

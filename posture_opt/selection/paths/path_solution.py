@@ -141,7 +141,7 @@ class PathSolution(Result):
     @cached_property
     def improvements(self) -> tuple[Improvement, ...]:
         """What would lower the largest spread of this motion: smaller errors, a calibration; most gain first."""
-        return improvements(self.points, np.max)
+        return () if self.status == "infeasible" else improvements(self.points, np.max)
 
     def gain_over(self, sigma: float) -> float:
         """Relative reduction of the largest σ_max along the path against ``sigma`` [m]."""
