@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,16 @@ import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.request import placed, requested_problem
+from posture_opt.cli.robot_programs import ProgramRequest, program_options
+from posture_opt.export.known_programs import compensated_program
 
 
 @click.command("compensate")
 @click.argument("targets", type=click.Path(path_type=Path), metavar="TARGETS.csv")
 @problem_options
+@program_options(0.0)
 @common_options
-def compensate_command(common: Common, targets: Path, **given: Any) -> None:
+def compensate_command(common: Common, targets: Path, motion: ProgramRequest, **given: Any) -> None:
     """Joint values that bring the tool of this arm, with its corrections and effects, to the targets.
 
     TARGETS.csv has x, y, z with units, optionally qw, qx, qy, qz, and joint columns that say which posture to stay
@@ -27,5 +31,6 @@ def compensate_command(common: Common, targets: Path, **given: Any) -> None:
     problem = requested_problem(**given)
     with output(common), placed(problem):
         found = po.compensate(problem, targets)
-        save_result(common, found)
+        program = motion.files(common, "compensated", partial(compensated_program, found))
+        save_result(common, found, program)
     show_result(common, found)

@@ -2,38 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
 import posture_opt as po
-from posture_opt.cli.options import Command, Common, add_options, common_options, problem_options, task_options
+from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import OUT, output, show
 from posture_opt.cli.quantities import requested_posture
 from posture_opt.cli.request import placed, requested_problem
+from posture_opt.cli.robot_programs import motion_options
 from posture_opt.export.export_files import export_kinds
 from posture_opt.output import staged_folder
-
-
-def motion_options(wait: float) -> Callable[[Command], Command]:
-    """Adds the options of robot programs: speed and wait at every stop, by default so many seconds."""
-
-    def added(command: Command) -> Command:
-        return add_options(
-            command,
-            click.option(
-                "--speed", type=click.FloatRange(0, 100, min_open=True), default=10.0, show_default=True,
-                metavar="PERCENT", help="Of a robot program.",
-            ),
-            click.option(
-                "--wait", type=click.FloatRange(min=0), default=wait, show_default=True, metavar="SECONDS",
-                help="At every stop of a robot program.",
-            ),
-        )  # fmt: skip
-
-    return added
 
 
 @click.command("export")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.quantities import corner, height_of
 from posture_opt.cli.request import placed, requested_problem
+from posture_opt.cli.robot_programs import ProgramRequest, program_options
 from posture_opt.errors import InputError, Issue
+from posture_opt.export.known_programs import measuring_program
 
 Corner = tuple[float, ...]
 Box = tuple[Corner, Corner]
@@ -40,10 +43,11 @@ Box = tuple[Corner, Corner]
 @click.option("--repeats", type=click.IntRange(min=1), default=1, show_default=True, help="Visits to each posture.")
 @click.option("--min", "low", metavar="TEXT", help='Lower corner of where the tool point may go: "0.3 m, -0.2 m, 0 m".')
 @click.option("--max", "high", metavar="TEXT", help="Its upper corner: what the instrument sees, say.")
+@program_options(2.0)
 @common_options
 def plan_measurements_command(
     common: Common, count: int, data: Path | None, purpose: Any, candidates: int, link_height: str | None,
-    repeats: int, low: str | None, high: str | None, **given: Any,
+    repeats: int, low: str | None, high: str | None, motion: ProgramRequest, **given: Any,
 ) -> None:  # fmt: skip
     """Which postures to measure next: those that tell most about the arm, or about its task."""
     problem, box = requested_problem(**given), _box(low, high)
@@ -55,7 +59,7 @@ def plan_measurements_command(
                 link_height=None if link_height is None else height_of(link_height), within=box,
                 repeats=repeats, candidates=candidates, progress=progress,
             )  # fmt: skip
-        save_result(common, plan)
+        save_result(common, plan, motion.files(common, "measure", partial(measuring_program, plan)))
     show_result(common, plan)
 
 

@@ -1,0 +1,32 @@
+"""Robot programs of results whose postures are known: compensated targets, postures to measure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from posture_opt.compensation.compensation import Compensation
+from posture_opt.experiments.measurement_plan import MeasurementPlan
+from posture_opt.export.robot_program import RobotProgram, program_through
+
+
+def compensated_program(found: Compensation, speed: float = 10.0, wait: float = 0.0) -> RobotProgram:
+    """The program through compensated targets, in their order: from other sides the joints arrive elsewhere."""
+    labels = [f"line {line}" for line in found.targets.line]
+    program = program_through(found.problem, "compensated targets", found.q, labels, speed=speed, wait=wait)
+    order = "Keep the order of the stops, and the sides of arrival: the values hold for them."
+    return replace(program, notes=(order, *program.notes)) if found.problem.arm.effects else program
+
+
+def measuring_program(plan: MeasurementPlan, speed: float = 10.0, wait: float = 2.0) -> RobotProgram:
+    """The program that visits the postures to measure and waits at each, round by round."""
+    rounds = [f"posture {k}" for k in range(1, len(plan.q) + 1)]
+    labels = [f"{label}, round {n}" for n in range(1, plan.repeats + 1) for label in rounds]
+    q = np.tile(plan.q, (plan.repeats, 1))
+    program = program_through(
+        plan.problem, "postures to measure", q, labels if plan.repeats > 1 else rounds, speed=speed, wait=wait
+    )
+    legs = ", ".join(f"{k + 1} to {k + 2}" for k in plan.tour.blocked)
+    blocked = (f"A straight move of the joints does not keep clear from posture {legs}: add stops on the way.",)
+    return replace(program, notes=(*(blocked if legs else ()), *program.notes))
