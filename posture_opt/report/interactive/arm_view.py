@@ -111,6 +111,7 @@ class ArmView:
             "points": self.points,
             "line": self.line,
             "values": self.values,
+            "planar": self._planar,
             "low": np.round(1e3 * low).tolist(),
             "high": np.round(1e3 * high).tolist(),
             "eye": self._eye,

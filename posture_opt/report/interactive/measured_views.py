@@ -71,13 +71,12 @@ def diagnosis(shown: DiagnosisPresenter) -> ArmView:
     """Every cause at the joint that it is of, with its size: all of them, and each by itself."""
     found, extended = shown.result, shown.result.extended
     q, spread = _shown_posture(extended, shown.comparison, found.request.data.q)
-    marks = [_mark(found, extended, finding) for finding in found.effects]
-    every = tuple(mark for mark in marks if mark is not None)
+    marks = [_marks(found, extended, finding) for finding in found.effects]
+    every = tuple(mark for own in marks for mark in own)
     postures = [ShownPosture("causes", "all causes" if every else "no cause found", q, spread=spread, marks=every)]
-    for finding, mark in zip(found.effects, marks, strict=True):
+    for finding, own in zip(found.effects, marks, strict=True):
         words, size = finding_words(finding, found.problem), headline_of(found, finding)
         facts = (("Cause", words), *([("Size", size)] if size else []))
-        own = () if mark is None else (mark,)
         postures.append(ShownPosture(view_key(found, finding), words, q, facts, spread, marks=own))
     return ArmView(extended.robot, tuple(postures), "Cause", extended.scene)
 
@@ -93,13 +92,16 @@ def _shown_posture(problem: Problem, comparison: Comparison | None, measured: Ar
     return q, propagate(problem, q) if known else None
 
 
-def _mark(found: Diagnosis, problem: Problem, finding: Finding) -> Mark | None:
-    """The cause at its joint, at the base or the tool; None where it is of none of them."""
+def _marks(found: Diagnosis, problem: Problem, finding: Finding) -> tuple[Mark, ...]:
+    """The cause at its joint, at the base or the tool; of all geometry together, the clearest corrections."""
     cause, owners = finding.cause, (*problem.robot.joint_names, BASE, TOOL)
     named = (cause.target, cause.moved_joint, owner_of(cause.target, problem.arm))
     owner = next((name for name in named if name in owners), "")
     size = headline_of(found, finding)
-    return Mark(owner, f"{cause.label}\n{size}" if size else cause.label) if owner else None
+    if owner:
+        return (Mark(owner, f"{cause.label}\n{size}" if size else cause.label),)
+    geometric = finding.effect is None and finding.noise is None
+    return _corrections(found.calibration, problem) if geometric else ()
 
 
 def _corrections(found: Calibration, problem: Problem) -> tuple[Mark, ...]:

@@ -121,7 +121,7 @@
   };
   const spans = [0, 1, 2].map((k) => data.high[k] - data.low[k]);
   const longest = Math.max(...spans);
-  const axis = (name, k) => ({ title: { text: `${name} [mm]` }, range: [data.low[k], data.high[k]], backgroundcolor: "#fff", gridcolor: "#ddd", zeroline: false, nticks: 6, showspikes: false });
+  const axis = (name, k) => ({ title: { text: `${name} [mm]` }, range: [data.low[k], data.high[k]], backgroundcolor: "#fff", gridcolor: "#ddd", zeroline: false, nticks: 6, showspikes: false, visible: !(data.planar && name === "z") });
   // So far off that the whole box is seen.
   const away = 0.9 * 1.25 * Math.hypot(...spans) / longest;
   const start = { eye: { x: away * data.eye[0], y: away * data.eye[1], z: away * data.eye[2] }, up: { x: 0, y: 0, z: 1 }, center: { x: 0, y: 0, z: -0.05 } };
@@ -129,7 +129,7 @@
   const layout = () => ({ margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, paper_bgcolor: "#fff", font: { size: 12 },
     scene: { xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), aspectmode: "manual",
       aspectratio: { x: 1.25 * spans[0] / longest, y: 1.25 * spans[1] / longest, z: 1.25 * spans[2] / longest }, camera, annotations: labels(), dragmode: "turntable" } });
-  const config = { displaylogo: false, responsive: true, showTips: false, modeBarButtonsToRemove: ["resetCameraLastSave3d", "hoverClosest3d", "tableRotation"] };
+  const config = { displaylogo: false, responsive: true, showTips: false, modeBarButtons: [["toImage", "zoom3d", "pan3d", "tableRotation"]] };
 
   const rows = () => document.querySelectorAll("main [data-view]");
   const tell = () => {
