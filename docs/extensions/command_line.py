@@ -25,8 +25,9 @@ def command_line_page() -> str:
 def command_section(path: str, command: click.Command, context: click.Context) -> str:
     """What a command does, how it is called, and its options as a table."""
     usage = " ".join(command.collect_usage_pieces(context))
-    rows = [record for p in command.params if (record := p.get_help_record(context))]
-    table = "\n".join(f"| {code(option)} | {cell(text)} |" for option, text in rows)
+    options = [p for p in command.params if isinstance(p, click.Option)]
+    rows = [record for option in options if (record := option.get_help_record(context))]
+    table = "\n".join(f"| {code(option)} | {words(text)} |" for option, text in rows)
     return f"""\
 ## {path.removeprefix("optimize-posture ")}
 
@@ -44,7 +45,12 @@ def command_section(path: str, command: click.Command, context: click.Context) -
 
 def code(option: str) -> str:
     """``--out DIR`` as code, its bars kept out of the table's way."""
-    return f"`{cell(option)}`"
+    return f"`{cell(option.replace('INTEGER RANGE', 'N').replace('FLOAT RANGE', 'X'))}`"
+
+
+def words(text: str) -> str:
+    """A help text, the options that it names as code."""
+    return re.sub(r"(?<![\w-])(--[a-z-]+)", r"`\1`", cell(text))
 
 
 def cell(text: str) -> str:

@@ -121,7 +121,7 @@ def default(value: Schema, required: bool) -> str:
     given = value.get("default")
     if given in (None, {}, [], "") or isinstance(given, dict):
         return ""
-    return f"`{json.dumps(given, ensure_ascii=False)}`"
+    return f"`{json.dumps(given, ensure_ascii=False).replace('.0', '')}`"
 
 
 def value_text(value: Schema) -> str:
@@ -158,7 +158,9 @@ def array_text(value: Schema) -> str:
 
 
 def section_name(name: str) -> str:
-    return PARTS.get(name, name.removesuffix("Spec").lower()).replace("A ", "a ").replace("A frame", "frame")
+    if name == "FrameSpec":
+        return "a frame, or `free`"
+    return PARTS.get(name, f"see `{name.removesuffix('Spec').lower()}`").replace("A ", "a ")
 
 
 def references(schema: Schema) -> list[str]:

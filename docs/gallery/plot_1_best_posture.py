@@ -8,6 +8,6 @@ of the tool point. `solution.figures()` has all figures of a solution by name; `
 
 import posture_opt as po
 
-problem = po.load_problem("../../problems/insert_planar_2r.yaml")
+problem = po.load_problem("insert_planar_2r")
 solution = po.select_posture(problem)
 figure = solution.plot()

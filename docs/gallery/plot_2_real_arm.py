@@ -7,7 +7,7 @@ A Panda inserts from above. Which error counts most, and how much worse are othe
 
 import posture_opt as po
 
-problem = po.load_problem("../../problems/insert_panda.yaml")
+problem = po.load_problem("insert_panda")
 solution = po.select_posture(problem)
 figures = solution.figures()
 print(*figures)

@@ -10,6 +10,6 @@ import numpy as np
 
 import posture_opt as po
 
-problem = po.load_problem("../../problems/lecture_folded_angles.yaml")
+problem = po.load_problem("lecture_folded_angles")
 cloud = po.simulate(problem, np.radians([90, -180]), n=5000, seed=0)
 figure = cloud.plot()

@@ -8,7 +8,7 @@ simulated data are a compliant elbow and a first gear with play.
 
 import posture_opt as po
 
-problem = po.load_problem("../../problems/insert_ur10_measured.yaml")
+problem = po.load_problem("insert_ur10_measured")
 data = po.read_measurements("../../problems/ur10_measured.csv", problem)
 diagnosis = po.diagnose(problem, data)
 print(diagnosis)

@@ -7,7 +7,7 @@ The errors of the rows that the fit has not seen, and whether the predicted spre
 
 import posture_opt as po
 
-problem = po.load_problem("../../problems/insert_planar_2r_measured.yaml")
+problem = po.load_problem("insert_planar_2r_measured")
 data = po.read_measurements("../../problems/planar_2r_measured.csv", problem)
 calibration = po.calibrate(problem, data)
 assessment = po.assess(problem, data, calibration)
