@@ -18,6 +18,7 @@ from tests.hidden.true_arm import FIRST, PAYLOAD, TrueArm
 
 TARGETS = 40
 ODDS = 1e-4  # on either side: with four tests a false alarm in a thousand states of the code
+ESTIMATED = 0.2  # of the scatter, which the data tell from 15 postures visited 3 times: 3 σ of their chi-square
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def test_the_true_arm_misses_its_targets_by_what_is_said_to_be_left(
     assert rms(after) < 0.03 * rms(before)
     assert 0.5 < rms(after) / rms(left) < 1.7
     low, high = np.quantile(drawn_errors(learnt.path, q), [ODDS, 1 - ODDS])
-    assert low < rms(after) < high
+    assert (1 - ESTIMATED) * low < rms(after) < (1 + ESTIMATED) * high
     if oriented:
         R = learnt.true.replay(q)[1]
         angle = np.arccos(np.clip((np.einsum("nij,nij->n", R, learnt.R) - 1) / 2, -1, 1))

@@ -1,7 +1,7 @@
 """A true arm of the hidden simulator: measured like one, and driven to compensated commands; not a line of the package.
 
-Its errors are those of all lengths, angles and joint zeros, an elbow that gives way under links and payload, and
-backlash in the first joint.
+Its errors are those of all lengths, angles and joint zeros, an elbow that gives way under links and payload, backlash
+in the first joint, and joints that come to rest a little elsewhere at every repeat.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from tests.hidden.families import Setting
 from tests.hidden.files import document
 from tests.hidden.mechanics import Array, walk
 
+REPEAT = 1.5e-5  # rad: σ of every joint from repeat to repeat; some 0.02 mm at the tool
 POSITION, TURN = 0.02e-3, 0.05e-3  # m and rad: σ of the instrument
 PAYLOAD = 5.0  # kg, of the task
 ELBOW = {"ur10": "joint3", "seven": "a4"}
@@ -50,8 +51,8 @@ class TrueArm:
         )
         return cls(Site(arm, session, geometry(rng, arm, Setting(kind))), effects, turned)
 
-    def poses(self, session: Session) -> tuple[Array, Array]:
-        """(N, 3) tool points [m] and (N, 3, 3) orientations where commands truly end."""
+    def poses(self, session: Session, rng: np.random.Generator) -> tuple[Array, Array]:
+        """(N, 3) tool points [m] and (N, 3, 3) orientations where commands truly end, with fresh scatter."""
         site = Site(self.site.arm, session, self.site.deviations)
         out = Perturbation()
         for effect in self.effects:
@@ -59,10 +60,11 @@ class TrueArm:
         q = session.q.copy()
         for j, dq in out.dq.items():
             q[:, j] += dq
+        q += rng.normal(0, REPEAT, q.shape)
         reached = walk(self.site.arm, q, self.site.deviations)
         return reached.p, reached.R_link[:, -1]  # the tool of these arms is not turned in the flange
 
-    def replay(self, q: Array) -> tuple[Array, Array]:
+    def replay(self, q: Array, seed: int = 0) -> tuple[Array, Array]:
         """The true poses at commands (N, n) that follow each other, the first reached from a joint's lower end."""
         step = np.diff(q, axis=0, prepend=q[:1] - 1.0)
         n, zeros = len(q), np.zeros(len(q))
@@ -70,7 +72,7 @@ class TrueArm:
             self.site.session, q=q, pose=np.arange(n), side=np.sign(step), travel=np.abs(step),
             payload=np.full(n, PAYLOAD), temperature=zeros + 20.0, time=zeros,
         )  # fmt: skip
-        return self.poses(session)
+        return self.poses(session, np.random.default_rng(seed))
 
     def postures(self, count: int, seed: int) -> Array:
         """(count, n) random postures, neither stretched nor at a limit, whose nominal poses can be wanted."""
@@ -83,7 +85,7 @@ class TrueArm:
     def write(self, folder: Path, seed: int) -> Path:
         """problem.yaml and data.csv as an engineer would hand them over; the problem's path."""
         rng, session, arm = np.random.default_rng(seed), self.site.session, self.site.arm
-        p, R = self.poses(session)
+        p, R = self.poses(session, rng)
         p = p + rng.normal(0, POSITION, p.shape)
         heads = [f"{name} [deg]" for name in arm.joints] + ["x [mm]", "y [mm]", "z [mm]", "pose", "payload [kg]"]
         columns = [*np.degrees(session.q).T, *(1e3 * p).T, session.pose, session.payload]

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 @styled
 def plot_compensation(found: Compensation) -> Figure:
     """Both errors of every target, in the order of the targets; logarithmic."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     off, left = found.off, found.left
     among = [rms(off), rms(left)]
     unit, factor = length_unit(among)
@@ -35,6 +37,9 @@ def plot_compensation(found: Compensation) -> Figure:
         text = f"{label}: {length(size, among=among)} RMS"
         axes.plot(number, factor * np.maximum(values, least), mark, color=colour, ms=6, mec="white", label=text)
     axes.set(yscale="log", xlabel="target, in the order of the file", ylabel=f"distance from the target [{unit}]")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=20))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.margins(x=0.02, y=0.12)
     legend_below(figure)
     return figure
