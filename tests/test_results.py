@@ -173,7 +173,10 @@ def test_it_draws_and_saves_itself(result: Result, tmp_path: Path) -> None:
     figures = result.figures()
     assert figures
     assert all(isinstance(figure, Figure) and figure.axes for figure in figures.values())
-    assert isinstance(result.plot(), Figure)
+    shown = result.plot()
+    assert isinstance(shown, Figure)
+    picture, _ = shown._repr_png_()  # type: ignore[attr-defined] # what a notebook looks for
+    assert picture.startswith(b"\x89PNG")
     paths = result.save(tmp_path / "out", figures=False)
     assert {path.name for path in paths} == {path.name for path in (tmp_path / "out").iterdir()}
     assert all(path.stat().st_size for path in paths)

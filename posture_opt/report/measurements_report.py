@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +29,7 @@ class MeasurementsPresenter(SummaryPresenter["Measurements"]):
         there = [name for name in inputs if getattr(data, f"{name}_given", getattr(data, name) is not None)]
         facts += [("Also", ", ".join(there))] if there else []
         facts += [("Note" if k == 0 else "", note) for k, note in enumerate(data.warnings[:2])]
-        return Summary(f"Measurements of {data.file or 'a table'}", tuple(facts))
+        return Summary(f"Measurements of {Path(data.file).name or 'a table'}", tuple(facts))
 
 
 def _measured(data: Measurements) -> str:

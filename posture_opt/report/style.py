@@ -9,6 +9,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Mapping
 from functools import wraps
+from importlib import import_module
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, ParamSpec
 
@@ -98,10 +99,10 @@ def _settled(figure: Figure) -> Figure:
 
 
 def new_figure(height: float) -> Figure:
-    """An empty figure of the width of all and this height [inch]; it belongs to no window."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(WIDTH, height))
+    """An empty figure of the width of all and this height [inch]; it belongs to no window, and notebooks show it."""
+    shown = import_module("posture_opt.report.figures.shown_figure")
+    figure: Figure = shown.ShownFigure(figsize=(WIDTH, height))
+    return figure
 
 
 def legend_below(figure: Figure, entries: Mapping[str, Any] | None = None) -> None:
