@@ -14,9 +14,11 @@ import numpy as np
 
 from posture_opt import __version__
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
+from posture_opt.export.urdf_shape_text import shape_lines
 from posture_opt.model.chain import factor_values, stack, walk
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Factor, Joint, Robot
+from posture_opt.robot.shape import BASE, TOOL
 from posture_opt.robot.urdf_chain import xyz_rpy
 
 _EFFORT, _VELOCITY = 1000.0, 1.0  # N m or N, rad/s or m/s: the format requires limits, and nobody stated these
@@ -54,9 +56,29 @@ def urdf_text(robot: Robot, name: str, notes: Sequence[str] = ()) -> str:
     joints.append(_fixed(fixed[1], links[-3], links[-2], behind[-1]))
     joints.append(_fixed(fixed[2], links[-2], links[-1], robot.tool))
     comment = "\n".join(f"  {line}".replace("--", "- -") for line in (f"Written by posture_opt {__version__}.", *notes))
-    body = [*(f"  <link name={quoteattr(link)}/>" for link in links), *joints]
+    body = [*_links(robot, links, behind), *joints]
     head = f'<?xml version="1.0"?>\n<!--\n{comment}\n-->\n<robot name={quoteattr(name)}>'
     return "\n".join([head, *body, "</robot>", ""])
+
+
+def _links(robot: Robot, names: Sequence[str], behind: Sequence[Sequence[Factor]]) -> list[str]:
+    """The links with the shape of the arm, whose capsules are given in the frames behind the joints."""
+    carried = [BASE, *robot.joint_names, TOOL]
+    frames = [np.eye(4), *map(_pose, behind), np.eye(4)]
+    link_of = dict(zip(carried, [*names[1:-2], names[-1]], strict=True))
+    shown = {
+        link_of[owner]: shape_lines([c for c in robot.shape if c.joint == owner], T)
+        for owner, T in zip(carried, frames, strict=True)
+    }
+    found = []
+    for name in names:
+        inside = shown.get(name)
+        found += (
+            [f"  <link name={quoteattr(name)}>", *inside, "  </link>"]
+            if inside
+            else [f"  <link name={quoteattr(name)}/>"]
+        )
+    return found
 
 
 def _parts(robot: Robot) -> tuple[list[tuple[Factor, ...]], list[tuple[Factor, ...]]]:

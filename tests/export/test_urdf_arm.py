@@ -10,6 +10,7 @@ import pinocchio
 import pytest
 
 import posture_opt as po
+from posture_opt.model.arm_state import ArmState
 from posture_opt.robot import preset_names
 
 SAME = 1e-9  # m and rad
@@ -101,6 +102,22 @@ def test_axes_in_any_direction(tmp_path: Path) -> None:
     (tmp_path / "odd.urdf").write_text(f'<robot name="odd"><link name="l0"/>{joints}</robot>')
     problem = corrected({"kind": "urdf", "file": "odd.urdf"}, 9, tmp_path)
     check(problem, po.export_files(problem, "urdf").files["arm.urdf"])
+
+
+def test_the_shape_comes_back_as_the_same_capsules(tmp_path: Path) -> None:
+    """Bodies of links, cylinders with balls, are where the program has its capsules."""
+    problem = corrected({"kind": "preset", "name": "ur5e"}, 5)
+    (tmp_path / "arm.urdf").write_text(po.export_files(problem, "urdf").files["arm.urdf"])
+    again = po.problem_from_dict({"robot": {"kind": "urdf", "file": "arm.urdf"}}, tmp_path)
+    q = np.array([0.3, -1.2, 1.1, -0.4, 0.8, 0.2])
+    ends = []
+    for robot in (problem.robot, again.robot):
+        frames = ArmState(robot, q).frames
+        owner = {joint.name: frame for joint, frame in zip(robot.joints, frames, strict=True)}
+        moving = [c for c in robot.shape if c.joint in owner]
+        assert len(moving) > 5
+        ends.append(sorted((*owner[c.joint].point(p), c.radius) for c in moving for p in (c.start, c.end)))
+    assert np.abs(np.array(ends[0], dtype=float) - np.array(ends[1], dtype=float)).max() < 1e-6
 
 
 def test_the_table_adds_up() -> None:
