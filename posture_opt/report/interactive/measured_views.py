@@ -72,7 +72,8 @@ def diagnosis(shown: DiagnosisPresenter) -> ArmView:
     found, extended = shown.result, shown.result.extended
     q, spread = _shown_posture(extended, shown.comparison, found.request.data.q)
     marks = [_marks(found, extended, finding) for finding in found.effects]
-    every = tuple(mark for own in marks for mark in own)
+    single = [own for own in marks if len(own) == 1] or marks
+    every = tuple(mark for own in single for mark in own)
     postures = [ShownPosture("causes", "all causes" if every else "no cause found", q, spread=spread, marks=every)]
     for finding, own in zip(found.effects, marks, strict=True):
         words, size = finding_words(finding, found.problem), headline_of(found, finding)

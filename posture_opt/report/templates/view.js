@@ -108,10 +108,14 @@
     if (shown.names && !shown.budget) data.joints.forEach((j) => told.push([j.name, j.name, "#333"]));
     const order = new Map(["base", ...data.joints.map((j) => j.name), "tool"].map((name, k) => [name, k]));
     told.sort((a, b) => order.get(a[0]) - order.get(b[0]));
+    // Labels stand on the side that their joint is on; in a narrow window, towards the middle.
+    const { x: ex, y: ey } = camera.eye, middle = data.low.map((low, k) => (low + data.high[k]) / 2);
+    const inward = plot.clientWidth < 560;
     const found = told.map(([owner, text, color], k) => {
-      const [x, y, z] = spot(owner), side = k % 2 ? 1 : -1;
+      const [x, y, z] = spot(owner), right = (y - middle[1]) * ex - (x - middle[0]) * ey > 0;
+      const side = right === inward ? -1 : 1;
       return { x, y, z, text: plain(text).replace(/\n/g, "<br>"), align: "left", showarrow: true, arrowhead: 0, arrowwidth: 1, arrowcolor: color,
-        ax: side * 40, ay: -28 - 20 * (k >> 1), font: { color, size: 12 }, bgcolor: "rgba(255,255,255,0.85)", bordercolor: color, borderpad: 2, xanchor: side < 0 ? "right" : "left" };
+        ax: side * 35, ay: -26 - 22 * (k % 4), font: { color, size: inward ? 11 : 12 }, bgcolor: "rgba(255,255,255,0.85)", bordercolor: color, borderpad: 2, xanchor: side < 0 ? "right" : "left" };
     });
     if (shown.obstacles) data.around.filter((body) => body.role === "obstacle").forEach((body) => {
       const top = body.z.indexOf(Math.max(...body.z));
@@ -122,14 +126,16 @@
   const spans = [0, 1, 2].map((k) => data.high[k] - data.low[k]);
   const longest = Math.max(...spans);
   const axis = (name, k) => ({ title: { text: `${name} [mm]` }, range: [data.low[k], data.high[k]], backgroundcolor: "#fff", gridcolor: "#ddd", zeroline: false, nticks: 6, showspikes: false, visible: !(data.planar && name === "z") });
-  // So far off that the whole box is seen.
-  const away = 0.9 * 1.25 * Math.hypot(...spans) / longest;
+  // So far off that the whole box is seen, in a narrow window too.
+  view.classList.add("drawn");
+  const narrow = Math.max(1, 1.2 * plot.clientHeight / plot.clientWidth);
+  const away = narrow * 0.9 * 1.25 * Math.hypot(...spans) / longest;
   const start = { eye: { x: away * data.eye[0], y: away * data.eye[1], z: away * data.eye[2] }, up: { x: 0, y: 0, z: 1 }, center: { x: 0, y: 0, z: -0.05 } };
   let camera = start;
   const layout = () => ({ margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: false, paper_bgcolor: "#fff", font: { size: 12 },
     scene: { xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2), aspectmode: "manual",
       aspectratio: { x: 1.25 * spans[0] / longest, y: 1.25 * spans[1] / longest, z: 1.25 * spans[2] / longest }, camera, annotations: labels(), dragmode: "turntable" } });
-  const config = { displaylogo: false, responsive: true, showTips: false, modeBarButtons: [["toImage", "zoom3d", "pan3d", "tableRotation"]] };
+  const config = { displaylogo: false, responsive: true, showTips: false, displayModeBar: plot.clientWidth > 560, modeBarButtons: [["toImage", "zoom3d", "pan3d", "tableRotation"]] };
 
   const rows = () => document.querySelectorAll("main [data-view]");
   const tell = () => {
@@ -151,7 +157,6 @@
   const choose = async (k) => { at = (k + data.postures.length) % data.postures.length; tell(); await draw(); };
   const named = (key) => data.postures.findIndex((posture) => posture.key === key);
 
-  view.classList.add("drawn");
   tell();
   await Plotly.newPlot(plot, traces(), layout(), config);
   const has = (what, there) => { if (!there) find(`.switches .${what}`).remove(); };
