@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.compensation.compensation import rms
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
+from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.parts import input_facts, note_facts, robot_facts
+from posture_opt.report.parts import frame_notes, note_facts, robot_facts
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.save import Files
 from posture_opt.report.units_text import angle, count, length, length_unit
@@ -37,11 +39,11 @@ def lead(found: Compensation) -> tuple[str, ...]:
     """The answer: from how far off to how far off."""
     among = [rms(found.off), rms(found.left)]
     before, after = (length(size, among=among) for size in among)
-    first = f"Compensated, the tool is expected within {after} of {_targets(found)} (RMS), {before} before."
+    first = f"Compensated, the tool is expected to miss {_targets(found)} by {after} (RMS) instead of {before}."
     if among[0] < _NOTHING:
         return (
             f"There is nothing to compensate: the file knows no corrections and no effects of this arm. The tool is "
-            f"expected within {after} of {_targets(found)} (RMS).",
+            f"expected to miss {_targets(found)} by {after} (RMS).",
         )
     if among[1] > 0.8 * among[0]:
         first += " What is uncertain of this arm is as large as what is known of its errors."
@@ -76,10 +78,10 @@ def gain_block(problem: Problem, found: Compensation) -> Block:
     change = np.abs(found.q - found.near).max(axis=0)
     facts = (
         *robot_facts(problem),
-        *input_facts(problem),
+        *_computed_for(found),
         ("Joints", _given(found)),
         ("Largest change", ", ".join(_changes(found, change))),
-        *note_facts(problem.notes),
+        *note_facts((*problem.sources.notes, *frame_notes(problem.robot))),
     )
     text = (
         "'As given': what the known errors of this arm make of the given joint values. 'Compensated': what remains of "
@@ -92,6 +94,27 @@ def _numbers(metres: Sequence[float], factor: float) -> list[str]:
     """Lengths side by side, with digits for the larger one."""
     beside = factor * max(metres)
     return [number(factor * value, 3, beside) if value > _NOTHING else "0" for value in metres]
+
+
+def _computed_for(found: Compensation) -> list[tuple[str, str]]:
+    """The inputs of effects in the rows: of their columns, else of the task; nothing for an arm without effects."""
+    arm, rows = found.problem.arm, found.targets
+    asked = {need for effect in arm.effects for need in (*effect.asks, *effect.needs)}
+    texts = []
+    if asked & {"masses", "payload"}:
+        texts.append(f"a payload of {_range(rows.payload, arm.inputs.payload)} kg")
+    if "temperature" in asked:
+        texts.append(f"{_range(rows.temperature, REFERENCE_TEMPERATURE + arm.inputs.temperature)} degC")
+    if "approach" in asked:
+        stated = "the columns of the file, else " if bool(np.any(rows.side)) else ""
+        texts.append(f"the side of arrival from {stated}the row before")
+    return [("Computed for", ", ".join(texts))] if texts else []
+
+
+def _range(values: Array | None, stated: float) -> str:
+    """One value, or the least and the largest of a column."""
+    low, high = (stated, stated) if values is None else (float(np.min(values)), float(np.max(values)))
+    return f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
 
 
 def _given(found: Compensation) -> str:
