@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 import posture_opt as po
+from posture_opt.cli.named import PROBLEM
 from posture_opt.cli.options import Common, common_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar
@@ -15,7 +16,7 @@ from posture_opt.cli.request import placed, requested_problem
 
 
 @click.command("compare")
-@click.argument("problems", nargs=-1, required=True, metavar="A.yaml B.yaml")
+@click.argument("problems", nargs=-1, required=True, type=PROBLEM, metavar="A.yaml B.yaml")
 @common_options
 def compare_command(common: Common, problems: Sequence[str]) -> None:
     """The task of the first problem file with the arm of each: postures, spread, probability of success.

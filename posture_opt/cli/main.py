@@ -22,6 +22,7 @@ COMMANDS = {
     # name -> one line for --help
     "calibrate": "What measurements say about the parameters of the arm.",
     "compensate": "Joint values that bring this arm, with its errors, to targets.",
+    "completion": "Print a script that completes words in bash, zsh or fish.",
     "compare": "The same task with two arms, or with two models of one arm.",
     "diagnose": "What the simulation gets wrong, its cause by name, and what naming it brings.",
     "export": "The arm, its covariance as code, or its posture as a robot program.",
@@ -36,6 +37,7 @@ COMMANDS = {
 _FILES = {
     # file -> the commands in it; `plan-measurements` is its function `plan_measurements_command`
     "compare": ("compare",),
+    "completion": ("completion",),
     "measured": ("calibrate", "diagnose"),
     "posture": ("uncertainty", "simulate"),
     "problem_file": ("list", "new", "schema"),

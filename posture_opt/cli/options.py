@@ -10,6 +10,8 @@ from typing import Any
 
 import click
 
+from posture_opt.cli.named import PROBLEM, ROBOT, TASK
+
 Command = Callable[..., Any]
 FRAME_HELP = '"0, 0, 150 mm" or, with roll, pitch, yaw, "0, 0, 150 mm, 0, 0, 90 deg".'
 
@@ -55,9 +57,12 @@ def problem_options(command: Command) -> Command:
     """Adds the options that name a robot and what is uncertain about it."""
     return add_options(
         command,
-        click.option("--problem", metavar="FILE", help="Problem file (YAML), or the name of a built-in problem."),
+        click.option(
+            "--problem", type=PROBLEM, metavar="FILE", help="Problem file (YAML), or the name of a built-in problem."
+        ),
         click.option(
             "--robot",
+            type=ROBOT,
             metavar="PRESET|FILE",
             help="A preset, a URDF file, or the robot of a problem file, with what is uncertain about it.",
         ),
@@ -76,7 +81,7 @@ def task_options(command: Command) -> Command:
     """Adds the options that name a task and its target."""
     return add_options(
         command,
-        click.option("--task", metavar="KIND", help="insert, drill, probe, …: see the command 'list'."),
+        click.option("--task", type=TASK, metavar="KIND", help="insert, drill, probe, …: see the command 'list'."),
         click.option("--position", metavar="TEXT", help='Target in the world: "0.6 m, 0.2 m, 0.1 m".'),
         click.option("--direction", metavar="TEXT", help='Of the task in the world: "0, 0, -1".'),
         click.option("--link-height", metavar="TEXT", help='Keep all links at least this high in the world: "50 mm".'),

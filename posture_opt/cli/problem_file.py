@@ -11,6 +11,7 @@ from typing import Any, get_args
 
 import click
 
+from posture_opt.cli.named import ROBOT
 from posture_opt.cli.output import write_text
 from posture_opt.cli.robot_options import RobotOptions
 from posture_opt.collision.obstacles import OBSTACLES
@@ -93,7 +94,7 @@ TABLES: dict[str, Callable[[], list[Row]]] = {
 
 
 @click.command("new")
-@click.argument("robot", required=False, metavar="PRESET|URDF")
+@click.argument("robot", required=False, type=ROBOT, metavar="PRESET|URDF")
 @click.option("--base-link", metavar="LINK", help="First link of the chain in the URDF file.")
 @click.option("--tip-link", metavar="LINK", help="Last link of the chain in the URDF file.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write it to a file.")
