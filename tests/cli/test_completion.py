@@ -70,9 +70,9 @@ def ran(shell: str, text: str, folder: Path, *words: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize(("words", "expected"), TRIES, ids=lambda value: " ".join(value) if value else "nothing")
+@pytest.mark.parametrize(("words", "expected"), TRIES, ids=[" ".join(words) for words, _ in TRIES])
 def test_bash_completes(words: list[str], expected: set[str], folder: Path) -> None:
-    text = """source .script; shift 0; COMP_WORDS=(optimize-posture "$@"); COMP_CWORD=$#
+    text = """source .script; COMP_WORDS=(optimize-posture "$@"); COMP_CWORD=$#
               _optimize_posture; printf '%s\\n' "${COMPREPLY[@]}" """
     assert {line for line in ran("bash", text, folder, *words).splitlines() if line} == expected
 
