@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
-from posture_opt.measurements.measurements import DataSpec, Measurements
+from posture_opt.measurements.data_section import DataSpec
+from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot

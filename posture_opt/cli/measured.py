@@ -14,7 +14,8 @@ import posture_opt as po
 from posture_opt.cli.options import Command, Common, add_options, common_options, problem_options
 from posture_opt.cli.output import output, save_result, show, show_result, write_text
 from posture_opt.cli.progress import progress_bar
-from posture_opt.cli.request import placed, problem_of_data, requested_problem
+from posture_opt.cli.quantities import columns_of
+from posture_opt.cli.request import placed, problem_of_data, requested_problem, with_columns
 from posture_opt.cli.robot_options import names_problem_file
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.problem.problem import Problem
@@ -35,6 +36,7 @@ class Session:
     by: Any
     folds: int
     plan: bool
+    columns: Mapping[str, str | int]
 
 
 def measured_options(command: Command) -> Command:
@@ -43,7 +45,8 @@ def measured_options(command: Command) -> Command:
     @wraps(command)
     def with_session(*args: Any, data: Path, test: Path | None, refit_frames: bool, **others: Any) -> Any:
         by, folds, plan = others.pop("by"), others.pop("folds"), not others.pop("no_plan")
-        return command(*args, session=Session(data, test, refit_frames, by, folds, plan), **others)
+        named = columns_of(others.pop("column"))
+        return command(*args, session=Session(data, test, refit_frames, by, folds, plan, named), **others)
 
     own = add_options(
         with_session,
@@ -60,6 +63,13 @@ def measured_options(command: Command) -> Command:
         click.option(
             "--folds", type=click.IntRange(min=2), default=5, show_default=True, help="Of the cross-validation."
         ),
+        click.option(
+            "--column",
+            "column",
+            metavar="NAME=HEAD",
+            multiple=True,
+            help='What a column of a foreign file is: --column "x=Pos X [mm]", or its number: x=7.',
+        ),
         click.option("--no-plan", is_flag=True, help="Do not plan the task anew with the arm that was found."),
     )
     return problem_options(own)
@@ -72,7 +82,10 @@ def answer(
     if session.refit_frames and session.test is None:
         raise click.UsageError("--refit-frames goes with --test.")
     made = given["problem"] is None and given["robot"] is not None and not names_problem_file(given["robot"])
-    problem = problem_of_data(session.data, **_without_problem(given)) if made else requested_problem(**given)
+    if made:
+        problem = problem_of_data(session.data, columns=session.columns, **_without_problem(given))
+    else:
+        problem = with_columns(requested_problem(**given), session.columns)
     starter = StarterFile.of(common, session.data, problem) if made else StarterFile()
     with output(common), placed(problem):
         measured = po.read_measurements(session.data, problem)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from posture_opt.errors import BadValueError, InputError, Issue, did_you_mean
 from posture_opt.robot.robot import Joint, Robot
@@ -103,6 +103,26 @@ def frame_of(option: str, text: str) -> str | dict[str, list[str]]:
     if issues:
         raise InputError(issues)
     return {"xyz": parts[:3], **({"rpy": parts[3:]} if parts[3:] else {})}
+
+
+def columns_of(given: Iterable[str]) -> dict[str, str | int]:
+    """Known column -> head, or number of the column, of ``--column "x=Pos X [mm]"``.
+
+    Raises:
+        InputError: no such pair, or two of one name.
+    """
+    found: dict[str, str | int] = {}
+    issues: list[Issue] = []
+    for text in given:
+        name, equals, head = (part.strip() for part in text.partition("="))
+        if not (name and equals and head):
+            issues.append(Issue("no NAME=HEAD", ("--column",), text, 'write for example --column "x=Pos X [mm]"'))
+        elif name in found:
+            issues.append(Issue(f"{name} is given twice", ("--column",), text, "keep one"))
+        found[name] = int(head) if head.isdigit() else head
+    if issues:
+        raise InputError(issues)
+    return found
 
 
 def payload_of(text: str) -> str:

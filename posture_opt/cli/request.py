@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +33,7 @@ _OPTION_OF: dict[KeyPath, str] = {
     ("robot", "payload"): "--payload",
     ("uncertainty", "sigma"): "--sigma",
     ("uncertainty",): "--sigma",
+    ("data", "columns"): "--column",
 }
 
 
@@ -112,10 +113,23 @@ def _with_sigma(problem: Problem, options: RobotOptions) -> Problem:
     return replace(found, notes=(*found.notes, *exact_note(joints, sigma)))
 
 
-def problem_of_data(data: Path, **given: Any) -> Problem:
+def with_columns(problem: Problem, columns: Mapping[str, str | int]) -> Problem:
+    """The problem that reads these columns of measurements too, in place of what its file says of them.
+
+    Raises:
+        InputError: names that no column of this robot's measurements has.
+    """
+    if not columns:
+        return problem
+    former = (problem.document.get("data") or {}).get("columns") or {}
+    return _as_options(lambda: problem.replace(data__columns={**former, **columns}))
+
+
+def problem_of_data(data: Path, columns: Mapping[str, str | int] | None = None, **given: Any) -> Problem:
     """The problem that measurements of a robot without a problem file stand for: its frames are free.
 
     Args:
+        columns: heads of columns, as in the section ``data``.
         given: the fields of ``RobotOptions``.
 
     Raises:
@@ -129,7 +143,7 @@ def problem_of_data(data: Path, **given: Any) -> Problem:
     if options.sigma:
         joints = _as_options(lambda: problem_from_dict({"robot": section})).robot.joints
         stated["sigma"] = joint_sigmas(options.sigma, joints)
-    return _as_options(lambda: problem_of_measured_robot(section, data, stated))
+    return _as_options(lambda: problem_of_measured_robot(section, data, stated, columns))
 
 
 def _link_height(text: str) -> dict[str, str]:

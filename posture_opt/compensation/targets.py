@@ -8,18 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.measurements.columns import (
-    AXES,
-    QUATERNION,
-    Cells,
-    Column,
-    incomplete_quaternion,
-    known_columns,
-    read_cells,
-)
+from posture_opt.measurements.columns import AXES, Cells, Column, read_cells
+from posture_opt.measurements.faults import Faults
+from posture_opt.measurements.header import column_kinds, known_columns
 from posture_opt.measurements.measurements import nominal_poses, still_axes
-from posture_opt.measurements.reading import unit_quaternions
-from posture_opt.measurements.table import Faults, TableLike, open_table
+from posture_opt.measurements.orientation_columns import incomplete_orientation, is_oriented, rotation_of
+from posture_opt.measurements.table import TableLike, open_table
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
@@ -62,13 +56,14 @@ class Targets:
 def read_targets(source: TableLike, robot: Robot) -> Targets:
     """The targets in a CSV file, a pandas DataFrame or a mapping from column head to values.
 
-    Columns are those of measurements: joints, ``x, y, z``, ``qw, qx, qy, qz``, ``JOINT.approach``, ``payload``,
-    ``temperature``, ``time``, ``pose`` and ``goal``; joints may be left out, or the tool point.
+    Columns are those of measurements: joints, ``x, y, z``, ``qw, qx, qy, qz`` (or ``roll, pitch, yaw``, or ``rx, ry,
+    rz``), ``JOINT.approach``, ``payload``, ``temperature``, ``time``, ``pose`` and ``goal``; joints may be left out, or
+    the tool point.
 
     Raises:
         InputError: everything wrong with the file, each with line, column and the mend.
     """
-    table = open_table(source)
+    table = open_table(source, column_kinds(robot))
     faults = table.faults
     columns, meant = known_columns(table.heads, robot, table.line, faults)
     _missing(columns, meant, robot, table.line, faults)
@@ -79,7 +74,7 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
     faults.refuse()
     near = _near(cells, columns, robot, faults)
     position = _position(cells, columns, robot)
-    rotation = unit_quaternions(cells, cells.line, faults) if QUATERNION[0] in columns else None
+    rotation = rotation_of(cells, columns, robot, faults)
     faults.refuse()
     texts = [[_text(cell) for cell in column] for block in blocks for column in zip(*block.cells, strict=True)]
     return Targets(
@@ -120,9 +115,9 @@ def _missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: in
         faults.add(
             "nothing says where to go", mend="add x [mm], y [mm], z [mm], or a column for every joint", line=line
         )
-    incomplete_quaternion(there, line, faults)
-    if QUATERNION[0] in columns and not axes:
-        faults.add("an orientation without a place", QUATERNION[0], mend="add x [mm], y [mm], z [mm]", line=line)
+    incomplete_orientation(there, robot, line, faults)
+    if is_oriented(columns, robot) and not axes:
+        faults.add("an orientation without a place", mend="add x [mm], y [mm], z [mm]", line=line)
 
 
 def _near(cells: Cells, columns: Mapping[str, Column], robot: Robot, faults: Faults) -> Array | None:

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Annotated
+from typing import Any
 
 import numpy as np
-from pydantic import Field, field_validator
 
-from posture_opt.errors import BadValueError
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, Inputs
 from posture_opt.model.chain import factor_values, stack, walk
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Summarised
 from posture_opt.robot.robot import Robot
-from posture_opt.spec import Spec
-from posture_opt.units import Length
 
-Distance = Annotated[tuple[str, str, Length], Field(examples=[["front/0", "front/1", "50 mm"]])]
 _STILL = 1e-9  # m; rounding of half turns at a reach of metres is 1e-15
 
 
@@ -45,6 +40,7 @@ class Measurements(Summarised):
         time: (N,) [s], or ``None``.
         line: (N,) the line of each row in ``file``; rows of a table in memory are counted from 1.
         pose_given, goal_given, approach_given: whether the file has such columns.
+        joint_units: (n,) rad or m; empty where all joints turn.
         warnings: sentences on what looks wrong but can be used.
     """
 
@@ -71,6 +67,7 @@ class Measurements(Summarised):
     pose_given: bool = False
     goal_given: bool = False
     approach_given: bool = False
+    joint_units: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -100,6 +97,16 @@ class Measurements(Summarised):
         codes = np.unique(self.point, return_inverse=True)[1]
         return np.asarray(group_means(values, codes)[codes])
 
+    def to_dataframe(self) -> Any:
+        """A pandas ``DataFrame`` in SI units that ``read_measurements`` reads back to the last digit.
+
+        Its index holds the lines of the file, its ``attrs`` the file.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        return self._presenter.dataframe()
+
     def take(self, rows: object) -> Measurements:
         """The measurements of ``rows``, indices or a mask (N,); codes and names keep their meaning."""
         index = np.asarray(rows)
@@ -115,28 +122,17 @@ def group_means(values: Array, groups: Codes) -> Array:
     return np.asarray(sums / count.reshape(-1, *[1] * (values.ndim - 1)))
 
 
-_WHOLE = {"joint_names", "measured_axes", "target_names", "robot_names", "point_names", "file", "warnings"}
+_WHOLE = {
+    "joint_names",
+    "measured_axes",
+    "target_names",
+    "robot_names",
+    "point_names",
+    "file",
+    "warnings",
+    "joint_units",
+}
 _BY_ROW = tuple(f.name for f in fields(Measurements) if f.name not in _WHOLE and not f.name.endswith("_given"))
-
-
-class DataSpec(Spec):
-    """What is known about the measurements: distances between touched points."""
-
-    distances: tuple[Distance, ...] = Field((), description="[point, point, distance with its unit]")
-
-    @field_validator("distances")
-    @classmethod
-    def _between_two_points(cls, distances: tuple[tuple[str, str, float], ...]) -> tuple[tuple[str, str, float], ...]:
-        seen: set[frozenset[str]] = set()
-        for a, b, length in distances:
-            if a == b:
-                raise BadValueError(f"the distance of '{a}' to itself is given", "name two different points")
-            if length <= 0:
-                raise BadValueError(f"the distance of '{a}' and '{b}' is {length:g} m", "a distance is greater than 0")
-            if frozenset((a, b)) in seen:
-                raise BadValueError(f"the distance of '{a}' and '{b}' is given twice", "keep one")
-            seen.add(frozenset((a, b)))
-        return distances
 
 
 def nominal_poses(robot: Robot, q: Array) -> tuple[Array, Array]:

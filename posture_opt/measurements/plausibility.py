@@ -14,8 +14,8 @@ import numpy as np
 
 from posture_opt.measurements.affine_fit import AffineFit, Misfit, affine_fit, reach, sample_rows, touch_misfit
 from posture_opt.measurements.columns import AXES, Column
+from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.measurements import Measurements, nominal_poses
-from posture_opt.measurements.table import Faults
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 

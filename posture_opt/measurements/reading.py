@@ -8,16 +8,19 @@ from typing import Protocol
 
 import numpy as np
 
-from posture_opt.errors import did_you_mean
-from posture_opt.measurements.columns import AXES, QUATERNION, Cells, Column, read_cells, read_header
-from posture_opt.measurements.measurements import DataSpec, Measurements, nominal_poses, stands, still_axes
+from posture_opt.errors import did_you_mean, listed
+from posture_opt.measurements.columns import AXES, Cells, Column, read_cells
+from posture_opt.measurements.data_section import DataSpec
+from posture_opt.measurements.faults import Faults
+from posture_opt.measurements.header import column_kinds, read_header
+from posture_opt.measurements.measurements import Measurements, nominal_poses, stands, still_axes
+from posture_opt.measurements.orientation_columns import rotation_of
 from posture_opt.measurements.plausibility import plausibility_checks
-from posture_opt.measurements.table import Faults, TableLike, open_table
+from posture_opt.measurements.table import TableLike, open_table
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
-_NORM = 5e-3  # of a quaternion written with three decimals
 _TURN = 2 * math.pi
 _LISTED = 10
 
@@ -37,7 +40,9 @@ class HasData(Protocol):
 def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     """The measurements in a CSV file, a pandas DataFrame or a mapping from column head to values.
 
-    Heads carry their unit: ``joint1 [deg], joint2 [deg], x [mm], y [mm], z [mm]``. Values that look like another
+    Heads carry their unit: ``joint1 [deg], joint2 [deg], x [mm], y [mm], z [mm]``; other heads, decimal marks and units
+    are told by the section ``data`` of the problem. Commas, semicolons, tabs or blanks separate the columns, lines that
+    begin with ``#``, ``%`` or ``//`` are comments. Values that look like another
     unit, swapped columns or a mirrored frame are guessed and said, never converted.
 
     Args:
@@ -47,10 +52,10 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     Raises:
         InputError: everything wrong with the file, each with line, column and the mend.
     """
-    table = open_table(source)
+    table = open_table(source, column_kinds(problem.robot), problem.data)
     faults = table.faults
-    columns = read_header(table.heads, problem.robot, table.line, faults)
-    cells = read_cells(table.blocks, columns.values(), faults)
+    columns, left_out = read_header(table.heads, problem.robot, table.line, faults, problem.data)
+    cells = read_cells(table.blocks, columns.values(), faults, problem.data)
     if not cells.line.size and not faults.count:
         faults.stop("there is no row behind the header", "add one row for each measurement", table.line)
     faults.refuse()
@@ -58,7 +63,8 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     faults.refuse()
     notes = plausibility_checks(replace(data, q=stands(problem.arm, data.q)), problem.robot, columns, faults)
     faults.refuse()
-    notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
+    notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data), *table.notes]
+    notes += [f"columns that nobody asked for were left out: {listed(left_out)}"] if left_out else []
     return replace(data, warnings=tuple(notes))
 
 
@@ -78,7 +84,7 @@ def _assemble(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Fa
         q=q,
         position=_position(cells, q, robot, faults) if measured.any() else None,
         measured_axes=measured,
-        rotation=unit_quaternions(cells, line, faults) if QUATERNION[0] in columns else None,
+        rotation=rotation_of(cells, columns, robot, faults),
         pose=poses,
         goal=goal[0] if goal else poses.copy(),
         target=target[0],
@@ -97,6 +103,7 @@ def _assemble(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Fa
         pose_given=pose is not None,
         goal_given=goal is not None,
         approach_given=given,
+        joint_units=tuple(joint.unit for joint in robot.joints),
     )
 
 
@@ -143,17 +150,6 @@ def _position(cells: Cells, q: Array, robot: Robot, faults: Faults) -> Array:
         else:
             faults.add(f"the column {axis} is missing, and this arm moves along {axis}", axis, mend=f"add {axis} [mm]")
     return position
-
-
-def unit_quaternions(cells: Cells, line: Codes, faults: Faults) -> Array:
-    """(N, 4) unit quaternions with w >= 0 of the columns of the orientation."""
-    rotation = np.column_stack([_present(cells.number(name)) for name in QUATERNION])
-    norm = np.linalg.norm(rotation, axis=1)
-    for row in np.flatnonzero(np.abs(norm - 1) > _NORM):
-        mend = "a rotation has norm 1; are the columns in the order of their names?"
-        faults.add(f"the quaternion has norm {norm[row]:.4g}", "qw", norm[row], mend, int(line[row]))
-    unit = rotation / np.where(norm > 0, norm, 1.0)[:, None]
-    return np.asarray(np.where(unit[:, :1] < 0, -unit, unit))
 
 
 def _approach(q: Array, robots: Codes) -> tuple[Array, Array]:

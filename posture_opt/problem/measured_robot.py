@@ -23,7 +23,10 @@ _TASK = "task: {kind: insert, direction: [0, 0, -1], position: [0.5 m, 0.2 m, 0.
 
 
 def problem_of_measured_robot(
-    section: Mapping[str, Any], data: TableLike, uncertainty: Mapping[str, Any] | None = None
+    section: Mapping[str, Any],
+    data: TableLike,
+    uncertainty: Mapping[str, Any] | None = None,
+    columns: Mapping[str, str | int] | None = None,
 ) -> Problem:
     """A problem to calibrate a robot with: base and tool free, the instrument's σ from repeats where there are enough.
 
@@ -33,15 +36,17 @@ def problem_of_measured_robot(
     Args:
         section: the ``robot`` section of a problem file, ``{kind: preset, name: ur10}``.
         uncertainty: the section of that name, where something is stated.
+        columns: known column -> head or number in the file, as in the section ``data``.
 
     Raises:
         InputError: the robot or the file cannot be used, or its columns are none of this robot's.
     """
     robot = dict(section)
     plain = problem_from_dict({"robot": robot}).robot
-    if robot["kind"] == "preset":
+    if robot["kind"] == "preset" and not {*(columns or ())} & {*plain.joint_names}:
         robot = _named_as_counted(robot, plain, open_table(data).heads)
     document = {"name": plain.name or "Measured robot", "robot": {"base": "free", "tool": "free", **robot}}
+    document |= {"data": {"columns": dict(columns)}} if columns else {}
     free = problem_from_dict(document)
     stated = dict(uncertainty or {})
     if plain.repeatability is not None and not stated:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from posture_opt.errors import InputError, Issue, listed
+from posture_opt.measurements.header import data_issues
 from posture_opt.model.arm import Arm
 from posture_opt.model.effects import CatalogueEntry, NoiseEffect
 from posture_opt.problem.effects_section import (
@@ -45,6 +46,7 @@ def read_parts(
         arms = _collect(issues, lambda: _arms(read, folder))
         task = _collect(issues, lambda: with_path(read.task, folder))
         spec = spec.model_copy(update={"task": task})
+        issues += [issue.at("data") for issue in data_issues(read.data, arms[1].robot)] if arms else []
     if spec is not None and arms is not None and "uncertainty" not in broken:
         arm = arms[1]
         sources = _collect(issues, lambda: _sources(read, arm, folder, texts))

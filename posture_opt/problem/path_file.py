@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from posture_opt.errors import BadValueError, InputError, nearest
-from posture_opt.measurements.table import Faults, RawTable, open_table
+from posture_opt.measurements.faults import Faults
+from posture_opt.measurements.table import RawTable, open_table
 from posture_opt.numerics import Array
 from posture_opt.selection.tasks import Task
 from posture_opt.selection.tasks.path_task import PathTask, repeated
@@ -34,7 +35,7 @@ def with_path(task: Task | None, folder: Path) -> Task | None:
     if not isinstance(task, PathTask) or task.path is None:
         return task
     try:
-        return task.with_points(*_read(open_table(folder / Path(task.path).expanduser())))
+        return task.with_points(*_read(open_table(folder / Path(task.path).expanduser(), (*_POINT, *_AXIS))))
     except InputError as error:
         raise InputError([issue if issue.file else issue.at("task", "path") for issue in error.issues]) from None
 

@@ -14,7 +14,7 @@ from posture_opt.calibration.fitted_arm import FittedArm
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import Issue, KeyPath
-from posture_opt.measurements.measurements import DataSpec
+from posture_opt.measurements.data_section import DataSpec
 from posture_opt.model.arm import Arm
 from posture_opt.model.effects import Effect
 from posture_opt.problem.effects_section import arm_with, moving_effects, noisy_sources

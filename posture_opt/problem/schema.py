@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field
 
 from posture_opt.collision.cell import CellSpec
 from posture_opt.errors import KeyPath
-from posture_opt.measurements.measurements import DataSpec
+from posture_opt.measurements.data_section import DataSpec
 from posture_opt.model.effects import EffectSpec
 from posture_opt.robot import RobotSpec
 from posture_opt.selection.registered_tasks import every_task

@@ -10,7 +10,8 @@ import numpy as np
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.causes import missing_inputs, unknowable
 from posture_opt.diagnosis.discrimination_design import detection_probability
-from posture_opt.measurements.columns import AXES, QUATERNION
+from posture_opt.measurements.columns import AXES
+from posture_opt.measurements.orientation_columns import QUATERNION
 from posture_opt.report.blocks import Block, Facts, Table
 from posture_opt.report.diagnosis_sizes import fitted_effects
 from posture_opt.report.parts import sentence

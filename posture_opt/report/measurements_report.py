@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from posture_opt.measurements.table import LINES
 from posture_opt.report.blocks import Summary
-from posture_opt.report.presenter import SummaryPresenter
+from posture_opt.report.presenter import SummaryPresenter, pandas_module
 
 if TYPE_CHECKING:
     from posture_opt.measurements.measurements import Measurements
@@ -17,6 +19,17 @@ if TYPE_CHECKING:
 
 class MeasurementsPresenter(SummaryPresenter["Measurements"]):
     """How many rows of what."""
+
+    def dataframe(self) -> Any:
+        """Every row, with its line in the file as index.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        data, pandas = self.result, pandas_module()
+        frame = pandas.DataFrame(dict(_columns(data)), index=pandas.Index(data.line, name=LINES))
+        frame.attrs["file"] = data.file
+        return frame
 
     def summary(self) -> Summary:
         data = self.result
@@ -30,6 +43,41 @@ class MeasurementsPresenter(SummaryPresenter["Measurements"]):
         facts += [("Also", ", ".join(there))] if there else []
         facts += [("Note" if k == 0 else "", note) for k, note in enumerate(data.warnings[:2])]
         return Summary(f"Measurements of {Path(data.file).name or 'a table'}", tuple(facts))
+
+
+def _columns(data: Measurements) -> Iterator[tuple[str, Any]]:
+    """Heads and values as ``read_measurements`` reads them back, in SI units: nothing is rounded."""
+    units = data.joint_units or ("rad",) * data.q.shape[1]
+    for k, (name, unit) in enumerate(zip(data.joint_names, units, strict=True)):
+        yield f"{name} [{unit}]", data.q[:, k]
+    if data.position is not None:
+        yield from ((f"{axis} [m]", data.position[:, k]) for k, axis in enumerate("xyz") if data.measured_axes[k])
+    if data.rotation is not None:
+        yield from ((name, data.rotation[:, k]) for k, name in enumerate(("qw", "qx", "qy", "qz")))
+    yield from _labels(data)
+    if data.approach_given:
+        sides = np.where(data.approach == 0, np.nan, data.approach)
+        yield from ((f"{name}.approach", sides[:, k]) for k, name in enumerate(data.joint_names))
+    for name, values, unit in (
+        ("payload", data.payload, "kg"),
+        ("temperature", data.temperature, "degC"),
+        ("time", data.time, "s"),
+    ):
+        if values is not None:
+            yield f"{name} [{unit}]", values
+
+
+def _labels(data: Measurements) -> Iterator[tuple[str, Any]]:
+    """Groups of rows, by their names where the file has names."""
+    yield from (("pose", data.pose),) if data.pose_given else ()
+    yield from (("goal", data.goal),) if data.goal_given else ()
+    for label, codes, names in (
+        ("target", data.target, data.target_names),
+        ("robot", data.robot, data.robot_names),
+        ("point", data.point, data.point_names),
+    ):
+        if names:
+            yield label, [names[code] for code in codes]
 
 
 def _measured(data: Measurements) -> str:

@@ -61,6 +61,19 @@ class SummaryPresenter(ABC, Generic[S]):
         return summary_html(self.summary())
 
 
+def pandas_module() -> Any:
+    """The library pandas, where it is installed.
+
+    Raises:
+        InputError: it is not.
+    """
+    try:
+        return import_module("pandas")
+    except ImportError:
+        mend = "install it (pip install pandas), or use to_json()"
+        raise InputError(Issue("to_dataframe needs the library pandas", mend=mend)) from None
+
+
 class Presenter(SummaryPresenter[R]):
     """One result with what only its report needs, worked out when it is asked for.
 
@@ -117,12 +130,7 @@ class Presenter(SummaryPresenter[R]):
         Raises:
             InputError: pandas is not installed.
         """
-        try:
-            pandas = import_module("pandas")
-        except ImportError:
-            mend = "install it (pip install pandas), or use to_json()"
-            raise InputError(Issue("to_dataframe needs the library pandas", mend=mend)) from None
-        return pandas.DataFrame(dict(self.columns()))
+        return pandas_module().DataFrame(dict(self.columns()))
 
     def save(
         self, folder: Path, *, figures: bool = True, beside: Mapping[str, bytes], progress: Progress | None = None

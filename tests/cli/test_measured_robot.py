@@ -90,8 +90,8 @@ def test_diagnose_does_the_same(tmp_path: Path) -> None:
     ("columns", "message"),
     [
         ("A [deg], B [deg], C [deg], D [deg], E [deg], F [deg]", "shoulder_pan, shoulder_lift, elbow"),
-        ("q1 [deg], q2 [deg], q3 [deg], q4 [deg], q5 [deg]", "there are q1, q2, q3, q4, q5"),
-        ("q1 [deg], q2 [deg], q3 [deg], q5 [deg], q4 [deg], q6 [deg]", "no column is a joint"),
+        ("q1 [deg], q2 [deg], q3 [deg], q4 [deg], q5 [deg]", 'data: {columns: {shoulder_pan: "q1"'),
+        ("q1 [deg], q2 [deg], q3 [deg], q5 [deg], q4 [deg], q6 [deg]", "'q5' (did you mean wrist_2?)"),
     ],
 )
 def test_columns_of_no_joint_are_named(tmp_path: Path, columns: str, message: str) -> None:
@@ -102,6 +102,29 @@ def test_columns_of_no_joint_are_named(tmp_path: Path, columns: str, message: st
     assert result.exit_code in (2, 4)
     assert message in result.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_a_foreign_file_is_read_by_its_heads_on_the_command_line(tmp_path: Path) -> None:
+    """What a tracker in Germany saved: heads of its own, decimal commas, a line before the header, Latin-1."""
+    head, *rows = LOADED.read_text(encoding="utf-8").splitlines()
+    names = [name.split(" ")[0] for name in head.split(", ")[:6]]
+    heads = [*(f"Achse {k + 1} [°]" for k in range(6)), "Pos X [mm]", "Pos Y [mm]", "Pos Z [mm]", *head.split(", ")[9:]]
+    lines = ["Prüfer;Müller", ";".join([*heads, "Güte"])]
+    lines += [";".join([*(cell.strip().replace(".", ",") for cell in row.split(",")), "gut"]) for row in rows]
+    file = tmp_path / "messung.csv"
+    file.write_bytes("\r\n".join(lines).encode("latin-1"))
+    words = [f"{name}=Achse {k + 1} [°]" for k, name in enumerate(names)] + [f"{a}=Pos {a.upper()}" for a in "xyz"]
+    options = [word for pair in words for word in ("--column", pair)]
+    plain = invoke("calibrate", LOADED, "--robot", "ur10", "--json")
+    found = invoke("calibrate", file, "--robot", "ur10", *options, "--out", tmp_path / "out", "--no-plots", "--json")
+    assert document(found)["residual_rms"] == pytest.approx(document(plain)["residual_rms"], rel=1e-9)
+    again = invoke("calibrate", file, "--problem", tmp_path / "out" / "problem.yaml", "--json")
+    assert document(again) == document(found)
+    refused = invoke("calibrate", file, "--robot", "ur10")
+    assert refused.exit_code == 2
+    (told,) = refused.stderr.splitlines()
+    assert "missing x [mm], y [mm], z [mm]" in told  # its joints are counted, and take these names
+    assert 'data: {columns: {x: "Pos X", y: "Pos Y", z: "Pos Z", …}}' in told
 
 
 def table(rows: int, repeats: int) -> dict[str, np.ndarray]:

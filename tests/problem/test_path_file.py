@@ -52,7 +52,7 @@ def test_planar_paths_leave_out_z(tmp_path):
         ("x [mm], y [mm]\n1,2\n3,4\n3,4\n", 4, "the point of line 3 again"),
         ("x [mm], y [mm], dx, dy, dz\n1,2,0,0,1\n3,4,0,0,0\n", 3, "dx, dy, dz of length zero point nowhere"),
         ("x [mm], y [mm]\n1,2,3\n4,5\n", 2, "3 cells in the row, 2 columns in the header"),
-        ("x [mm]; y [mm]\n1;2\n", 1, "the columns are separated by semicolons"),
+        ("x [mm]; y [mm]\n1;2\n", 2, "a path has at least two points, 1 given"),
     ],
 )
 def test_faults_are_named_with_file_and_line(tmp_path, text, line, message):

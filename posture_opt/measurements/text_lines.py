@@ -1,0 +1,78 @@
+"""The lines of a text file that an instrument wrote: its encoding, and its comments."""
+
+from __future__ import annotations
+
+import codecs
+import stat
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from posture_opt.measurements.faults import Faults
+
+COMMENTS = ("#", "%", "//")
+LONGEST = 100_000  # characters of a line; 20 joints with 20 digits each have 1000
+_CHUNK = 1 << 20
+_BOMS = (  # the longer ones first
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+WINDOWS = "cp1252"  # a superset of Latin-1's printable characters
+
+
+@dataclass(frozen=True)
+class TextLine:
+    """One line without its end, and its number in the file."""
+
+    number: int
+    text: str
+
+    @property
+    def comment(self) -> str | None:
+        """What a comment says behind its mark; ``None`` for other lines."""
+        text = self.text.lstrip()
+        mark = next((mark for mark in COMMENTS if text.startswith(mark)), None)
+        return None if mark is None else text[len(mark) :].strip()
+
+
+def encoding_of(path: Path, faults: Faults) -> str:
+    """How the text of a file is encoded: by its mark, else UTF-8 where it is that, else Windows-1252."""
+    if not stat.S_ISREG(path.stat().st_mode):  # a pipe is read once
+        return "utf-8-sig"
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    with path.open("rb") as stream:
+        start = stream.read(_CHUNK)
+        found = next((name for mark, name in _BOMS if start.startswith(mark)), "")
+        if found:
+            return found
+        if b"\0" in start:
+            return _with_zeros(start, faults)
+        try:
+            chunk = start
+            while chunk:
+                decoder.decode(chunk)
+                chunk = stream.read(_CHUNK)
+            decoder.decode(b"", final=True)
+        except UnicodeDecodeError:
+            return WINDOWS
+    return "utf-8-sig"
+
+
+def _with_zeros(start: bytes, faults: Faults) -> str:
+    """UTF-16 without its mark has a zero byte in nearly every other place."""
+    even, odd = start[0::2].count(0), start[1::2].count(0)
+    if max(even, odd) < len(start) / 4 or min(even, odd) > len(start) / 40:
+        faults.stop("the header is no plain text", "is it a CSV file?", 1)
+    return "utf-16-le" if odd > even else "utf-16-be"
+
+
+def lines_of(path: Path, encoding: str, faults: Faults) -> Iterator[TextLine]:
+    """The lines of a file, none so long that it fills the memory."""
+    with path.open(encoding=encoding, newline=None) as stream:
+        number = 0
+        while text := stream.readline(LONGEST):
+            number += 1
+            if len(text) == LONGEST:
+                faults.stop(f"the line has more than {LONGEST} characters", "is it a CSV file?", number)
+            yield TextLine(number, text.rstrip("\n"))
