@@ -75,9 +75,7 @@ def measured_options(command: Command) -> Command:
     return problem_options(own)
 
 
-def answer(
-    common: Common, session: Session, given: dict[str, Any], of_one: OfOne, of_batch: OfBatch, full: bool = True
-) -> None:
+def answer(common: Common, session: Session, given: dict[str, Any], of_one: OfOne, of_batch: OfBatch) -> None:
     """Reads the measurements and shows what they say, those of one robot or those of several."""
     if session.refit_frames and session.test is None:
         raise click.UsageError("--refit-frames goes with --test.")
@@ -97,7 +95,7 @@ def answer(
             other = None if session.test is None else po.read_measurements(session.test, problem)
             found = of_one(problem, measured, other)
         save_result(common, found, starter.beside)
-        show_result(common, found, full)  # what the report is held against is computed here
+        show_result(common, found)  # what the report is held against is computed here
         starter.write(common)
 
 
@@ -147,13 +145,12 @@ class StarterFile:
 @click.command("calibrate")
 @measured_options
 @click.option("--no-priors", is_flag=True, help="Let the σ's of the problem file not count as knowledge.")
-@click.option("--full", is_flag=True, help="Print the whole report and not only its first screen.")
 @common_options
-def calibrate_command(common: Common, session: Session, no_priors: bool, full: bool, **given: Any) -> None:
+def calibrate_command(common: Common, session: Session, no_priors: bool, **given: Any) -> None:
     """What the simulation gets wrong, and the parameters of the arm that the measurements determine."""
 
     of_one = partial(_calibrated, common, session, not no_priors)
-    answer(common, session, given, of_one, partial(_calibrated_batch, common, session), full)
+    answer(common, session, given, of_one, partial(_calibrated_batch, common, session))
 
 
 def _calibrated_batch(common: Common, session: Session, problem: Any, data: po.Measurements) -> Result:

@@ -27,6 +27,7 @@ class Common:
     quiet: bool = False
     plots: bool = True
     debug: bool = False
+    full: bool = False
 
 
 def common_options(command: Command) -> Command:
@@ -35,7 +36,8 @@ def common_options(command: Command) -> Command:
     @wraps(command)
     def with_common(*args: Any, out: Path | None, as_json: bool, seed: int | None, workers: int, **others: Any) -> Any:
         quiet, plots, debug = others.pop("quiet"), not others.pop("no_plots"), others.pop("debug")
-        return command(*args, common=Common(out, as_json, seed, workers, quiet, plots, debug), **others)
+        common = Common(out, as_json, seed, workers, quiet, plots, debug, others.pop("full"))
+        return command(*args, common=common, **others)
 
     return add_options(
         with_common,
@@ -47,6 +49,7 @@ def common_options(command: Command) -> Command:
             "--seed", type=click.IntRange(min=0), help="Of everything random; the same seed, the same answer."
         ),
         click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes to use."),
+        click.option("--full", is_flag=True, help="Print the whole report, not only one screen of it."),
         click.option("--quiet", is_flag=True, help="Print no report and no progress."),
         click.option("--no-plots", is_flag=True, help="Draw no figures into --out."),
         click.option("--debug", is_flag=True, help="Show the traceback of an error."),

@@ -30,9 +30,9 @@ def show(common: Common, document: Callable[[], dict[str, Any]], text: Callable[
         click.echo(told.rstrip("\n"))
 
 
-def show_result(common: Common, result: Result, full: bool = True) -> None:
-    """Print a result as its JSON document or as its report, the whole or its first screen."""
-    show(common, result.to_json, lambda: result.report(full=full))
+def show_result(common: Common, result: Result) -> None:
+    """Print a result as its JSON document or as its report, the whole or one screen of it."""
+    show(common, result.to_json, lambda: result.report(full=common.full))
 
 
 def save_result(common: Common, result: Result, beside: Mapping[str, bytes] | None = None) -> None:

@@ -29,7 +29,7 @@ def solve(common: Common, explain: bool, **given: Any) -> None:
     with output(common):
         solution, reason = _solved(problem, common)
         save_result(common, solution)
-    show(common, solution.to_json, lambda: _text(solution, explain))
+    show(common, solution.to_json, lambda: _text(solution, explain, common.full))
     if reason is not None:
         raise reason
 
@@ -45,8 +45,9 @@ def _solved(problem: Problem, common: Common) -> tuple[Answer, NoSolutionError |
             return error.solution, error
 
 
-def _text(solution: Answer, explain: bool) -> str:
-    return f"{solution.report()}\n{solution.explain()}" if explain else solution.report()
+def _text(solution: Answer, explain: bool, full: bool) -> str:
+    text = solution.report(full=full)
+    return f"{text}\n{solution.explain()}" if explain else text
 
 
 @click.command("uncertainty")

@@ -23,7 +23,8 @@ from posture_opt.problem.load import builtin_names, load_builtin
 from posture_opt.problem.schema import json_schema
 from posture_opt.problem.starter import starter_text
 from posture_opt.problem.urdf_starter import urdf_starter_text
-from posture_opt.report.text import WIDTH, text_table
+from posture_opt.report.text import terminal_width
+from posture_opt.report.text_table import text_table
 from posture_opt.robot import load_preset, preset_names
 from posture_opt.selection.registered_tasks import every_task, registered_tasks
 from posture_opt.selection.solvers import SOLVERS
@@ -48,7 +49,8 @@ def _text(tables: dict[str, list[Row]]) -> str:
 def _table(rows: list[Row]) -> str:
     if not rows:
         return "none so far"
-    return text_table(tuple(rows[0]), [tuple(row.values()) for row in rows], len(rows[0]), WIDTH - 2, rule=False)
+    cells, width = [tuple(row.values()) for row in rows], terminal_width() - 2
+    return text_table(tuple(rows[0]), cells, len(rows[0]), width, rule=False)
 
 
 def _kinds(specs: Iterable[Any]) -> list[Row]:

@@ -189,6 +189,7 @@ class AccuracyMapPresenter(Presenter["AccuracyMap"]):
     """Mean error and scatter over a grid of targets."""
 
     document = "map"
+    delivers = ("map.csv",)
 
     def summary(self) -> Summary:
         found = self.result

@@ -49,6 +49,7 @@ class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
     """What several robots of one type show together."""
 
     document = "diagnosis"
+    delivers = ("uncertainty.yaml",)
 
     @property
     def problem(self) -> Problem:

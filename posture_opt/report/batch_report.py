@@ -10,7 +10,6 @@ import numpy as np
 
 from posture_opt.problem.fitted_problem import batch_yaml
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.calibration_brief import MORE, on_a_screen
 from posture_opt.report.contradictions import refuted_of_robots
 from posture_opt.report.error_table import error_table, mm
 from posture_opt.report.parts import note_facts, robot_facts
@@ -184,11 +183,10 @@ def batch_brief(found: Batch) -> Report:
         ("Varying", _varying(found)),
         *([("Undetermined", names)] if left else []),
         ("Next", many if len(found.robots) < _MANY else plan),
-        ("More", MORE.format("uncertainty.yaml")),
     ]  # fmt: skip
     problem = problem_of(found)
     lead = (*refuted_of_robots(found.calibrations), _answer(problem, found), _errors(found))
-    return on_a_screen(Report(problem.name or "Batch", lead, ()), facts)
+    return Report(problem.name or "Batch", lead, (Block("", (Facts(tuple(facts)),)),))
 
 
 def _varying(found: Batch) -> str:
@@ -206,6 +204,7 @@ class BatchPresenter(Presenter["Batch"]):
     """Several robots of one type, calibrated."""
 
     document = "calibration"
+    delivers = ("uncertainty.yaml",)
 
     def summary(self) -> Summary:
         return Summary(f"Calibration of several robots of one type: {self.problem.name}", batch_facts(self.result))

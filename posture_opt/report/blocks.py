@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,26 @@ class Table:
         return Table(cells[0], cells[1:], 1, rows, heads)
 
 
+Item = str | Facts | Table
+
+
 @dataclass(frozen=True)
 class Block:
-    """A part of a report, mostly with a title; ``figure`` names the picture that belongs to it."""
+    """A part of a report, mostly with a title; ``figure`` names the picture that belongs to it.
+
+    Args:
+        brief: what a report of one screen shows in place of ``items``; None: all of them, empty: not this block.
+    """
 
     title: str
-    items: tuple[str | Facts | Table, ...]
+    items: tuple[Item, ...]
     figure: str = ""
+    brief: tuple[Item, ...] | None = None
+
+    @property
+    def short(self) -> Block:
+        """The block as a report of one screen shows it."""
+        return self if self.brief is None else replace(self, items=self.brief, brief=None)
 
 
 @dataclass(frozen=True)

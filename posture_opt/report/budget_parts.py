@@ -1,4 +1,4 @@
-"""The error budget in words: one line a source, or a line for those whose errors cancel."""
+"""The error budget: one line a source, or a line for those whose errors cancel."""
 
 from __future__ import annotations
 
@@ -24,12 +24,16 @@ _NAMED = 3  # sources of a group that are named
 def budget_block(problem: Problem, groups: Sequence[ShareGroup], sentence: str) -> Block:
     """Where a variance comes from: the sentence that says which, the shares, and what a line of several sources is."""
     together = any(len(group.parameters) > 1 for group in main_groups(groups)[0])
-    note = ("Sources on one line vary together and their errors partly cancel: only their joint share has a meaning.",)
-    return Block(
-        "Error budget",
-        (sentence, budget_table(problem.arm, groups, sigma_of(problem)), *(note if together else ())),
-        figure="budget",
-    )
+    note = ("Sources on one line are correlated and partly cancel: only their combined share is meaningful.",)
+    table = budget_table(problem.arm, groups, sigma_of(problem))
+    items = (sentence, table, *(note if together else ()))
+    return Block("Error budget", items, figure="budget", brief=())
+
+
+def main_fact(arm: Arm, groups: Sequence[ShareGroup]) -> tuple[str, str]:
+    """The largest contributions in one line."""
+    largest = [f"{group_words(group, arm)} {_share(group.share)}" for group in groups[:_NAMED] if group.share > 0]
+    return "Main contributions", ", ".join(largest) or "none"
 
 
 def main_groups(groups: Sequence[ShareGroup]) -> tuple[list[ShareGroup], list[ShareGroup]]:
@@ -51,7 +55,7 @@ def budget_table(arm: Arm, groups: Sequence[ShareGroup], sigma: Mapping[str, flo
     if rest:
         lumped = sum(group.share for group in rest)
         rows.append((others_words(rest), "", "", _share(lumped), percent(total + lumped)))
-    return Table(("source", "in the file", "standard deviation", "share", "together"), tuple(rows), text_columns=2)
+    return Table(("source", "parameter", "standard deviation", "share", "cumulative"), tuple(rows), text_columns=2)
 
 
 def group_words(group: ShareGroup, arm: Arm) -> str:

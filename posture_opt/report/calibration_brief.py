@@ -12,7 +12,6 @@ from posture_opt.report.blocks import Block, Facts, Report
 from posture_opt.report.calibration_parameters import determined_words, differing, undetermined_names
 from posture_opt.report.error_table import ELSEWHERE, mm
 from posture_opt.report.other_file_words import file_words
-from posture_opt.report.text import render
 from posture_opt.report.units_text import count, stated_length
 
 if TYPE_CHECKING:
@@ -20,15 +19,9 @@ if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
     from posture_opt.validation.assessment import Assessment
 
-SCREEN = 24
-"""Lines that a terminal shows."""
-MORE = "--full prints the whole report; --out DIR saves it with figures and {}."
 _NAMED = 3  # parameters
 _LINES = 6  # of outliers
 _SHARE = 0.5**0.5  # of a standard deviation: less is less than half of the variance
-_DISPENSABLE = ("Outliers", "Undetermined", "Measured", "Parameters", "Errors")  # in this order
-_LEAST = 3  # sentences of the lead, of which the last go first
-Fact = tuple[str, str]
 
 
 def calibration_brief(problem: Problem, found: Calibration, seen: Assessment, lead: tuple[str, ...]) -> Report:
@@ -41,22 +34,8 @@ def calibration_brief(problem: Problem, found: Calibration, seen: Assessment, le
         *([("Undetermined", open_names)] if (open_names := undetermined_names(found, 2 * _NAMED)) else []),
         *([("Outliers", _outliers(found))] if found.outliers else []),
         ("Next", "; ".join(next_steps(found, seen)) + "."),
-        ("More", MORE.format("calibrated.yaml")),
     ]
-    return on_a_screen(Report(problem.name or "Calibration", lead, ()), facts)
-
-
-def on_a_screen(report: Report, facts: list[Fact]) -> Report:
-    """The report with the facts, as far as they fit; the answer, what may be wrong, and what to do next always do."""
-    full = Report(report.title, report.lead, (Block("", (Facts(tuple(facts)),)),))
-    if len(render(full).splitlines()) <= SCREEN:
-        return full
-    gone = next((label for label in _DISPENSABLE if label in dict(facts)), None)
-    if gone is not None:
-        return on_a_screen(report, [fact for fact in facts if fact[0] != gone])
-    if len(report.lead) > _LEAST:
-        return on_a_screen(Report(report.title, report.lead[:-1], ()), facts)
-    return full
+    return Report(problem.name or "Calibration", lead, (Block("", (Facts(tuple(facts)),)),))
 
 
 def _measured(problem: Problem, found: Calibration) -> str:

@@ -132,6 +132,7 @@ class CalibrationPresenter(Presenter["Calibration"]):
     """A calibration with what it is held against: its residuals, the spread it predicts, the task planned again."""
 
     document = "calibration"
+    delivers = ("calibrated.yaml",)
 
     @property
     def problem(self) -> Problem:

@@ -15,7 +15,7 @@ from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
 from posture_opt.report.spread_report import arm_block, covariance_table, posture_block, spread_facts
 from posture_opt.report.units_text import length_unit, lengths, stated_length
-from posture_opt.report.words import PARTS, line_words
+from posture_opt.report.words import line_words, part_words
 from posture_opt.uncertainty.regions import coverage_factor, deviation
 from posture_opt.uncertainty.sampling_errors import variance_intervals
 from posture_opt.units import fixed, number
@@ -34,16 +34,13 @@ def cloud_report(cloud: Cloud) -> Report:
 
 def lead(cloud: Cloud) -> tuple[str, ...]:
     """How many samples lie where the closed form expects them, and how many do what the task asks."""
-    agree = (
-        f"{cloud.n} simulated tool points beside the closed form: {100 * cloud.coverage95:.2f} % of them lie in its "
-        "95 % region."
-    )
+    agree = f"{100 * cloud.coverage95:.2f} % of {cloud.n:,} simulated tool points lie in the predicted 95 % region."
     seen = cloud.spread.for_task
     if seen is None or cloud.success is None or seen.success_probability is None:
         return (agree,)
     clearance, closed = stated_length(seen.clearance), _percent(seen.success_probability)
-    counted = f"{_percent(cloud.success)} of them stay within the clearance of {clearance}"
-    return agree, f"{counted}; the closed form says {closed}."
+    counted = f"Probability of success (clearance {clearance}): {_percent(cloud.success)} simulated"
+    return agree, f"{counted}, {closed} predicted."
 
 
 def _percent(share: float) -> str:
@@ -57,20 +54,20 @@ def comparison_block(cloud: Cloud) -> Block:
     inside = low <= 0.95 <= high
     interval = f"sampling interval {100 * low:.2f} to {100 * high:.2f} %"
     facts = (
-        ("Drawn", f"{cloud.n} samples, seed {cloud.seed}"),
+        ("Samples", f"{cloud.n:,}, seed {cloud.seed}"),
         ("In the 95 % region", f"{100 * cloud.coverage95:.2f} % ({interval})"),
         ("", _verdict(inside, cloud.coverage95)),
         *_odds_facts(cloud),
     )
     items = (_axes_table(cloud), _mean_table(cloud), Facts(facts), validity_sentence(cloud.spread))
-    return Block("Simulation beside closed form", items, figure="cloud")
+    return Block("Simulation and closed form", items, figure="cloud")
 
 
 def _verdict(inside: bool, coverage: float) -> str:
     if inside:
-        return "95 % lies in that interval: the samples agree with the closed form"
+        return "the interval contains 95 %: simulation and closed form agree"
     side = "fewer" if coverage < 0.95 else "more"
-    return f"{side} than 95 %: the cloud is not quite normally distributed, see below"
+    return f"{side} than 95 %: the tool points are not exactly normally distributed, see below"
 
 
 def _odds_facts(cloud: Cloud) -> tuple[tuple[str, str], ...]:
@@ -81,7 +78,7 @@ def _odds_facts(cloud: Cloud) -> tuple[tuple[str, str], ...]:
     low, high = (f"{100 * share:.2f}" for share in interval)
     counted = f"{_percent(cloud.success)} (sampling interval {low} to {high} %)"
     agrees = interval[0] <= seen.success_probability <= interval[1]
-    says = f"{_percent(seen.success_probability)} by the closed form, {'inside' if agrees else 'outside'} that interval"
+    says = f"{_percent(seen.success_probability)} predicted, {'inside' if agrees else 'outside'} this interval"
     return ("Within the clearance", counted), ("", says)
 
 
@@ -105,10 +102,10 @@ def _task_axes(cloud: Cloud) -> tuple[tuple[str, Array], ...]:
     seen = cloud.spread.for_task
     if seen is None or seen.critical.within == "all":
         return ()
-    part = PARTS[seen.critical.within]
-    worst = ", worst" if len(seen.critical.covariance) > 1 else ""
+    part = part_words(seen.critical.within, seen.kind)
+    worst = ", worst axis" if len(seen.critical.covariance) > 1 else ""
     rows = [(f"{part}{worst}", seen.critical.worst_axis)]
-    return tuple(rows if seen.critical.within == "along" else [*rows, (PARTS["along"], seen.direction)])
+    return tuple(rows if seen.critical.within == "along" else [*rows, (part_words("along", seen.kind), seen.direction)])
 
 
 def _task_cells(cloud: Cloud, axis: Array, factor: float) -> tuple[str, str, str, str]:
@@ -128,19 +125,20 @@ def _beside(sizes: list[float], largest: float, factor: float) -> tuple[str, str
 def _mean_table(cloud: Cloud) -> Table:
     closed, sampled = [float(v) for v in cloud.spread.bias], [float(v) for v in cloud.bias]
     errors = [coverage_factor(0.95, 1) * float(v) for v in cloud.bias_error]
-    unit, factor = length_unit([*closed, *sampled, *errors])
+    unit, factor = length_unit([float(v) for v in cloud.spread.ellipse.semi_axes])
     decimals = max(0, 2 - math.floor(math.log10(max(max(errors) * factor, 1e-9))))
     rows = tuple(
-        (axis, *(fixed(v * factor, decimals) for v in (c, s)), f"+/- {fixed(e * factor, decimals)}")
+        (axis, *(fixed(v * factor, decimals) for v in (c, s)), f"± {fixed(e * factor, decimals)}")
         for axis, c, s, e in zip("xyz", closed, sampled, errors, strict=True)
     )
-    return Table(("mean, off the nominal point", f"closed form [{unit}]", f"simulated [{unit}]", "95 % interval"), rows)
+    return Table(("mean shift along", f"closed form [{unit}]", f"simulated [{unit}]", "95 % interval"), rows)
 
 
 def covariance_block(cloud: Cloud) -> Block:
     """Both covariances."""
     tables = (covariance_table(cloud.covariance), covariance_table(cloud.spread.covariance))
-    return Block("Covariance of the tool point, world frame", ("Simulated:", tables[0], "Closed form:", tables[1]))
+    items = ("Simulated:", tables[0], "Closed form:", tables[1])
+    return Block("Covariance of the tool point, world frame", items, brief=())
 
 
 def points_csv(cloud: Cloud) -> bytes:
@@ -159,18 +157,19 @@ def _summary(cloud: Cloud) -> Summary:
         posture,
         point,
         ("Standard deviations", sizes),
-        ("Over the closed form", f"times {ratios}"),
+        ("Ratio to the closed form", ratios),
         ("In its 95 % region", f"{100 * cloud.coverage95:.2f} % (sampling interval {low:.2f} to {high:.2f} %)"),
     )
     if cloud.success is not None:
         facts = (*facts, ("Within the clearance", _percent(cloud.success)))
-    return Summary(f"{cloud.n} simulated tool points at one posture, seed {cloud.seed}", facts)
+    return Summary(f"{cloud.n:,} simulated tool points at one posture, seed {cloud.seed}", facts)
 
 
 class CloudPresenter(Presenter["Cloud"]):
     """A simulation beside the closed form."""
 
     document = "spread"
+    delivers = ("cloud.csv",)
 
     @property
     def problem(self) -> Problem:

@@ -153,6 +153,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
     """A diagnosis with the task planned again by the arm that was found."""
 
     document = "diagnosis"
+    delivers = ("extended.yaml",)
 
     @cached_property
     def comparison(self) -> Comparison | None:

@@ -28,7 +28,7 @@ from posture_opt.report.units_text import (
     stated_angle,
     stated_length,
 )
-from posture_opt.report.words import CRITERIA, PARTS, direction_words
+from posture_opt.report.words import CRITERIA, direction_words, part_words
 from posture_opt.selection.features_solution import PlacementFigure
 from posture_opt.units import fixed, number
 
@@ -83,7 +83,7 @@ def features_report(found: FeaturesSolution) -> Report:
         _placements_block(found),
         _order_block(found),
         task_budget_block(problem, worst.task_spread),
-        improvements_block(problem, found.improvements, PARTS[worst.critical.within]),
+        improvements_block(problem, found.improvements, part_words(worst.critical.within, found.task.kind)),
         _checks_block(found),
     )
     return Report(title, _lead(found), tuple(block for block in blocks if block.items))
@@ -109,7 +109,7 @@ def _lead(found: FeaturesSolution) -> tuple[str, ...]:
     moved = found.placement.free.any()
     where = "Place the workpiece at" if moved else "The workpiece stands at"
     lines = [f"{where} {placement_words(found.w, found.placement)}."]
-    part = PARTS[worst.critical.within]
+    part = part_words(worst.critical.within, found.task.kind)
     scatter = f"The worst of {count(len(found.names), 'feature')} is {name}: {part} the tool point scatters by"
     lines.append(f"{scatter} {critical_size(worst.critical)}.")
     if found.task.combine == "mean":
@@ -157,7 +157,7 @@ def _gain(found: FeaturesSolution, other: PlacementFigure) -> str:
 def problem_block(problem: Problem, found: FeaturesSolution) -> Block:
     """What was asked."""
     task = found.task
-    what = CRITERIA[task.criterion].format(part=PARTS[task.within])
+    what = CRITERIA[task.criterion].format(part=part_words(task.within, task.kind))
     minimised = _COMBINED["success"] if task.combine == "success" else f"{what}: {_COMBINED[task.combine]}"
     rows = [
         *robot_facts(problem),

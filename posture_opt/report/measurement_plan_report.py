@@ -239,6 +239,7 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
     """Which postures to measure next."""
 
     document = "plan"
+    delivers = ("plan.csv",)
 
     def summary(self) -> Summary:
         plan = self.result

@@ -12,7 +12,7 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.report.blocks import Table
-from posture_opt.report.units_text import joint_value, length, lengths, percent, place, shift
+from posture_opt.report.units_text import joint_unit, joint_value, largest_of, length, lengths, percent, place, shift
 from posture_opt.report.words import (
     METHODS,
     REGIONS,
@@ -33,6 +33,7 @@ _LISTED = 8  # sources named one by one
 _EFFECTS = 6  # named one by one
 _NEGLIGIBLE = 1e-3  # of the largest standard deviation of its kind
 _AT_LIMIT = 1e-6
+_NO_SHIFT = 1e-7  # m
 
 
 def robot_facts(problem: Problem) -> list[tuple[str, str]]:
@@ -59,7 +60,7 @@ def effect_facts(problem: Problem) -> list[tuple[str, str]]:
 def input_facts(problem: Problem) -> list[tuple[str, str]]:
     """What the task says, or leaves open, of the inputs that the effects depend on."""
     texts = _inputs(problem.arm) if problem.arm.effects else []
-    return [("Computed for", ", ".join(texts))] if texts else []
+    return [("Conditions", ", ".join(texts))] if texts else []
 
 
 def _inputs(arm: Arm) -> list[str]:
@@ -69,10 +70,10 @@ def _inputs(arm: Arm) -> list[str]:
         texts.append(f"a payload of {inputs.payload:.6g} kg")
     for joint in dict.fromkeys(e.target for e in arm.effects if "approach" in e.needs):
         if joint in inputs.stated:
-            sense = "upwards" if inputs.side(arm.robot.joint_names.index(joint)) > 0 else "downwards"
-            texts.append(f"{joint} approached {sense}")
+            sense = "positive" if inputs.side(arm.robot.joint_names.index(joint)) > 0 else "negative"
+            texts.append(f"{joint} approached in {sense} direction")
         else:
-            texts.append(f"{joint} approached from either side")
+            texts.append(f"{joint} approached from an unknown side")
     if "temperature" in asked:
         texts.append(f"{REFERENCE_TEMPERATURE + inputs.temperature:.6g} degC")
     if "time" in asked:
@@ -81,7 +82,7 @@ def _inputs(arm: Arm) -> list[str]:
 
 
 def source_facts(problem: Problem) -> list[tuple[str, str]]:
-    """The standard deviations that everything follows from; equal ones of one kind together, negligible ones last."""
+    """The standard deviations of the sources; equal ones of one kind together, negligible ones last."""
     arm, sources = problem.arm, problem.sources
     sigmas = dict(zip(sources.names, map(float, sources.sigma), strict=True))
     largest: dict[str, float] = {}
@@ -94,8 +95,8 @@ def source_facts(problem: Problem) -> list[tuple[str, str]]:
     texts = [f"{_group_words(names, arm)} {size}" for (_, size), names in groups.items()]
     if len(texts) > _LISTED:
         texts = [*texts[:_LISTED], f"and {len(texts) - _LISTED} more"]
-    correlated = "; some of them vary together" if sources.correlated else ""
-    return [("Scatter of", ", ".join(texts) + f" (standard deviations{correlated})")]
+    correlated = ", some of them correlated" if sources.correlated else ""
+    return [("Uncertainty", ", ".join(texts) + f" (standard deviations{correlated})")]
 
 
 def _group_words(names: Sequence[str], arm: Arm) -> str:
@@ -105,8 +106,8 @@ def _group_words(names: Sequence[str], arm: Arm) -> str:
     what = source_words(names[0], arm).removeprefix(owners[0]).strip()
     kind = [joint.name for joint in arm.robot.joints if joint.type == "revolute"]
     if set(owners) >= set(kind) and set(owners) <= set(arm.robot.joint_names):
-        return f"the {what} of every joint"
-    return f"the {what} of {', '.join(owners)}"
+        return f"{what} of every joint"
+    return f"{what} of {', '.join(owners)}"
 
 
 def note_facts(notes: Iterable[str]) -> list[tuple[str, str]]:
@@ -118,7 +119,7 @@ def frame_notes(robot: Robot) -> list[str]:
     """What became of a base or tool that the problem file leaves free."""
     free = {"base": robot.base_free, "tool": robot.tool_free}
     return [
-        f"The {frame} is free, to be found from measurements: here it is taken at its start value."
+        f"The {frame} frame is free (to be calibrated); its start value is used here."
         for frame, is_free in free.items()
         if is_free
     ]
@@ -134,12 +135,37 @@ def sentence(text: str) -> str:
 
 
 def joint_table(robot: Robot, q: Vector) -> Table:
-    """Every joint with its value, its limits and what is left to the nearer one."""
-    rows = []
-    for joint, value in zip(robot.joints, q, strict=True):
-        limits = f"{joint_value(joint.lower, joint.type)} to {joint_value(joint.upper, joint.type)}"
-        rows.append((joint.name, joint_value(value, joint.type), limits, _margin(joint, value)))
-    return Table(("joint", "value", "limits", "left to the nearer limit"), tuple(rows))
+    """Every joint with its value, its limits and the margin to the nearer one."""
+    rows = [
+        (joint.name, joint_value(value, joint.type), _limits(joint), _margin(joint, value))
+        for joint, value in zip(robot.joints, q, strict=True)
+    ]
+    return Table(("joint", "value", "limits", "margin"), tuple(rows))
+
+
+def nearest_limit(robot: Robot, q: Vector) -> list[tuple[str, str]]:
+    """The joint with the smallest margin to a limit, relative to its range; nothing without limits."""
+    ranges = [(joint, value, joint.upper - joint.lower) for joint, value in zip(robot.joints, q, strict=True)]
+    shares = [
+        (min(value - joint.lower, joint.upper - value) / size, joint, value)
+        for joint, value, size in ranges
+        if math.isfinite(size) and size > 0
+    ]
+    if not shares:
+        return []
+    _, joint, value = min(shares, key=lambda share: share[0])
+    return [("Nearest limit", f"{joint.name}, {_distance(joint, value)}")]
+
+
+def _distance(joint: Joint, value: float) -> str:
+    margin = _margin(joint, value)
+    return margin if margin.startswith(("at", "exceeded")) else f"{margin} away"
+
+
+def _limits(joint: Joint) -> str:
+    unit, factor = joint_unit(joint.type)
+    low, high = (f"{value * factor:.6g}" if math.isfinite(value) else "none" for value in (joint.lower, joint.upper))
+    return f"{low} to {high} {unit}"
 
 
 def joint_values(robot: Robot, q: Vector) -> str:
@@ -152,16 +178,16 @@ def _margin(joint: Joint, value: float) -> str:
     if not math.isfinite(margin):
         return "no limit"
     if margin < -_AT_LIMIT:
-        return f"beyond it by {joint_value(-margin, joint.type)}"
-    return "at its limit" if margin < _AT_LIMIT else joint_value(margin, joint.type)
+        return f"exceeded by {joint_value(-margin, joint.type)}"
+    return "at the limit" if margin < _AT_LIMIT else joint_value(margin, joint.type)
 
 
 def tool_facts(spread: Spread) -> list[tuple[str, str]]:
     """Nominal place and orientation of the tool."""
     angles = ", ".join(fixed(math.degrees(a)) for a in roll_pitch_yaw(spread.quaternion_wxyz))
     return [
-        ("Tool point", f"{place(spread.position)} in the world"),
-        ("Tool turned", f"roll, pitch, yaw = {angles} deg"),
+        ("Tool point", f"{place(spread.position)} in the world frame"),
+        ("Orientation", f"roll, pitch, yaw = {angles} deg"),
     ]
 
 
@@ -177,11 +203,11 @@ def ellipse_facts(spread: Spread, among: Sequence[float] = ()) -> list[tuple[str
     """The 95 % region of the tool point, with the factor that it is drawn with."""
     ellipse = spread.ellipse
     if not ellipse.rank:
-        return [(REGIONS[0], "a point: nothing scatters here")]
+        return [(REGIONS[0], "a point: there is no uncertainty here")]
     along = ", ".join(line_words(a) for a in spread.axes[::-1][: ellipse.rank])
     half = lengths([float(s) for s in spread.region(0.95)[::-1][: ellipse.rank]], among=among)
     word = "half length" if ellipse.rank == 1 else "semi-axes"
-    factor = f"{ellipse.factor(0.95):.3f} standard deviations"
+    factor = f"{ellipse.factor(0.95):.3f} σ"
     return [(REGIONS[ellipse.rank], f"{word} {half} along {along} ({factor})")]
 
 
@@ -191,23 +217,23 @@ def first_order_fact(exact: float, linear: float, among: Sequence[float] = ()) -
         return "First order", "none"
     change = linear / exact - 1
     if abs(change) < 5e-4:
-        return "First order", f"{length(linear, among=among)}, the same within 0.05 %"
+        return "First order", f"{length(linear, among=among)}, equal to the exact value within 0.05 %"
     word = "above" if change > 0 else "below"
-    return "First order", f"{length(linear, among=among)}, {percent(abs(change))} {word} the exact figure"
+    return "First order", f"{length(linear, among=among)}, {percent(abs(change))} {word} the exact value"
 
 
 def mean_fact(spread: Spread, among: Sequence[float] = ()) -> tuple[str, str]:
     """How far the mean tool point lies off the nominal one."""
     off = math.sqrt(float(spread.bias @ spread.bias))
-    if off < 1e-7:
-        return "On average", "the tool point is where it should be, within 0.1 µm"
+    if off < max(_NO_SHIFT, _NEGLIGIBLE * largest_of(among)):
+        return "Mean shift", "negligible"
     vector = shift(list(map(float, spread.bias)), among)
-    return "On average", f"the tool point is {length(off, among=among)} off the nominal one: {vector}"
+    return "Mean shift", f"{length(off, among=among)} from the nominal tool point: {vector}"
 
 
 def method_fact(spread: Spread) -> tuple[str, str]:
     """How the figures were computed."""
-    return "Computed by", METHODS.get(spread.method, spread.method)
+    return "Method", METHODS.get(spread.method, spread.method)
 
 
 def sigma_of(problem: Problem) -> dict[str, float]:

@@ -217,6 +217,7 @@ class PathSolutionPresenter(Presenter["PathSolution"]):
     """The postures along a path."""
 
     document = "solution"
+    delivers = ("postures.csv",)
 
     def summary(self) -> Summary:
         found = self.result

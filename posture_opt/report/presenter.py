@@ -19,7 +19,8 @@ from posture_opt.report.blocks import Report, Summary
 from posture_opt.report.interactive.library import plotly_js
 from posture_opt.report.page import Page
 from posture_opt.report.save import Files, report_files, save_files, summary_html
-from posture_opt.report.text import render, render_summary
+from posture_opt.report.screen import on_a_screen
+from posture_opt.report.text import render, render_summary, terminal_width
 from posture_opt.result import Result, Summarised, snake_case
 
 if TYPE_CHECKING:
@@ -79,9 +80,11 @@ class Presenter(SummaryPresenter[R]):
 
     Args:
         document: stem of the JSON document, ``map`` of ``map.json``.
+        delivers: the further files of ``save`` that people look for.
     """
 
     document: ClassVar[str]
+    delivers: ClassVar[tuple[str, ...]] = ()
 
     @property
     def problem(self) -> Problem:
@@ -92,9 +95,9 @@ class Presenter(SummaryPresenter[R]):
     def report(self) -> Report:
         """The whole report."""
 
-    def brief(self) -> Report:
-        """Its first screen; the whole where that is no longer."""
-        return self.report()
+    def brief(self) -> Report | None:
+        """What one screen is to show as far as it fits, where that is not the blocks of the report in brief."""
+        return None
 
     @abstractmethod
     def columns(self) -> Columns:
@@ -105,8 +108,10 @@ class Presenter(SummaryPresenter[R]):
         return {}
 
     def report_text(self, full: bool = True) -> str:
-        """The report, or its first screen, as plain text, at most 100 columns wide."""
-        return render(self.report() if full else self.brief())
+        """The report, or one screen of it, as plain text, as wide as the terminal."""
+        width, report = terminal_width(), self.report()
+        saved = (*self.delivers, f"{self.document}.json")
+        return render(report if full else on_a_screen(report, width, saved, self.brief()), width)
 
     def figures(self) -> dict[str, Figure]:
         """All figures by name, drawn."""
@@ -161,7 +166,7 @@ class Presenter(SummaryPresenter[R]):
         report = self.report()
         asked = getattr(import_module("posture_opt.report.interactive.views"), self._name, None) if pictures else None
         view = asked(self) if asked is not None and plotly_js() else None
-        brief = frozenset(block.title for block in self.brief().blocks)
+        brief = frozenset(block.title for block in (self.brief() or report).blocks if block.short.items)
         return Page(
             report, view=view, hint=asked is not None and view is None, brief=brief, problem_file=self.problem.to_yaml()
         )

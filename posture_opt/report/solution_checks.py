@@ -10,7 +10,7 @@ import numpy as np
 from posture_opt.numerics import Array
 from posture_opt.report.blocks import Block, Facts, Report, Table
 from posture_opt.report.units_text import count, length, percent, quantity
-from posture_opt.report.words import CRITERIA, PARTS, source_words
+from posture_opt.report.words import CRITERIA, part_words, source_words
 from posture_opt.selection.nlp import Values
 from posture_opt.selection.task_target import FREE, SIZES, TaskTarget
 from posture_opt.units import UNKNOWN, number
@@ -43,32 +43,31 @@ _OF_AXIS = ("axis", "a1", "a2")
 
 def checks_block(solution: Solution) -> Block:
     """Gain, lower bound, what the search did lest a better posture be missed, time."""
-    rows = [*_gain(solution), *_most_manipulable(solution), *_lower_bound(solution), *_search(solution)]
+    rows = [*gain_facts(solution), *_most_manipulable(solution), *_lower_bound(solution), *_search(solution)]
     rows.append(("Time", f"{solution.statistics.seconds:.2f} s"))
-    return Block("Checks", (*ranking_sentence(solution), Facts(tuple(rows)), *_advice(solution)))
+    advice = _advice(solution)
+    return Block("Checks", (*ranking_sentence(solution), Facts(tuple(rows)), *advice), brief=advice)
 
 
 def ranking_sentence(solution: Solution) -> tuple[str, ...]:
-    """By what postures are ranked where it is not the scatter that is told of them."""
+    """What postures are ranked by, where that is not the standard deviation that is stated."""
     task = solution.optimisation_problem.task
     if task.criterion == "worst" and not task.minimize:
         return ()
-    spread = [CRITERIA[task.criterion].format(part=PARTS[task.within])] * (task.criterion != "none")
+    spread = [CRITERIA[task.criterion].format(part=part_words(task.within, task.kind))] * (task.criterion != "none")
     asked = " and ".join([*spread, *(term.kind for term in task.minimize)])
-    told = f"the largest standard deviation {PARTS[task.within]}"
-    return (f"Postures are ranked by {asked.replace('_', ' ')}; the scatter told of them here is {told}.",)
+    told = f"the largest standard deviation {part_words(task.within, task.kind)}"
+    return (f"Postures are ranked by {asked.replace('_', ' ')}; the value listed is {told}.",)
 
 
-def _gain(solution: Solution) -> list[tuple[str, str]]:
+def gain_facts(solution: Solution) -> list[tuple[str, str]]:
+    """The standard deviation beside that of a typical posture, and of the worst; nothing where none was compared."""
     typical, worst = solution.statistics.typical, solution.statistics.worst
     if not (math.isfinite(typical) and math.isfinite(worst)):
         return []
     return [
-        (
-            "Gain",
-            f"{_less(solution.gain_over(typical))} a typical posture that does it too ({_size(solution, typical)})",
-        ),
-        ("", f"{_less(solution.gain_over(worst))} the worst one that was found ({_size(solution, worst)})"),
+        ("Gain", f"{_less(solution.gain_over(typical))} a typical feasible posture ({_size(solution, typical)})"),
+        ("", f"{_less(solution.gain_over(worst))} the worst feasible posture found ({_size(solution, worst)})"),
     ]
 
 
@@ -77,9 +76,10 @@ def _most_manipulable(solution: Solution) -> list[tuple[str, str]]:
     if other is None or solution.critical.sigma_max <= 0:
         return []
     more = other.sigma_max / solution.critical.sigma_max - 1
-    size = "the same scatter" if abs(more) < 5e-4 else f"{percent(abs(more))} {'more' if more > 0 else 'less'} scatter"
-    told = f" ({_size(solution, other.sigma_max)})" * (abs(more) >= 5e-4)
-    return [("Manipulability", f"the posture of greatest manipulability would have {size}{told}")]
+    size = "the same standard deviation"
+    if abs(more) >= 5e-4:
+        size = f"{_size(solution, other.sigma_max)}, {percent(abs(more))} {'higher' if more > 0 else 'lower'}"
+    return [("Manipulability", f"the posture of greatest manipulability has {size}")]
 
 
 def _size(solution: Solution, sigma: float, digits: int = 3) -> str:
@@ -90,8 +90,8 @@ def _size(solution: Solution, sigma: float, digits: int = 3) -> str:
 
 def _less(gain: float) -> str:
     if abs(gain) < 5e-4:
-        return "the same scatter as"
-    return f"{percent(abs(gain))} {'less' if gain > 0 else 'more'} scatter than"
+        return "the same standard deviation as"
+    return f"{percent(abs(gain))} {'lower' if gain > 0 else 'higher'} standard deviation than"
 
 
 def _lower_bound(solution: Solution) -> list[tuple[str, str]]:
@@ -100,46 +100,46 @@ def _lower_bound(solution: Solution) -> list[tuple[str, str]]:
         return []
     arm = solution.optimisation_problem.arm
     where = "at this target" if solution.target.kind == "point" else "anywhere in this box"
-    lever = f" on a lever of {length(bound.radius, 4)}" if math.isfinite(bound.radius) and bound.radius > 0 else ""
-    share = "alone sets it" if bound.share > 0.995 else f"makes {percent(bound.share)} of it"
-    source = f"the {source_words(bound.source, arm)}{lever} {share}"
-    return [("Lower bound", f"{where} no posture can get below {_size(solution, bound.sigma)}: {source}"),
+    lever = f" (lever {length(bound.radius, 4)})" if math.isfinite(bound.radius) and bound.radius > 0 else ""
+    share = "alone" if bound.share > 0.995 else f"to {percent(bound.share)}"
+    source = f"set by {source_words(bound.source, arm)}{lever} {share}"
+    return [("Lower bound", f"{_size(solution, bound.sigma)} for any posture {where}, {source}"),
             ("", _above(solution.critical.sigma_max / bound.sigma))]  # fmt: skip
 
 
 def _above(ratio: float) -> str:
     if ratio > 2:
-        return f"the answer is {number(ratio, 2)} times this bound"
+        return f"this posture is at {number(ratio, 2)} times the bound"
     if ratio < 1.0005:
-        return "the answer lies on this bound"
-    return f"the answer lies {percent(ratio - 1)} above this bound"
+        return "this posture attains the bound"
+    return f"this posture is {percent(ratio - 1)} above the bound"
 
 
 def _search(solution: Solution) -> list[tuple[str, str]]:
     e = solution.statistics
     text = (
-        f"{count(e.tried, 'random start')} led towards the target, {e.starts} arrived, {e.feasible} of these meet "
-        "every requirement; local searches from all that arrived"
+        f"{count(e.tried, 'random start')}, {e.starts:,} reached the target, {e.feasible:,} of these meet all "
+        "requirements"
     )
     optima = count(e.distinct, "distinct optimum", "distinct optima")
-    found = f"{optima}; the best one was found by {e.hits} of {count(e.polished, 'local search', 'local searches')}"
-    again = f", in {e.recurred} of {e.batches} independent batches of starts" if e.batches > 1 else ""
-    proof = "locally optimal" if solution.status == "optimal" else "not confirmed as locally optimal"
-    rows = [("Search", text), ("", found + again), ("", f"the answer is {proof}, and the best of so many searches")]
+    found = f"{optima}; the best was found by {e.hits} of {count(e.polished, 'local search', 'local searches')}"
+    again = f", in {e.recurred} of {e.batches} independent batches" if e.batches > 1 else ""
+    proof = "a local optimum" if solution.status == "optimal" else "not confirmed as a local optimum"
+    rows = [("Search", text), ("", found + again), ("", f"the result is {proof}, the best of these searches")]
     if e.sweep is not None:
         rows.append(("Sweep", _sweep(solution, e.sweep)))
     return rows
 
 
 def _sweep(solution: Solution, sweep: Sweep) -> str:
-    text = f"{sweep.over}: {count(sweep.points, 'posture')}, {sweep.feasible} of them feasible"
+    text = f"{sweep.over}: {count(sweep.points, 'posture')}, {sweep.feasible:,} of them feasible"
     sigma, answer = solution.statistics.sweep_sigma, solution.critical.sigma_max
     if not math.isfinite(sigma):
         return text
-    # Where something else than the largest scatter is made small, a worse posture may well scatter less.
+    # Where another criterion is minimised, a worse posture may well have the smaller standard deviation.
     better = sigma < answer * (1 - 1e-6)
-    found = "less scatter, but not a better posture by what is asked" if better else "nothing better"
-    return f"{text}; found {found} (its best: {_size(solution, sigma, 4)})"
+    found = "some have a smaller standard deviation, none is better by the criterion" if better else "no better one"
+    return f"{text}, {found} (best: {_size(solution, sigma)})"
 
 
 def _advice(solution: Solution) -> tuple[str, ...]:
@@ -150,14 +150,13 @@ def _advice(solution: Solution) -> tuple[str, ...]:
     if gain >= SMALL_GAIN:
         return ()
     return (
-        f"At this fixed target the posture matters little: a typical one does {_almost(gain)}. If the workpiece may be "
-        "moved, more is to be won by placing it: write region: {min: [...], max: [...]} in the task, in place of "
-        "position: [...].",
+        f"At this fixed target the posture matters little: a typical one is {_almost(gain)}. Moving the workpiece may "
+        "gain more: write region: {min: [...], max: [...]} in the task, in place of position: [...].",
     )
 
 
 def _almost(gain: float) -> str:
-    return "as well" if gain < 5e-4 else f"only {percent(gain)} worse"
+    return "as good" if gain < 5e-4 else f"only {percent(gain)} worse"
 
 
 def explain_report(solution: Solution) -> Report:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.budget_parts import main_fact
 from posture_opt.report.collision_parts import collision_facts, distance_facts
 from posture_opt.report.improvement_parts import improvements_block
 from posture_opt.report.parts import (
@@ -21,6 +21,7 @@ from posture_opt.report.parts import (
     lean,
     mean_fact,
     method_fact,
+    nearest_limit,
     note_facts,
     robot_facts,
     sentence,
@@ -29,21 +30,20 @@ from posture_opt.report.parts import (
     validity_sentence,
 )
 from posture_opt.report.presenter import Columns, Presenter
-from posture_opt.report.solution_checks import checks_block, explain_report, ranking_sentence
+from posture_opt.report.solution_checks import checks_block, explain_report, gain_facts, ranking_sentence
 from posture_opt.report.task_parts import (
     clearance_facts,
     critical_rows,
     critical_size,
     minimised_words,
     orientation_rows,
-    point_words,
+    spread_lead,
     task_budget_block,
     task_facts,
 )
 from posture_opt.report.text import render
 from posture_opt.report.units_text import (
     joint_unit,
-    joint_value,
     length,
     length_unit,
     percent,
@@ -51,7 +51,7 @@ from posture_opt.report.units_text import (
     probability,
     stated,
 )
-from posture_opt.report.words import PARTS
+from posture_opt.report.words import part_words
 from posture_opt.uncertainty.regions import deviation
 from posture_opt.units import fixed, number
 
@@ -61,7 +61,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.task_target import TaskTarget
     from posture_opt.selection.terms.term import Stated, Term
 
-_WIDE = 110  # characters of headers, which break at spaces: the text has lines of 100
 _STATUS = {"optimal": "Best posture", "feasible": "Best posture found", "infeasible": "No posture"}
 
 
@@ -70,8 +69,8 @@ def solution_report(solution: Solution) -> Report:
     problem = solution.problem
     title = problem.name or "Posture selection"
     if solution.status == "infeasible":
-        least = [f"The least change that helps: {r.change}." for r in solution.relaxations[:1]]
-        return Report(title, ("There is no posture for this task.", *least), (
+        least = [f"Smallest change that makes it feasible: {r.change}." for r in solution.relaxations[:1]]
+        return Report(title, ("No posture meets the requirements of this task.", *least), (
             Block("Why", tuple(sentence(reason.message) for reason in solution.reasons)),
             *changes_block(solution),
             problem_block(problem, solution),
@@ -82,7 +81,9 @@ def solution_report(solution: Solution) -> Report:
         posture_block(solution),
         spread_block(solution),
         task_budget_block(problem, solution.task_spread),
-        improvements_block(problem, solution.improvements, PARTS[solution.critical.within]),
+        improvements_block(
+            problem, solution.improvements, part_words(solution.critical.within, solution.task_spread.kind)
+        ),
         alternatives_block(solution),
         checks_block(solution),
     ]
@@ -92,18 +93,17 @@ def solution_report(solution: Solution) -> Report:
 def changes_block(solution: Solution) -> tuple[Block, ...]:
     """Changes of which any one makes the task possible, where there is a choice."""
     changes = tuple(f"- {sentence(relaxation.change)}" for relaxation in solution.relaxations)
-    return (Block("Any one of these changes makes it possible", changes),) if len(changes) > 1 else ()
+    return (Block("Each of these changes makes the task feasible", changes),) if len(changes) > 1 else ()
 
 
 def lead(solution: Solution) -> tuple[str, ...]:
-    """The answer in two sentences."""
-    robot = solution.optimisation_problem.robot
-    values = ", ".join(joint_value(v, j.type) for v, j in zip(solution.q, robot.joints, strict=True))
-    answer = f"Best posture: {values}."
-    if solution.status != "optimal":
-        answer += " The solver did not confirm that it is an optimum; it is the best of all that were compared."
-    part, size = PARTS[solution.critical.within], critical_size(solution.critical)
-    return answer, f"{part[0].upper()}{part[1:]} {point_words(solution.task_spread)} then scatters by {size}."
+    """The spread that the task cares about, the posture, where the workpiece goes, and doubts about the optimum."""
+    size, *odds = spread_lead(solution.task_spread)
+    posture = f"Best posture: {joint_values(solution.optimisation_problem.robot, solution.q)}."
+    placed = [f"Place the workpiece so that the target is at {place(solution.spread.position)}."]
+    doubt = ["The solver did not confirm an optimum; this is the best posture found."]
+    free, sure = solution.target.kind != "point", solution.status == "optimal"
+    return (size, posture, *odds, *(placed if free else []), *([] if sure else doubt))
 
 
 def problem_block(problem: Problem, solution: Solution) -> Block:
@@ -118,12 +118,13 @@ def problem_block(problem: Problem, solution: Solution) -> Block:
         *input_facts(problem),
     ]
     if task.subject_to:
-        rows.append(("Required", ", ".join(_bound_words(term) for term in task.subject_to)))
+        rows.append(("Requirements", ", ".join(_bound_words(term) for term in task.subject_to)))
     rows += clearance_facts(solution.task_spread)
     rows += collision_facts(problem.scene)
     rows += source_facts(problem)
-    rows += note_facts((*problem.notes, *frame_notes(problem.robot), *solution.notes))
-    return Block("Problem", (Facts(tuple(rows)),))
+    notes = note_facts((*problem.notes, *frame_notes(problem.robot), *solution.notes))
+    short = (rows[0], ("Task", task.kind), ("Target", target_words(target)), *source_facts(problem), *notes)
+    return Block("Problem", (Facts((*rows, *notes)),), brief=(Facts(short),))
 
 
 def target_words(target: TaskTarget) -> str:
@@ -131,12 +132,12 @@ def target_words(target: TaskTarget) -> str:
     if target.kind == "point":
         return f"the point {place(target.lower)}"
     if target.kind == "anywhere":
-        return "anywhere in reach: the workpiece may be placed"
-    return f"anywhere in the box from {place(target.lower)} to {place(target.upper)}: the workpiece may be placed"
+        return "anywhere in reach (the workpiece may be moved)"
+    return f"anywhere in the box from {place(target.lower)} to {place(target.upper)} (the workpiece may be moved)"
 
 
 def _bound_words(term: Term) -> str:
-    of = f" {PARTS[term.part]}" if term.part is not None else ""
+    of = f" {part_words(term.part, '')}" if term.part is not None else ""
     name = f"{term.kind.replace('_', ' ')}{of}"
     return ", ".join(f"{name}{f' of {bound.joint}' * bool(bound.joint)} {_sides(bound)}" for bound in term.stated())
 
@@ -155,75 +156,67 @@ def posture_block(solution: Solution) -> Block:
     target, optimisation_problem = solution.target, solution.optimisation_problem
     if target.tilt and optimisation_problem.axis_rows:
         leaning = math.degrees(lean(solution.spread, optimisation_problem.task.tool_axis, target.axis))
-        allowed = f"{math.degrees(target.tilt):.6g} deg is allowed"
-        facts.append(("Tool leans", f"{fixed(leaning)} deg off the direction; {allowed}"))
+        allowed = f"{math.degrees(target.tilt):.6g} deg allowed"
+        facts.append(("Tool axis", f"tilted {fixed(leaning)} deg from the task direction ({allowed})"))
     facts += distance_facts(solution.problem.scene, solution.clearance)
-    if solution.target.kind != "point":
-        facts = [("Workpiece", f"place it so that the target is at {place(solution.spread.position)}"), *facts]
-    return Block(
-        "Posture", (joint_table(solution.optimisation_problem.robot, solution.q), Facts(tuple(facts))), figure="arm"
-    )
+    robot = solution.optimisation_problem.robot
+    brief = Facts((*nearest_limit(robot, solution.q), *facts))
+    return Block("Posture", (joint_table(robot, solution.q), Facts(tuple(facts))), figure="arm", brief=(brief,))
 
 
 def nearest_block(solution: Solution) -> Block:
     """The posture that violates the requirements least."""
     table = joint_table(solution.optimisation_problem.robot, solution.q)
     facts = (*tool_facts(solution.spread), *distance_facts(solution.problem.scene, solution.clearance))
-    return Block("The posture that comes nearest", (table, Facts(facts)), figure="arm")
+    return Block("Nearest posture", (table, Facts(facts)), figure="arm")
 
 
 def spread_block(solution: Solution) -> Block:
-    """How far the tool point scatters, in the part that counts first."""
+    """The uncertainty of the tool point, the part that counts first."""
     spread, critical = solution.spread, solution.critical
     first = solution.basis.T @ spread.covariance_first_order @ solution.basis
     among = [float(s) for s in spread.ellipse.semi_axes]  # the whole block in one unit
     rows = critical_rows(solution.task_spread, among, "target")
+    short = len(rows)
     rows += ellipse_facts(spread, among)
     rows.append(mean_fact(spread, among))
     linear = deviation(float(np.linalg.eigvalsh(first)[-1]), spread.covariance)
     rows.append(first_order_fact(critical.sigma_max, linear, among))
     rows += orientation_rows(solution)
     rows.append(method_fact(spread))
-    return Block("Spread of the tool point", (Facts(tuple(rows)), validity_sentence(spread)), figure="cloud")
+    items = (Facts(tuple(rows)), validity_sentence(spread))
+    contributions = main_fact(solution.problem.arm, solution.task_spread.budget_groups)
+    brief = Facts((*rows[:short], contributions, *gain_facts(solution)[:1]))
+    return Block("Spread of the tool point", items, figure="cloud", brief=(brief,))
 
 
 def alternatives_block(solution: Solution) -> Block:
-    """The other postures that are locally best."""
+    """The other local optima."""
     alternatives = solution.alternatives
     if len(alternatives) < 2:
-        return Block("Alternatives", ("No other distinct posture was found to be locally best.",), figure="joint_map")
+        return Block("Alternatives", ("No other local optimum was found.",), figure="joint_map", brief=())
     joints = solution.optimisation_problem.robot.joints
     unit, factor = length_unit([a.sigma_max for a in alternatives])
-    headers = ["rank", f"scatter [{unit}]", "more by"]
+    headers = ["rank", f"std. dev. [{unit}]", "difference"]
     headers += [f"{j.name} [{joint_unit(j.type)[0]}]" for j in joints]
     free = solution.target.kind != "point"
     headers += [f"{c} [mm]" for c in "xyz"] if free else []
     rows = []
     for rank, a in enumerate(alternatives, start=1):
-        row = [str(rank), number(a.sigma_max * factor, 4), _more(a.sigma_max, alternatives[0].sigma_max)]
+        row = [str(rank), number(a.sigma_max * factor), _more(a.sigma_max, alternatives[0].sigma_max)]
         row += [fixed(a.posture[j.name] * joint_unit(j.type)[1], 1) for j in joints]
         row += [fixed(1e3 * float(v), 1) for v in a.position] if free else []
         rows.append(tuple(row))
     views = tuple(f"alternative-{rank}" for rank in range(1, len(rows) + 1))
-    table = (
-        _turned(headers, rows)
-        if sum(len(h) + 2 for h in headers) > _WIDE
-        else Table(tuple(headers), tuple(rows), views=views)
-    )
+    table = Table(tuple(headers), tuple(rows), views=views)
     return Block("Alternatives", (*ranking_sentence(solution), table), figure="joint_map")
-
-
-def _turned(headers: Sequence[str], rows: Sequence[tuple[str, ...]]) -> Table:
-    """The table with a line for each column: joints may have long names, and there are few alternatives."""
-    lines = [(header, *(row[k] for row in rows)) for k, header in enumerate(headers)]
-    return Table(lines[0], tuple(lines[1:]))
 
 
 def _more(sigma: float, best: float) -> str:
     more = sigma / best - 1 if best > 0 else 0.0
     if abs(more) < 5e-5:
-        return "-" if sigma == best else "the same"
-    return percent(more)
+        return "-" if sigma == best else "same"
+    return f"+{percent(more)}" if more > 0 else percent(more)
 
 
 def _summary(solution: Solution) -> Summary:
@@ -232,11 +225,11 @@ def _summary(solution: Solution) -> Summary:
     facts = [
         ("Posture", joint_values(solution.optimisation_problem.robot, solution.q)),
         (place_words, place(solution.spread.position)),
-        ("Scatter", f"{length(critical.sigma_max)} {PARTS[critical.within]} (one standard deviation)"),
-        ("95 % within", f"{length(critical.radius95)} of the target"),
+        ("Standard deviation", f"{critical_size(critical)} {part_words(critical.within, solution.task_spread.kind)}"),
+        ("95 % radius", f"{length(critical.radius95)} from the target"),
     ]
     if solution.success_probability is not None:
-        facts.append(("Success", probability(solution.success_probability)))
+        facts.append(("Success probability", probability(solution.success_probability)))
     if solution.status == "infeasible":
         facts = [*facts[:2], ("Why", sentence(solution.reasons[0].message) if solution.reasons else "no posture fits")]
     asked = solution.problem.name or solution.optimisation_problem.task.kind

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.budget_parts import budget_block, group_words
+from posture_opt.report.blocks import Block, Facts, Item, Report, Summary, Table
+from posture_opt.report.budget_parts import budget_block, group_words, main_fact
 from posture_opt.report.parts import (
     ellipse_facts,
     first_order_fact,
@@ -19,6 +19,7 @@ from posture_opt.report.parts import (
     joint_values,
     mean_fact,
     method_fact,
+    nearest_limit,
     note_facts,
     robot_facts,
     source_facts,
@@ -31,19 +32,20 @@ from posture_opt.report.task_parts import (
     clearance_facts,
     critical_size,
     lean_facts,
-    posture_lead,
+    spread_lead,
     task_budget_block,
     task_facts,
     task_items,
 )
 from posture_opt.report.units_text import length, length_unit, lengths, percent, place
-from posture_opt.report.words import PARTS, line_words
+from posture_opt.report.words import line_words, part_words
 from posture_opt.uncertainty.regions import deviation
 from posture_opt.units import number
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
     from posture_opt.uncertainty.spread import Spread
+    from posture_opt.uncertainty.task_spread import TaskSpread
 
 
 def spread_report(spread: Spread) -> Report:
@@ -60,12 +62,12 @@ def spread_report(spread: Spread) -> Report:
 
 
 def lead(spread: Spread) -> tuple[str, ...]:
-    """How far the tool point scatters, in the part that the task minds where there is one, and the odds."""
+    """The standard deviation, in the part that the task counts where there is one, and the probability of success."""
     seen = spread.for_task
     if seen is None:
         largest = length(float(spread.ellipse.semi_axes[-1]))
-        return (f"At this posture the tool point scatters by {largest} (one standard deviation, worst axis).",)
-    return posture_lead(seen)
+        return (f"Standard deviation of the tool point: {largest} (worst axis).",)
+    return spread_lead(seen)
 
 
 def arm_block(problem: Problem, spread: Spread) -> Block:
@@ -77,13 +79,15 @@ def arm_block(problem: Problem, spread: Spread) -> Block:
     ]  # fmt: skip
     notes = note_facts((*problem.notes, *frame_notes(problem.robot), *spread.notes))
     facts = (*robot_facts(problem), *asked, *input_facts(problem), *source_facts(problem), *notes)
-    return Block("Problem", (Facts(facts),))
+    short = (facts[0], *beside_target(spread), *source_facts(problem), *notes)
+    return Block("Problem", (Facts(facts),), brief=(Facts(short),))
 
 
 def posture_block(spread: Spread) -> Block:
     """Joints and tool."""
     facts = (*tool_facts(spread), *lean_facts(spread))
-    return Block("Posture", (joint_table(spread.robot, spread.q), Facts(facts)), figure="arm")
+    brief = (("Joints", joint_values(spread.robot, spread.q)), *nearest_limit(spread.robot, spread.q), *facts)
+    return Block("Posture", (joint_table(spread.robot, spread.q), Facts(facts)), figure="arm", brief=(Facts(brief),))
 
 
 def spread_block(spread: Spread) -> Block:
@@ -104,13 +108,19 @@ def spread_block(spread: Spread) -> Block:
         first_order_fact(semi_axes[0], largest, semi_axes),
         method_fact(spread),
     )
-    items = (Table(headers, rows), Facts(facts), validity_sentence(spread))
-    return Block("Spread of the tool point", (*task_items(spread, semi_axes), *items), figure="cloud")
+    task, valid = task_items(spread, semi_axes), validity_sentence(spread)
+    items: tuple[Item, ...] = (*task, Table(headers, rows), Facts(facts), valid)
+    seen = spread.for_task
+    groups = spread.budget_groups if seen is None else seen.budget_groups
+    contributions = Facts((main_fact(spread.tool_point.arm, groups),))
+    brief: tuple[Item, ...] = (*(task or (Facts(facts[:3]), valid)), contributions)
+    return Block("Spread of the tool point", items, figure="cloud", brief=brief)
 
 
 def covariance_block(spread: Spread) -> Block:
     """The covariance in mm²."""
-    return Block("Covariance of the tool point, world frame", (covariance_table(spread.covariance),))
+    table = covariance_table(spread.covariance)
+    return Block("Covariance of the tool point, world frame", (table,), brief=() if spread.for_task else None)
 
 
 def covariance_table(C: Array) -> Table:
@@ -125,32 +135,34 @@ def covariance_table(C: Array) -> Table:
 
 
 def spread_budget_block(problem: Problem, spread: Spread) -> Block:
-    """Where the scatter along the longest axis comes from, or along the axis that the task minds most."""
+    """The error budget along the longest axis, or along the critical axis of the task."""
     if spread.for_task is not None:
         return task_budget_block(problem, spread.for_task)
-    text = f"Share of each source in the variance along {line_words(spread.axes[-1])}, the longest axis:"
+    text = f"Contribution of each source to the variance along {line_words(spread.axes[-1])}, the longest axis:"
     return budget_block(problem, spread.budget_groups, text)
 
 
 def spread_facts(spread: Spread) -> tuple[tuple[str, str], ...]:
-    """The posture and how far its tool point scatters, in four lines."""
+    """The posture and the spread of its tool point, in four lines."""
     seen = spread.for_task
     first, axis = (
-        (spread.budget_groups[0], "the longest axis")
-        if seen is None
-        else (seen.budget_groups[0], "what the task minds")
+        (spread.budget_groups[0], "the longest axis") if seen is None else (seen.budget_groups[0], "the critical axis")
     )
-    task = () if seen is None else (("For the task", f"{critical_size(seen.critical)} {PARTS[seen.critical.within]}"),)
+    task = () if seen is None else (("For the task", _critical_words(seen)),)
     return (
         ("Posture", joint_values(spread.robot, spread.q)),
         ("Tool point", place(spread.position)),
         ("Standard deviations", lengths([float(s) for s in spread.ellipse.semi_axes[::-1]])),
         *task,
         (
-            "Largest share",
+            "Largest contribution",
             f"{group_words(first, spread.tool_point.arm)}, {percent(first.share)} of {axis}",
         ),
     )
+
+
+def _critical_words(seen: TaskSpread) -> str:
+    return f"{critical_size(seen.critical)} {part_words(seen.critical.within, seen.kind)}"
 
 
 class SpreadPresenter(Presenter["Spread"]):

@@ -11,7 +11,7 @@ from posture_opt.report.parts import frame_notes, input_facts, joint_values, not
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.save import Files
 from posture_opt.report.units_text import count, joint_unit, length, length_unit, percent, place
-from posture_opt.report.words import CRITERIA, PARTS, direction_words, line_words
+from posture_opt.report.words import CRITERIA, direction_words, line_words, part_words
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def target_map_report(found: TargetMap) -> Report:
 def lead(found: TargetMap) -> tuple[str, ...]:
     """The best place, and what it is better than."""
     best, worst = found.best, found.worst
-    part = PARTS[found.within]
+    part = part_words(found.within, found.optimisation_problem.task.kind)
     answer = f"Best place: {place(best.position)}. There the tool point scatters by {length(best.sigma_max)} {part}"
     answer += " (one standard deviation), in its best posture."
     others = [f"At the worst place of the map the best posture scatters by {length(worst.sigma_max)}."]
@@ -62,7 +62,7 @@ def problem_block(problem: Problem, found: TargetMap) -> Block:
         *input_facts(problem),
         ("Task", f"{task.kind} - {task.summary}"),
         ("Direction", f"{direction_words(found.target.direction)} in the world"),
-        ("Minimised", CRITERIA[task.criterion].format(part=PARTS[task.within])),
+        ("Minimised", CRITERIA[task.criterion].format(part=part_words(task.within, task.kind))),
         ("Targets", grid_words(found.grid)),
         *collision_facts(problem.scene),
         *source_facts(problem),
@@ -163,7 +163,7 @@ def _small_table(found: TargetMap) -> tuple[Table, ...]:
 
 def columns(found: TargetMap) -> dict[str, list[float]]:
     """One row a target: place, whether there is a posture, its spread, and the posture; NaN where there is none."""
-    part, points = PARTS[found.within], found.map_points
+    part, points = part_words(found.within, found.optimisation_problem.task.kind), found.map_points
     success = {"success": [s.success_probability for s in points]} if not math.isnan(found.target.clearance) else {}
     return {
         **place_columns(found),
@@ -206,13 +206,15 @@ class TargetMapPresenter(Presenter["TargetMap"]):
     """The best posture over a grid of targets."""
 
     document = "map"
+    delivers = ("map.csv",)
 
     def summary(self) -> Summary:
         found, best = self.result, self.result.best
+        part = part_words(found.within, found.optimisation_problem.task.kind)
         facts = (
             ("Targets", grid_words(found.grid)),
             ("Served", served_sentence(found)),
-            ("Best place", f"{place(best.position)}: {length(best.sigma_max)} {PARTS[found.within]} (1 σ)"),
+            ("Best place", f"{place(best.position)}: {length(best.sigma_max)} {part} (1 σ)"),
             ("Its posture", joint_values(found.optimisation_problem.robot, best.q)),
             ("Worst place", f"{place(found.worst.position)}: {length(found.worst.sigma_max)}"),
         )

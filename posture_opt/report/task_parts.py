@@ -13,7 +13,7 @@ from posture_opt.report.budget_parts import budget_block
 from posture_opt.report.parts import lean
 from posture_opt.report.presenter import problem_of
 from posture_opt.report.units_text import angle, length, lengths, percent, place, probability, stated_length
-from posture_opt.report.words import CRITERIA, PARTS, REGIONS, direction_words, line_words
+from posture_opt.report.words import CRITERIA, REGIONS, direction_words, line_words, part_words
 from posture_opt.uncertainty.regions import Ellipsoid
 from posture_opt.units import fixed
 
@@ -30,11 +30,6 @@ _APART = 1e-4  # m: a tool point that is farther from the target of the task sta
 _NEVER = 1e-6
 _LEANS = 0.05  # deg: less is the rounding of joint values as people type them
 _PART = {"across": "Across", "along": "Along", "all": "In space"}
-_MEASURED = {
-    "across": ", measured across the direction, the mean shift included",
-    "along": ", along the direction, the mean shift included",
-    "all": "",
-}
 
 
 def task_facts(task: Task, direction: Array) -> list[tuple[str, str]]:
@@ -43,10 +38,10 @@ def task_facts(task: Task, direction: Array) -> list[tuple[str, str]]:
 
 
 def minimised_words(task: Task) -> tuple[str, ...]:
-    """What is made small: the spread, unless the task leaves it out, and the further terms together."""
-    spread = CRITERIA[task.criterion].format(part=PARTS[task.within])
+    """What is minimised: the spread, unless the task leaves it out, and the further terms together."""
+    spread = CRITERIA[task.criterion].format(part=part_words(task.within, task.kind))
     if task.yaw_lever:
-        spread = f"{spread}, with the yaw on a lever of {stated_length(task.yaw_lever)}"
+        spread = f"{spread}, plus the yaw error on a lever of {stated_length(task.yaw_lever)}"
     if task.part is not None:
         spread = f"{spread}, of the worse end of the peg"
     further = ", ".join(f"{term.kind} (weight {term.weight:g})" for term in task.minimize)
@@ -58,34 +53,31 @@ def clearance_facts(seen: TaskSpread) -> list[tuple[str, str]]:
     facts = []
     if seen.peg is not None:
         part = seen.peg.part
-        told = f"{stated_length(part.length)} long, its tip at the tool point"
+        told = f"{stated_length(part.length)} long, tip at the tool point"
         if part.diameter > 0:
             told = f"{told}; diameter {stated_length(part.diameter)}, friction {part.friction:g}"
         facts.append(("Peg", told))
     if seen.clearance > 0:
-        facts.append(("Clearance", f"{stated_length(seen.clearance)} to every side"))
+        facts.append(("Clearance", f"{stated_length(seen.clearance)} (radial)"))
     return facts
 
 
 def point_words(seen: TaskSpread) -> str:
-    """What scatters: the tool point, or the end of the peg that counts."""
+    """Whose spread it is where that is not the tool point: the end of the peg that counts."""
     if seen.peg is None:
-        return "the tool point"
-    return "the top end of the peg" if seen.critical is seen.peg.top else "the tip of the peg"
+        return ""
+    return "top end of the peg" if seen.critical is seen.peg.top else "tip of the peg"
 
 
 def _peg_rows(peg: PegSpread, among: list[float]) -> list[tuple[str, str]]:
     """Both ends of the peg, its tilt, and what the tilt may do."""
     ends = (("Tip", peg.tip), ("Top end", peg.top))
-    rows = [(name, f"{length(end.sigma_max, among=among)} (one standard deviation, worst axis)") for name, end in ends]
-    rows.append(("Tilt", f"{angle(peg.tilt_sigma)} (one standard deviation, worst axis)"))
-    risks = (
-        ("Two-point contact", "the peg touches the hole at both ends when it is in", peg.two_point_contact),
-        ("Wedging", "two-point contact begins so early that friction can hold the peg", peg.wedging),
-    )
-    for name, words, risk in risks:
+    rows = [(name, f"{length(end.sigma_max, among=among)} standard deviation (worst axis)") for name, end in ends]
+    rows.append(("Tilt", f"{angle(peg.tilt_sigma)} standard deviation (worst axis)"))
+    risks = (("Two-point contact", peg.two_point_contact), ("Wedging", peg.wedging))
+    for name, risk in risks:
         if risk is not None:
-            rows.append((name, f"beyond a tilt of {angle(risk.angle)} {words}: {_odds_of_tilt(risk.probability)}"))
+            rows.append((name, f"at a tilt above {angle(risk.angle)}: probability {_odds_of_tilt(risk.probability)}"))
     return rows
 
 
@@ -93,11 +85,11 @@ def _yaw_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]]:
     """The rotation about the direction, and what a corner of the part makes of it."""
     if seen.yaw is None:
         return []
-    rows = [("Yaw", f"{angle(seen.yaw.sigma)} (one standard deviation) about the direction")]
+    rows = [("Yaw", f"{angle(seen.yaw.sigma)} standard deviation about the direction")]
     if seen.yaw.lever:
         moved, corner = (length(v, among=among) for v in (seen.yaw.lever * seen.yaw.sigma, seen.yaw.corner))
         lever = stated_length(seen.yaw.lever)
-        rows.append(("Corners", f"{corner} root mean square; the yaw alone makes {moved} on the lever of {lever}"))
+        rows.append(("Corners", f"{corner} RMS error; the yaw contributes {moved} (lever {lever})"))
     return rows
 
 
@@ -106,16 +98,16 @@ def _expanded_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]
     if seen.expanded is None or seen.expansion is None:
         return []
     along, worst = (length(v, among=among) for v in seen.expanded)
-    share = f"k = {seen.expansion:g}, {100 * math.erf(seen.expansion / math.sqrt(2)):.3g} %"
+    share = f"k = {seen.expansion:g}, coverage {100 * math.erf(seen.expansion / math.sqrt(2)):.3g} %"
     axis = line_words(seen.critical.worst_axis)
     return [
-        ("Expanded", f"U = {along} along {direction_words(seen.direction)} ({share} of normally distributed errors)"),
+        ("Expanded uncertainty", f"U = {along} along {direction_words(seen.direction)} ({share})"),
         ("", f"U = {worst} along {axis}, the worst direction"),
     ]
 
 
 def _odds_of_tilt(p: float) -> str:
-    return "practically never (less than once in a million)" if p < _NEVER else f"{100 * p:.2g} % of the time"
+    return "< 1e-6" if p < _NEVER else f"{100 * p:.2g} %"
 
 
 def beside_target(spread: Spread) -> list[tuple[str, str]]:
@@ -126,8 +118,8 @@ def beside_target(spread: Spread) -> list[tuple[str, str]]:
     off = float(np.linalg.norm(spread.position - np.array(task.position)))
     if off < _APART:
         return []
-    return [("Target", f"the task names {place(task.position)}, {length(off)} away from this tool point; spread and "
-                       "odds here are those about this tool point")]  # fmt: skip
+    return [("Target", f"{place(task.position)} in the task, {length(off)} from this tool point; spread and "
+                       "probabilities refer to this tool point")]  # fmt: skip
 
 
 def lean_facts(spread: Spread) -> list[tuple[str, str]]:
@@ -137,23 +129,24 @@ def lean_facts(spread: Spread) -> list[tuple[str, str]]:
         return []
     leaning = math.degrees(lean(spread, task.tool_axis, seen.direction))
     beyond = leaning > math.degrees(task.tilt) + _LEANS
-    return [("Tool leans", f"{fixed(leaning)} deg off the direction of the task")] if beyond else []
+    return [("Tool axis", f"tilted {fixed(leaning)} deg from the task direction")] if beyond else []
 
 
-def critical_size(critical: Critical) -> str:
-    """The largest standard deviation in the part that counts."""
-    worst = ", worst axis" if len(critical.covariance) > 1 else ""
-    return f"{length(critical.sigma_max)} (one standard deviation{worst})"
+def critical_size(critical: Critical, of: str = "") -> str:
+    """The largest standard deviation in the part that counts: 0.248 mm (worst axis)."""
+    worst = "worst axis" if len(critical.covariance) > 1 else ""
+    said = ", ".join(filter(None, (of, worst)))
+    return f"{length(critical.sigma_max)} ({said})" if said else length(critical.sigma_max)
 
 
-def posture_lead(seen: TaskSpread) -> tuple[str, ...]:
-    """How far the tool point scatters at a posture in the part that counts, and its odds."""
+def spread_lead(seen: TaskSpread) -> tuple[str, ...]:
+    """The standard deviation in the part that counts, and what follows for the task."""
     critical, odds = seen.critical, seen.success_probability
-    part = PARTS[critical.within]
-    scatter = f"At this posture {point_words(seen)} scatters {part} by {critical_size(critical)}."
+    part = part_words(critical.within, seen.kind)
+    size = f"Standard deviation {part}: {critical_size(critical, point_words(seen))}."
     if odds is None:
-        return (scatter,)
-    return scatter, f"It stays within the clearance of {stated_length(seen.clearance)} {probability(odds)}."
+        return (size,)
+    return size, f"Probability of success (clearance {stated_length(seen.clearance)}): {probability(odds)}."
 
 
 def critical_rows(seen: TaskSpread, among: list[float], origin: str) -> list[tuple[str, str]]:
@@ -161,22 +154,23 @@ def critical_rows(seen: TaskSpread, among: list[float], origin: str) -> list[tup
     critical = seen.critical
     m, within = len(critical.covariance), critical.within
     largest = length(critical.sigma_max, among=among)
-    worst = f"{largest} (one standard deviation) along {line_words(critical.worst_axis)}"
-    rows = [(f"{_PART[within]}, worst" if m > 1 else _PART[within], worst)]
+    worst = f"{largest} standard deviation, along {line_words(critical.worst_axis)}"
+    rows = [(f"{_PART[within]}, worst axis" if m > 1 else _PART[within], worst)]
     if within == "across":
         along = length(seen.sigma_along, among=among)
-        rows.append(("Along", f"{along} (one standard deviation); it does not count here"))
+        rows.append(("Along", f"{along} standard deviation (not critical for this task)"))
     if within != "all":
         rows += _region_row(critical, among)
     radius = length(critical.radius95, among=among)
-    rows.append(("95 % of the time", f"no more than {radius} off the {origin}{_MEASURED[within]}"))
+    where = "" if within == "all" else f" {part_words(within, seen.kind)}"
+    rows.append(("95 % radius", f"{radius} from the {origin}{where}, mean shift included"))
     rows += _expanded_rows(seen, among) + _yaw_rows(seen, among)
     if seen.peg is not None:
         rows += _peg_rows(seen.peg, among)
     if seen.success_probability is not None:
-        which = "both ends " if seen.peg is not None else ""
+        which = "both ends within the " if seen.peg is not None else ""
         clearance = stated_length(seen.clearance)
-        rows.append(("Success", f"{which}within the clearance of {clearance} {probability(seen.success_probability)}"))
+        rows.append(("Success probability", f"{probability(seen.success_probability)} ({which}clearance {clearance})"))
     return rows
 
 
@@ -185,9 +179,8 @@ def _region_row(critical: Critical, among: list[float]) -> list[tuple[str, str]]
     if not region.rank:
         return []
     half = [float(s) for s in region.region(0.95)[::-1][: region.rank]]
-    size = f"semi-axes {lengths(half, among=among)}" if region.rank == 2 else f"+/- {length(half[0], among=among)}"
-    factor = f"{region.factor(0.95):.3f} standard deviations"
-    return [(f"{REGIONS[region.rank]} {critical.within}", f"{size} ({factor})")]
+    size = f"semi-axes {lengths(half, among=among)}" if region.rank == 2 else f"± {length(half[0], among=among)}"
+    return [(f"{REGIONS[region.rank]} {critical.within}", f"{size} ({region.factor(0.95):.3f} σ)")]
 
 
 def orientation_rows(solution: Solution) -> list[tuple[str, str]]:
@@ -198,15 +191,15 @@ def orientation_rows(solution: Solution) -> list[tuple[str, str]]:
     found = solution.orientation
     sizes = ((found.tilt, found.tilt_first_order), (found.spin, found.spin_first_order))
     off = max((abs(linear / exact - 1) for exact, linear in sizes if exact > 0), default=0.0)
-    told = f"tilt {angle(found.tilt)} in the worst direction, spin {angle(found.spin)} (one standard deviation each)"
-    same = "the same within 0.05 %" if off < 5e-4 else f"{percent(off)} off"
-    return [("Orientation", told), ("", f"the term takes them to first order: {same}")]
+    told = f"tilt {angle(found.tilt)} (worst axis), spin {angle(found.spin)} (standard deviations)"
+    same = "the error is below 0.05 %" if off < 5e-4 else f"the error is {percent(off)}"
+    return [("Orientation", told), ("", f"the term uses their first-order values; {same}")]
 
 
 def task_budget_block(problem: Problem, seen: TaskSpread) -> Block:
     """Where the scatter along the worst axis that counts comes from."""
     axis = line_words(seen.critical.worst_axis)
-    text = f"Share of each source in the variance along {axis}, the axis that counts most:"
+    text = f"Contribution of each source to the variance along {axis}, the critical axis:"
     return budget_block(problem, seen.budget_groups, text)
 
 

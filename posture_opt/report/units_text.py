@@ -128,14 +128,14 @@ def percent(share: float) -> str:
 
 
 def probability(p: float) -> str:
-    """A probability of success in words that survive many nines."""
+    """A probability of success, with as many digits as its nines ask for."""
     miss = 1 - p
     if miss < 1e-6:  # what is left out of the model is likelier than that
-        return "practically always (better than one miss in a million)"
+        return "> 99.9999 %"
     if miss < 1e-3:
         decimals = 1 - math.floor(math.log10(100 * miss))
-        return f"{100 * p:.{decimals}f} % of the time (one miss in {1 / miss:,.0f})"
-    return f"{100 * p:.3g} % of the time" if p < 0.99 else f"{100 * p:.2f} % of the time"
+        return f"{100 * p:.{decimals}f} % (one miss in {1 / miss:,.0f})"
+    return f"{100 * p:.3g} %" if p < 0.99 else f"{100 * p:.2f} %"
 
 
 def decimals_of(value: float, digits: int = 2) -> int:
@@ -144,5 +144,5 @@ def decimals_of(value: float, digits: int = 2) -> int:
 
 
 def count(number_of: int, singular: str, plural: str = "") -> str:
-    """1 posture, 12 postures."""
-    return f"{number_of} {singular if number_of == 1 else plural or singular + 's'}"
+    """1 posture, 12 postures, 8,281 postures."""
+    return f"{number_of:,} {singular if number_of == 1 else plural or singular + 's'}"

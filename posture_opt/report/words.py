@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from posture_opt.model.arm import Arm
 from posture_opt.report.units_text import stated_angle, stated_length
+from posture_opt.selection.registered_tasks import direction_name
 from posture_opt.units import fixed, shown
 
 Vector: TypeAlias = Sequence[float] | NDArray[np.float64]
@@ -30,10 +31,10 @@ _PARAMETERS = {
 }
 CRITERIA = {
     "worst": "the largest standard deviation {part}",
-    "trace": "the mean square distance {part}",
-    "area": "the size of the region of scatter {part}",
-    "miss": "the probability to miss the clearance",
-    "none": "nothing of the spread {part}",
+    "trace": "the mean square error {part}",
+    "area": "the area of the uncertainty ellipse {part}",
+    "miss": "the probability of missing the clearance",
+    "none": "no part of the spread {part}",
 }
 REGIONS = {0: "95 % region", 1: "95 % interval", 2: "95 % ellipse", 3: "95 % ellipsoid"}
 """What the 95 % region of a covariance of that rank is called."""
@@ -44,7 +45,8 @@ MODEL_NAMES = {
     "delivered": "as delivered",
 }
 """Models of one arm, by their names in JSON."""
-PARTS = {"across": "across the direction", "along": "along the direction", "all": "in space"}
+PARTS = {"across": "across the task direction", "along": "along the task direction", "all": "in space"}
+"""The parts of a spread, where the task is not known."""
 UNLIKELY = 0.05
 """Family-wise p-value below which noise is no explanation."""
 _LEAST_P = 1e-6
@@ -55,6 +57,11 @@ METHODS = {
         "exact for normally distributed errors given the factors that correlated ones share, integrated over these"
     ),
 }
+
+
+def part_words(within: str, kind: str) -> str:
+    """The part of the spread that a task of that kind counts: across the insertion direction."""
+    return "in space" if within == "all" else f"{within} the {direction_name(kind)}"
 
 
 def source_words(name: str, arm: Arm) -> str:

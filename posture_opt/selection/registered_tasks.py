@@ -68,6 +68,11 @@ def kind_of(task: type[Task]) -> str:
     return str(kind)
 
 
+def direction_name(kind: str) -> str:
+    """What reports call the direction of a task of that kind: insertion direction."""
+    return next((task.direction_name for task in every_task() if kind_of(task) == kind), Task.direction_name)
+
+
 def _package(point: EntryPoint) -> str:
     return point.dist.name if point.dist is not None else point.value.partition(".")[0]
 

@@ -189,23 +189,20 @@ class Validity:
         """The verdict in a sentence."""
         if math.isinf(self.index):
             return (
-                "The first-order ellipse is wrong here: it has no width in a direction in which the tool point does "
-                "move, as in a singular posture. Use the exact covariance."
+                "The first-order ellipse is wrong here: it has zero width in a direction in which the tool point does "
+                "move (singular posture). Use the exact covariance."
             )
         seen = f"(curvature index {self.curvature:.2g}, mean shift {self.bias_mahalanobis:.2g} standard deviations; "
         if self.verdict == "good":
-            return (
-                "The first-order ellipse can be trusted here: errors of this size move the tool point along nearly "
-                f"straight lines {seen}both below {GOOD:g})."
-            )
+            return f"The first-order (linear) approximation is adequate here {seen}both below {GOOD:g})."
         if self.verdict == "doubtful":
             return (
-                "The first-order ellipse is doubtful here: the errors bend its narrow axis, and its 95 % region holds "
-                f"noticeably less. Use the exact covariance {seen}{GOOD:g} is the limit)."
+                "The first-order ellipse is doubtful here: its 95 % region contains noticeably less than 95 %. Use the "
+                f"exact covariance {seen}limit {GOOD:g})."
             )
         return (
-            "The first-order ellipse is wrong here: the errors bend its narrow axis, and its 95 % region holds far "
-            f"less. Use the exact covariance {seen}{GOOD:g} is the limit)."
+            "The first-order ellipse is wrong here: its 95 % region contains far less than 95 %. Use the exact "
+            f"covariance {seen}limit {GOOD:g})."
         )
 
     def to_json(self) -> dict[str, Any]:

@@ -70,7 +70,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def written(folder: Path) -> tuple[Path, Result]:
     out = folder / "out"
-    words = ["--problem", folder / "problem.yaml", "--test", folder / "other.csv", "--out", out]
+    words = ["--problem", folder / "problem.yaml", "--test", folder / "other.csv", "--out", out, "--full"]
     return out, run(folder / "data.csv", *words)
 
 
@@ -247,7 +247,7 @@ def test_the_task_is_planned_again_with_the_extended_arm(folder: Path, tmp_path:
     task = "task: {kind: insert, direction: [0, -1, 0], position: [0.9 m, 0.4 m, 0 m], clearance: 0.5 mm}\n"
     (tmp_path / "problem.yaml").write_text(PROBLEM + task, encoding="utf-8")
     out = tmp_path / "out"
-    result = run(tmp_path / "data.csv", "--problem", tmp_path / "problem.yaml", "--out", out, "--no-plots")
+    result = run(tmp_path / "data.csv", "--problem", tmp_path / "problem.yaml", "--out", out, "--no-plots", "--full")
     assert result.exit_code == 0, result.stderr
     postures = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))["posture"]
     for name, model in (("nominal", lambda q: q), ("extended", wavy)):

@@ -48,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def written(folder: Path) -> tuple[Path, Result]:
     words = ["--problem", folder / "problem.yaml", "--given", folder / "data.csv", "--count", 8, "--for", "task"]
-    return folder / "out", run(*words, "--out", folder / "out")
+    return folder / "out", run(*words, "--out", folder / "out", "--full")
 
 
 def test_the_files_hold_the_plan(written: tuple[Path, Result]) -> None:

@@ -46,8 +46,10 @@ def test_effects_and_their_inputs_are_told() -> None:
     assert "cyclic error of joint1 0.0500 mrad (10 arcsec), 12.00 cycles per revolution" in text
     assert "thermal growth of all lengths 12.0 µm/(m K)" in text
     ((label, text),) = input_facts(arm)
-    assert label == "Computed for"
-    assert text == ("a payload of 5 kg, joint1 approached downwards, joint2 approached from either side, 28 degC")
+    assert label == "Conditions"
+    assert text == (
+        "a payload of 5 kg, joint1 approached in negative direction, joint2 approached from an unknown side, 28 degC"
+    )
     assert effect_facts(problem([])) == []
     assert input_facts(problem([])) == []
     assert input_facts(problem(EFFECTS_SECTION[3:4])) == []  # it depends on the joint alone
@@ -105,7 +107,7 @@ def test_the_report_tells_them(tmp_path: Any) -> None:
     file = tmp_path / "arm.yaml"
     file.write_text(problem(EFFECTS_SECTION, payload="5 kg", temperature="28 degC").to_yaml())
     for words in (["uncertainty"], ["simulate", "--samples", "1000"]):
-        result = invoke(*words, "--problem", str(file), "--posture", "20 deg, 40 deg")
+        result = invoke(*words, "--problem", str(file), "--posture", "20 deg, 40 deg", "--full")
         assert result.exit_code == 0, result.output
         assert "joint compliance of joint2" in result.output
         assert "a payload of 5 kg" in result.output

@@ -57,5 +57,5 @@ def test_sources_that_cancel_are_one_line_and_rounding_is_no_share() -> None:
     assert [row[3] for row in table.rows] == ["100 %", "0 %"]
     assert table.rows[0][:3] == ("2 correlated sources", "joint1.theta, joint2.theta", "")
     assert isinstance(note, str)
-    assert "only their joint share has a meaning" in note
+    assert "only their combined share is meaningful" in note
     assert len(budget_block(problem, [ShareGroup(("joint1.a",), 1.0)], "Shares:").items) == 2

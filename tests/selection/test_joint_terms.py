@@ -125,7 +125,7 @@ def test_the_orientation_that_is_told_is_that_of_sampled_poses(robot: str, targe
     assert told["tilt_sigma_max"] ** 2 == pytest.approx(tilt, abs=slack)
     assert told["spin_sigma"] ** 2 == pytest.approx(axis @ C[3:, 3:] @ axis, abs=slack)
     assert told["spin_sigma_first_order"] == pytest.approx(told["spin_sigma"], rel=1e-4)
-    assert "the term takes them to first order" in " ".join(str(solution.report()).split())
+    assert "the term uses their first-order values" in " ".join(str(solution.report()).split())
 
 
 def test_a_bound_on_the_tilt_chooses_another_posture() -> None:

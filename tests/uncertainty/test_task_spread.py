@@ -73,9 +73,9 @@ def test_a_simulation_counts_what_stays_within_the_clearance() -> None:
     assert document["critical"]["sigma_max"] == pytest.approx(
         document["closed_form"]["critical"]["sigma_max"], rel=0.03
     )
-    assert f"{100 * document['success_probability']:.2f} % of them stay within the clearance of 0.3 mm" in report
-    assert "across the direction, worst" in report
-    assert "along the direction" in report
+    assert f"(clearance 0.3 mm): {100 * document['success_probability']:.2f} % simulated" in report
+    assert "across the insertion" in report  # the cells of the table may be wrapped
+    assert "along the insertion" in report
 
 
 @pytest.mark.parametrize("call", [po.propagate, po.simulate])

@@ -14,6 +14,7 @@ class Drill(Task):
     within: ClassVar[Within] = "across"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "required"
     summary: ClassVar[str] = "as insert, but the arm must be able to point the tool along the direction."
+    direction_name: ClassVar[str] = "drilling direction"
 
     kind: Literal["drill"]
     criterion: Criterion = "worst"

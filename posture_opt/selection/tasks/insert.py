@@ -26,6 +26,7 @@ class Insert(Task):
     within: ClassVar[Within] = "across"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "aligned"
     summary: ClassVar[str] = "centre a peg on a hole: the spread across the direction counts, the depth does not."
+    direction_name: ClassVar[str] = "insertion direction"
 
     kind: Literal["insert"]
     criterion: Criterion = "worst"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -23,6 +23,8 @@ class PathTask(Task):
 
     The spread counts across the tangent of the path, and the postures follow each other without jumps.
     """
+
+    direction_name: ClassVar[str] = "path"
 
     path: str | None = Field(None, min_length=1, description="CSV file: x, y, z with a length unit; dx, dy, dz: axis")
     points: tuple[Point, ...] | None = Field(None, description="the points, where they do not stand in a file")

@@ -26,6 +26,7 @@ class Place(Task):
     within: ClassVar[Within] = "across"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "aligned"
     summary: ClassVar[str] = "put a part down: the mean square miss across the direction counts, with a lever the yaw."
+    direction_name: ClassVar[str] = "placing direction"
 
     kind: Literal["place"]
     criterion: Criterion = "trace"

@@ -14,6 +14,7 @@ class Probe(Task):
     within: ClassVar[Within] = "along"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "aligned"
     summary: ClassVar[str] = "touch a surface: the spread along the direction counts."
+    direction_name: ClassVar[str] = "probing direction"
 
     kind: Literal["probe"]
     criterion: Criterion = "worst"

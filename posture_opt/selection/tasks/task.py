@@ -47,6 +47,8 @@ class Task(Spec):
     """Tool axis along the direction: where the arm can, always (else an error), or not asked for."""
     summary: ClassVar[str]
     """One line for ``optimize-posture list``."""
+    direction_name: ClassVar[str] = "task direction"
+    """What reports and figures call ``direction``: the spread is across or along it."""
 
     kind: str
     direction: Direction = (0.0, 0.0, -1.0)

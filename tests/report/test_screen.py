@@ -1,0 +1,45 @@
+"""One screen of a report: what each block says in brief, cut until it fits, and what was left out."""
+
+from __future__ import annotations
+
+import pytest
+
+from posture_opt.report.blocks import Block, Facts, Report, Table
+from posture_opt.report.screen import SCREEN, on_a_screen
+from posture_opt.report.text import render
+
+LONG = "This sentence is as long as those that a report begins with, and takes more than one line of a hundred columns."
+NUMBERS = Table(("no.", "x [mm]"), tuple((str(k), f"{k}.0") for k in range(100)), 0)
+
+
+def test_a_short_report_is_whole() -> None:
+    report = Report("Arm", ("Calibrated.",), (Block("Data", (Facts((("Rows", "12"),)),)),))
+    short = on_a_screen(report, 100, ("map.csv",))
+    assert short.blocks[:-1] == report.blocks
+    assert render(short).endswith("\n\n--out DIR writes report.html with figures and map.csv.\n")
+
+
+@pytest.mark.parametrize("width", [60, 80, 140])
+def test_a_long_one_fits_and_says_what_is_missing(width: int) -> None:
+    blocks = (
+        Block("Data", (LONG,), brief=("Short.",)),
+        Block("Numbers", (NUMBERS,)),
+        Block("Scatter", (LONG,) * 10, brief=()),
+        Block("ISO 9283", (LONG,) * 30),
+    )
+    text = render(on_a_screen(Report("Arm", (LONG,), blocks), width, ("map.csv",)), width)
+    lines = text.rstrip().splitlines()
+    assert len(lines) <= SCREEN
+    assert max(map(len, lines)) <= width
+    assert "Short." in lines
+    assert "--full prints all details, with scatter and ISO 9283." in " ".join(text.split())
+
+
+def test_a_long_table_is_cut_before_anything_is_dropped() -> None:
+    blocks = Block("Numbers", (NUMBERS,)), Block("Last", ("Kept.",))
+    short = on_a_screen(Report("Arm", (), blocks), 100, ())
+    lines = render(short).rstrip().splitlines()
+    shown = sum(line.endswith(".0") for line in lines)
+    assert len(lines) in (SCREEN - 1, SCREEN)
+    assert f"… {100 - shown} more" in lines
+    assert "Kept." in lines
