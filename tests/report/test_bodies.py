@@ -7,8 +7,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.collision.facets import capsule_facets
-from posture_opt.report.figures.bodies import Bodies, obstacles_near
-from tests.helpers.capsules import from_segment, in_the_world
+from posture_opt.report.figures.arm_geometry import obstacles_near
+from tests.helpers.capsules import from_segment
 
 CELL = {"obstacles": [
     {"name": "table", "kind": "box", "size": ["1.2 m", "0.8 m", "20 mm"], "xyz": ["0.5 m", "0 m", "-30 mm"],
@@ -52,18 +52,9 @@ def test_flat_faces_are_on_the_surface_and_not_within(k: int) -> None:
     assert np.min(sides, axis=0).max() <= 0
 
 
-def test_the_arm_is_drawn_where_its_capsules_are() -> None:
-    robot = problem("none").robot
-    q = [0.3, -0.4, 0.1, -2.0, 0.2, 1.8, 0.4]
-    corners = 1e-3 * Bodies.of_arm(robot, q).faces.reshape(-1, 3)
-    placed = [in_the_world(robot, q, capsule) for capsule in robot.shape]
-    apart = np.min([np.abs(from_segment(corners, a, b) - radius) for a, b, radius in placed], axis=0)
-    assert apart.max() < 1e-9
-
-
 def test_only_what_is_near_is_drawn() -> None:
     far = {"name": "far", "kind": "sphere", "radius": "80 mm", "xyz": ["9 m", "0 m", "0 m"]}
     wide = {"name": "wide", "kind": "box", "size": ["20 m", "20 m", "1 m"], "xyz": ["0 m", "0 m", "-0.6 m"]}
     scene = problem({"obstacles": [far, wide]}).scene
-    arm = 1e3 * np.array([[0.0, 0.0, 0.0], [0.6, 0.1, 0.8]])
-    assert set(obstacles_near(scene, arm)) == {"wide"}
+    arm = np.array([[0.0, 0.0, 0.0], [0.6, 0.1, 0.8]])
+    assert {solid.name for solid in obstacles_near(scene, arm)} == {"wide"}

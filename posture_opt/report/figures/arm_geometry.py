@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _SHOWN = 0.16  # of the arm's extent: the size at which an ellipsoid is well seen
 _AROUND = 0.35  # of the arm's extent: so far around it obstacles are drawn
+_WHOLE = 2.5  # of the extent: larger obstacles are cut off
 _FLOOR = 0.25  # of the extent: so far the floor goes on beyond what stands on it
 
 
@@ -136,7 +137,7 @@ class ArmGeometry:
         """The posture of a spread with what is asked of the tool point and what stands around."""
         arm = ArmSolids(spread.tool_point.robot)
         frames = arm.frames(spread.q)
-        solids = tuple(solid.placed(frames) for solid in arm.solids)
+        solids = tuple(solid.placed(frames) for solid in arm.solids if not _sunk(solid.placed(frames), scene))
         points = np.concatenate([solid.faces.reshape(-1, 3) for solid in solids])
         region = ErrorRegion.of(spread, enlargement(float(spread.region(0.95)[-1]), extent_of(points)))
         obstacles = () if scene is None else obstacles_near(scene, points)
@@ -183,7 +184,7 @@ def obstacles_near(scene: Scene, points: Array) -> tuple[Solid, ...]:
         middle = faces.mean(axis=1)
         near = np.all((middle >= low) & (middle <= high), axis=1)
         if near.any():
-            small = extent_of(faces.reshape(-1, 3)) < size
+            small = extent_of(faces.reshape(-1, 3)) < _WHOLE * size
             found.append(Solid(obstacle.name, "obstacle", -1, faces if small else faces[near]))
     return tuple(found)
 
@@ -197,6 +198,14 @@ def floor_under(points: Array, obstacles: Sequence[Solid]) -> Solid | None:
     half = (high - low)[:2] / 2 + _FLOOR * extent_of(seen)
     middle = np.array([*(low + high)[:2] / 2, low[2]])
     return Solid("floor", "floor", -1, rectangle(middle, np.array([half[0], 0, 0]), np.array([0, half[1], 0]), 8))
+
+
+def _sunk(solid: Solid, scene: Scene | None) -> bool:
+    """Whether a base block is inside an obstacle: then the arm stands on that."""
+    if solid.role != "base" or scene is None:
+        return False
+    middle = solid.faces.reshape(-1, 3).mean(axis=0)[None]
+    return any(float(obstacle.distance(middle, middle)[0]) < 1e-9 for obstacle in scene.obstacles)
 
 
 def _level(obstacle: Solid) -> bool:

@@ -20,7 +20,7 @@ from posture_opt.robot.link_capsules import STAND_IN, stand_in, tool_line
 from posture_opt.robot.robot import Robot
 from posture_opt.robot.shape import BASE, TOOL, Capsule
 
-Role = Literal["base", "link", "joint", "tool", "obstacle", "floor"]
+Role = Literal["base", "link", "joint", "tool", "obstacle", "floor", "region"]
 
 _TAPER = 1.25, 0.55  # of the radius: at the base, and at the end of the last link
 _TIP = 0.12  # of the radius: of a tool of unknown shape at its tip

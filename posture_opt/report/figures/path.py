@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,9 +18,11 @@ if TYPE_CHECKING:
 
 _NAMED = 5  # sources that are drawn by themselves
 _SMALL = 0.02  # of the variance, on the mean along the path: sources below are lumped
+_STRAIGHT = math.cos(math.radians(20.0))  # of the angle at a point up to which it is no corner
 _MOST = 151  # points whose budget is drawn
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION)
-_LINES = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, GREY, "black")
+_DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1, 1, 1)), (0, (2, 1)), (0, (8, 2)), (0, (1, 3)))
+_LINES = tuple(zip((BLUE, ORANGE, GREEN, VERMILLION, PURPLE, GREY, "black"), _DASHES, strict=True))
 
 
 @styled
@@ -47,6 +50,9 @@ def _spread(axes: Any, found: PathSolution) -> None:
     colours = [*_COLOURS[: len(names) - 1], LIGHT] if names[-1] == "others" else list(_COLOURS[: len(names)])
     axes.stackplot(way[every], heights, labels=names, colors=colours, alpha=0.85, lw=0)
     axes.plot(way, factor * sigma, color="black", lw=1.4)
+    for k, corner in enumerate(_corners(found)):
+        label = None if k else "corner: another direction counts"
+        axes.axvline(way[corner], color="black", lw=0.8, ls=":", zorder=3, label=label)
     axes.plot(*_listed(found, way, factor * sigma), "o", color="black", ms=3.5, ls="none", label="listed points")
     worst = found.motion.worst
     star = {"color": VERMILLION, "mec": "black", "ms": 13, "ls": "none", "clip_on": False}
@@ -55,6 +61,14 @@ def _spread(axes: Any, found: PathSolution) -> None:
         axes.axhline(factor * found.bound, color=GREY, ls="--", lw=1.0, label="lower bound of the worst")
     axes.set_ylim(0.0, 1.12 * factor * float(sigma.max()))
     axes.set_ylabel(f"standard deviation across the path [{unit}]")
+
+
+def _corners(found: PathSolution) -> list[int]:
+    """The points at which the direction of travel turns at once, and with it what is across it: shares jump there."""
+    along = np.diff(found.path.points, axis=0)
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    turns = np.sum(along[:-1] * along[1:], axis=1) < _STRAIGHT
+    return (np.flatnonzero(turns) + 1).tolist()
 
 
 def _listed(found: PathSolution, way: Array, values: Array) -> tuple[Array, Array]:
@@ -81,7 +95,9 @@ def _shares(found: PathSolution, points: Codes) -> tuple[list[str], Array]:
 
 def _joints(axes: Any, found: PathSolution) -> None:
     way, Q = 1e3 * found.path.lengths, found.motion.Q
-    for k, (joint, colour) in enumerate(zip(found.optimisation_problem.robot.joints, _LINES * 3, strict=False)):
+    for k, (joint, (colour, dashes)) in enumerate(
+        zip(found.optimisation_problem.robot.joints, _LINES * 3, strict=False)
+    ):
         unit, factor = joint_unit(joint.type)
-        axes.plot(way, factor * (Q[:, k] - Q[0, k]), color=colour, label=f"{joint.name} [{unit}]", lw=1.5)
+        axes.plot(way, factor * (Q[:, k] - Q[0, k]), color=colour, label=f"{joint.name} [{unit}]", lw=1.6, ls=dashes)
     axes.set_ylabel("joints, from the first point")

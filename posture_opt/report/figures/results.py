@@ -15,6 +15,7 @@ from posture_opt.report.figures import (
     plot_spread,
 )
 from posture_opt.report.figures.accuracy_map import plot_bias, plot_spread_map
+from posture_opt.report.figures.arm import plot_motion
 from posture_opt.report.figures.arm_comparison import plot_arm_comparison
 from posture_opt.report.figures.axis_names import critical_axis, with_letter
 from posture_opt.report.figures.batch import plot_batch
@@ -76,11 +77,11 @@ def solution(shown: SolutionPresenter) -> Drawings:
 
 
 def path_solution(shown: PathSolutionPresenter) -> Drawings:
-    """Spread and joints along the path; the arm at its worst point."""
+    """Spread and joints along the path; the arm at its worst point and at others."""
     found = shown.result
     return {
         "path": partial(plot_path, found),
-        "arm": partial(plot_solution, found.worst),
+        "arm": partial(plot_motion, found),
         "budget": lambda: plot_budget(
             found.worst.spread, found.worst.task_spread.budget_groups, critical_axis(found.worst.critical)
         ),
