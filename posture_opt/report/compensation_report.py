@@ -146,7 +146,8 @@ def rows_block(found: Compensation) -> Block:
     )
     more = [f"{count(len(found) - _MOST_ROWS, 'row')} more in compensated.csv."] if len(found) > _MOST_ROWS else []
     text = "Joint values are those of the model's joints, with its zeros and senses."
-    return Block("Compensated joint values", (text, Table(heads, rows, text_columns=0), *more))
+    views = tuple(f"line-{row[0]}" for row in rows)
+    return Block("Compensated joint values", (text, Table(heads, rows, text_columns=0, views=views), *more))
 
 
 class CompensationPresenter(Presenter["Compensation"]):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -22,20 +21,18 @@ from posture_opt.report.figures.arm_geometry import (
 from posture_opt.report.figures.arm_solids import ArmSolids, Solid
 from posture_opt.report.interactive.triangles import Triangles, arrow, ball, solids_document
 from posture_opt.report.units_text import joint_unit
-from posture_opt.robot.shape import BASE, TOOL
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
     from posture_opt.collision.scene import Scene
-    from posture_opt.model.arm import Arm
     from posture_opt.robot.robot import Robot
-    from posture_opt.uncertainty.budget import Share
     from posture_opt.uncertainty.spread import Spread
 
 _ARROW = 0.28  # of the extent: the direction of the task
 _LARGEST = 0.4  # of the extent: an enlarged region is no longer than this
 _RIM = 0.25  # of the extent: an enlarged clearance is no wider than this
 _APART = 1e-4  # m: from there on a target is marked beside the tool point
+_SIDES = -62.0, 62.0, -100.0, 100.0, -30.0, 30.0  # deg off where the arm reaches to, the best view first
 _BOUNDED = 800  # corners of an arm are looked at for its extent
 
 
@@ -225,29 +222,16 @@ class ArmView:
         origins = self._frames[0][:, :3, 3]
         out = (origins - origins[0])[:, :2]
         far = out[np.argmax(np.linalg.norm(out, axis=1))]
-        azimuth = math.atan2(far[1], far[0]) - math.radians(62)
+        ahead = math.atan2(far[1], far[0])
+        azimuth = min((ahead + math.radians(turn) for turn in _SIDES), key=self._hidden)
         return [round(0.9 * math.cos(azimuth), 3), round(0.9 * math.sin(azimuth), 3), 0.42]
 
-
-def owner_of(parameter: str, arm: Arm) -> str:
-    """The joint that a source of error belongs to, ``base`` or ``tool``; empty where it belongs to none."""
-    robot = arm.robot
-    for owner, factors in ((BASE, robot.base), *zip(robot.joint_names, robot.links, strict=True), (TOOL, robot.tool)):
-        if any(factor.parameter == parameter for factor in factors):
-            return owner
-    if parameter in arm.unknown_sides:
-        return parameter.removesuffix(".side")
-    targets = [effect.target for effect in arm.effects if parameter in effect.parameter_names]
-    return next((target for target in targets if target in (*robot.joint_names, BASE, TOOL)), "")
-
-
-def shares_by_owner(shares: Sequence[Share], arm: Arm) -> tuple[tuple[str, float], ...]:
-    """The shares of all sources of one owner together, the largest first."""
-    total: dict[str, float] = {}
-    for share in shares:
-        owner = owner_of(share.parameter, arm)
-        total[owner] = total.get(owner, 0.0) + share.share
-    return tuple(sorted(((owner, size) for owner, size in total.items() if owner), key=lambda entry: -entry[1]))
+    def _hidden(self, azimuth: float) -> float:
+        """How far obstacles that stand as high as the arm's middle reach in front of it, seen from there [m]."""
+        middle = (self._points.min(axis=0) + self._points.max(axis=0)) / 2
+        towards = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
+        tall = [_corners(s) for s in self._around if s.role == "obstacle" and _corners(s)[:, 2].max() > middle[2]]
+        return round(sum(max(float(np.max((points - middle) @ towards)), 0.0) for points in tall), 3)
 
 
 def _corners(solid: Solid) -> Array:

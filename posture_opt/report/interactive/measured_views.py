@@ -10,7 +10,8 @@ from posture_opt.numerics import Array
 from posture_opt.report.diagnosis_causes import finding_words, view_key
 from posture_opt.report.diagnosis_sizes import headline_of
 from posture_opt.report.figures.residuals import chosen_rows
-from posture_opt.report.interactive.arm_view import ArmView, Mark, ShownPosture, owner_of
+from posture_opt.report.interactive.arm_view import ArmView, Mark, ShownPosture
+from posture_opt.report.interactive.owners import owner_of
 from posture_opt.report.units_text import length, length_unit, place, quantity
 from posture_opt.robot.shape import BASE, TOOL
 from posture_opt.uncertainty.spread import propagate
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.problem.problem import Problem
     from posture_opt.report.calibration_report import CalibrationPresenter
+    from posture_opt.report.compensation_report import CompensationPresenter
     from posture_opt.report.diagnosis_report import DiagnosisPresenter
     from posture_opt.report.measurement_plan_report import MeasurementPlanPresenter
     from posture_opt.selection.plan_comparison import Comparison
@@ -40,6 +42,25 @@ def measurement_plan(shown: MeasurementPlanPresenter) -> ArmView:
     )
     scene = getattr(plan.problem, "scene", None)
     return ArmView(plan.robot, postures, "Posture", scene, points=True, line=True)
+
+
+def compensation(shown: CompensationPresenter) -> ArmView:
+    """The compensated rows, coloured by what is left of their error."""
+    found = shown.result
+    unit, factor = length_unit(found.left.tolist())
+    rows = chosen_rows(len(found), _ROWS)
+    postures = tuple(
+        ShownPosture(
+            f"line-{found.targets.line[k]}",
+            f"line {found.targets.line[k]}: {length(float(found.left[k]))} left",
+            found.q[k],
+            (("Off as given", length(float(found.off[k]))), ("Left", length(float(found.left[k])))),
+            value=round(factor * float(found.left[k]), 5),
+        )
+        for k in rows
+    )
+    robot, scene = found.problem.robot, getattr(found.problem, "scene", None)
+    return ArmView(robot, postures, "Target", scene, points=True, values=f"left [{unit}]")
 
 
 def calibration(shown: CalibrationPresenter) -> ArmView:

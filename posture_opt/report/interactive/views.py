@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.report.figures.arm_geometry import TargetGeometry
-from posture_opt.report.interactive.arm_view import ArmView, ShownPosture, shares_by_owner
-from posture_opt.report.interactive.measured_views import calibration, diagnosis, measurement_plan
+from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
+from posture_opt.report.interactive.measured_views import calibration, compensation, diagnosis, measurement_plan
+from posture_opt.report.interactive.owners import shares_by_owner
 from posture_opt.report.target_map_report import view_key
 from posture_opt.report.units_text import length, length_unit, place
 from posture_opt.report.words import PARTS
@@ -33,6 +34,7 @@ __all__ = [
     "accuracy_map",
     "calibration",
     "cloud",
+    "compensation",
     "diagnosis",
     "features_solution",
     "measurement_plan",

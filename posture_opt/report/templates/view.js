@@ -62,7 +62,7 @@
     return { type: "scatter3d", mode: data.line ? "lines+markers" : "markers", showlegend: false,
       x: tools.map((T) => T[3]), y: tools.map((T) => T[7]), z: tools.map((T) => T[11]),
       customdata: data.postures.map((p) => p.key), hovertext: data.postures.map((p) => plain(p.label)), hoverinfo: "text",
-      line: { color: "#767676", width: 3 },
+      line: { color: "#a8a8a8", width: 2 },
       marker: { size: data.postures.map((_, k) => (k === at ? 9 : 5)), line: { color: "#000", width: 1 },
         color: valued ? data.postures.map((p) => p.value) : "#0072b2", colorscale: "Cividis", showscale: valued,
         colorbar: { title: { text: plain(data.values), side: "right" }, thickness: 12, len: 0.7 } } };
@@ -94,6 +94,31 @@
     found.push({ ...lines([[tool[3], tool[7], tool[11]]]), mode: "markers", marker: { size: 4, color: "#000" } });
     return found;
   };
+  // Where a point [mm] is seen in the drawing, in pixels from its middle.
+  const seen = (point) => {
+    const { eye, center } = camera, unit = (v) => v.map((c) => c / Math.hypot(...v));
+    const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    const dot = (a, b) => a.reduce((sum, c, k) => sum + c * b[k], 0);
+    const ahead = unit([center.x - eye.x, center.y - eye.y, center.z - eye.z]);
+    const right = unit(cross(ahead, [0, 0, 1])), up = cross(right, ahead);
+    const from = point.map((c, k) => 1.25 * (c - (data.low[k] + data.high[k]) / 2) / longest - [eye.x, eye.y, eye.z][k]);
+    const scale = plot.clientHeight / 2 / Math.tan(Math.PI / 8) / dot(from, ahead);
+    return [scale * dot(from, right), -scale * dot(from, up)];
+  };
+  // Labels beside their points, those on one side one under the other; in a narrow window they stand inward.
+  const apart = (told) => {
+    const inward = plot.clientWidth < 560, size = inward ? 11 : 12;
+    const placed = told.map((label) => ({ ...label, seen: seen(label.at) })).sort((a, b) => a.seen[1] - b.seen[1]);
+    const free = { left: -Infinity, right: -Infinity };
+    return placed.map(({ text, color, at: [x, y, z], seen: [sx, sy] }) => {
+      const side = (sx > 0) === inward ? "left" : "right", height = 8 + 1.35 * size * text.split("\n").length;
+      const top = Math.max(sy - 28, free[side], -plot.clientHeight / 2 + height);
+      free[side] = top + height;
+      return { x, y, z, text: plain(text).replace(/\n/g, "<br>"), align: "left", showarrow: true, arrowhead: 0, arrowwidth: 1, arrowcolor: color,
+        ax: side === "right" ? 45 : -45, ay: top - sy, font: { color, size }, bgcolor: "rgba(255,255,255,0.85)", bordercolor: color, borderpad: 2,
+        xanchor: side === "right" ? "left" : "right" };
+    });
+  };
   const labels = () => {
     const posture = data.postures[at], frames = posture.frames;
     const where = { base: [0, 0, 0], tool: [0, 0, 0] };
@@ -108,15 +133,7 @@
     if (shown.names && !shown.budget) data.joints.forEach((j) => told.push([j.name, j.name, "#333"]));
     const order = new Map(["base", ...data.joints.map((j) => j.name), "tool"].map((name, k) => [name, k]));
     told.sort((a, b) => order.get(a[0]) - order.get(b[0]));
-    // Labels stand on the side that their joint is on; in a narrow window, towards the middle.
-    const { x: ex, y: ey } = camera.eye, middle = data.low.map((low, k) => (low + data.high[k]) / 2);
-    const inward = plot.clientWidth < 560;
-    const found = told.map(([owner, text, color], k) => {
-      const [x, y, z] = spot(owner), right = (y - middle[1]) * ex - (x - middle[0]) * ey > 0;
-      const side = right === inward ? -1 : 1;
-      return { x, y, z, text: plain(text).replace(/\n/g, "<br>"), align: "left", showarrow: true, arrowhead: 0, arrowwidth: 1, arrowcolor: color,
-        ax: side * 35, ay: -26 - 22 * (k % 4), font: { color, size: inward ? 11 : 12 }, bgcolor: "rgba(255,255,255,0.85)", bordercolor: color, borderpad: 2, xanchor: side < 0 ? "right" : "left" };
-    });
+    const found = apart(told.map(([owner, text, color]) => ({ text, color, at: spot(owner) })));
     if (shown.obstacles) data.around.filter((body) => body.role === "obstacle").forEach((body) => {
       const top = body.z.indexOf(Math.max(...body.z));
       found.push({ x: body.x[top], y: body.y[top], z: body.z[top], text: plain(body.name), showarrow: false, yshift: 10, font: { color: "#a04500", size: 12 } });
