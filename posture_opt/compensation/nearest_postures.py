@@ -57,10 +57,11 @@ class NearestPostures:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self.robot, self._arm = robot, Arm(robot)
+        self.robot: Robot = robot
+        self._arm = Arm(robot)
         self._lower, self._upper = np.array(robot.lower), np.array(robot.upper)
-        self.directions = Reach.of(self._arm, (0.0, 0.0, 1.0)).directions
-        self.turns = self._freedom() - self.directions.shape[1]
+        self.directions: Array = Reach.of(self._arm, (0.0, 0.0, 1.0)).directions
+        self.turns: int = self._freedom() - self.directions.shape[1]
 
     def misses(self, q: Array, wanted: Poses) -> Misses:
         """What postures (N, n) leave."""

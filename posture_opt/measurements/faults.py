@@ -15,7 +15,7 @@ class Faults:
 
     def __init__(self, file: str) -> None:
         self.file = file
-        self.count = 0
+        self.count: int = 0
         self._kept: dict[tuple[str, str], list[Issue]] = {}
         self._more: dict[tuple[str, str], list[int]] = {}
 
