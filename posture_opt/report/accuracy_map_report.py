@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -189,7 +189,7 @@ class AccuracyMapPresenter(Presenter["AccuracyMap"]):
     """Mean error and scatter over a grid of targets."""
 
     document = "map"
-    delivers = ("map.csv",)
+    delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
 
     def summary(self) -> Summary:
         found = self.result

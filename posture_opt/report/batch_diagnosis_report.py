@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from posture_opt.model.effects.cause import FittedSizes
 from posture_opt.problem.effects_section import of_a_type
@@ -49,7 +49,7 @@ class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
     """What several robots of one type show together."""
 
     document = "diagnosis"
-    delivers = ("uncertainty.yaml",)
+    delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
 
     @property
     def problem(self) -> Problem:

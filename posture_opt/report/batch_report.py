@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -204,7 +204,7 @@ class BatchPresenter(Presenter["Batch"]):
     """Several robots of one type, calibrated."""
 
     document = "calibration"
-    delivers = ("uncertainty.yaml",)
+    delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
 
     def summary(self) -> Summary:
         return Summary(f"Calibration of several robots of one type: {self.problem.name}", batch_facts(self.result))

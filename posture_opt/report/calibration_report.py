@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -132,7 +132,7 @@ class CalibrationPresenter(Presenter["Calibration"]):
     """A calibration with what it is held against: its residuals, the spread it predicts, the task planned again."""
 
     document = "calibration"
-    delivers = ("calibrated.yaml",)
+    delivers: ClassVar[tuple[str, ...]] = ("calibrated.yaml",)
 
     @property
     def problem(self) -> Problem:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from io import StringIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -169,7 +169,7 @@ class CloudPresenter(Presenter["Cloud"]):
     """A simulation beside the closed form."""
 
     document = "spread"
-    delivers = ("cloud.csv",)
+    delivers: ClassVar[tuple[str, ...]] = ("cloud.csv",)
 
     @property
     def problem(self) -> Problem:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -153,7 +153,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
     """A diagnosis with the task planned again by the arm that was found."""
 
     document = "diagnosis"
-    delivers = ("extended.yaml",)
+    delivers: ClassVar[tuple[str, ...]] = ("extended.yaml",)
 
     @cached_property
     def comparison(self) -> Comparison | None:

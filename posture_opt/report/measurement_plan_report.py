@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -239,7 +239,7 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
     """Which postures to measure next."""
 
     document = "plan"
-    delivers = ("plan.csv",)
+    delivers: ClassVar[tuple[str, ...]] = ("plan.csv",)
 
     def summary(self) -> Summary:
         plan = self.result

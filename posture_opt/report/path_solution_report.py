@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -217,7 +217,7 @@ class PathSolutionPresenter(Presenter["PathSolution"]):
     """The postures along a path."""
 
     document = "solution"
-    delivers = ("postures.csv",)
+    delivers: ClassVar[tuple[str, ...]] = ("postures.csv",)
 
     def summary(self) -> Summary:
         found = self.result

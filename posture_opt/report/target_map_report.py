@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from posture_opt.report.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.collision_parts import collision_facts
@@ -206,7 +206,7 @@ class TargetMapPresenter(Presenter["TargetMap"]):
     """The best posture over a grid of targets."""
 
     document = "map"
-    delivers = ("map.csv",)
+    delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
 
     def summary(self) -> Summary:
         found, best = self.result, self.result.best
