@@ -141,10 +141,10 @@ class JointSpec(Spec):
 class RobotFormat(Spec):
     """The ``robot:`` section of a problem file; each format adds its own keys and says how it becomes a ``Robot``."""
 
-    base: FrameSpec = FrameSpec()
-    tool: FrameSpec = FrameSpec()
+    base: FrameSpec = Field(FrameSpec(), description="base in the world; `free`: found from measurements")
+    tool: FrameSpec = Field(FrameSpec(), description="tool point in the flange; `free`: found from measurements")
     payload: Mass = 0.0
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    gravity: tuple[float, float, float] = Field((0.0, 0.0, -9.81), description="m/s², world")
     corrections: dict[str, Quantity] = Field({}, description="PARAMETER: what is added to its nominal value")
     shape: ShapeSpec | None = Field(None, description="capsules that base, links and tool lie in, for collision checks")
 

@@ -51,18 +51,20 @@ class Task(Spec):
     """What reports and figures call ``direction``: the spread is across or along it."""
 
     kind: str
-    direction: Direction = (0.0, 0.0, -1.0)
-    position: tuple[Length, Length, Length] | None = None
-    region: Region | None = None
+    direction: Direction = Field((0.0, 0.0, -1.0), description="of insertion, of the feed, of touch; world")
+    position: tuple[Length, Length, Length] | None = Field(None, description="of the target, world")
+    region: Region | None = Field(None, description="where the target may stand, in place of `position`")
     workpiece: Workpiece | None = Field(None, description="pose of the frame that features or a path stand in")
     features: Features = Field((), description="places of the workpiece that are all served in one placement")
-    combine: Combine = "worst"
-    tool_axis: Direction = (0.0, 0.0, 1.0)
+    combine: Combine = Field("worst", description="the worst feature, their mean, or the probability of all")
+    tool_axis: Direction = Field((0.0, 0.0, 1.0), description="of the tool, laid along `direction`; tool frame")
     tilt: Annotated[Angle, Field(ge=0, le=math.pi / 2)] = 0.0
-    clearance: Annotated[Length, Field(gt=0)] | None = None
-    criterion: Criterion = "worst"
-    minimize: tuple[TermSpec, ...] = ()
-    subject_to: tuple[TermSpec, ...] = ()
+    clearance: Annotated[Length, Field(gt=0)] | None = Field(
+        None, description="radial play of the hole: gives the odds"
+    )
+    criterion: Criterion = Field("worst", description="worst axis, RMS, area, mean square miss, or none of it")
+    minimize: tuple[TermSpec, ...] = Field((), description="terms to minimise beside it, with weights")
+    subject_to: tuple[TermSpec, ...] = Field((), description="terms to keep within bounds")
     payload: Mass | None = Field(None, ge=0, description="carried in the task, for effects that depend on it")
     approach: dict[str, Literal[-1, 1]] = Field({}, description="JOINT: side from which it arrives, for effects of it")
     temperature: Celsius | None = Field(None, description="at which the task is done, for effects of it")
