@@ -144,10 +144,9 @@ def parse_quantity(value: Any, dimension: str) -> float:
             raise BadValueError(f"{value} is not a finite number", f"write for example {example}")
         if value == 0:
             return 0.0
-        unit = example.split(" ", 1)[1]
-        raise BadValueError(
-            f"the {dimension} has no unit (here {value:g})", f"write {value:g} {unit} or {value:g} {si}"
-        )
+        units = dict.fromkeys((example.split(" ", 1)[1], si))
+        mend = " or ".join(f"{value:g} {unit}" for unit in units)
+        raise BadValueError(f"the {dimension} has no unit (here {value:g})", f"write {mend}")
     match = _NUMBER.match(value)
     if match is None:
         raise BadValueError(f"{as_given(value)} is not a finite number with a unit", f"write for example {example}")

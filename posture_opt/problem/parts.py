@@ -19,6 +19,7 @@ from posture_opt.problem.effects_section import (
 )
 from posture_opt.problem.issues import schema_issues
 from posture_opt.problem.path_file import with_path
+from posture_opt.problem.readable import Readable
 from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.corrections import corrected
@@ -37,44 +38,72 @@ def read_parts(
     document: Document, folder: Path, texts: Mapping[str, str]
 ) -> tuple[ProblemSpec, tuple[Robot, Arm], tuple[Sources, Sources]]:
     """What the document says, the nominal robot and the arm, sources stated and all; all issues at once."""
-    issues = list(document.issues)
-    data, broken = _sections(document, issues)
-    spec = ProblemSpec.model_validate(data) if "robot" in data else None
+    wrong = list(document.issues)
+    data = _given(document)
+    found = schema_issues(data)
+    readable = Readable.of(data, found)
+    issues: list[Issue] = []
+    spec = ProblemSpec.model_validate(readable.data) if "robot" in readable.data else None
     arms, sources = None, None
     if spec is not None:
         read = spec
-        arms = _collect(issues, lambda: _arms(read, folder))
+        arms = _arms(read, folder, issues)
         task = _collect(issues, lambda: with_path(read.task, folder))
         spec = spec.model_copy(update={"task": task})
         issues += [issue.at("data") for issue in data_issues(read.data, arms[1].robot)] if arms else []
-    if spec is not None and arms is not None and "uncertainty" not in broken:
-        arm = arms[1]
-        sources = _collect(issues, lambda: _sources(read, arm, folder, texts))
-    elif "uncertainty" in data:
-        uncertainty = UncertaintySpec.model_validate(data["uncertainty"])
+    if spec is not None and arms is not None:
+        read, arm, sound = spec, arms[1], not found and not issues
+        sources = _collect(issues, lambda: _sources(read, arm, folder, texts, sound))
+    elif "uncertainty" in readable.data:
+        uncertainty = UncertaintySpec.model_validate(readable.data["uncertainty"])
         _collect(issues, lambda: _at("uncertainty", uncertainty.check))
-    _refuse(issues, document)
+    wrong += [*found, *(readable.placed(issue) for issue in issues if readable.judged(issue))]
+    _refuse(wrong, document)
     assert spec is not None
     assert arms is not None
     assert sources is not None
     return spec, arms, sources
 
 
-def _arms(spec: ProblemSpec, folder: Path) -> tuple[Robot, Arm]:
-    """The nominal robot, and the arm with corrections and effects."""
-    nominal = _at("robot", lambda: spec.robot.nominal(folder))
-    plain = _at("robot", lambda: corrected(nominal, spec.robot.corrections))
-    return nominal, arm_with(plain, spec.effects, spec.task)
+def _arms(spec: ProblemSpec, folder: Path, issues: list[Issue]) -> tuple[Robot, Arm] | None:
+    """The nominal robot, and the arm with corrections and effects; where one of these cannot be used, without it.
+
+    What is wrong joins ``issues``; there is no arm where there is no nominal robot.
+    """
+    nominal = _collect(issues, lambda: _at("robot", lambda: spec.robot.nominal(folder)))
+    if nominal is None and spec.robot.shape is not None:
+        bare = spec.robot.model_copy(update={"shape": None})
+        nominal = _collect([], lambda: bare.nominal(folder))
+    if nominal is None:
+        return None
+    drawn = nominal
+    plain = _collect(issues, lambda: _at("robot", lambda: corrected(drawn, spec.robot.corrections))) or drawn
+    arm = _collect(issues, lambda: arm_with(plain, spec.effects, spec.task))
+    return drawn, arm or Arm(plain)
 
 
-def _sources(spec: ProblemSpec, arm: Arm, folder: Path, texts: Mapping[str, str]) -> tuple[Sources, Sources]:
-    """The stated sources, those of the effects' estimates among them, and what effects that move nothing do to them."""
-    stated = _at("uncertainty", lambda: spec.uncertainty.build(arm, folder, texts))
+def _sources(
+    spec: ProblemSpec, arm: Arm, folder: Path, texts: Mapping[str, str], sound: bool
+) -> tuple[Sources, Sources]:
+    """The stated sources, those of the effects' estimates among them, and what effects that move nothing do to them.
+
+    Of a file that is not ``sound`` only the names are judged that are none of an effect.
+    """
+    if not sound:
+        stated = spec.uncertainty
+        names = {key: value for key, value in stated.sigma.items() if "(" not in key}
+        pairs = tuple(pair for pair in stated.correlation if not any("(" in name for name in pair[:2]))
+        bare = stated.model_copy(update={"sigma": names, "correlation": pairs, "covariance": None})
+        found = _at("uncertainty", lambda: bare.build(arm, folder, texts))
+        return found, found
+    stated_sources = _at("uncertainty", lambda: spec.uncertainty.build(arm, folder, texts))
     issues = measurement_issues(spec.uncertainty.measurement, spec.effects)
     if issues:
         raise InputError(issues)
-    stated = stated.plus(effect_sources(arm, moving_effects(spec.effects), folder, texts, spec.uncertainty.covariance))
-    return stated, noisy_sources(stated, arm.robot, spec.effects)
+    stated_sources = stated_sources.plus(
+        effect_sources(arm, moving_effects(spec.effects), folder, texts, spec.uncertainty.covariance)
+    )
+    return stated_sources, noisy_sources(stated_sources, arm.robot, spec.effects)
 
 
 def parse_spec(document: Document) -> ProblemSpec:
@@ -83,20 +112,14 @@ def parse_spec(document: Document) -> ProblemSpec:
     Raises:
         InputError: everything that does not fit the schema.
     """
-    issues = list(document.issues)
-    data, _ = _sections(document, issues)
-    _refuse(issues, document)
+    data = _given(document)
+    _refuse([*document.issues, *schema_issues(data)], document)
     return ProblemSpec.model_validate(data)
 
 
-def _sections(document: Document, issues: list[Issue]) -> tuple[dict[str, Any], set[str]]:
-    """The sections that fit the schema and the names of those that do not, whose faults join ``issues``."""
-    # An optional section with nothing under it counts as left out; a task or robot with nothing in it does not.
-    data = {key: value for key, value in document.data.items() if value is not None or key == "robot"}
-    found = schema_issues(data)
-    issues += found
-    broken = {str(issue.key[0]) for issue in found if issue.key}
-    return {key: value for key, value in data.items() if key not in broken}, broken
+def _given(document: Document) -> dict[str, Any]:
+    """The sections of a document; an optional one with nothing under it counts as left out."""
+    return {key: value for key, value in document.data.items() if value is not None or key == "robot"}
 
 
 def _refuse(issues: list[Issue], document: Document) -> None:

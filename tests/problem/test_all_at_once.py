@@ -1,0 +1,177 @@
+"""Wrong files tell all of their mistakes in one run: those too that need the robot, while other sections are wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import posture_opt as po
+from posture_opt.errors import InputError
+
+FILES: dict[str, tuple[int, str]] = {
+    # what is wrong: how many mistakes, the file
+    "names in every section, robot with a bad tool": (
+        5,
+        """robot:
+  kind: dh
+  joints:
+    - {name: joint1, type: revolute, a: 1 m}
+    - {name: joint2, type: revolute, a: 1 m}
+  tool: {xyz: [0, 0, 100]}
+uncertainty:
+  sigma: {joint3.theta: 1 deg}
+effects:
+  - {kind: backlash, joint: joint9, estimate: {width: 1 mrad}}
+task:
+  kind: insert
+  position: [1 m, 0, 0]
+  approach: {jont1: 1}
+  subject_to:
+    - {kind: near_posture, posture: {joint7: 0}, at_most: 10 deg}
+""",
+    ),
+    "one bad effect, others and uncertainty judged": (
+        4,
+        """robot: {kind: preset, name: planar_2r}
+uncertainty:
+  sigma: {joint1.tehta: 1 deg, joint2.a: 1}
+effects:
+  - {kind: backlsh, joint: joint1, estimate: {width: 1 mrad}}
+  - {kind: backlash, joint: elbow, estimate: {width: 1 mrad}}
+task: {kind: insert, position: [1 m, 0, 0]}
+""",
+    ),
+    "task of unknown key, shape, corrections": (
+        5,
+        """robot:
+  kind: dh
+  joints:
+    - {name: joint1, type: revolute, a: 1 m}
+    - {name: joint2, type: revolute, a: 1 m}
+  corrections: {joint5.a: 1 mm}
+  shape:
+    - {joint: elbow, from: [0,0,0], to: [1 m,0,0], radius: 10 mm}
+uncertainty:
+  sigma: {joint1.theta: 1 deg, joint1.b: 1 mm}
+task:
+  kind: insert
+  positon: [1 m, 0, 0]
+  direction: [0, -1]
+""",
+    ),
+    "uncertainty misspelt, weights, effects": (
+        4,
+        """robot: {kind: preset, name: planar_2r}
+uncertainty:
+  sigm: {joint1.theta: 1 deg}
+  repeatability: 0.05
+  weights: {joint4: 2}
+effects:
+  - {kind: joint_scale, joint: joint4, estimate: {scale: 1e-4}}
+""",
+    ),
+    "preset and terms": (
+        4,
+        """robot: {kind: preset, name: ur10, payload: 2}
+uncertainty: {sigma: {elbw.theta: 1 deg}}
+task:
+  kind: insert
+  position: [0.6, 0.2 m, 0.1 m]
+  subject_to:
+    - {kind: joint_torque, at_most: {elbo: 10 N m}}
+""",
+    ),
+    "data and path": (
+        3,
+        """robot: {kind: preset, name: planar_2r}
+data:
+  columns: {xx: Pos X, joint3: A3}
+task: {kind: trace, path: nothing.csv}
+""",
+    ),
+    "joint row of wrong unit": (
+        4,
+        """robot:
+  kind: dh
+  joints:
+    - {name: joint1, type: revolute, a: 1}
+    - {name: joint2, type: revolute, a: 1 m, mass: 2}
+uncertainty: {scatter: {joint5.theta: 1 deg}}
+effects:
+  - {kind: joint_compliance, joint: joint6, estimate: {compliance: 8 urad/(N m)}}
+""",
+    ),
+    "several effects": (
+        4,
+        """robot: {kind: preset, name: ur10}
+effects:
+  - {kind: backlash, joint: shoulder, estimate: {width: 1}}
+  - {kind: joint_scale, joint: elbo, estimate: {scale: 1e-4}}
+  - {kind: joint_scale, joint: elbow, estimate: {scale: 1e-4}}
+  - {kind: joint_scale, joint: elbow, estimate: {scale: 1e-4}}
+uncertainty: {sigma: {wrist_9.theta: 1 deg}}
+""",
+    ),
+    "cell and task": (
+        4,
+        """robot: {kind: preset, name: ur10}
+cell:
+  obstacles:
+    - {name: table, kind: bx, size: [1 m, 1 m, 20 mm]}
+  clearance: 20
+uncertainty: {sigma: {elbow.x: 1 mm}}
+task:
+  kind: insert
+  position: [0.6 m, 0.2 m, 0.1 m]
+  approach: {elbw: 1}
+""",
+    ),
+    "minimize of a held joint": (
+        4,
+        """robot: {kind: preset, name: planar_2r, tool: [0, 0, 1 m]}
+uncertainty: {sigma: {joint1.theta: 1 deg}, correlation: [[joint1.theta, joint9.a, 0.5]]}
+task:
+  kind: insert
+  position: [1 m, 0, 0]
+  minimize:
+    - {kind: fixed_joints, values: {joint3: 0}}
+  tilt: 3
+""",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_all_mistakes_of_a_file_are_told_at_once(case: str, tmp_path: Path) -> None:
+    count, text = FILES[case]
+    file = tmp_path / "wrong.yaml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        po.load_problem(file)
+    assert len(caught.value.issues) == count, str(caught.value)
+    assert all(issue.file == str(file) and issue.line and issue.key for issue in caught.value.issues)
+    assert len({issue.key for issue in caught.value.issues}) == count
+
+
+def test_the_numbers_of_effects_are_those_of_the_file(tmp_path: Path) -> None:
+    """The first one cannot be read, and the complaint about the second one still names it so."""
+    file = tmp_path / "wrong.yaml"
+    file.write_text(FILES["one bad effect, others and uncertainty judged"][1], encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        po.load_problem(file)
+    assert [issue.key for issue in caught.value.issues][2:] == [("effects", 0, "kind"), ("effects", 1)]
+
+
+def test_nothing_is_blamed_for_what_another_section_lacks() -> None:
+    """A mass that cannot be read is no missing mass, and parameters of an effect that cannot be read may be right."""
+    joint = {"name": "joint1", "a": "1 m", "mass": 3, "com": [0, 0, 0]}
+    compliance = {"kind": "joint_compliance", "joint": "joint1", "estimate": {"compliance": "8 urad/(N m)"}}
+    data = {
+        "robot": {"kind": "dh", "joints": [joint]},
+        "uncertainty": {"sigma": {"joint_compliance(joint1).compliance": "1 urad/(N m)"}},
+        "effects": [compliance],
+    }
+    with pytest.raises(InputError) as caught:
+        po.problem_from_dict(data)
+    assert [issue.key for issue in caught.value.issues] == [("robot", "joints", 0, "mass")]
