@@ -23,7 +23,7 @@ CAPTIONS = {
     "path": "Scatter along the path and where it comes from, and the joints.",
     "budget": "Which source the scatter comes from.",
     "plan_points": "Where the tool point goes to be measured, over all places that it may reach.",
-    "plan_errors": "How well each parameter will be known: the further left the better.",
+    "plan_errors": "What the plan is made for, and each parameter by itself: the further left the better.",
     "map": "The best posture at every target of the grid: dark is good, hatched targets have none.",
     "map_bias": "How far off the target the arm lands without its corrections; arrows show which way (enlarged).",
     "map_spread": "The distance from its mean that the tool point keeps with 95 % probability: dark is good.",
@@ -44,7 +44,7 @@ CAPTIONS = {
     "diagnosis_errors": "Errors of rows that the model had not seen, on one scale: row by row, and sorted.",
     "diagnosis_periodogram": "What each number of cycles a turn explains; above the dashed line it is no chance.",
     "diagnosis_left": "What the model with all its effects leaves: a line that leaves zero has no name yet.",
-    "diagnosis_scores": "How much speaks for each candidate by itself, before any of them is part of the model.",
+    "diagnosis_scores": "The causes in the model with their p-values, and what speaks for each candidate by itself.",
     "residual_repeats": "Repeats about their mean, with the ellipse that should hold 95 % of them.",
 }
 Files = dict[str, bytes]

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.measurements.measurements import nominal_poses
+from posture_opt.numerics import Array
 from posture_opt.report.measurement_plan_report import shown
 from posture_opt.report.style import (
     BLUE,
@@ -26,6 +27,12 @@ if TYPE_CHECKING:
     from posture_opt.experiments.measurement_plan import MeasurementPlan
 
 _STILL = 1e-6  # m
+_ONE_BY_ONE = {
+    "parameters": "Each parameter by itself",
+    "task": "Each parameter by itself: the plan serves the task, not these",
+}
+_LINE = 0.23  # inch: height of a row
+_BEYOND = 3.0  # times the largest: what is farther is told in words
 _FAINT = "#BDBDBD"
 
 
@@ -39,7 +46,7 @@ def plot_plan_points(plan: MeasurementPlan) -> Figure:
         axes = figure.add_subplot(1, len(pairs), number)
         at = list(pair)
         label = "random postures that keep clear"
-        axes.plot(*(1e3 * plan.reach[:, at]).T, ".", color=_FAINT, ms=4, mew=0, zorder=1, label=label)
+        axes.plot(*(1e3 * plan.reach[:, at]).T, ".", color=_FAINT, ms=4, mew=0, rasterized=True, zorder=1, label=label)
         if plan.given is not None:
             points, _ = nominal_poses(plan.robot, plan.given.q)
             axes.plot(*(1e3 * points[:, at]).T, "x", color=GREY, ms=5, mew=1.2, zorder=2, label="measured already")
@@ -59,34 +66,80 @@ def plot_plan_points(plan: MeasurementPlan) -> Figure:
 
 @styled
 def plot_plan_errors(plan: MeasurementPlan) -> Figure:
-    """Expected standard errors before, with the plan, and with as many random postures; logarithmic."""
+    """Expected standard errors before, with the plan, and with as many random postures.
+
+    Above what the plan is made for, over its value with the plan; below every parameter by itself, logarithmic: of
+    these some may come out worse than with random postures, as the plan is chosen for all of them together.
+    """
     groups = [("rad", "deg", math.degrees(1.0)), ("m", "mm", 1e3)]
     rows = {
         unit: [i for i, p in enumerate(plan.parameters) if shown(plan, i) and p.unit == unit] for unit, *_ in groups
     }
     drawn = [group for group in groups if rows[group[0]]]
-    figure = new_figure(1.3 + 0.24 * max((len(r) for r in rows.values()), default=1))
-    for number, (unit, written, factor) in enumerate(drawn, start=1):
-        axes = figure.add_subplot(1, len(drawn), number)
+    merits = _merits(plan)
+    most = max((len(r) for r in rows.values()), default=1)
+    figure = new_figure(2.1 + _LINE * (len(merits) + most))
+    grid = figure.add_gridspec(2, max(len(drawn), 1), height_ratios=(len(merits) + 0.6, most + 0.6))
+    _together(figure.add_subplot(grid[0, :]), plan, merits)
+    for number, (unit, written, factor) in enumerate(drawn):
+        axes = figure.add_subplot(grid[1, number])
         _errors(axes, plan, rows[unit], factor)
         axes.set_xlabel(f"expected standard error [{written}]")
+        if number == 0:
+            axes.set_title(_ONE_BY_ONE[plan.purpose], loc="left")
     legend_below(figure)
     return figure
+
+
+def _merits(plan: MeasurementPlan) -> list[tuple[str, float, float]]:
+    """What the plan is judged by: its name, its value before and with random postures, over that with the plan."""
+    found = []
+    if plan.purpose == "parameters":
+        found.append(("all parameters (geometric mean)", math.nan, plan.gain))
+    if plan.target is not None and plan.after.task > 0:
+        before, random = (stage.task / plan.after.task for stage in (plan.before, plan.random))
+        found.append(("tool point at the task", before, random))
+    return found
+
+
+def _together(axes: Any, plan: MeasurementPlan, merits: list[tuple[str, float, float]]) -> None:
+    y = np.arange(len(merits), dtype=float)
+    before, random = (np.array([merit[k] for merit in merits]) for k in (1, 2))
+    _dots(axes, y, before, np.ones(len(merits)), random, len(plan.q))
+    largest = float(np.nanmax([*random, 1.0]))
+    for k, value in enumerate(random):
+        said = {"xytext": (8, 0), "textcoords": "offset points", "va": "center"}
+        axes.annotate(f"{value:.2f} times the planned error", (max(value, 1.0), k), **said)
+    far = [f"{name}, before: {value:.3g}" for name, value, _ in merits if value > _BEYOND * largest]
+    axes.set_xlim(min(0.95 * float(np.nanmin([*random, 1.0])), 0.9), 1.0 + 1.9 * max(largest - 1.0, 0.15))
+    axes.set_title(
+        "Together: what the plan is chosen and judged by" + "".join(f" ({text})" for text in far), loc="left"
+    )
+    axes.set_xlabel("standard error over that of the plan")
+    axes.set_yticks(y, [name for name, *_ in merits])
+    axes.set_ylim(len(merits) - 0.4, -0.6)
+    axes.tick_params(axis="y", length=0)
+
+
+def _dots(axes: Any, y: Array, before: Array, after: Array, random: Array, count: int) -> None:
+    """The three stages on each line; those below are larger and hollow, so that all are seen where they meet."""
+    three = np.array([before, after, random])
+    axes.hlines(y, np.fmin.reduce(three), np.fmax.reduce(three), color=LIGHT, lw=1.5, zorder=1)
+    hollow: dict[str, Any] = {"mfc": "none", "mew": 1.8, "ls": "none"}
+    axes.plot(before, y, "s", color=GREY, ms=9, zorder=2, label="before", **hollow)
+    axes.plot(random, y, "D", color=ORANGE, ms=9, zorder=3, label=f"{count} random postures (median)", **hollow)
+    axes.plot(after, y, "o", color=BLUE, ms=5, zorder=4, ls="none", label="planned")
 
 
 def _errors(axes: Any, plan: MeasurementPlan, rows: list[int], factor: float) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    y = np.arange(len(rows))
+    y = np.arange(len(rows), dtype=float)
     before, after, random = (stage.std[rows] * factor for stage in (plan.before, plan.after, plan.random))
-    three = np.array([before, after, random])
-    axes.hlines(y, np.fmin.reduce(three), np.fmax.reduce(three), color=LIGHT, lw=1.5, zorder=1)
-    axes.plot(before, y, "s", color=GREY, ms=6, zorder=2, ls="none", label="before")
-    axes.plot(random, y, "D", color=ORANGE, ms=6, zorder=3, ls="none", label=f"{len(plan.q)} random postures")
-    axes.plot(after, y, "o", color=BLUE, ms=7, zorder=4, ls="none", label="planned")
+    _dots(axes, y, before, after, random, len(plan.q))
     axes.set_xscale("log")
     low, high = axes.get_xlim()
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200 * low else (1.0,), numticks=20))
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 20 * low else (1.0,), numticks=20))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_yticks(y, [plan.parameters[i].name for i in rows])

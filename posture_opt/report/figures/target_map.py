@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from posture_opt.selection.map_points import Grid
     from posture_opt.selection.target_map import TargetMap
 
-_PANELS = WIDTH - 1.9  # the rest is the scale of colours with its numbers
+_PANELS = WIDTH - 1.6  # the rest is the scale of colours with its numbers
 _MOST_LAYERS = 9
 _ARROW = 0.14  # of the picture
 _HATCH = {"not reached": "////", "requirement not met": "...."}
@@ -89,16 +89,20 @@ def new_panels(canvas: Canvas) -> tuple[Figure, list[tuple[Any, int]]]:
     """A figure with axes for each layer that is shown, and the numbers of these layers."""
     count = canvas.grid.shape[0]
     shown = np.unique(np.linspace(0, count - 1, min(count, _MOST_LAYERS)).round().astype(int)).tolist()
-    columns = min(len(shown), 3)
+    columns = min(len(shown), 3 if len(shown) not in (1, 2, 4) else 2)
     rows = math.ceil(len(shown) / columns)
     (u0, u1), (v0, v1) = edges_of(canvas.grid)
     # As high as the panels are for their width: no white bands, and a scale of colours of the same height.
     height = _PANELS / columns * min(max((v1 - v0) / (u1 - u0), 0.3), 1.4)
-    figure = new_figure(rows * (height + 0.5) + 0.7)
+    figure = new_figure(rows * (height + 0.25) + 1.0)
     panels = []
     for k, layer in enumerate(shown):
         axes = figure.add_subplot(rows, columns, k + 1)
         _name_axes(axes, canvas.grid, layer, small=columns > 1)
+        # Numbers at the left and below the lowest only: the panels get their room.
+        axes.tick_params(labelleft=k % columns == 0, labelbottom=k + columns >= len(shown))
+        axes.set_ylabel(axes.get_ylabel() if k % columns == 0 else "")
+        axes.set_xlabel(axes.get_xlabel() if k + columns >= len(shown) else "")
         panels.append((axes, layer))
     return figure, panels
 
