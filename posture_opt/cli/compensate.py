@@ -11,6 +11,7 @@ import click
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options
 from posture_opt.cli.output import output, save_result, show_result
+from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.request import placed, requested_problem
 from posture_opt.cli.robot_programs import ProgramRequest, program_options
 from posture_opt.export.known_programs import compensated_program
@@ -30,7 +31,8 @@ def compensate_command(common: Common, targets: Path, motion: ProgramRequest, **
     """
     problem = requested_problem(**given)
     with output(common), placed(problem):
-        found = po.compensate(problem, targets)
+        with progress_bar(common, "compensating"):
+            found = po.compensate(problem, targets)
         program = motion.files(common, "compensated", partial(compensated_program, found))
         save_result(common, found, program)
     show_result(common, found)

@@ -11,6 +11,7 @@ import click
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import OUT, output, show
+from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.quantities import requested_posture
 from posture_opt.cli.request import placed, requested_problem
 from posture_opt.cli.robot_programs import motion_options
@@ -32,9 +33,10 @@ def export_command(
     problem = requested_problem(**given)
     q = None if posture is None else requested_posture(posture, problem.robot)
     with output(common), placed(problem):
-        found = po.export_files(
-            problem, to, name=name, posture=q, speed=speed, wait=wait, seed=common.seed, workers=common.workers
-        )
+        with progress_bar(common, "exporting"):
+            found = po.export_files(
+                problem, to, name=name, posture=q, speed=speed, wait=wait, seed=common.seed, workers=common.workers
+            )
         if common.out is not None:
             write_files(common.out, found.files)
 

@@ -59,7 +59,8 @@ def uncertainty_command(common: Common, posture: str, **given: Any) -> None:
     problem = requested_problem(**given)
     values = requested_posture(posture, problem.robot)
     with output(common), placed(problem):
-        spread = po.propagate(problem, values)
+        with progress_bar(common, "computing"):
+            spread = po.propagate(problem, values)
         save_result(common, spread)
     show_result(common, spread)
 
@@ -78,6 +79,7 @@ def simulate_command(common: Common, posture: str, n: int, adaptive: bool, **giv
     values = requested_posture(posture, problem.robot)
     seed = problem.solver.seed if common.seed is None else common.seed
     with output(common), placed(problem):
-        cloud = po.simulate(problem, values, n=n, seed=seed, adaptive=adaptive)
+        with progress_bar(common, "simulating"):
+            cloud = po.simulate(problem, values, n=n, seed=seed, adaptive=adaptive)
         save_result(common, cloud)
     show_result(common, cloud)

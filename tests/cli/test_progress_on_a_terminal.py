@@ -19,7 +19,7 @@ from tests.helpers.fresh import ROOT
 pty = pytest.importorskip("pty", reason="pseudo-terminals belong to Unix")
 SILENT = 2.0
 """s without a change of the line that a person waits for."""
-LATE = 1.0
+LATE = 2.5
 """s more, for a machine that does other things beside the tests."""
 
 
