@@ -10,7 +10,7 @@ Each page has a folder of its own, beside links to ``problems`` and ``.venv``; i
     <!-- not run: REASON -->    left alone
     <!-- shown: COMMAND -->     what the command prints, with ``[…]`` where something is left out
     <!-- shown | FILTER -->     what the sh or python block before it printed, through a shell filter; ``shown``: whole.
-                                ``lead 3`` is a filter for the first 3 paragraphs (2: title and answer)
+                                ``lead`` is a filter for all before the first heading, ``lead 2`` before the second
 
     python .ci/readme.py sh NAME          the shell block of that name in README.md
     python .ci/readme.py check [PAGE …]   run everything on all pages, or on these
@@ -36,7 +36,8 @@ BLOCK = re.compile(
 )
 CUT = "[…]\n"
 LEAST_LIKENESS = 0.6  # of a line that has been reworded: below it, a renewed part needs a human
-LEAD = """lead() { awk 'BEGIN { RS = ""; ORS = "\\n\\n" } NR <= '"${1:-2}"; }\n"""
+LEAD = r"""lead() { awk '/^-+$/ { if (++n == '"${1:-1}"') exit } NR > 1 { print last } { last = $0 }'; }
+"""
 INTO = """
 import sys, yaml, posture_opt as po
 from pathlib import Path
