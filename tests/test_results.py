@@ -6,7 +6,6 @@ import copy
 import json
 import pickle
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,59 +17,7 @@ from posture_opt.errors import InputError
 from posture_opt.output import finite
 from posture_opt.report.save import OWN_FILES
 from posture_opt.result import Result
-
-PROBLEMS = Path(__file__).parents[1] / "problems"
-MEASURED = "insert_planar_2r_measured"
-
-
-def measured(name: str = "planar_2r_measured.csv") -> tuple[Any, Any]:
-    problem = po.load_problem(MEASURED)
-    return problem, po.read_measurements(PROBLEMS / name, problem)
-
-
-def calibrated() -> tuple[Any, Any, po.Calibration]:
-    problem, data = measured()
-    return problem, data, po.calibrate(problem, data)
-
-
-def compared() -> po.Comparison:
-    problem, _, calibration = calibrated()
-    found = po.compare_plans({"nominal": problem, "calibrated": po.calibrated_problem(problem, calibration)})
-    assert found is not None
-    return found
-
-
-def followed() -> Any:
-    points = [["0.9 m", "0.5 m", "0 m"], ["1 m", "0.55 m", "0 m"], ["1.1 m", "0.5 m", "0 m"]]
-    return po.load_problem("insert_planar_2r").with_task("trace", points=points)
-
-
-def arms_compared() -> po.ArmComparison:
-    names = ("insert_planar_2r_measured", "insert_planar_2r_calibrated")
-    return po.compare({name: po.load_problem(name) for name in names})
-
-
-MADE: dict[str, Callable[[], Result]] = {
-    "Solution": lambda: po.select_posture(po.load_problem("insert_planar_2r_fixed_hole")),
-    "PathSolution": lambda: po.select_posture(followed()),
-    "FeaturesSolution": lambda: po.select_posture(po.load_problem("insert_scara_tray")),
-    "Spread": lambda: po.propagate(po.load_problem("insert_planar_2r"), [0.3, 0.5]),
-    "Cloud": lambda: po.simulate(po.load_problem("insert_planar_2r"), [0.3, 0.5], n=200),
-    "TargetMap": lambda: po.map_targets(po.load_problem("insert_planar_2r_fixed_hole"), counts=(3, 3)),
-    "AccuracyMap": lambda: po.map_accuracy(po.load_problem("insert_planar_2r_calibrated"), counts=(3, 3)),
-    "MeasurementPlan": lambda: po.plan_measurements(po.load_problem(MEASURED), 10, candidates=100),
-    "Comparison": compared,
-    "Compensation": lambda: po.compensate(
-        po.load_problem("insert_planar_2r_calibrated"), {"x [m]": [0.9, 1.1], "y [m]": [0.4, 0.5]}
-    ),
-    "ArmComparison": arms_compared,
-    "Calibration": lambda: calibrated()[2],
-    "Assessment": lambda: po.assess(*calibrated()),
-    "SpreadCheck": lambda: po.check_spread(*calibrated()),
-    "Diagnosis": lambda: po.diagnose(*measured()),
-    "Batch": lambda: po.calibrate_batch(*measured("planar_2r_batch.csv")),
-    "BatchDiagnosis": lambda: po.diagnose_batch(*measured("planar_2r_batch.csv")),
-}
+from tests.helpers.every_result import MADE, MEASURED, measured
 
 
 @pytest.fixture(scope="module", params=MADE)

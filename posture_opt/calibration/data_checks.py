@@ -54,7 +54,7 @@ def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
     counted, measure = _counted(residuals), _measure(residuals)
     if groups < 2 and len(data) > 1:
         still = len(still_joints(residuals.robot, data)) == residuals.robot.n
-        alike = "all rows are alike" if still else "all rows hang together in one group"
+        alike = "all rows are alike" if still else "all rows belong to one group"
         raise InsufficientDataError(f"{alike}: {counted} cannot determine how the arm errs elsewhere; {measure}")
     rank = known.directions.shape[1]
     if len(data) * block + len(residuals.distances) <= rank or groups < 2:

@@ -20,18 +20,18 @@ from posture_opt.errors import PostureOptError, nearest
 
 COMMANDS = {
     # name -> one line for --help
-    "calibrate": "What measurements say about the parameters of the arm.",
+    "calibrate": "Estimate the parameters of the arm from measurements.",
     "compensate": "Joint values that bring this arm, with its errors, to targets.",
     "completion": "Print a script that completes words in bash, zsh or fish.",
     "compare": "The same task with two arms, or with two models of one arm.",
-    "diagnose": "What the simulation gets wrong, its cause by name, and what naming it brings.",
+    "diagnose": "Identify the causes of the remaining errors from measurements.",
     "export": "The arm, its covariance as code, or its posture as a robot program.",
     "list": "List tasks, effects, presets, solvers, terms, exports and built-in problems.",
     "map": "The best posture and its spread over a grid of targets.",
     "new": "Print a commented problem file to start from.",
-    "plan-measurements": "Which postures to measure next, and what they will tell.",
+    "plan-measurements": "Select the most informative postures to measure next.",
     "schema": "Print the JSON Schema of the problem file.",
-    "simulate": "Monte Carlo cloud of the tool point at one posture, beside the closed form.",
+    "simulate": "Monte Carlo simulation of the tool point at one posture, against the closed form.",
     "uncertainty": "Covariance, ellipse, coverage regions and error budget at one posture.",
 }
 _FILES = {
@@ -146,11 +146,11 @@ def _forgive_narrow_terminals() -> None:
 @click.version_option(__version__, prog_name="optimize-posture")
 @click.pass_context
 def main(ctx: click.Context, /, common: Common, explain: bool, **given: Any) -> None:
-    """Pick the robot posture whose position scatter hurts the task least.
+    """Select the robot posture with the smallest position uncertainty for a task.
 
     \b
     optimize-posture --task insert                         the built-in planar arm
-    optimize-posture --problem FILE.yaml                   a robot, scatter and task of your own
+    optimize-posture --problem FILE.yaml                   your own robot, uncertainty and task
     optimize-posture --task insert --robot ur10e --position "0.6 m, 0.2 m, 0.1 m"
     """
     if ctx.invoked_subcommand is not None:

@@ -29,7 +29,10 @@ from posture_opt.problem.problem import Problem
     help="The task's spread, or mean error and spread of the arm with the corrections of a calibration.",
 )
 @click.option(
-    "--data", type=click.Path(path_type=Path), metavar="DATA.csv", help="Measurements to set against the accuracy."
+    "--data",
+    type=click.Path(path_type=Path),
+    metavar="DATA.csv",
+    help="Measurements to compare with the predicted accuracy.",
 )
 @click.option("--grid", metavar="NxM", help="Targets along the plane's sides, 15x15, or along x, y, z, 9x9x1.")
 @click.option("--min", "low", metavar="TEXT", help='Lower corner of the box of targets: "0.3 m, -0.2 m, 0.1 m".')

@@ -52,13 +52,16 @@ def measured_options(command: Command) -> Command:
         with_session,
         click.argument("data", type=click.Path(path_type=Path), metavar="DATA.csv"),
         click.option(
-            "--test", type=click.Path(path_type=Path), metavar="OTHER.csv", help="Another session, to be predicted."
+            "--test",
+            type=click.Path(path_type=Path),
+            metavar="OTHER.csv",
+            help="Measurements of another session, used as a test set.",
         ),
-        click.option("--refit-frames", is_flag=True, help="Fit base and tool again to the test file."),
+        click.option("--refit-frames", is_flag=True, help="Refit base and tool to the test file."),
         click.option(
             "--by",
             type=click.Choice(["pose", "block", "place"]),
-            help="What the cross-validation leaves out together: a pose, a block of the workspace, a touched place.",
+            help="What cross-validation holds out together: a pose, a block of the workspace, a touched point.",
         ),
         click.option(
             "--folds", type=click.IntRange(min=2), default=5, show_default=True, help="Of the cross-validation."
@@ -70,7 +73,7 @@ def measured_options(command: Command) -> Command:
             multiple=True,
             help='What a column of a foreign file is: --column "x=Pos X [mm]", or its number: x=7.',
         ),
-        click.option("--no-plan", is_flag=True, help="Do not plan the task anew with the arm that was found."),
+        click.option("--no-plan", is_flag=True, help="Do not re-plan the task with the identified arm."),
     )
     return problem_options(own)
 
@@ -144,7 +147,7 @@ class StarterFile:
 
 @click.command("calibrate")
 @measured_options
-@click.option("--no-priors", is_flag=True, help="Let the σ's of the problem file not count as knowledge.")
+@click.option("--no-priors", is_flag=True, help="Do not use the σ's of the problem file as priors.")
 @common_options
 def calibrate_command(common: Common, session: Session, no_priors: bool, **given: Any) -> None:
     """What the simulation gets wrong, and the parameters of the arm that the measurements determine."""

@@ -45,9 +45,7 @@ def common_options(command: Command) -> Command:
             "--out", type=click.Path(path_type=Path), metavar="DIR", help="Write JSON, figures and a report here."
         ),
         click.option("--json", "as_json", is_flag=True, help="Print the JSON document and nothing else."),
-        click.option(
-            "--seed", type=click.IntRange(min=0), help="Of everything random; the same seed, the same answer."
-        ),
+        click.option("--seed", type=click.IntRange(min=0), help="Random seed; the same seed gives the same result."),
         click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes to use."),
         click.option("--full", is_flag=True, help="Print the whole report, not only one screen of it."),
         click.option("--quiet", is_flag=True, help="Print no report and no progress."),
@@ -67,7 +65,7 @@ def problem_options(command: Command) -> Command:
             "--robot",
             type=ROBOT,
             metavar="PRESET|FILE",
-            help="A preset, a URDF file, or the robot of a problem file, with what is uncertain about it.",
+            help="A preset, a URDF file, or the robot and uncertainty of a problem file.",
         ),
         click.option("--base-link", metavar="LINK", help="First link of the chain in the URDF file."),
         click.option("--tip-link", metavar="LINK", help="Last link of the chain in the URDF file."),
@@ -75,7 +73,9 @@ def problem_options(command: Command) -> Command:
         click.option("--base", metavar="TEXT", help="Base of the robot in the world, as --tool."),
         click.option("--payload", metavar="TEXT", help='Mass at the tool point: "1.2 kg".'),
         click.option(
-            "--sigma", metavar="TEXT", help='Scatter of every joint, "0.02 deg"; "0.02 deg, 0.01 mm" with slides.'
+            "--sigma",
+            metavar="TEXT",
+            help='Standard deviation of every joint: "0.02 deg"; "0.02 deg, 0.01 mm" with prismatic joints.',
         ),
     )
 
@@ -86,7 +86,7 @@ def task_options(command: Command) -> Command:
         command,
         click.option("--task", type=TASK, metavar="KIND", help="insert, drill, probe, …: see the command 'list'."),
         click.option("--position", metavar="TEXT", help='Target in the world: "0.6 m, 0.2 m, 0.1 m".'),
-        click.option("--direction", metavar="TEXT", help='Of the task in the world: "0, 0, -1".'),
+        click.option("--direction", metavar="TEXT", help='Task direction in the world frame: "0, 0, -1".'),
         click.option("--link-height", metavar="TEXT", help='Keep all links at least this high in the world: "50 mm".'),
     )
 

@@ -40,16 +40,18 @@ Box = tuple[Corner, Corner]
     "--candidates", type=click.IntRange(min=10, max=50_000), default=2000, show_default=True,
     help="Random postures to choose from.",
 )  # fmt: skip
-@click.option("--repeats", type=click.IntRange(min=1), default=1, show_default=True, help="Visits to each posture.")
+@click.option("--repeats", type=click.IntRange(min=1), default=1, show_default=True, help="Repeats of each posture.")
 @click.option("--min", "low", metavar="TEXT", help='Lower corner of where the tool point may go: "0.3 m, -0.2 m, 0 m".')
-@click.option("--max", "high", metavar="TEXT", help="Its upper corner: what the instrument sees, say.")
+@click.option(
+    "--max", "high", metavar="TEXT", help="Its upper corner, for example the field of view of the instrument."
+)
 @program_options(2.0)
 @common_options
 def plan_measurements_command(
     common: Common, count: int, data: Path | None, purpose: Any, candidates: int, link_height: str | None,
     repeats: int, low: str | None, high: str | None, motion: ProgramRequest, **given: Any,
 ) -> None:  # fmt: skip
-    """Which postures to measure next: those that tell most about the arm, or about its task."""
+    """Which postures to measure next: the most informative about the arm, or about its task."""
     problem, box = requested_problem(**given), _box(low, high)
     with output(common), placed(problem):
         measured = None if data is None else po.read_measurements(data, problem)

@@ -36,13 +36,11 @@ def accuracy_map_report(found: AccuracyMap) -> Report:
 
 def lead(found: AccuracyMap) -> tuple[str, ...]:
     """What is off without corrections, and what scatters with them."""
-    spread = (
-        f"The tool point stays within {_range(found.radius95)} of its mean (95 % probability), depending on the target."
-    )
+    spread = f"95 % radius about the mean: {_range(found.radius95)}, depending on the target."
     if not found.corrected:
-        return ("The file states no corrections of the arm: on average it reaches its targets.", spread)
+        return ("The file states no corrections of the arm: the mean error is zero.", spread)
     off = _range(found.distance)
-    return (f"Without the corrections the arm would land {off} off its target, depending on the target.", spread)
+    return (f"Mean error without the corrections: {off}, depending on the target.", spread)
 
 
 def _range(values: Array) -> str:
@@ -70,7 +68,7 @@ def problem_block(problem: Problem, found: AccuracyMap) -> Block:
         *source_facts(problem),
         *note_facts((*problem.notes, *frame_notes(problem.robot), *targets.notes)),
     ]
-    text = f"In every target the arm takes the posture that is best for the task there. {served_sentence(targets)}"
+    text = f"At every target the arm takes the best posture for the task. {served_sentence(targets)}"
     return Block("Problem", (Facts(tuple(rows)), text))
 
 
@@ -78,28 +76,28 @@ def bias_block(found: AccuracyMap) -> Block:
     """Where the arm lands on average."""
     if not found.corrected:
         shift = length(float(np.nanmax(found.distance)))
-        text = f"Without corrections only the curvature of the motion shifts the mean: by {shift} at the most."
+        text = f"Without corrections only the nonlinearity of the kinematics shifts the mean: by at most {shift}."
         return Block("Mean error", (text,))
     rows = [("without the corrections", found.distance)]
     rows += [("with its base refitted", found.settled)] if np.isfinite(found.settled).any() else []
     table = _table(found, rows)
     own = []
     if found.own is not None:
-        own = [f"At the position in the problem it is {length(float(np.linalg.norm(found.own[0])))} off."]
+        own = [f"At the position in the problem: {length(float(np.linalg.norm(found.own[0])))}."]
     text = (
-        "The posture is computed with the nominal arm and executed by the arm as it was measured. The second line has "
-        "a base that is shifted and turned to fit the map: only corrections of the arm remove that part."
+        "The posture is computed with the nominal arm and executed by the calibrated arm. In the second row a new base "
+        "frame is fitted to the map: what is left can be removed only by correcting the arm."
     )
     return Block("Mean error without the corrections", (text, table, *own), figure="map_bias")
 
 
 def spread_block(found: AccuracyMap) -> Block:
     """How far the arm scatters about its mean."""
-    rows = [("within (95 % probability)", found.radius95), ("longest semi-axis of the 95 % region", _longest(found))]
+    rows = [("95 % radius", found.radius95), ("longest semi-axis of the 95 % region", _longest(found))]
     own = []
     if found.own is not None:
-        own = [f"At the position in the problem it is {length(found.own[1])} (95 % probability)."]
-    text = "Distance of the tool point from its mean: the uncertainty of the arm and its scatter."
+        own = [f"At the position in the problem: {length(found.own[1])} (95 % probability)."]
+    text = "Distance of the tool point from its mean: parameter uncertainty and scatter."
     return Block("Spread", (text, _table(found, rows), *own), figure="map_spread")
 
 
@@ -114,7 +112,7 @@ def _table(found: AccuracyMap, rows: list[tuple[str, Array]]) -> Table:
     for name, values in rows:
         numbers = [number(factor * float(f(values))) for f in (np.nanmin, np.nanmedian, np.nanmax)]
         cells.append((name, *numbers, place(points[int(np.nanargmax(values))]).removesuffix(" mm")))
-    headers = (f"[{unit}]", "least", "median", "most", "most at x, y, z [mm]")
+    headers = (f"[{unit}]", "min", "median", "max", "max at x, y, z [mm]")
     return Table(headers, tuple(cells))
 
 
@@ -150,13 +148,13 @@ def shares_sentences(measured: MeasuredErrors) -> tuple[str, ...]:
     near = int(measured.near.sum())
     where = f" (within {length(measured.reach)} of its plane)" if measured.reach else ""
     if near:
-        text = f"Of the {count(near, 'row')} in cells of the map{where} {percent(measured.share_near)} keep the"
-        first = f"{text} distance that is predicted for 95 % there, the instrument's part included."
+        text = f"Of the {count(near, 'row')} in cells of the map{where} {percent(measured.share_near)} lie within"
+        first = f"{text} the 95 % radius predicted there, instrument noise included."
         if near < _FEW:
-            first += " So few rows say little."
+            first += " This is a small sample."
     else:
-        first = f"No row lies in a cell of the map{where}: --min and --max take it to where was measured."
-    own = f"In the region that is predicted for 95 % in their own postures lie {percent(measured.share)} of all rows"
+        first = f"No row lies in a cell of the map{where}: move the map to the measured region with --min and --max."
+    own = f"The 95 % regions predicted for their own postures contain {percent(measured.share)} of all rows"
     return first, f"{own}{_verdict(measured)}."
 
 
@@ -193,13 +191,13 @@ class AccuracyMapPresenter(Presenter["AccuracyMap"]):
 
     def summary(self) -> Summary:
         found = self.result
-        off = [("Off without corrections", _range(found.distance))] if found.corrected else []
+        off = [("Mean error without corrections", _range(found.distance))] if found.corrected else []
         seen = [("Measured rows", str(len(found.measured.cell)))] if found.measured is not None else []
         facts = (
             ("Targets", grid_words(found.grid)),
-            ("Served", served_sentence(found.targets)),
+            ("Feasible", served_sentence(found.targets)),
             *off,
-            ("Scatter (95 %)", f"within {_range(found.radius95)} of their mean"),
+            ("95 % radius", f"{_range(found.radius95)} about the mean"),
             *seen,
         )
         return Summary(f"Map of accuracy: {found.problem.name}", facts)

@@ -55,7 +55,7 @@ def repeats_block(found: Assessment) -> Block:
     )
     pooled = (
         f"{count(repeats.groups, 'posture was', 'postures were')} measured more than once, {repeats.rows} rows in "
-        f"all. About the mean of its posture a coordinate scatters by {length(repeats.sigma)} (standard deviation; "
+        f"all. The standard deviation of a coordinate about its posture mean is {length(repeats.sigma)} ("
         f"with 95 % confidence {lengths([low, high], ' to ')}), so RP is {length(repeats.repeatability)}.{slipped}"
     )
     if not repeats.poses:

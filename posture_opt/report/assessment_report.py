@@ -219,6 +219,11 @@ def shape_block(found: Assessment) -> Block:
     return Block("Distribution of the residuals", (text,), "residual_shape")
 
 
+def _answer(found: Assessment) -> str:
+    before, after = (length(model.coordinate) for model in (found.nominal, found.calibrated))
+    return f"RMS error per coordinate: {before} before calibration, {after} calibrated."
+
+
 class AssessmentPresenter(Presenter[Assessment]):
     """What a model gets wrong, and whether what remains is scatter."""
 
@@ -240,7 +245,7 @@ class AssessmentPresenter(Presenter[Assessment]):
         return Summary(f"Assessment of a calibration: {self.problem.name}", facts)
 
     def report(self) -> Report:
-        return Report(self.problem.name or "Assessment", (), assessment_blocks(self.result))
+        return Report(self.problem.name or "Assessment", (_answer(self.result),), assessment_blocks(self.result))
 
     def columns(self) -> Columns:
         """Errors of a coordinate by model."""

@@ -24,9 +24,9 @@ def batch_diagnosis_report(found: BatchDiagnosis) -> Report:
     """The causes that a batch shows, and then the batch itself."""
     batch, problem = batch_report(found.batch), problem_of(found.batch)
     named = "; ".join(finding_words(f, problem) for f in found.effects)
-    lead = f"What the model does not say of these robots: {named}." if named else "The robots are what the model says."
+    lead = f"Causes beyond the model: {named}." if named else "The model explains the data of these robots."
     if found.uneven and not named:
-        lead = "The errors of these robots are uneven, and their data do not tell why."
+        lead = "The errors of these robots are uneven; the cause is not identifiable from these data."
     left = [uneven_words(errors) for errors in found.uneven]
     return Report(problem.name or "Diagnosis", (lead, *left, *batch.lead[1:]), (_causes(problem, found), *batch.blocks))
 
@@ -34,14 +34,12 @@ def batch_diagnosis_report(found: BatchDiagnosis) -> Report:
 def _causes(problem: Problem, found: BatchDiagnosis) -> Block:
     if not found.effects:
         quiet = "" if found.uneven else ", and no joint is noisier than stated"
-        return Block("Causes", (f"No lengths vary together{quiet}, beyond chance.",))
+        return Block("Causes", (f"No lengths are significantly correlated{quiet}.",))
     rows = []
     for finding in found.effects:
         sizes = ", ".join(f"{size.label} {size}" for size in finding.cause.sizes(FittedSizes(finding.estimate)))
         rows.append((finding_words(finding, problem), sizes, p_value(finding.p_value)))
-    text = (
-        "One robot alone cannot show lengths that vary together: a long link and a long neighbour are simply its links."
-    )
+    text = "Correlated lengths cannot be identified from one robot alone."
     return Block("Causes", (Table(("cause", "size", "p-value"), tuple(rows), text_columns=3), text))
 
 

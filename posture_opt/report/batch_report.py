@@ -48,11 +48,11 @@ def _answer(problem: Problem, found: Batch) -> str:
     real = [pair for pair in found.pairs if pair.significant]
     many = count(len(found.robots), "robot")
     if not real:
-        return f"{many} of one type: no two of their parameters are seen to vary together."
+        return f"{many} of one type: no significant correlation between their parameters."
     first = real[0]
     a, b = (source_words(name, problem.arm) for name in (first.a, first.b))
     also = f", and {count(len(real) - 1, 'other pair')} too" if len(real) > 1 else ""
-    return f"{many} of one type: {a} and {b} vary together, correlation {_rho(first)}{also}."
+    return f"{many} of one type: {a} and {b} are correlated, {_rho(first)}{also}."
 
 
 def _rho(pair: CorrelatedPair) -> str:
@@ -160,11 +160,11 @@ def batch_facts(found: Batch) -> tuple[tuple[str, str], ...]:
     """Robots, errors and what varies together, in a few lines."""
     before, after = (number(1e3 * s.rms) for s in (found.nominal, found.calibrated))
     real = [pair for pair in found.pairs if pair.significant]
-    together = [("Vary together", f"{real[0].a} and {real[0].b}, correlation {_rho(real[0])}")] if real else []
+    together = [("Correlated", f"{real[0].a} and {real[0].b}, {_rho(real[0])}")] if real else []
     return (
         ("Robots", f"{len(found.robots)}, {count(len(found.data), 'row')} in all"),
         ("Position error", f"{before} mm RMS before calibration, {after} mm calibrated (cross-validated)"),
-        ("Parameters", f"{len(found.parameters)} told by the data of every robot"),
+        ("Parameters", f"{len(found.parameters)} determined for every robot"),
         *together,
     )
 
@@ -197,7 +197,7 @@ def _varying(found: Batch) -> str:
         if found.spread.interval[k][0] > 0:
             sizes.append(f"{p.name} by {number(factor * float(found.spread.sigma[k]), 2)} {unit}")
     more = f" and {len(sizes) - _NAMED} more" if len(sizes) > _NAMED else ""
-    return f"{', '.join(sizes[:_NAMED])}{more} (σ from robot to robot)" if sizes else "no parameter, beyond chance"
+    return f"{', '.join(sizes[:_NAMED])}{more} (σ from robot to robot)" if sizes else "no parameter, significantly"
 
 
 class BatchPresenter(Presenter["Batch"]):

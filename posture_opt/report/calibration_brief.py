@@ -85,11 +85,11 @@ def next_steps(found: Calibration, seen: Assessment) -> tuple[str, ...]:
     if stood_elsewhere(found):
         steps.append("--refit-frames fits base and tool again to the test file: base or instrument may have been moved")
     if not seen.calibrated.zero:
-        steps.append("'diagnose' looks for the cause of the rest, which is not pure scatter")
+        steps.append("'diagnose' searches for the cause of the remaining systematic error")
     elif 0 < seen.instrument < _SHARE * seen.calibrated.coordinate:
-        steps.append("'diagnose' looks for the cause of the rest, most of which is not the instrument's noise")
+        steps.append("'diagnose' searches for the cause of the remaining error, most of which is not instrument noise")
     if found.identifiability.words:
-        steps.append("'plan-measurements' proposes postures that determine more")
+        steps.append("'plan-measurements' proposes postures that determine more parameters")
     if seen.repeats is None and not found.request.data.touches:
         steps.append("measure ten postures five times each to separate scatter from systematic error")
     return tuple(steps) or ("plan with calibrated.yaml, which --out DIR writes",)

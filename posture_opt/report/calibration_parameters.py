@@ -26,15 +26,23 @@ _FINE = 100  # condition below which estimates lose little to noise (Schröer, A
 def parameters_block(found: Calibration) -> Block:
     """Every parameter of the arm: nominal value, estimate and standard error, prior, significance, correlations."""
     shown = [i for i, p in enumerate(found.parameters) if p.group != "point"]
-    headers = ("parameter", "unit", "determined", "nominal", "estimate", "std. error", "change", "in errors", "prior")
+    headers = (
+        "parameter",
+        "unit",
+        "determined",
+        "nominal",
+        "estimate",
+        "std. error",
+        "change",
+        "change / std. error",
+        "prior",
+    )
     width = len(headers) - (not np.isfinite(found.prior).any())
     table = Table(headers[:width], tuple(_row(found, i)[:width] for i in shown), text_columns=3)
     points = (len(found.parameters) - len(shown)) // 3
-    extra = [f"Besides, the places of {count(points, 'touched point')} are fitted."] if points else []
-    priors = "; the prior is the stated σ" if width == len(headers) else "; no σ is stated beforehand"
-    text = (
-        f"Estimates with one standard error, without bounds{priors}. 'In errors': the change over its standard error."
-    )
+    extra = [f"The positions of {count(points, 'touched point')} are fitted too."] if points else []
+    priors = "; the prior is the stated σ" if width == len(headers) else "; no prior σ is stated"
+    text = f"Estimates with one standard error, without bounds{priors}. "
     words = [*extra, *_significance(found), *_far(found, shown)]
     return Block("Parameters", (text, table, *words, *_correlations(found, shown)))
 
@@ -67,7 +75,7 @@ def _significance(found: Calibration) -> list[str]:
         return []
     sure = [i for i in judged if found.p_values[i] < _SURE]
     of = f"{len(sure)} of {count(len(judged), 'determined parameter')} of the arm"
-    return [f"{of} differ from nominal by more than chance (p below 5 %, each by itself: more than 1.96 errors)."]
+    return [f"{of} differ significantly from nominal (individual p below 5 %, more than 1.96 standard errors)."]
 
 
 def determined_words(found: Calibration) -> str:
@@ -76,7 +84,7 @@ def determined_words(found: Calibration) -> str:
     if alone == all_of:
         return f"all {all_of} unknowns are determined"
     more = f", {rank - alone} more in combination" if rank > alone else ""
-    return f"{alone} of {all_of} unknowns are determined by themselves{more}"
+    return f"{alone} of {all_of} unknowns are determined individually{more}"
 
 
 def differing(found: Calibration, most: int) -> str:
@@ -120,7 +128,7 @@ def _far(found: Calibration, shown: list[int]) -> list[str]:
     if not far:
         return []
     usual = f"{LENGTH * 1e3:g} mm, {math.degrees(ANGLE):g} deg"
-    return [f"Farther off than parts usually are ({usual}): {', '.join(far)}. Is a zero or a length in the file wrong?"]
+    return [f"Deviations beyond usual tolerances ({usual}): {', '.join(far)}. Is a zero or a length in the file wrong?"]
 
 
 def _correlations(found: Calibration, shown: list[int]) -> list[str | Table]:
@@ -143,9 +151,9 @@ def undetermined_block(found: Calibration) -> Block:
     size = f"The data determine {known.rank} combinations of {count(len(found.parameters), 'unknown')}"
     words = [sentence(text) for text in known.words]
     helped = [p.name for p, k, d in zip(found.parameters, found.fixed, known.determined, strict=True) if k and not d]
-    by_prior = [f"With the stated σ's as priors these are settled too: {', '.join(helped)}."] if helped else []
-    left = [f"{size}; what they leave open:" if words else f"{size}: nothing is left open."]
-    mend = ["'optimize-posture plan-measurements' proposes postures that tell more."] if words else []
+    by_prior = [f"Determined only with the stated σ's as priors: {', '.join(helped)}."] if helped else []
+    left = [f"{size}; undetermined combinations:" if words else f"{size}: all are determined."]
+    mend = ["'optimize-posture plan-measurements' proposes more informative postures."] if words else []
     indices = ", ".join(f"{name} {value:.3g}" for name, value in known.observability.items())
     good = f"below {_FINE} is good" if known.condition > _FINE else "good"
     facts = Facts(

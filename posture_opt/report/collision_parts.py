@@ -36,24 +36,24 @@ def collision_facts(scene: Scene) -> list[Fact]:
     facts = []
     if scene.assumed:
         radius = length(float(scene.placed.radii[0]))
-        facts.append(f"the arm is checked against {names}, not against itself: its shape is not known, and capsules of "
-                     f"radius {radius} along its links stand in for it (robot: shape)")  # fmt: skip
+        facts.append(f"the arm is checked against {names}, not against itself: its shape is unknown, and capsules of "
+                     f"radius {radius} along its links are used (robot: shape)")  # fmt: skip
     elif scene.obstacles:
         facts.append(f"the arm is checked against {names}{' and against itself' if scene.own else ''}")
     else:
         facts.append("the arm is checked against itself; no obstacles are stated (cell: obstacles)")
     if scene.margin:
-        facts.append(f"at least {stated_length(scene.margin)} is kept")
+        facts.append(f"minimum distance {stated_length(scene.margin)}")
     for name in dict.fromkeys(name for _, name in scene.mounted):
         joints = " and ".join(joint for joint, other in scene.mounted if other == name)
-        facts.append(f"what of {joints} is always near {name} is not checked against it")
+        facts.append(f"parts of {joints} that are always near {name} are not checked against it")
     return [("Collisions", "; ".join(facts))]
 
 
 def clear_words(scene: Scene) -> str:
     """What postures that an arm is sent to keep clear of."""
     if not scene.active:
-        return "nothing is checked for collisions" if scene.switched_off else "the arm has no links that could meet"
+        return "nothing is checked for collisions" if scene.switched_off else "the arm has no links that could collide"
     parts = ["the arm clear of itself"] if scene.own else []
     parts += ["of " + listed(obstacle.name for obstacle in scene.obstacles)] if scene.obstacles else []
     radius = (

@@ -28,19 +28,19 @@ def open_lead(comparison: Comparison, told: bool) -> tuple[str, ...]:
         return ()
     scatter, systematic = _sizes(parts)
     if not parts.mostly_systematic:
-        words = f"What is left is {scatter} of scatter, and {systematic} that the data leave open of the arm."
+        words = f"The remaining error is {scatter} of scatter and {systematic} of parameter uncertainty."
         return (words,) if told and parts.systematic_sigma > 0 else ()
     outside = _outside(landing, comparison)
     if not outside and not told:
         return ()
     sources, close = _sources(parts, comparison), _close(comparison)
     if not outside:
-        same = f"Most of what is left is the same at every repeat: {systematic}, mostly of {sources}"
-        return (f"{same}; scatter makes {scatter}. {close}",)
-    where = f"The task lies outside what was measured, {outside}"
+        same = f"Most of the remaining error is systematic: {systematic}, mainly from {sources}"
+        return (f"{same}; scatter contributes {scatter}. {close}",)
+    where = f"The task lies outside the measured range, {outside}"
     return (
-        f"{where}: {systematic} of its error is what the data leave open, mostly of {sources}; "
-        f"scatter makes {scatter}. {close}",
+        f"{where}: {systematic} of its error is parameter uncertainty, mainly from {sources}; "
+        f"scatter contributes {scatter}. {close}",
     )
 
 
@@ -52,8 +52,8 @@ def parts_sentences(comparison: Comparison) -> tuple[str, ...]:
         scatter, systematic = _sizes(parts)
         close = f" {_close(comparison)}" if parts.mostly_systematic else ""
         words.append(
-            f"There, scatter from repeat to repeat stays within {scatter} with 95 % probability. What the data leave "
-            f"open, and errors of the model, are the same at every repeat and stay within {systematic}, mostly of "
+            f"There, the 95 % radius of the scatter between repeats is {scatter}; that of the systematic part "
+            f"(parameter uncertainty and model error) is {systematic}, mainly from "
             f"{_sources(parts, comparison)}.{close}"
         )
     if distance is not None:

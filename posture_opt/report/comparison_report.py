@@ -38,9 +38,8 @@ def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
         return ()
     before, now = (columns[name][1].critical_error for name in (_FIRST, comparison.reference))
     lead = (
-        f"For the task: planned before calibration, the tool would have come within {_length(before, [before, now])} "
-        f"of the target with 95 % probability; planned with {_MODELS[comparison.reference]}, it comes within "
-        f"{_length(now, [before, now])}."
+        f"Task: 95 % error radius {_length(before, [before, now])} with the posture planned before calibration, "
+        f"{_length(now, [before, now])} with the posture planned with {_MODELS[comparison.reference]}."
     )
     return (lead, *open_lead(comparison, told=now > _HARDLY * before))
 
@@ -82,12 +81,12 @@ def comparison_table(columns: Answers, names: Mapping[str, str] = MODEL_NAMES) -
     cells = [_cells(answer, sizes) for answer in columns.values()]
     first = next(solution for solution, _ in columns.values())
     labels = [joint.name for joint in first.optimisation_problem.robot.joints]
-    labels += ["largest σ, as planned", "largest σ, as judged", "mean off the target"]
+    labels += ["largest σ, as planned", "largest σ, as judged", "mean error"]
     labels += [
-        "within (95 % probability)",
+        "95 % error radius",
         "scatter alone",
-        "the same at every repeat",
-        "fits (probability of success)",
+        "systematic (constant) part",
+        "success probability",
     ]
     rows = [row for row in zip(labels, *cells, strict=True) if any(row[1:])]
     return Table(("planned with the model", *(names[name] for name in columns)), tuple(rows))
@@ -113,9 +112,9 @@ def _sentences(columns: Answers, reference: str) -> tuple[str, ...]:
     old, new = columns[_FIRST][1], next(reversed(columns.values()))[1]
     part, before = PARTS[columns[_FIRST][0].critical.within], old.critical_error
     return (
-        f"Planned before calibration, the tool would have missed the target by {length(old.distance, among=[before])} "
-        f"{part} and stayed within {length(before)} of it with 95 % probability; planned with {judge}, it stays within "
-        f"{length(new.critical_error)}. Every posture is judged by {judge}.",
+        f"Planned before calibration, the mean error {part} is {length(old.distance, among=[before])} and the 95 % "
+        f"error radius {length(before)}; planned with {judge}, the radius is {length(new.critical_error)}. Every "
+        f"posture is evaluated with {judge}.",
     )
 
 

@@ -34,7 +34,7 @@ def refuted_of_robots(found: Sequence[Calibration]) -> tuple[str, ...]:
     """What the data of several robots of one type refute, one line each."""
     counts = Counter(c.cause for calibration in found for c in calibration.contradictions)
     return tuple(
-        f"For {count} of {len(found)} robots {cause.words}: what the file states of it is set aside for them."
+        f"For {count} of {len(found)} robots {cause.words}: the value in the file is ignored for them."
         for cause, count in counts.items()
     )
 
@@ -45,7 +45,7 @@ def _disagreement(found: Calibration) -> tuple[str, ...]:
     left, motion = found.disagreement.left, found.disagreement.motion
     text = f"The data disagree with the arm of the file: even calibrated, it misses them by {mm(left)} mm RMS, where "
     text += f"they move by {mm(motion)} mm. Is it another robot's file? Do all joints count in the direction, in the "
-    return (f"{text}order and from the zero of the problem file? What follows is to be read with this doubt.",)
+    return (f"{text}order and from the zero of the problem file? Treat the results below with caution.",)
 
 
 def _implausible(found: Calibration) -> tuple[str, ...]:
@@ -55,13 +55,13 @@ def _implausible(found: Calibration) -> tuple[str, ...]:
     if not texts:
         return ()
     more = f" and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
-    text = f"Off the file by more than any part is: {', '.join(texts[:_LISTED])}{more}. "
+    text = f"Implausibly large deviation from the file: {', '.join(texts[:_LISTED])}{more}. "
     return (f"{text}Is it the right robot, and are the zeros of its joints those of the file?",)
 
 
 def _away(frame: str, far: float) -> str:
     of = "from the measured points" if frame == "base" else "from the flange"
-    text = f"The {frame} is found {number(far)} m {of}, where none can stand: these data do not determine it. "
+    text = f"The {frame} is found {number(far)} m {of}, which is implausible: these data do not determine it. "
     return f"{text}State it, or measure with more different orientations."
 
 
@@ -73,16 +73,16 @@ def _line(found: Contradiction) -> str:
         dimension = _DIMENSIONS[unit]
         text = f"The data contradict the standard deviation of {shown(found.sigma, dimension)} that the file states of "
         text += f"{found.cause.target}.{name}: it is off by {shown(value, dimension, std)}. "
-        return f"{text}The stated value is set aside here: that {gain_words(found)}."
+        return f"{text}The stated value is ignored here, which {gain_words(found)}."
     frame = found.cause.target
     text = f"The data contradict the {frame} frame that the file states: the {frame} is off by {_off(found)}. "
-    return f"{text}It is taken as free here: that {gain_words(found)}. Correct the file, or write '{frame}: free'."
+    return f"{text}It is treated as free here, which {gain_words(found)}. Correct the file, or write '{frame}: free'."
 
 
 def _coupled(found: Contradiction, coupling: JointCoupling) -> str:
     ratio, std, _ = found.estimate["ratio"]
     text = f"In these data {coupling.joint} is coupled to {coupling.follows} (ratio {plus_minus(ratio, std)}), which "
-    text += f"the file does not state. The coupling is taken into the model: that {gain_words(found)}. Log the "
+    text += f"the file does not state. The coupling is added to the model, which {gain_words(found)}. Log the "
     return f"{text}angle of {coupling.joint} against the link before it, or keep {coupling.kind} in the file."
 
 

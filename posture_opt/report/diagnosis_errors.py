@@ -97,7 +97,7 @@ def delivery_lead(found: Diagnosis) -> tuple[str, ...]:
         arm += f", and without {it} no other effect improves held-out rows" if session and others else ""
         arm += "" if session else ": held-out rows are predicted no better with effects"
     moved = any("time" in effects[i].needs for i in delivery.session)
-    average = " What moved during the measurements stands where it did on average." if moved else ""
+    average = " Quantities that drifted are delivered at their average." if moved else ""
     return (
         f"Delivered in extended.yaml is {arm}. Its RMS error on held-out rows is {mm(delivery.held.rms)} mm.{average}",
     )

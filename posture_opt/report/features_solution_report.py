@@ -37,13 +37,12 @@ if TYPE_CHECKING:
     from posture_opt.selection.features_solution import FeaturesSolution
     from posture_opt.selection.placement import PlacementRange
 
-_WIDE = 110  # characters of headers, which break at spaces
 _TOLD = 1e-4  # of a probability: what a report tells apart
 _SAME = 5e-4  # of a standard deviation: less is no difference
 _COMBINED = {
     "worst": "the largest of all features",
     "mean": "the mean of all features",
-    "success": "the probability to miss any feature",
+    "success": "the probability of missing any feature",
 }
 
 
@@ -110,25 +109,25 @@ def _lead(found: FeaturesSolution) -> tuple[str, ...]:
     where = "Place the workpiece at" if moved else "The workpiece stands at"
     lines = [f"{where} {placement_words(found.w, found.placement)}."]
     part = part_words(worst.critical.within, found.task.kind)
-    scatter = f"The worst of {count(len(found.names), 'feature')} is {name}: {part} the tool point scatters by"
-    lines.append(f"{scatter} {critical_size(worst.critical)}.")
+    worst_of = f"Standard deviation {part} at the worst of {count(len(found.names), 'feature')}, {name}"
+    lines.append(f"{worst_of}: {critical_size(worst.critical)}.")
     if found.task.combine == "mean":
-        lines.append(f"The mean over the features is {length(found.sigma)}.")
+        lines.append(f"Mean over the features: {length(found.sigma)}.")
     typical = found.typical if moved else None
     if typical is not None and typical.success is None:
-        lines.append(f"That is {_gain(found, typical)} at a typical placement at which every feature can be done.")
+        lines.append(f"This is {_gain(found, typical)} at a typical feasible placement.")
     if found.success is not None:
-        lines.append(f"All features succeed {_odds(found)}{_typical_odds(typical)}.")
+        lines.append(f"Probability that all features succeed: {_odds(found)}{_typical_odds(typical)}.")
     if found.status != "optimal":
-        lines.append("The solver did not confirm that it is an optimum; it is the best of all that were compared.")
+        lines.append("The solver did not confirm an optimum; this is the best placement found.")
     return tuple(lines)
 
 
 def _failed_lead(found: FeaturesSolution) -> tuple[str, ...]:
     looked = found.statistics.placements
-    where = f"No placement was found at which every feature can be done ({looked} were looked at). Least is missing at"
+    where = f"No placement was found at which every feature is feasible ({looked:,} tried). The nearest is at"
     if not found.placement.free.any():
-        where = "Not every feature can be done where the workpiece stands:"
+        where = "Not every feature is feasible with the workpiece"
     return (f"{where} {placement_words(found.w, found.placement)}.",)
 
 
@@ -144,14 +143,14 @@ def _odds(found: FeaturesSolution) -> str:
 def _typical_odds(typical: PlacementFigure | None) -> str:
     if typical is None or typical.success is None:
         return ""
-    return f"; at a typical placement at which every feature can be done, {probability(typical.success)}"
+    return f" ({probability(typical.success)} at a typical feasible placement)"
 
 
 def _gain(found: FeaturesSolution, other: PlacementFigure) -> str:
     gain = 1 - found.sigma / other.sigma
     if abs(gain) < _SAME:
-        return "the same scatter as"
-    return f"{percent(abs(gain))} {'less' if gain > 0 else 'more'} than"
+        return "the same as"
+    return f"{percent(abs(gain))} {'lower' if gain > 0 else 'higher'} than"
 
 
 def problem_block(problem: Problem, found: FeaturesSolution) -> Block:
@@ -169,11 +168,13 @@ def problem_block(problem: Problem, found: FeaturesSolution) -> Block:
         *input_facts(problem),
     ]
     if task.clearance is not None:
-        rows.append(("Clearance", f"{stated_length(task.clearance)} to every side"))
+        rows.append(("Clearance", f"{stated_length(task.clearance)} (radial)"))
     rows += collision_facts(problem.scene)
     rows += source_facts(problem)
     rows += note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes))
-    return Block("Problem", (Facts(tuple(rows)),))
+    notes = note_facts((*problem.notes, *found.notes))
+    short = (rows[0], ("Range", _range_words(found.placement)), *source_facts(problem), *notes)
+    return Block("Problem", (Facts(tuple(rows)),), brief=(Facts(short),))
 
 
 def _range_words(placement: PlacementRange) -> str:
@@ -190,20 +191,19 @@ def _postures_block(found: FeaturesSolution) -> Block:
     unit, factor = length_unit([float(s) for s in found.sigmas])
     odds = [station.success_probability for station in found.stations]
     known = all(p is not None for p in odds)
-    headers = ["feature", f"scatter [{unit}]", *(["success [%]"] if known else [])]
+    headers = ["feature", f"std. dev. [{unit}]", *(["success [%]"] if known else [])]
     headers += [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in joints]
     rows = []
     for k, (name, station) in enumerate(zip(found.names, found.stations, strict=True)):
-        row = [name, number(float(found.sigmas[k]) * factor, 4), *([_share(odds[k])] if known else [])]
+        row = [name, number(float(found.sigmas[k]) * factor), *([_share(odds[k])] if known else [])]
         row += [fixed(v * joint_unit(j.type)[1]) for v, j in zip(station.q, joints, strict=True)]
         rows.append(tuple(row))
     views = tuple(f"feature-{k}" for k in range(1, len(rows) + 1))
     table = Table(tuple(headers), tuple(rows), views=views)
-    wide = sum(len(header) + 2 for header in headers) > _WIDE and len(rows) <= 8
     points = Table(("feature", "tool point in the world"), tuple(
         (name, place(station.spread.position)) for name, station in zip(found.names, found.stations, strict=True)
     ), 2, views)  # fmt: skip
-    return Block("A posture for each feature", (table.transposed() if wide else table, points), figure="arm")
+    return Block("A posture for each feature", (table, points), figure="arm")
 
 
 def _share(p: float | None) -> str:
@@ -220,14 +220,14 @@ def _placements_block(found: FeaturesSolution) -> Block:
     shown += [("another optimum", other) for other in found.others]
     unit, factor = length_unit([other.sigma for _, other in shown])
     odds = found.task.combine == "success"
-    what = "mean scatter" if found.task.combine == "mean" else "worst scatter"
+    what = "mean std. dev." if found.task.combine == "mean" else "worst std. dev."
     rows = []
     for name, other in shown:
-        told = number(other.sigma * factor, 4) if math.isfinite(other.sigma) else "not feasible"
+        told = number(other.sigma * factor) if math.isfinite(other.sigma) else "not feasible"
         more = percent(other.sigma / found.sigma - 1) if math.isfinite(other.sigma) and other is not this else "-"
         place_of = (*(fixed(1e3 * float(v), 1) for v in other.w[:3]), fixed(math.degrees(other.w[3]), 2))
         rows.append((name, *((_share(other.success), told) if odds else (told, more)), *place_of))
-    told_by = ("all succeed [%]", f"{what} [{unit}]") if odds else (f"{what} [{unit}]", "more by")
+    told_by = ("all succeed [%]", f"{what} [{unit}]") if odds else (f"{what} [{unit}]", "difference")
     headers = ("placement", *told_by, "x [mm]", "y [mm]", "z [mm]", "yaw [deg]")
     return Block("Placements", (Table(headers, tuple(rows)), *_base_sentence(found)), figure="bench")
 
@@ -239,43 +239,46 @@ def _base_sentence(found: FeaturesSolution) -> tuple[str, ...]:
     origin = (c * x + s * y, -s * x + c * y, z)
     turned = angle(math.remainder(-float(found.w[3]), 2 * math.pi))
     return (
-        f"If the robot is to be moved and not the part: put the origin of the world, which its base is stated in, at "
-        f"{place(origin)} in the frame of the workpiece, turned by {turned} about z.",
+        f"To move the robot instead of the part: place the world origin, in which its base is stated, at "
+        f"{place(origin)} in the workpiece frame, rotated by {turned} about z.",
     )
 
 
 def _order_block(found: FeaturesSolution) -> Block:
     if len(found.names) < 2:
-        return Block("Order of the visits", ())
+        return Block("Visiting order", ())
     order = found.order
     turning = any(joint.type == "revolute" for joint in found.optimisation_problem.robot.joints)
 
     def travel(value: float) -> str:
         return angle(value) if turning else length(value)
 
-    listed = "the order of the file" if order.order == tuple(range(len(found.names))) else "this order"
+    listed = "file order" if order.order == tuple(range(len(found.names))) else "this order"
     saved = order.as_listed - order.travel
-    gain = f"; in the order of the file it is {travel(order.as_listed)}" if saved > 1e-9 else ""
-    proof = "no order is shorter" if order.exact else "found by exchanges, a shorter one may exist"
+    gain = f", {travel(order.as_listed)} in file order" if saved > 1e-9 else ""
+    proof = "shortest possible" if order.exact else "found by exchanges; a shorter one may exist"
     rows = (
         ("Order", ", ".join(found.names[k] for k in order.order)),
-        ("Joint travel", f"{travel(order.travel)} in {listed}{gain} (largest joint of each move, added up; {proof})"),
+        (
+            "Joint travel",
+            f"{travel(order.travel)} in {listed}{gain} (sum over the moves of the largest joint motion; {proof})",
+        ),
     )
-    return Block("Order of the visits", (Facts(rows),))
+    return Block("Visiting order", (Facts(rows),))
 
 
 def _checks_block(found: FeaturesSolution) -> Block:
     e = found.statistics
     rows: list[tuple[str, str]] = []
     if found.success is not None and abs(found.success.product - found.success.probability) > _TOLD:
-        rows.append(("Together", f"errors that stay are one draw for all features: were they a new one for each, all "
-                                 f"would succeed {probability(found.success.product)}"))  # fmt: skip
+        rows.append(("Together", f"constant errors are shared by all features; if they were independent, the "
+                                 f"probability would be {probability(found.success.product)}"))  # fmt: skip
     if found.task.combine == "success":
         rows.append(("Compared", "optima for the product of the probabilities, for the worst and for the mean scatter, "
                                  "by the probability that all succeed"))  # fmt: skip
     if found.clearance is not None:
         between = " and ".join(found.clearance.between)
-        rows.append(("Clearance", f"{length(found.clearance.distance)} at the least, between {between}"))
+        rows.append(("Clearance", f"at least {length(found.clearance.distance)}, between {between}"))
     if found.placement.free.any():
         rows.append(("Search", f"{e.placements} placements, {e.feasible} of them feasible for all features; "
                                f"{count(e.solves, 'joint solve')} by IPOPT"))  # fmt: skip

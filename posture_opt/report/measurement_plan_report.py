@@ -56,19 +56,19 @@ def answer(plan: MeasurementPlan) -> tuple[str, ...]:
     if plan.equivalent is None:
         first = f"{chosen} worth more than {plan.tried} random ones {what}."
     elif plan.equivalent <= n:
-        first = f"{chosen} worth about as many random ones {what}: this arm is easy to measure."
+        first = f"{chosen} worth about as many random ones {what}: random postures suffice for this arm."
     else:
         first = f"{chosen} worth about {plan.equivalent} random ones {what}."
-    table = "Nothing says where the table is: state a link_height before the robot drives there."
+    table = "The height of the table is not stated: add link_height before running these postures on the robot."
     warned = () if plan.keeps_height else (table,)
     if plan.target is None or math.isnan(plan.after.task):
         return (first, *warned)
-    before = "" if math.isnan(plan.before.task) else f", {length(plan.before.task)} without them"
+    before = "" if math.isnan(plan.before.task) else f" ({length(plan.before.task)} without these measurements)"
     counted = {"across": "across the direction ", "along": "along the direction "}.get(plan.target.within, "")
     return (
         first,
-        f"The remaining uncertainty of the parameters then moves the tool point by {length(plan.after.task)} {counted}"
-        f"at the posture of the task (root mean square{before}).",
+        f"Expected RMS error {counted}at the posture of the task, from parameter uncertainty: {length(plan.after.task)}"
+        f"{before}.",
         *warned,
     )
 
@@ -87,8 +87,8 @@ def planned_block(problem: Problem, plan: MeasurementPlan) -> Block:
 
 def _purpose(plan: MeasurementPlan) -> str:
     if plan.purpose == "parameters":
-        return "the parameters of the arm: the smallest volume of their confidence ellipsoid (D-optimal)"
-    return "the task: the smallest variance of the tool point at its posture, where it counts (L-optimal)"
+        return "the parameters of the arm: smallest volume of their confidence ellipsoid (D-optimal)"
+    return "the task: smallest variance of the tool point at its posture, in the critical direction (L-optimal)"
 
 
 def _measured(plan: MeasurementPlan) -> str:
@@ -120,7 +120,7 @@ def _room(plan: MeasurementPlan) -> str:
     box = "the tool point in the stated box, " if plan.workspace.bounded else ""
     return (
         f"{above}{box}within the limits of the joints, and {clear_words(plan.workspace.scene)}; "
-        f"{percent(plan.share)} of all postures do. Nothing else is checked for collisions: drive slowly the first time"
+        f"{percent(plan.share)} of all postures qualify. Other collisions are not checked: run slowly the first time"
     )
 
 
@@ -179,8 +179,8 @@ def observability_block(plan: MeasurementPlan) -> Block:
     names = plan.after.observability
     rows = tuple((f"{n}, {_SAID[n]}", *(_index(s.observability[n]) for s in _stages(plan))) for n in names)
     text = (
-        "Of the derivatives of all that is measured by what can be determined, each parameter in units that move the "
-        "tool point by 1 on average; larger is better. O1 counts every direction, O2 to O5 the worst."
+        "Indices of the Jacobian of the measurements, scaled so that each parameter moves the tool point equally; "
+        "larger is better. O1 weighs all directions, O2 to O5 the worst."
     )
     return Block("Observability", (text, Table(("index", "before", "planned", "random"), rows)))
 
@@ -210,13 +210,13 @@ def _travel(plan: MeasurementPlan) -> list[str]:
     tour = plan.tour
     if len(plan.q) < 2:
         return []
-    text = f"In this order the joints travel {angle(tour.travel)} together"
-    text += f" (the largest move of each leg), {angle(tour.unordered)} as they were chosen."
+    text = f"Joint travel in this order: {angle(tour.travel)}"
+    text += f" (sum of the largest joint motion of each move; {angle(tour.unordered)} as selected)."
     text += f" {_sides(plan)}"
     if not tour.blocked:
-        return [f"{text} Straight moves between them keep clear too."]
+        return [f"{text} Straight joint moves between them are collision-free."]
     legs = ", ".join(f"{k + 1} to {k + 2}" for k in tour.blocked)
-    return [f"{text} A straight move of the joints does not keep clear on the way from {legs}: go round."]
+    return [f"{text} Straight joint moves collide on the way from {legs}: add via points."]
 
 
 def _sides(plan: MeasurementPlan) -> str:
@@ -224,9 +224,10 @@ def _sides(plan: MeasurementPlan) -> str:
     shares = dict(zip(plan.robot.joint_names, plan.tour.sides, strict=True))
     one_sided = [name for name, share in shares.items() if share in (0.0, 1.0)]
     if one_sided:
-        return f"Always from the same side {'arrives' if len(one_sided) == 1 else 'arrive'} {', '.join(one_sided)}."
+        return f"Always approached from the same side: {', '.join(one_sided)}."
     low, high = min(shares.values()), max(shares.values())
-    return f"Every joint arrives from both sides, from below on {percent(low)} to {percent(high)} of the legs."
+    share = f"in positive direction in {percent(low)} to {percent(high)} of the moves"
+    return f"Every joint is approached from both sides ({share})."
 
 
 def points_csv(plan: MeasurementPlan) -> str:

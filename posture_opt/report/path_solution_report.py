@@ -45,11 +45,13 @@ def path_report(found: PathSolution) -> Report:
     title = found.problem.name or "Postures along a path"
     if found.status == "infeasible":
         why = Block("Why", tuple(sentence(reason.message) for reason in found.reasons))
-        return Report(title, ("There is no motion along this path.",), (why, _problem(found), _points(found)))
+        return Report(
+            title, ("No motion along this path meets the requirements.",), (why, _problem(found), _points(found))
+        )
     worst = found.worst
     problem = problem_of(found)
     at_worst = posture_block(worst)
-    name = f"Posture {_where(found, found.motion.worst)}, where the scatter is largest"
+    name = f"Posture {_where(found, found.motion.worst)}, where the standard deviation is largest"
     blocks = (
         _problem(found),
         _points(found),
@@ -64,9 +66,9 @@ def path_report(found: PathSolution) -> Report:
 
 def _lead(found: PathSolution) -> tuple[str, ...]:
     return (
-        f"The tool point scatters {ACROSS} by at most {critical_size(found.critical)}, "
+        f"Largest standard deviation {ACROSS}: {critical_size(found.critical)}, "
         f"{_where(found, found.motion.worst)} of {count(len(found.stations), 'point')}.",
-        *(found.jumps or (f"From point to point {_moved(found)}.",)),
+        *(found.jumps or (f"Between listed points, {_moved(found)}.",)),
     )
 
 
@@ -86,30 +88,39 @@ def _moved(found: PathSolution) -> str:
     moved = np.max(np.abs(np.diff(found.motion.Q[found.path.listed], axis=0)), axis=0)
     turns = [float(v) for v, joint in zip(moved, joints, strict=True) if joint.type == "revolute"]
     slides = [float(v) for v, joint in zip(moved, joints, strict=True) if joint.type == "prismatic"]
-    parts = [f"no joint turns by more than {angle(max(turns))}"] if turns else []
-    parts += [f"no slide moves by more than {length(max(slides))}"] if slides else []
+    parts = [f"joints turn by at most {angle(max(turns))}"] if turns else []
+    parts += [f"slides move by at most {length(max(slides))}"] if slides else []
     return " and ".join(parts)
 
 
 def _problem(found: PathSolution) -> Block:
     problem, task = problem_of(found), found.optimisation_problem.task
-    added = len(found.path.listed) - len(found.stations)
-    more = f", and {added} more between them" if added else ""
-    ends = found.path.points[[0, -1]]
     rows = [
         *robot_facts(problem),
         ("Task", f"{task.kind} - {task.summary}"),
-        ("Path", f"{count(len(found.stations), 'point')}{more}, {length(found.path.lengths[-1], 4)} long"),
-        ("", f"from {place(ends[0])} to {place(ends[1])}"),
+        *_path_facts(found),
         *_workpiece(found),
         ("Minimised", f"at the worst point, {CRITERIA[task.criterion].format(part=ACROSS)}"),
-        ("Steps", f"of a joint between listed points: at most {_step(found, found.largest_step)}"),
+        ("Joint steps", f"between listed points: at most {_step(found, found.largest_step)}"),
         *input_facts(problem),
         *collision_facts(problem.scene),
         *source_facts(problem),
         *note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes)),
     ]
-    return Block("Problem", (Facts(tuple(rows)),))
+    notes = note_facts((*problem.notes, *found.notes))
+    short = (robot_facts(problem)[0], ("Task", task.kind), *_path_facts(found), *source_facts(problem), *notes)
+    return Block("Problem", (Facts(tuple(rows)),), brief=(Facts(short),))
+
+
+def _path_facts(found: PathSolution) -> list[tuple[str, str]]:
+    """How many points there are, and from where to where they lead."""
+    added = len(found.path.listed) - len(found.stations)
+    more = f" and {added} added between them" if added else ""
+    ends = found.path.points[[0, -1]]
+    return [
+        ("Path", f"{count(len(found.stations), 'point')}{more}, {length(found.path.lengths[-1], 4)} long"),
+        ("", f"from {place(ends[0])} to {place(ends[1])}"),
+    ]
 
 
 def _workpiece(found: PathSolution) -> list[tuple[str, str]]:
@@ -117,10 +128,10 @@ def _workpiece(found: PathSolution) -> list[tuple[str, str]]:
     if not found.on_workpiece:
         return []
     x, y, z, yaw = found.placement.tolist()
-    rows = [("Workpiece", f"{place((x, y, z))}, turned by {fixed(math.degrees(yaw))} deg about z")]
+    rows = [("Workpiece", f"{place((x, y, z))}, rotated by {fixed(math.degrees(yaw))} deg about z")]
     if found.central > 0:
         gain = percent(max(found.gain_over(found.central), 0.0))
-        rows.append(("", f"{gain} less scatter than in the middle of its ranges ({length(found.central)})"))
+        rows.append(("", f"{gain} lower standard deviation than at the centre of its ranges ({length(found.central)})"))
     return rows
 
 
@@ -128,18 +139,18 @@ def _points(found: PathSolution) -> Block:
     robot, listed = found.optimisation_problem.robot, np.flatnonzero(found.path.listed)
     shown = listed[np.unique(np.linspace(0, len(listed) - 1, min(_SHOWN, len(listed))).round().astype(int))]
     unit, factor = length_unit(found.motion.sigma.tolist())
-    heads = ["point", f"scatter [{unit}]", *(f"{c} [mm]" for c in "xyz")]
+    heads = ["point", f"std. dev. [{unit}]", *(f"{c} [mm]" for c in "xyz")]
     heads += [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
     rows = []
     for k in shown:
         q = [fixed(v * joint_unit(j.type)[1], 1) for v, j in zip(found.motion.Q[k], robot.joints, strict=True)]
         xyz = [fixed(1e3 * float(v), 1) for v in found.path.points[k]]
         number_of = str(int(np.searchsorted(listed, k)) + 1)
-        rows.append((number_of, number(factor * float(found.motion.sigma[k]), 4), *xyz, *q))
+        rows.append((number_of, number(factor * float(found.motion.sigma[k])), *xyz, *q))
     views = tuple(f"point-{row[0]}" for row in rows)
-    table = Table(tuple(heads), tuple(rows), views=views).transposed()
+    table = Table(tuple(heads), tuple(rows), 0, views)
     left = len(found.path.points) - len(shown)
-    text = (f"{count(left, 'point')} more in postures.csv.",) if left else ()
+    text = (f"{count(left, 'further point')} in postures.csv.",) if left else ()
     return Block("Postures along the path", (table, *text), figure="path")
 
 
@@ -149,16 +160,16 @@ def _checks(found: PathSolution) -> Block:
     rows = [*_naive_rows(found)]
     if found.bound > 0:
         where = " with the workpiece here" if math.isfinite(found.central) else ""
-        bound = f"no motion gets below {length(found.bound)}{where}: the best posture of the worst point alone"
+        bound = f"{length(found.bound)} for any motion{where}, from the best posture of the worst point alone"
         rows.append(("Lower bound", f"{bound}; {_above(sigma, found.bound)}"))
-    rows.append(("Steps", f"the least possible one that was found is {_step(found, found.smallest_step)}{divided}"))
+    rows.append(("Steps", f"the smallest possible maximum found is {_step(found, found.smallest_step)}{divided}"))
     rows += distance_facts(problem_of(found).scene, found.clearance)
-    rows.append(("Between points", f"the tool leaves the straight line by up to {length(found.off_line)}"))
-    rows.append(("", "where all joints move evenly from one point of postures.csv to the next" + _finer(found)))
+    rows.append(("Between points", f"the tool deviates from the straight line by up to {length(found.off_line)}"))
+    rows.append(("", "if all joints are interpolated linearly between the points of postures.csv" + _finer(found)))
     compared = f"{sum(found.candidates)} candidate postures of {count(len(found.candidates), 'point')}"
-    proof = "locally optimal" if motion.optimal else "not confirmed as locally optimal"
-    rows.append(("Search", f"dynamic programming over {compared}, and one problem over all points from the best ways"))
-    rows.append(("", f"the answer is {proof}, and the best of these searches"))
+    proof = "a local optimum" if motion.optimal else "not confirmed as a local optimum"
+    rows.append(("Search", f"dynamic programming over {compared}, then one optimisation over all points"))
+    rows.append(("", f"the result is {proof}, the best of these searches"))
     rows.append(("Time", f"{found.seconds:.2f} s"))
     return Block("Checks", (Facts(tuple(rows)),))
 
@@ -169,26 +180,24 @@ def _finer(found: PathSolution) -> str:
     if ratio <= 1 or found.jumps:
         return ""
     gap = float(np.diff(found.path.lengths).max())
-    return f"; spacing: {number(1e3 * gap / ratio**0.5, 1)} mm would keep it within its scatter"
+    return f"; spacing: {number(1e3 * gap / ratio**0.5, 1)} mm would keep the deviation below one standard deviation"
 
 
 def _above(sigma: float, bound: float) -> str:
-    return (
-        f"the answer lies {percent(sigma / bound - 1)} above" if sigma > bound * (1 + _SAME) else "the answer is there"
-    )
+    return f"this motion is {percent(sigma / bound - 1)} above" if sigma > bound * (1 + _SAME) else "attained"
 
 
 def _naive_rows(found: PathSolution) -> list[tuple[str, str]]:
     each, onward = found.naive.each, found.naive.onward
-    alone = f"{length(float(each.sigma.max()))} at the worst point, and a joint jumps by {angle(each.largest_step)}"
+    alone = f"{length(float(each.sigma.max()))} at the worst point, with joint jumps of {angle(each.largest_step)}"
     if onward is None:
         reached = count(found.naive.reached, "point")
-        follow = f"comes to a limit after {reached}"
+        follow = f"reaches a limit after {reached}"
     else:
         follow = f"{_gain(found, onward)}, with steps up to {angle(onward.largest_step)}"
     return [
-        ("Each point alone", alone),
-        ("Onward", f"following the best posture of the first point without look-ahead {follow}"),
+        ("Independent points", alone),
+        ("No look-ahead", f"following the best posture of the first point {follow}"),
     ]
 
 
@@ -197,7 +206,7 @@ def _gain(found: PathSolution, other: Motion) -> str:
     gain = found.gain_over(sigma)
     if abs(gain) < _SAME:
         return f"gives the same {length(sigma)}"
-    return f"gives {length(sigma)}: the answer has {percent(abs(gain))} {'less' if gain > 0 else 'more'}"
+    return f"gives {length(sigma)}; this motion is {percent(abs(gain))} {'lower' if gain > 0 else 'higher'}"
 
 
 def _columns(found: PathSolution) -> dict[str, list[float]]:
@@ -224,7 +233,7 @@ class PathSolutionPresenter(Presenter["PathSolution"]):
         sigma = float(found.motion.sigma.max())
         facts: tuple[tuple[str, str], ...] = (
             ("Points", f"{len(found.stations)}, {length(found.path.lengths[-1], 4)} long"),
-            ("Scatter", f"at most {length(sigma)} {ACROSS} (1 σ)"),
+            ("Standard deviation", f"at most {length(sigma)} {ACROSS}"),
             ("Steps", _moved(found)),
             ("First posture", joint_values(found.optimisation_problem.robot, found.motion.Q[0])),
         )

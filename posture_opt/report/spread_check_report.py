@@ -57,7 +57,7 @@ def coverage_block(found: SpreadCheck) -> Block:
     headers = ("95 % region", "contains", _SURE, "if correct", "scale by", _SURE)
     tails = [text for name, c in found.coverage.items() if (text := _tails(MODELS[name], c))]
     after = (*tails, *_one_draw(found), *map(sentence, found.notes))
-    return Block("Is the predicted spread correct?", (*sentences, how, Table(headers, rows), *after), "truth_coverage")
+    return Block("Coverage of the predicted spread", (*sentences, how, Table(headers, rows), *after), "truth_coverage")
 
 
 def _one_draw(found: SpreadCheck) -> list[str]:
@@ -115,7 +115,7 @@ def _coverage_cells(c: Coverage) -> tuple[str, ...]:
 
 def repeats_block(found: SpreadCheck) -> Block:
     """Scatter between repeats, beside the residuals and what the file states of scatter."""
-    title = "Do repeats scatter as predicted?"
+    title = "Repeats against the predicted scatter"
     if not found.repeat_sigma:
         told = "No posture was repeated: these data cannot separate scatter from systematic errors."
         return Block(title, (told, "Repeat about ten postures five times each to find out."))
@@ -131,7 +131,7 @@ def repeats_block(found: SpreadCheck) -> Block:
 
 
 def _between_text(found: SpreadCheck) -> str:
-    size = f"Between repeats of one posture a coordinate scatters by {length(found.repeat_sigma)} (standard deviation)"
+    size = f"Standard deviation between repeats of one posture: {length(found.repeat_sigma)} per coordinate"
     ratio = found.residual_rms / found.repeat_sigma
     left = f"{size}; the calibrated model has an RMS error of {length(found.residual_rms)} per coordinate."
     if ratio < _MUCH:

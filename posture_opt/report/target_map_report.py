@@ -11,7 +11,7 @@ from posture_opt.report.parts import frame_notes, input_facts, joint_values, not
 from posture_opt.report.presenter import Columns, Presenter
 from posture_opt.report.save import Files
 from posture_opt.report.units_text import count, joint_unit, length, length_unit, percent, place
-from posture_opt.report.words import CRITERIA, direction_words, line_words, part_words
+from posture_opt.report.words import CRITERIA, PARTS, direction_words, line_words, part_words
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from posture_opt.selection.target_map import TargetMap
 
 _SAME = 5e-4  # of the spread: what a map cannot promise to win
-_MOST_COLUMNS = 9
 _LESS = 1.5  # times: below, a gain is told in percent
 
 
@@ -35,9 +34,8 @@ def lead(found: TargetMap) -> tuple[str, ...]:
     """The best place, and what it is better than."""
     best, worst = found.best, found.worst
     part = part_words(found.within, found.optimisation_problem.task.kind)
-    answer = f"Best place: {place(best.position)}. There the tool point scatters by {length(best.sigma_max)} {part}"
-    answer += " (one standard deviation), in its best posture."
-    others = [f"At the worst place of the map the best posture scatters by {length(worst.sigma_max)}."]
+    answer = f"Best target: {place(best.position)}, standard deviation {part} {length(best.sigma_max)}."
+    others = [f"Worst target of the map: {length(worst.sigma_max)}."]
     if found.own is not None:
         others.insert(0, _own_sentence(best, found.own))
     return answer, " ".join(others)
@@ -45,13 +43,13 @@ def lead(found: TargetMap) -> tuple[str, ...]:
 
 def _own_sentence(best: MapPoint, own: MapPoint) -> str:
     if not own.feasible:
-        return "The position in the problem has no posture."
-    scatter = f"The position in the problem gives {length(own.sigma_max)}"
+        return "The position in the problem has no feasible posture."
+    scatter = f"Position in the problem: {length(own.sigma_max)}"
     ratio = own.sigma_max / best.sigma_max if best.sigma_max > 0 else 1.0
     if ratio < 1 + _SAME:
-        return f"{scatter}: no place of the map is better."
-    gain = f"{percent(1 - 1 / ratio)} less" if ratio < _LESS else f"{number(ratio)} times less"
-    return f"{scatter}: the best place has {gain}."
+        return f"{scatter}; no target of the map is better."
+    gain = f"{percent(1 - 1 / ratio)} lower" if ratio < _LESS else f"{number(ratio)} times lower"
+    return f"{scatter}; the best target is {gain}."
 
 
 def problem_block(problem: Problem, found: TargetMap) -> Block:
@@ -68,7 +66,9 @@ def problem_block(problem: Problem, found: TargetMap) -> Block:
         *source_facts(problem),
         *note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes)),
     ]
-    return Block("Problem", (Facts(tuple(rows)),))
+    notes = note_facts((*problem.notes, *found.notes))
+    short = (rows[0], ("Task", task.kind), ("Targets", grid_words(found.grid)), *source_facts(problem), *notes)
+    return Block("Problem", (Facts(tuple(rows)),), brief=(Facts(short),))
 
 
 def grid_words(grid: Grid) -> str:
@@ -86,25 +86,25 @@ def grid_words(grid: Grid) -> str:
 
 def places_block(found: TargetMap) -> Block:
     """Best, worst and own place with their postures."""
-    map_points = {"best place": found.best, "worst place": found.worst}
+    map_points = {"best target": found.best, "worst target": found.worst}
     if found.own is not None and found.own.feasible:
-        map_points = {"best place": found.best, "position in the problem": found.own, "worst place": found.worst}
+        map_points = {"best target": found.best, "position in the problem": found.own, "worst target": found.worst}
     table = places_table(found, map_points)
-    return Block("Places", (table.transposed() if len(table.headers) > _MOST_COLUMNS else table,))
+    return Block("Targets compared", (table,))
 
 
 def places_table(found: TargetMap, map_points: dict[str, MapPoint]) -> Table:
     """Target, spread and posture of some places."""
     joints = found.optimisation_problem.robot.joints
     unit, factor = length_unit([map_point.sigma_max for map_point in map_points.values()])
-    headers = ["", *(f"{c} [mm]" for c in "xyz"), f"scatter [{unit}]"]
+    headers = ["", *(f"{c} [mm]" for c in "xyz"), f"std. dev. [{unit}]"]
     headers += [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in joints]
     rows = []
     for name, map_point in map_points.items():
         cells = [
             name,
             *(fixed(1e3 * value, 1) for value in map_point.position),
-            number(factor * map_point.sigma_max, 4),
+            number(factor * map_point.sigma_max),
         ]
         cells += [fixed(q * joint_unit(joint.type)[1], 1) for q, joint in zip(map_point.q, joints, strict=True)]
         rows.append(tuple(cells))
@@ -124,13 +124,13 @@ def map_block(found: TargetMap) -> Block:
 def served_sentence(found: TargetMap) -> str:
     """How many targets have a posture, and what keeps the others from one."""
     fates = [map_point.fate for map_point in found.map_points]
-    text = f"{fates.count('feasible')} of {count(len(fates), 'target')} have a posture"
+    text = f"{fates.count('feasible')} of {count(len(fates), 'target')} have a feasible posture"
     if fates.count("feasible") == 1:
-        text = f"1 of {count(len(fates), 'target')} has a posture"
+        text = f"1 of {count(len(fates), 'target')} has a feasible posture"
     away, kept = fates.count("not reached"), fates.count("requirement not met")
     how = "" if found.optimisation_problem.alignment == "free" else " with the required tool orientation"
-    why = [f"{away} cannot be reached{how}"] * (away > 0)
-    why += [f"{kept} can be reached, but not with all requirements met"] * (kept > 0)
+    why = [f"{away} unreachable{how}"] * (away > 0)
+    why += [f"{kept} reachable, but not with all requirements met"] * (kept > 0)
     unsure = sum(map_point.feasible and not map_point.optimal for map_point in found.map_points)
     note = f" At {count(unsure, 'target')} the solver did not confirm an optimum." if unsure else ""
     return f"{text}; {', '.join(why)}.{note}" if why else f"{text}.{note}"
@@ -139,10 +139,10 @@ def served_sentence(found: TargetMap) -> str:
 def neighbours_sentence(found: TargetMap) -> str:
     """What the targets learnt from each other."""
     solves = found.solves
-    text = f"Every posture was held against those of its neighbours, and {count(solves.again, 'target')} solved again: "
-    gain = f"up to {percent(solves.most)} less scatter" if solves.most >= _SAME else "by less than 0.05 %"
-    text += f"{solves.better} became better, {gain}." if solves.better else "none became better."
-    return f"{text} {count(solves.found, 'target')} got a posture from a neighbour only." if solves.found else text
+    text = f"Neighbouring postures were tried at every target, and {count(solves.again, 'target')} solved again: "
+    gain = f"by up to {percent(solves.most)}" if solves.most >= _SAME else "by less than 0.05 %"
+    text += f"{solves.better} improved, {gain}." if solves.better else "none improved."
+    return f"{text} {count(solves.found, 'target')} found a posture only from a neighbour." if solves.found else text
 
 
 def _small_table(found: TargetMap) -> tuple[Table, ...]:
@@ -163,7 +163,7 @@ def _small_table(found: TargetMap) -> tuple[Table, ...]:
 
 def columns(found: TargetMap) -> dict[str, list[float]]:
     """One row a target: place, whether there is a posture, its spread, and the posture; NaN where there is none."""
-    part, points = part_words(found.within, found.optimisation_problem.task.kind), found.map_points
+    part, points = PARTS[found.within], found.map_points
     success = {"success": [s.success_probability for s in points]} if not math.isnan(found.target.clearance) else {}
     return {
         **place_columns(found),
@@ -213,10 +213,10 @@ class TargetMapPresenter(Presenter["TargetMap"]):
         part = part_words(found.within, found.optimisation_problem.task.kind)
         facts = (
             ("Targets", grid_words(found.grid)),
-            ("Served", served_sentence(found)),
-            ("Best place", f"{place(best.position)}: {length(best.sigma_max)} {part} (1 σ)"),
+            ("Feasible", served_sentence(found)),
+            ("Best target", f"{place(best.position)}: {length(best.sigma_max)} {part} (1 σ)"),
             ("Its posture", joint_values(found.optimisation_problem.robot, best.q)),
-            ("Worst place", f"{place(found.worst.position)}: {length(found.worst.sigma_max)}"),
+            ("Worst target", f"{place(found.worst.position)}: {length(found.worst.sigma_max)}"),
         )
         return Summary(f"Map of targets: {found.problem.name or found.optimisation_problem.task.kind}", facts)
 

@@ -45,8 +45,8 @@ MODEL_NAMES = {
     "delivered": "as delivered",
 }
 """Models of one arm, by their names in JSON."""
-PARTS = {"across": "across the task direction", "along": "along the task direction", "all": "in space"}
-"""The parts of a spread, where the task is not known."""
+PARTS = {"across": "across the direction", "along": "along the direction", "all": "in space"}
+"""The parts of a spread in columns of files, whatever the task."""
 UNLIKELY = 0.05
 """Family-wise p-value below which noise is no explanation."""
 _LEAST_P = 1e-6

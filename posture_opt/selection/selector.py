@@ -236,8 +236,8 @@ class PostureSelector:
             return ()
         vector = ", ".join(f"{v * 1e3 + 0.0:.2f}" for v in off)
         return (
-            f"The corrected arm leaves its plane by itself and not at will: its tool point comes to lie "
-            f"{distance * 1e3:.2g} mm off the target, by ({vector}) mm, and no posture mends that.",
+            f"The corrected arm has a constant out-of-plane error that no posture can remove: its tool point is "
+            f"{distance * 1e3:.2g} mm from the target, by ({vector}) mm.",
         )
 
     def remarks(self) -> tuple[str, ...]:

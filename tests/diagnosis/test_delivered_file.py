@@ -99,7 +99,7 @@ def test_of_several_targets_and_a_slip_between(free: bool, tmp_path: Path) -> No
     assert rms["delivered"] > 2 * rms["extended"]  # half of a slip of 0.4 mrad at some 1 m, on average over the rows
     text = " ".join(found.report().split())
     assert "Delivered in extended.yaml is the arm fitted without slip (joint2), which belongs to this session" in text
-    assert "What moved during the measurements stands where it did on average." in text
+    assert "Quantities that drifted are delivered at their average." in text
 
 
 @needs_real_arms

@@ -42,9 +42,9 @@ def test_every_model_has_a_column() -> None:
         ("joint1", "1.00 deg", "2.00 deg"),
         ("largest σ, as planned", "1.00 mm", "0.100 mm"),
         ("largest σ, as judged", "1.00 mm", "0.100 mm"),
-        ("mean off the target", "1.00 mm", "0.100 mm"),
-        ("within (95 % probability)", "2.00 mm", "0.200 mm"),
-        ("fits (probability of success)", "25 %", "> 99.9 %"),
+        ("mean error", "1.00 mm", "0.100 mm"),
+        ("95 % error radius", "2.00 mm", "0.200 mm"),
+        ("success probability", "25 %", "> 99.9 %"),
     )
 
 
@@ -60,8 +60,8 @@ def test_a_model_that_repeats_another_has_no_column() -> None:
 
 def test_the_lead_tells_both_errors_and_whether_the_gain_is_small() -> None:
     (lead,) = comparison_lead(compared({"nominal": BEFORE, "calibrated": CALIBRATED}))
-    assert "planned before calibration, the tool would have come within 2.00 mm" in lead
-    assert "planned with the calibrated model, it comes within 0.200 mm." in lead
+    assert "95 % error radius 2.00 mm with the posture planned before calibration" in lead
+    assert "0.200 mm with the posture planned with the calibrated model." in lead
 
 
 def with_parts(scatter: float, systematic: float, distance: PostureDistance | None = None) -> PlannedPosture:
@@ -74,18 +74,18 @@ def with_parts(scatter: float, systematic: float, distance: PostureDistance | No
 
 def test_the_lead_tells_scatter_from_what_the_data_leave_open() -> None:
     _, left = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(1.5e-3, 1e-3)}))
-    assert left == "What is left is 1.50 mm of scatter, and 1.00 mm that the data leave open of the arm."
+    assert left == "The remaining error is 1.50 mm of scatter and 1.00 mm of parameter uncertainty."
     far = PostureDistance(0.7, "joint1", 0.5)
     _, open_ = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.1e-3, 1.8e-3, far)}))
     assert open_ == (
-        "The task lies outside what was measured, joint1 by 29 deg: 1.80 mm of its error is what the data leave open, "
-        "mostly of joint1.a; scatter makes 0.100 mm. "
+        "The task lies outside the measured range, joint1 by 29 deg: 1.80 mm of its error is parameter uncertainty, "
+        "mainly from joint1.a; scatter contributes 0.100 mm. "
         "'plan-measurements --problem calibrated.yaml --for task' proposes what to measure."
     )
     near = PostureDistance(0.2, "", 0.0)
     _, few = comparison_lead(compared({"nominal": BEFORE, "calibrated": with_parts(0.1e-3, 1.8e-3, near)}))
     assert few.startswith(
-        "Most of what is left is the same at every repeat: 1.80 mm, mostly of joint1.a; scatter makes"
+        "Most of the remaining error is systematic: 1.80 mm, mainly from joint1.a; scatter contributes"
     )
 
 
@@ -96,10 +96,10 @@ def test_the_block_says_how_far_the_posture_is_from_those_measured() -> None:
     assert (
         "The posture is within the measured range of every joint; the nearest measured one differs by up to 11" in words
     )
-    assert "are the same at every repeat and stay within 1.00 mm, mostly of joint1.a." in words
+    assert "(parameter uncertainty and model error) is 1.00 mm, mainly from joint1.a." in words
     table: Any = block.items[-1]
     assert ("scatter alone", "", "1.50 mm") in table.rows
-    assert ("the same at every repeat", "", "1.00 mm") in table.rows
+    assert ("systematic (constant) part", "", "1.00 mm") in table.rows
 
 
 def test_a_model_without_a_posture_says_why() -> None:

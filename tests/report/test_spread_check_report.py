@@ -101,7 +101,7 @@ def test_calibrate_writes_it_all(tmp_path: Path) -> None:
     words = ["calibrate", str(tmp_path / "data.csv"), "--problem", str(tmp_path / "problem.yaml")]
     result = invoke(*words, "--full", "--out", str(tmp_path / "out"))
     assert result.exit_code == 0, result.stderr
-    assert "Is the predicted spread correct?" in result.stdout
+    assert "Coverage of the predicted spread" in result.stdout
     document = json.loads((tmp_path / "out" / "calibration.json").read_text(encoding="utf-8"))
     assert document["coverage95"] == {
         name: found["share"] for name, found in document["spread_check"]["coverage"].items()

@@ -170,7 +170,7 @@ def test_a_wrist_below_its_height_is_raised_by_what_it_lacks() -> None:
     assert move.change == "move the target by (0.0, 0.0, 50.0) mm, 50 mm up"
     assert bound.change == "set at_least of link_height to 100 mm (now 150 mm)"
     report = solution.report()
-    assert "The least change that helps: move the target by (0.0, 0.0, 50.0) mm, 50 mm up." in report
+    assert "Smallest change that makes it feasible: move the target by (0.0, 0.0, 50.0) mm, 50 mm up." in report
     assert "- Set at_least of link_height to 100 mm" in report
 
 

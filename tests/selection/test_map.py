@@ -337,7 +337,7 @@ def test_measured_rows_stand_beside_what_is_predicted_for_them(tmp_path: Path) -
         first = next(row for row in csv.DictReader(rows, skipinitialspace=True) if row["feasible"] == "1")
     parts = [float(first[f"bias {c} [mm]"]) for c in "xyz"]
     assert float(first["bias [mm]"]) == pytest.approx(np.linalg.norm(parts), rel=1e-4)
-    assert "In the region that is predicted for 95 %" in result.stdout
+    assert "The 95 % regions predicted for their own postures contain" in result.stdout
     assert max(map(len, result.stdout.splitlines())) <= 100
 
 

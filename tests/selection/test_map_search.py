@@ -169,11 +169,11 @@ def test_what_stands_out() -> None:
 @pytest.mark.parametrize(
     ("solves", "told"),
     [
-        (NeighbourSolves(0, 0, 0.0, 0), "0 targets solved again: none became better."),
-        (NeighbourSolves(7, 2, 2e-4, 0), "7 targets solved again: 2 became better, by less than 0.05 %."),
+        (NeighbourSolves(0, 0, 0.0, 0), "0 targets solved again: none improved."),
+        (NeighbourSolves(7, 2, 2e-4, 0), "7 targets solved again: 2 improved, by less than 0.05 %."),
         (
             NeighbourSolves(1, 1, 0.03, 2),
-            "1 target solved again: 1 became better, up to 3.0 % less scatter. 2 targets",
+            "1 target solved again: 1 improved, by up to 3.0 %. 2 targets",
         ),
     ],
 )
