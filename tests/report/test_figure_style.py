@@ -27,8 +27,8 @@ def _rows(problem: Any, file: str) -> Any:
 
 
 def _calibrated() -> Result:
-    problem = load_builtin("insert_ur10_measured")
-    return po.calibrate(problem, _rows(problem, "ur10_measured.csv"))
+    problem = load_builtin("insert_planar_2r_measured")
+    return po.calibrate(problem, _rows(problem, "planar_2r_measured.csv"))
 
 
 def _diagnosed() -> Result:
@@ -43,10 +43,10 @@ def _batch() -> Result:
 
 RESULTS: dict[str, Callable[[], Result]] = {
     "planar": lambda: po.select_posture(load_builtin("insert_planar_2r")),
-    "in space": lambda: po.select_posture(load_builtin("insert_panda_cell")),
+    "in space": lambda: po.select_posture(load_builtin("insert_panda")),
     "oblique": lambda: po.select_posture(load_builtin("drill_ur5e")),
-    "path": lambda: po.select_posture(load_builtin("weld_ur10")),
-    "features": lambda: po.select_posture(load_builtin("insert_ur10_plate")),
+    "path": lambda: po.select_posture(load_builtin("trace_scara")),
+    "features": lambda: po.select_posture(load_builtin("insert_scara_tray")),
     "spread": lambda: po.propagate(load_builtin("insert_planar_2r"), np.radians([90, -180])),
     "cloud": lambda: po.simulate(load_builtin("insert_ur10_peg"), np.radians([0, -90, 90, -90, -90, 0]), n=500),
     "map": lambda: po.map_targets(load_builtin("insert_planar_2r"), counts=(5, 5)),

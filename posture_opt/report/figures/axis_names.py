@@ -1,8 +1,8 @@
-"""What an axis of a figure is called: by what it means to the task, not by three numbers."""
+"""What an axis of a figure is called, by what it means to the task; and its numbers where it is logarithmic."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from posture_opt.report.words import PARTS, line_words
 if TYPE_CHECKING:
     from posture_opt.uncertainty.critical import Critical
 
+_DECADES = 2.5  # more of them need no ticks between
 _SAME = 1e-6  # sine of the angle below which two lines are one
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -59,3 +60,14 @@ def with_letter(words: str, axis: Array) -> str:
 
 def _parallel(a: Array, b: Array) -> bool:
     return bool(np.linalg.norm(np.cross(a, b)) < _SAME)
+
+
+def decimals(axis: Any) -> None:
+    """Ticks of a logarithmic axis (x or y of some axes) as plain decimals; between decades where there are few."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    few = high / low < 10**_DECADES
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,), numticks=20))
+    axis.set_major_formatter(lambda value, _: f"{value:g}")
+    axis.set_minor_formatter(NullFormatter())

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.compensation.compensation import rms
+from posture_opt.report.figures.axis_names import decimals
 from posture_opt.report.style import BLUE, LIGHT, ORANGE, legend_below, new_figure, styled
 from posture_opt.report.units_text import length, length_unit
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 @styled
 def plot_compensation(found: Compensation) -> Figure:
     """Both errors of every target, in the order of the targets; logarithmic."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import MaxNLocator
 
     off, left = found.off, found.left
     among = [rms(off), rms(left)]
@@ -35,11 +36,12 @@ def plot_compensation(found: Compensation) -> Figure:
         (left, among[1], BLUE, "o", "compensated"),
     ):
         text = f"{label}: {length(size, among=among)} RMS"
-        axes.plot(number, factor * np.maximum(values, least), mark, color=colour, ms=6, mec="white", label=text)
+        axes.plot(
+            number, factor * np.maximum(values, least), mark, color=colour, ms=6, mec="white", ls="none", label=text
+        )
     axes.set(yscale="log", xlabel="target, in the order of the file", ylabel=f"distance from the target [{unit}]")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=20))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.margins(x=0.02, y=0.12)
+    decimals(axes.yaxis)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     legend_below(figure)
     return figure

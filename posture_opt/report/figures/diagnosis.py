@@ -14,6 +14,7 @@ from posture_opt.diagnosis.score_tests import log_p, scan_frequencies
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import Array
 from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, noise_floor, periodic_joints
+from posture_opt.report.figures.axis_names import decimals
 from posture_opt.report.figures.diagnosis_scores import critical_log_p
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
 from posture_opt.report.style import (
@@ -29,15 +30,12 @@ from posture_opt.report.style import (
 from posture_opt.units import number
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.score_tests import ProjectedBaseline
 
 
 _DOTS = 1500
 _BELOW = 0.8  # of the line of the noise: there the scale ends at the latest
-_DECADES = 2.5  # more of them need no ticks between
 _BINS = 30  # along the rows, for the course of the RMS
 _FEW = 5  # rows of such a bin
 
@@ -73,7 +71,7 @@ def plot_errors(found: Diagnosis) -> Figure:
         smallest = min(smallest, _BELOW * floor)
     over.set_yscale("log")
     over.set_ylim(bottom=smallest if smallest > 0 else None)
-    _decimals(over)
+    decimals(over.yaxis)
     over.set(
         xlabel="row, in the order of measuring (lines: RMS of neighbours)",
         ylabel="position error of held-out rows [mm]",
@@ -81,17 +79,6 @@ def plot_errors(found: Diagnosis) -> Figure:
     below.set(xlabel="share of the rows below [%]", xlim=(0, 100))
     legend_below(figure)
     return figure
-
-
-def _decimals(axes: Axes) -> None:
-    """Ticks of a logarithmic scale as plain decimals; between decades where there are few of these."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    low, high = axes.get_ylim()
-    few = high / low < 10**_DECADES
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _course(lengths: Array) -> tuple[Array, Array]:

@@ -73,8 +73,9 @@ def _panel(axes: Any, curve: Curve) -> None:
     for side in sides:
         mine = curve.side == side
         colour, name = (BLUE, "rows") if len(sides) < 2 else (_SIDES.get(side, GREY), f"side {side:+.0f}")
+        mark = "." if len(sides) < 2 else _MARKS.get(float(side), "o")
         some = dots[mine[dots]]
-        axes.plot(curve.x[some], curve.errors[some], _MARKS.get(side, "."), color=colour, ls="none", label=name, **look)
+        axes.plot(curve.x[some], curve.errors[some], mark, color=colour, ls="none", label=name, **look)
         last = side == sides[-1]
         if mine.sum() > _FEWEST:
             label = "mean of neighbours with its 95 % band" if last else ""

@@ -48,7 +48,7 @@ def _spread(axes: Any, found: PathSolution) -> None:
     names, shares = _shares(found, every)
     heights = factor * shares * sigma[every]
     colours = [*_COLOURS[: len(names) - 1], LIGHT] if names[-1] == "others" else list(_COLOURS[: len(names)])
-    axes.stackplot(way[every], heights, labels=names, colors=colours, alpha=0.85, lw=0)
+    axes.stackplot(way[every], heights, labels=names, colors=colours, alpha=0.9, lw=0.8, edgecolor="white")
     axes.plot(way, factor * sigma, color="black", lw=1.4)
     for k, corner in enumerate(_corners(found)):
         label = None if k else "corner: another direction counts"
