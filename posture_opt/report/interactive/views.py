@@ -138,7 +138,7 @@ def _of_spread(found: Spread) -> ArmView:
     facts = [("Tool point", place(found.position))]
     if seen is not None:
         sigma = length(seen.critical.sigma_max)
-        facts.insert(0, (f"Scatter {PARTS[seen.critical.within]}", sigma))
+        facts.insert(0, (f"σ {PARTS[seen.critical.within]}", sigma))
     target = None if seen is None else TargetGeometry("anywhere", found.position, found.position, seen.direction, None)
     budget = found.budget if seen is None else seen.budget
     arm = found.tool_point.arm
@@ -156,6 +156,6 @@ def _of_solutions(solutions: Sequence[Solution], names: Sequence[str], stem: str
 
 def _of_solution(key: str, name: str, one: Solution) -> ShownPosture:
     sigma = length(one.critical.sigma_max)
-    facts = ((f"Scatter {PARTS[one.critical.within]}", sigma), ("Tool point", place(one.spread.position)))
+    facts = ((f"σ {PARTS[one.critical.within]}", sigma), ("Tool point", place(one.spread.position)))
     shares = shares_by_owner(one.budget, one.optimisation_problem.arm)
     return ShownPosture(key, f"{name}: {sigma}", one.q, facts, one.spread, TargetGeometry.of(one.target), shares)
