@@ -95,8 +95,10 @@ class Header:
     def _mend(self) -> str:
         pairs = {near: head for head, near in self.unknown.items() if near and near not in (*LABELS, *_INPUTS)}
         if self.unknown and self.missing:
-            told = ", ".join(f'{name}: "{head}"' for name, head in list(pairs.items())[:3]) or _example(self)
-            return f"rename the columns, or say in the problem file which is which: data: {{columns: {{{told}, …}}}}"
+            told = ", ".join(f'{name}: "{head}"' for name, head in pairs.items()) or _example(self)
+            which = f"data: {{columns: {{{told}{'' if {*self.missing} <= {*pairs, ''} else ', …'}}}}}"
+            option = (told.split(", ")[0]).replace(': "', "=").rstrip('"')
+            return f'rename them, or say which is which: {which} in the problem file, or --column "{option}" …'
         if self.unitless:
             heads = ", ".join(mend.removeprefix("write ") for mend in self.unitless.values())
             units = ", ".join(f"{name}: {_unit_in(mend)}" for name, mend in list(self.unitless.items())[:2])
@@ -284,15 +286,14 @@ def _missing(header: Header, there: set[str], robot: Robot) -> None:
     """Joints without a column, and a file in which nothing was measured."""
     guessed = {name for head, name in header.unknown.items() if name and not nearest(head, [name])}
     there = there - guessed
-    alone = len(header.unknown) == 1
+    several = len(header.unknown) > 1
     for joint in robot.joints:
-        if joint.name not in there or (joint.name in header.meant and not alone and joint.name not in header.found):
+        if joint.name not in there or (joint.name in guessed | (header.meant if several else set())):
             header.missing[joint.name] = f"{joint.name} [{'deg' if joint.type == 'revolute' else 'mm'}]"
     measured = [axis for axis in AXES if axis in there]
     if not measured and "point" not in there:
         header.missing[""] = "x [mm], y [mm], z [mm], or point for touched points"
-    elif guessed & set(AXES):
-        header.missing |= {axis: f"{axis} [mm]" for axis in AXES if axis in guessed}
+    header.missing |= {axis: f"{axis} [mm]" for axis in AXES if measured and several and axis in header.meant}
 
 
 def _contradictions(header: Header, there: set[str], robot: Robot, line: int, faults: Faults) -> None:

@@ -42,6 +42,7 @@ class Measurements(Summarised):
         pose_given, goal_given, approach_given: whether the file has such columns.
         joint_units: (n,) rad or m; empty where all joints turn.
         warnings: sentences on what looks wrong but can be used.
+        notes: sentences on how the file was read.
     """
 
     joint_names: tuple[str, ...]
@@ -69,6 +70,7 @@ class Measurements(Summarised):
     approach_given: bool = False
     joint_units: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in _BY_ROW:
@@ -131,6 +133,7 @@ _WHOLE = {
     "file",
     "warnings",
     "joint_units",
+    "notes",
 }
 _BY_ROW = tuple(f.name for f in fields(Measurements) if f.name not in _WHOLE and not f.name.endswith("_given"))
 

@@ -63,9 +63,9 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
     faults.refuse()
     notes = plausibility_checks(replace(data, q=stands(problem.arm, data.q)), problem.robot, columns, faults)
     faults.refuse()
-    notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data), *table.notes]
-    notes += [f"columns that nobody asked for were left out: {listed(left_out)}"] if left_out else []
-    return replace(data, warnings=tuple(notes))
+    notes += [*_repeated_rows(data), *_moved_poses(data), *_idle_distances(data, problem.data)]
+    unused = (f"columns of the file that are not used: {listed(left_out)}",) if left_out else ()
+    return replace(data, warnings=tuple(notes), notes=(*table.notes, *unused))
 
 
 def _assemble(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Faults) -> Measurements:

@@ -72,7 +72,7 @@ def _data_block(problem: Problem, found: Batch) -> Block:
         ("File", Path(data.file).name or "table"),
         ("Rows", f"{len(data)} of {count(len(found.robots), 'robot')}: {names}"),
     ]
-    notes = note_facts((*data.warnings, *problem.notes, *found.notes))
+    notes = note_facts((*data.warnings, *data.notes, *problem.notes, *found.notes))
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
 
 

@@ -92,7 +92,8 @@ def data_block(problem: Problem, found: Calibration) -> Block:
         ("Instrument", instrument_words(problem, data)),
     ]
     doubts = tuple(dict.fromkeys((*data.warnings, *found.fit.notes)))
-    notes = note_facts(n for n in (*data.warnings, *problem.notes, *found.notes) if n not in doubts[:_DOUBTS])
+    every = (*data.warnings, *data.notes, *problem.notes, *found.notes)
+    notes = note_facts(note for note in every if note not in doubts[:_DOUBTS])
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
 
 

@@ -145,7 +145,7 @@ def data_block(found: Diagnosis) -> Block:
         ("Geometry", f"{found.model.directions.shape[1]} combinations of parameters are fitted in every model"),
         *([("Outliers", f"left out, lines {', '.join(map(str, gone[:10]))}{' …' * (len(gone) > 10)}")] if gone else []),
     ]
-    notes = note_facts((*data.warnings, *problem.notes, *found.notes))
+    notes = note_facts((*data.warnings, *data.notes, *problem.notes, *found.notes))
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
 
 

@@ -41,7 +41,7 @@ class MeasurementsPresenter(SummaryPresenter["Measurements"]):
         inputs = ("approach", "payload", "temperature", "time")
         there = [name for name in inputs if getattr(data, f"{name}_given", getattr(data, name) is not None)]
         facts += [("Also", ", ".join(there))] if there else []
-        facts += [("Note" if k == 0 else "", note) for k, note in enumerate(data.warnings[:2])]
+        facts += [("Note" if k == 0 else "", note) for k, note in enumerate((*data.warnings, *data.notes)[:2])]
         return Summary(f"Measurements of {Path(data.file).name or 'a table'}", tuple(facts))
 
 

@@ -107,9 +107,9 @@ def test_however_a_table_is_written_it_is_the_same_table(case: str, tmp_path: Pa
     found = read(tmp_path, TEXTS[case])
     as_plain(found)
     if case == "lines before the header":
-        assert any("2 lines before the header were skipped" in note for note in found.warnings)
+        assert any("2 lines before the header were skipped" in note for note in found.notes)
     if case == "a comment in Latin-1":
-        assert any("read as Windows-1252" in note for note in found.warnings)
+        assert any("read as Windows-1252" in note for note in found.notes)
 
 
 def test_heads_of_an_instrument_are_told_by_the_problem_file(tmp_path: Path) -> None:
@@ -119,7 +119,7 @@ def test_heads_of_an_instrument_are_told_by_the_problem_file(tmp_path: Path) -> 
     columns |= {"x": "Pos X [mm]", "y": "Pos Y", "z": 9}
     found = read(tmp_path, ";".join(heads) + "\n" + lines, columns=columns)
     as_plain(found)
-    assert "columns that nobody asked for were left out: RMS, Operator" in found.warnings
+    assert found.notes == ("columns of the file that are not used: RMS, Operator",)
 
 
 def test_a_file_without_a_header_is_told_by_numbers(tmp_path: Path) -> None:
