@@ -37,10 +37,11 @@ def accuracy_map_report(found: AccuracyMap) -> Report:
 def lead(found: AccuracyMap) -> tuple[str, ...]:
     """What is off without corrections, and what scatters with them."""
     spread = f"95 % radius about the mean: {_range(found.radius95)}, depending on the target."
+    seen = () if found.measured is None else shares_sentences(found.measured)[-1:]
     if not found.corrected:
-        return ("The file states no corrections of the arm: the mean error is zero.", spread)
+        return "The file states no corrections of the arm: the mean error is zero.", spread, *seen
     off = _range(found.distance)
-    return (f"Mean error without the corrections: {off}, depending on the target.", spread)
+    return f"Mean error without the corrections: {off}, depending on the target.", spread, *seen
 
 
 def _range(values: Array) -> str:
@@ -69,7 +70,9 @@ def problem_block(problem: Problem, found: AccuracyMap) -> Block:
         *note_facts((*problem.notes, *frame_notes(problem.robot), *targets.notes)),
     ]
     text = f"At every target the arm takes the best posture for the task. {served_sentence(targets)}"
-    return Block("Problem", (Facts(tuple(rows)), text))
+    notes = note_facts((*problem.notes, *targets.notes))
+    short = (rows[0], ("Corrections", corrected), ("Targets", grid_words(found.grid)), *notes)
+    return Block("Problem", (Facts(tuple(rows)), text), brief=(Facts(short),))
 
 
 def bias_block(found: AccuracyMap) -> Block:

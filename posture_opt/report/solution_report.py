@@ -123,7 +123,8 @@ def problem_block(problem: Problem, solution: Solution) -> Block:
     rows += collision_facts(problem.scene)
     rows += source_facts(problem)
     notes = note_facts((*problem.notes, *frame_notes(problem.robot), *solution.notes))
-    short = (rows[0], ("Task", task.kind), ("Target", target_words(target)), *source_facts(problem), *notes)
+    told = (*input_facts(problem), *source_facts(problem), *notes)
+    short = (rows[0], ("Task", task.kind), ("Target", target_words(target)), *told)
     return Block("Problem", (Facts((*rows, *notes)),), brief=(Facts(short),))
 
 

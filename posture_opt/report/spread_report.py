@@ -79,7 +79,7 @@ def arm_block(problem: Problem, spread: Spread) -> Block:
     ]  # fmt: skip
     notes = note_facts((*problem.notes, *frame_notes(problem.robot), *spread.notes))
     facts = (*robot_facts(problem), *asked, *input_facts(problem), *source_facts(problem), *notes)
-    short = (facts[0], *beside_target(spread), *source_facts(problem), *notes)
+    short = (facts[0], *beside_target(spread), *input_facts(problem), *source_facts(problem), *notes)
     return Block("Problem", (Facts(facts),), brief=(Facts(short),))
 
 
