@@ -27,9 +27,9 @@ class Factor:
     joint: int | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Joint:
-    """One moving joint and the rigid link behind it.
+    """One moving joint and the rigid link behind it; joints are equal where the same is unknown of both.
 
     Args:
         lower, upper: limits of the joint variable [rad] or [m].
@@ -50,6 +50,18 @@ class Joint:
     def unit(self) -> Literal["rad", "m"]:
         """SI unit of the joint variable."""
         return "rad" if self.type == "revolute" else "m"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Joint) and self._known == other._known
+
+    def __hash__(self) -> int:
+        return hash(self._known)
+
+    @property
+    def _known(self) -> tuple[object, ...]:
+        """All values, None in place of NaN, which from Python 3.13 on makes a dataclass differ from itself."""
+        numbers = (self.lower, self.upper, self.mass, self.gear_ratio, *self.com)
+        return (self.name, self.type, *(None if math.isnan(number) else number for number in numbers))
 
 
 @dataclass(frozen=True)

@@ -249,10 +249,11 @@ def test_a_posture_may_be_named_in_any_order():
     ({"joint1": 0.1, "jiont2": 0.2}, "did you mean 'joint2'?"),
     ((0.1, math.nan), "posture.joint2: the value is nan"),
     ((0.1, math.inf), "posture.joint2: the value is inf"),
-    ((0.1, "90 deg"), "posture.joint2: '90 deg' is no number"),
+    ((0.1, "90 mm"), "posture.joint2: 'mm' is not a unit of angle"),
     ((0.1, True), "posture.joint2: True is no number"),
     (0.1, "0.1 is no posture"),
-    ("90 deg, 0 deg", "is no posture"),
+    ("90 deg, 5", "posture.joint2: the angle has no unit"),
+    (b"90 deg, 0 deg", "is no posture"),
 ])  # fmt: skip
 def test_a_posture_that_is_none_is_refused_by_name(posture, words):
     with pytest.raises(InputError) as caught:
