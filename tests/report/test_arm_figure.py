@@ -27,7 +27,7 @@ CELL = {"obstacles": [
     {"name": "post", "kind": "cylinder", "radius": "60 mm", "length": "0.8 m", "xyz": ["0.3 m", "0.6 m", "0.4 m"]},
     {"name": "lamp", "kind": "sphere", "radius": "80 mm", "xyz": ["0.7 m", "-0.4 m", "0.6 m"]},
 ]}  # fmt: skip
-PRESETS = ("panda", "ur5e", "scara", "irb120", "iiwa14")
+PRESETS = ("panda", "ur5e", "scara", "irb120")
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "base": {"facecolor": "#3C4146", "edgecolor": "black", "lw": 1.0, "zorder": 2.0, "label": "base"},
     "link": {**_LINK, "zorder": 2.5, "label": "links"},
     "tool": {"facecolor": "#53585E", "edgecolor": "black", "lw": 1.0, "zorder": 2.6, "label": "tool"},
-    "obstacle": {"facecolor": "#E9CDB0", "edgecolor": GREY, "hatch": "//", "lw": 1.0, "zorder": 1.5},
+    "obstacle": {"facecolor": "#F2DFCA", "edgecolor": GREY, "hatch": "//", "lw": 1.0, "zorder": 1.5},
 }
 
 

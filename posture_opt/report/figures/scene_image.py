@@ -26,13 +26,13 @@ COLOURS = {
     "link": "#D3DBE2",
     "joint": BLUE,
     "tool": "#53585E",
-    "obstacle": "#E9CDB0",
+    "obstacle": "#F2DFCA",
     "region": ORANGE,
 }
 """By role, from dark to light also in grey."""
 FLOOR = "#F3F3F3"
 _FINE = 2  # points of the buffers to one of the picture, along each side
-_DARK, _DULL = 0.5, 0.78  # of a colour where no light falls: of the arm, and of what stands around
+_DARK, _DULL = 0.5, 0.82  # of a colour where no light falls: of the arm, and of what stands around
 _EDGE = 0.08  # difference of brightness from which two bodies that touch have an outline between them
 _FAR = 0.35  # of the arm's extent: over that way the lines on the floor fade
 _DPI = 96  # a page shows it at about this
