@@ -108,5 +108,5 @@ def test_calibrate_writes_it_all(tmp_path: Path) -> None:
     }
     assert set(document["coverage95"]) == {"nominal", "calibrated"}
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "on the diagonal it is true" in page
+    assert "on the diagonal, the predicted spread is correct" in page
     assert (tmp_path / "out" / "truth_joints.png").stat().st_size > 5000
