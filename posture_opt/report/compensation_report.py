@@ -154,6 +154,7 @@ class CompensationPresenter(Presenter["Compensation"]):
     """Compensated targets."""
 
     document = "compensation"
+    delivers = ("compensated.csv",)
 
     def summary(self) -> Summary:
         found = self.result

@@ -30,6 +30,7 @@ from posture_opt.report.units_text import (
 )
 from posture_opt.report.words import CRITERIA, direction_words, part_words
 from posture_opt.selection.features_solution import PlacementFigure
+from posture_opt.uncertainty.joint_digits import joint_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -187,7 +188,7 @@ def _range_words(placement: PlacementRange) -> str:
 
 
 def _postures_block(found: FeaturesSolution) -> Block:
-    joints = found.optimisation_problem.robot.joints
+    joints, digits = found.optimisation_problem.robot.joints, joint_digits(found.problem, found.postures)
     unit, factor = length_unit([float(s) for s in found.sigmas])
     odds = [station.success_probability for station in found.stations]
     known = all(p is not None for p in odds)
@@ -196,7 +197,7 @@ def _postures_block(found: FeaturesSolution) -> Block:
     rows = []
     for k, (name, station) in enumerate(zip(found.names, found.stations, strict=True)):
         row = [name, number(float(found.sigmas[k]) * factor), *([_share(odds[k])] if known else [])]
-        row += [fixed(v * joint_unit(j.type)[1]) for v, j in zip(station.q, joints, strict=True)]
+        row += [digits.text(j, v, 1 / joint_unit(j.type)[1]) for v, j in zip(station.q, joints, strict=True)]
         rows.append(tuple(row))
     views = tuple(f"feature-{k}" for k in range(1, len(rows) + 1))
     table = Table(tuple(headers), tuple(rows), views=views)

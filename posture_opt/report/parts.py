@@ -23,6 +23,7 @@ from posture_opt.report.words import (
     source_words,
 )
 from posture_opt.robot.robot import Joint, Robot
+from posture_opt.uncertainty.joint_digits import HasScatter, JointDigits, joint_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -134,10 +135,11 @@ def sentence(text: str) -> str:
     return text if text.endswith((".", "!", "?", ")")) else text + "."
 
 
-def joint_table(robot: Robot, q: Vector) -> Table:
-    """Every joint with its value, its limits and the margin to the nearer one."""
+def joint_table(problem: HasScatter, robot: Robot, q: Vector) -> Table:
+    """Every joint with its value, to the digits that rounding asks for, its limits and the margin to the nearer one."""
+    digits = joint_digits(problem, q)
     rows = [
-        (joint.name, joint_value(value, joint.type), _limits(joint), _margin(joint, value))
+        (joint.name, _value(joint, value, digits), _limits(joint), _margin(joint, value))
         for joint, value in zip(robot.joints, q, strict=True)
     ]
     return Table(("joint", "value", "limits", "margin"), tuple(rows))
@@ -168,9 +170,16 @@ def _limits(joint: Joint) -> str:
     return f"{low} to {high} {unit}"
 
 
-def joint_values(robot: Robot, q: Vector) -> str:
-    """A posture in one line: joint1 12.34 deg, joint2 120.00 mm."""
-    return ", ".join(f"{j.name} {joint_value(v, j.type)}" for j, v in zip(robot.joints, q, strict=True))
+def joint_values(problem: HasScatter, q: Vector) -> str:
+    """A posture in one line, to be used as it is: joint1 12.345 deg, joint2 120.00 mm."""
+    digits = joint_digits(problem, q)
+    joints = problem.arm.robot.joints
+    return ", ".join(f"{joint.name} {_value(joint, value, digits)}" for joint, value in zip(joints, q, strict=True))
+
+
+def _value(joint: Joint, value: float, digits: JointDigits) -> str:
+    unit, factor = joint_unit(joint.type)
+    return f"{digits.text(joint, value, 1 / factor)} {unit}"
 
 
 def _margin(joint: Joint, value: float) -> str:

@@ -27,6 +27,7 @@ from posture_opt.report.task_parts import critical_size, task_budget_block
 from posture_opt.report.text import render
 from posture_opt.report.units_text import angle, count, joint_unit, length, length_unit, percent, place
 from posture_opt.report.words import CRITERIA
+from posture_opt.uncertainty.joint_digits import joint_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -235,7 +236,7 @@ class PathSolutionPresenter(Presenter["PathSolution"]):
             ("Points", f"{len(found.stations)}, {length(found.path.lengths[-1], 4)} long"),
             ("Standard deviation", f"at most {length(sigma)} {ACROSS}"),
             ("Steps", _moved(found)),
-            ("First posture", joint_values(found.optimisation_problem.robot, found.motion.Q[0])),
+            ("First posture", joint_values(found.problem, found.motion.Q[0])),
         )
         if found.reasons:
             facts = (facts[0], ("Why", sentence(found.reasons[0].message)))
@@ -257,5 +258,7 @@ class PathSolutionPresenter(Presenter["PathSolution"]):
 
 
 def postures_csv(found: PathSolution) -> bytes:
-    """All points of the path as a file: places to 0.1 µm, joints to 1e-6 deg or mm, scatter to six digits."""
-    return map_csv(_columns(found), found.optimisation_problem.robot.n).encode()
+    """All points of the path as a file: places to 0.1 µm, joints as finely as rounding asks for, scatter to six."""
+    joints, digits = found.optimisation_problem.robot.joints, joint_digits(found.problem, found.motion.Q)
+    decimals = max(6, *(digits.decimals(joint, 1 / joint_unit(joint.type)[1]) for joint in joints))
+    return map_csv(_columns(found), len(joints), decimals).encode()

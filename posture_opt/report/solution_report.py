@@ -99,7 +99,7 @@ def changes_block(solution: Solution) -> tuple[Block, ...]:
 def lead(solution: Solution) -> tuple[str, ...]:
     """The spread that the task cares about, the posture, where the workpiece goes, and doubts about the optimum."""
     size, *odds = spread_lead(solution.task_spread)
-    posture = f"Best posture: {joint_values(solution.optimisation_problem.robot, solution.q)}."
+    posture = f"Best posture: {joint_values(solution.problem, solution.q)}."
     placed = [f"Place the workpiece so that the target is at {place(solution.spread.position)}."]
     doubt = ["The solver did not confirm an optimum; this is the best posture found."]
     free, sure = solution.target.kind != "point", solution.status == "optimal"
@@ -162,12 +162,14 @@ def posture_block(solution: Solution) -> Block:
     facts += distance_facts(solution.problem.scene, solution.clearance)
     robot = solution.optimisation_problem.robot
     brief = Facts((*nearest_limit(robot, solution.q), *facts))
-    return Block("Posture", (joint_table(robot, solution.q), Facts(tuple(facts))), figure="arm", brief=(brief,))
+    return Block(
+        "Posture", (joint_table(solution.problem, robot, solution.q), Facts(tuple(facts))), figure="arm", brief=(brief,)
+    )
 
 
 def nearest_block(solution: Solution) -> Block:
     """The posture that violates the requirements least."""
-    table = joint_table(solution.optimisation_problem.robot, solution.q)
+    table = joint_table(solution.problem, solution.optimisation_problem.robot, solution.q)
     facts = (*tool_facts(solution.spread), *distance_facts(solution.problem.scene, solution.clearance))
     return Block("Nearest posture", (table, Facts(facts)), figure="arm")
 
@@ -224,7 +226,7 @@ def _summary(solution: Solution) -> Summary:
     critical = solution.critical
     place_words = "Tool point" if solution.status != "infeasible" else "Nearest point"
     facts = [
-        ("Posture", joint_values(solution.optimisation_problem.robot, solution.q)),
+        ("Posture", joint_values(solution.problem, solution.q)),
         (place_words, place(solution.spread.position)),
         ("Standard deviation", f"{critical_size(critical)} {part_words(critical.within, solution.task_spread.kind)}"),
         ("95 % radius", f"{length(critical.radius95)} from the target"),

@@ -86,8 +86,13 @@ def arm_block(problem: Problem, spread: Spread) -> Block:
 def posture_block(spread: Spread) -> Block:
     """Joints and tool."""
     facts = (*tool_facts(spread), *lean_facts(spread))
-    brief = (("Joints", joint_values(spread.robot, spread.q)), *nearest_limit(spread.robot, spread.q), *facts)
-    return Block("Posture", (joint_table(spread.robot, spread.q), Facts(facts)), figure="arm", brief=(Facts(brief),))
+    brief = (("Joints", joint_values(spread.problem, spread.q)), *nearest_limit(spread.robot, spread.q), *facts)
+    return Block(
+        "Posture",
+        (joint_table(spread.problem, spread.robot, spread.q), Facts(facts)),
+        figure="arm",
+        brief=(Facts(brief),),
+    )
 
 
 def spread_block(spread: Spread) -> Block:
@@ -150,7 +155,7 @@ def spread_facts(spread: Spread) -> tuple[tuple[str, str], ...]:
     )
     task = () if seen is None else (("For the task", _critical_words(seen)),)
     return (
-        ("Posture", joint_values(spread.robot, spread.q)),
+        ("Posture", joint_values(spread.problem, spread.q)),
         ("Tool point", place(spread.position)),
         ("Standard deviations", lengths([float(s) for s in spread.ellipse.semi_axes[::-1]])),
         *task,

@@ -187,10 +187,15 @@ def posture_columns(found: TargetMap) -> dict[str, list[float]]:
     return {f"{name} [{u}]": [s.q[k] * factor for s in found.map_points] for k, (name, u, factor) in enumerate(joints)}
 
 
-def map_csv(columns: Columns, joints: int) -> str:
-    """The table of a map as a file: places to 0.1 µm, joints to 1e-6 deg or mm, the rest to six digits."""
+def map_csv(columns: Columns, joints: int, decimals_of_joints: int = 6) -> str:
+    """The table of a map as a file: places to 0.1 µm, joints to so many decimals of deg or mm, the rest to six."""
     heads = list(columns)
-    decimals = {**dict.fromkeys(heads[:3], 4), "feasible": 0, "listed": 0, **dict.fromkeys(heads[-joints:], 6)}
+    decimals = {
+        **dict.fromkeys(heads[:3], 4),
+        "feasible": 0,
+        "listed": 0,
+        **dict.fromkeys(heads[-joints:], decimals_of_joints),
+    }
     cells = [[_cell(value, decimals.get(head)) for value in columns[head]] for head in heads]
     return "".join(", ".join(row) + "\n" for row in (heads, *zip(*cells, strict=True)))
 
@@ -215,7 +220,7 @@ class TargetMapPresenter(Presenter["TargetMap"]):
             ("Targets", grid_words(found.grid)),
             ("Feasible", served_sentence(found)),
             ("Best target", f"{place(best.position)}: {length(best.sigma_max)} {part} (1 σ)"),
-            ("Its posture", joint_values(found.optimisation_problem.robot, best.q)),
+            ("Its posture", joint_values(found.problem, best.q)),
             ("Worst target", f"{place(found.worst.position)}: {length(found.worst.sigma_max)}"),
         )
         return Summary(f"Map of targets: {found.problem.name or found.optimisation_problem.task.kind}", facts)

@@ -20,7 +20,6 @@ SHARE = 0.01
 """Of the scatter: by how much rounding may move the tool point, every joint rounded to the worse side."""
 UNSTATED = 1e-4
 """m: the scatter that counts where none is stated; rounding then moves the tool point by less than 1 µm."""
-_FLATTEST = 0.1  # of the longest axis: a shorter one counts as so long, for a flat ellipse has one of length zero
 _FINEST = 1e-12  # rad or m: beyond what a controller, or a float of half a turn, can tell
 
 
@@ -58,21 +57,22 @@ def joint_digits(problem: HasScatter, postures: ArrayLike) -> JointDigits:
     """The digits with which rounding moves the tool point by less than `SHARE` of its scatter.
 
     With the columns ``J_j`` of the Jacobian and steps ``h_j``, rounding moves the tool point by at most
-    ``Σ_j |J_j| h_j / 2``; every joint may take the n-th part. The scatter is the shortest half-axis of the ellipsoid of
-    one standard deviation, or a tenth of the longest where that is more.
+    ``Σ_j |J_j| h_j / 2``; where joints turn and slide, each kind may take half. The scatter is the root mean square of
+    the standard deviations along the three axes, ``√(tr C / 3)``.
 
     Args:
         problem: names ``arm`` and ``sources``.
         postures: (N, n) or (n,) [rad or m]; the digits serve for all of them.
     """
-    robot = problem.arm.robot
+    types = [joint.type for joint in problem.arm.robot.joints]
     steps: dict[str, float] = {"revolute": math.radians(1.0), "prismatic": 1e-3}  # at most a whole degree or mm
     for q in np.atleast_2d(np.asarray(postures, dtype=float)):
         reach = np.linalg.norm(np.asarray(problem.arm.jacobian(q), dtype=float)[:3], axis=0)
-        allowed = 2 * SHARE * scatter(problem, q) / robot.n
-        for joint, moved in zip(robot.joints, reach, strict=True):
+        allowed = 2 * SHARE * scatter(problem, q) / len(set(types))
+        for kind in set(types):
+            moved = float(sum(length for length, of in zip(reach, types, strict=True) if of == kind))
             if moved > 0:
-                steps[joint.type] = min(steps[joint.type], allowed / float(moved))
+                steps[kind] = min(steps[kind], allowed / moved)
     return JointDigits(max(steps["revolute"], _FINEST), max(steps["prismatic"], _FINEST))
 
 
@@ -80,5 +80,4 @@ def scatter(problem: HasScatter, q: Array) -> float:
     """The standard deviation of the tool point that rounding is compared with at a posture (n,) [m]."""
     tool_point, values = ToolPoint.of(problem.arm, problem.sources), [float(value) for value in q]
     first = np.asarray(tool_point.pose_first_order(values, tool_point.walk(values)[0]), dtype=float)[:3, :3]
-    axes = np.sqrt(np.clip(np.linalg.eigvalsh(first), 0, None))
-    return float(max(axes[0], _FLATTEST * axes[-1])) or UNSTATED
+    return math.sqrt(max(float(np.trace(first)), 0.0) / 3) or UNSTATED

@@ -107,12 +107,17 @@ class TestText:
         places = [report.index(f"\n{block}\n---") for block in blocks]
         assert places == sorted(places)
 
-    def test_every_joint_is_shown_in_its_unit(self, solved: tuple[Any, Any]) -> None:
+    def test_every_joint_is_shown_in_its_unit_with_digits_to_be_used(self, solved: tuple[Any, Any]) -> None:
         problem, solution = solved
-        report = solution.report()
+        report, shown = solution.report(), []
         for joint, value in zip(problem.robot.joints, solution.q, strict=True):
-            shown = f"{math.degrees(value):.2f} deg" if joint.type == "revolute" else f"{1e3 * value:.2f} mm"
-            assert re.search(rf"^{joint.name} +{re.escape(shown.replace('-0.00', '0.00'))} ", report, re.MULTILINE)
+            unit, factor = ("deg", 180 / math.pi) if joint.type == "revolute" else ("mm", 1e3)
+            found = re.search(rf"^{joint.name} +(-?[0-9.]+) {unit} ", report, re.MULTILINE)
+            assert found is not None
+            assert float(found[1]) == pytest.approx(factor * value, abs=0.02)
+            shown.append(float(found[1]) / factor)
+        moved = np.linalg.norm(solution.spread.position - np.asarray(problem.arm.position(np.array(shown))))
+        assert moved < 0.01 * solution.critical.sigma_max
 
     def test_the_answer_the_odds_and_the_floor_are_those_of_the_solution(self, planar: tuple[Any, Any]) -> None:
         _, solution = planar
