@@ -80,6 +80,8 @@ _DEFINITIONS = [
     "newton = 1000 * gram * meter / second ** 2 = N",
 ]
 
+_UNIT = re.compile(r"(?:[A-Za-z°µμ]+(?:\s*(?:\*\*|\^)\s*-?\d(?!\d))?|[*/()]|\s)+")
+_LONGEST_UNIT = 40
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
 
@@ -112,6 +114,8 @@ def _factor(unit: str, dimension: str) -> float:
     if (unit, dimension) in _COMMON:
         return _COMMON[unit, dimension]
     si, example = DIMENSIONS[dimension]
+    if len(unit) > _LONGEST_UNIT or not _UNIT.fullmatch(unit):  # pint would compute 9**9**9**9
+        raise BadValueError(f"unknown unit '{unit[:_LONGEST_UNIT]}'", f"write for example {example}")
     units = registry()
     # "N m" is how people write a product of units; pint wants an operator between them.
     text = re.sub(r"(?<=[A-Za-z°µμ)\d])\s+(?=[A-Za-z°µμ(])", "*", unit)

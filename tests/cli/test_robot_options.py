@@ -33,7 +33,7 @@ def test_what_a_file_states_is_overridden_and_the_report_says_so() -> None:
     result = invoke(*words)
     assert result.exit_code == 0, result.stderr
     assert "Tool from the command line: 0, 0, 80 mm, in place of the file's." in result.stdout
-    assert "Payload from the command line: 2 kg." in result.stdout
+    assert "Payload from the command line: 2 kg, in place of the file" in result.stdout
     problem = requested_problem("insert_ur10_extended", tool="0, 0, 80 mm", payload="2 kg")
     assert problem.robot.payload == problem.arm.inputs.payload == 2
     former = po.load_problem("problems/insert_ur10_extended.yaml")

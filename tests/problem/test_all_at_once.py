@@ -175,3 +175,9 @@ def test_nothing_is_blamed_for_what_another_section_lacks() -> None:
     with pytest.raises(InputError) as caught:
         po.problem_from_dict(data)
     assert [issue.key for issue in caught.value.issues] == [("robot", "joints", 0, "mass")]
+
+
+@pytest.mark.parametrize("text", ["9**9**9**9 m", "1 m**99999999", "2 m*9**9", "1 " + "m*" * 50 + "m"])
+def test_a_unit_is_a_short_text_of_names_and_never_a_computation(text: str) -> None:
+    with pytest.raises(InputError, match="unknown unit|is not a unit|is not a finite number"):
+        po.problem_from_dict({"robot": {"kind": "preset", "name": "planar_2r", "tool": {"xyz": [text, 0, 0]}}})
