@@ -16,6 +16,7 @@ from posture_opt.compensation.targets import Targets, read_targets
 from posture_opt.errors import NoSolutionError
 from posture_opt.measurements.table import TableLike
 from posture_opt.model.arm import Arm
+from posture_opt.model.stretched import stretched
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.uncertainty.joint_digits import JointDigits, joint_digits
@@ -144,16 +145,27 @@ def _sided(arm: Arm) -> Mask:
 
 def _out_of_reach(found: Compensation, solver: NearestPostures) -> str:
     """A line for each target that the arm does not come to: by how much, and which joints are at their limits."""
-    robot, bad = found.problem.robot, np.flatnonzero(~found.reached)
+    bad = np.flatnonzero(~found.reached)
     places = [f"{found.targets.file}:{found.targets.line[k]}: {_reason(found, k)}" for k in bad[:_LISTED]]
     more = [f"and {len(bad) - _LISTED} more"] if len(bad) > _LISTED else []
-    reach = _FAR * robot.length
-    apart = np.linalg.norm(found.wanted.position[bad], axis=1)
-    hint = (
-        [f"the arm is {robot.length * 1e3:.0f} mm long: is the unit of x, y, z right?"] if (apart > reach).all() else []
-    )
     head = f"{len(bad)} of {len(found)} targets cannot be reached"
-    return "\n".join([head, *places, *more, *hint])
+    return "\n".join([head, *places, *more, *_why_all(found, solver)])
+
+
+def _why_all(found: Compensation, solver: NearestPostures) -> tuple[str, ...]:
+    """Where every target is farther off than the arm is long: another unit, or another frame."""
+    if not solver.beyond(found.wanted).all():
+        return ()
+    robot = found.problem.robot
+    first, longest = stretched(robot)
+    distance = float(np.linalg.norm(found.wanted.position - first, axis=1).min())
+    if distance > _FAR * longest:
+        return (f"the arm stretches to {longest * 1e3:.0f} mm: is the unit of x, y, z right?",)
+    origin = ", ".join(f"{1e3 * float(x):.0f}" for x in first)
+    return (
+        f"the arm stretches to {longest * 1e3:.0f} mm from its first joint, at ({origin}) mm in the world frame of the "
+        'problem file: if the targets are in the frame of the robot, add --base "0, 0, 0"',
+    )
 
 
 def _reason(found: Compensation, k: int) -> str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posture_opt.model.arm import Arm
+from posture_opt.model.stretched import stretched
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.robot.robot import Robot
@@ -25,6 +26,9 @@ _STILL = 1e-11  # rad or m: rounding, where the Jacobian is poor
 _DAMPING = 0.1  # of the squared error (Sugihara 2011)
 _LEAST = 1e-16  # rad² or m²: singular values below 1e-8 move nothing
 _INSIDE = 1e-9  # rad or m: a fit within bounds starts off them
+_DIFFERENCE = 1e-7  # rad or m
+_FITS = 100  # evaluations of a least squares fit; where a pose can be reached it takes 10 to 30
+_FITS_BEYOND = 15  # where none can: a fit only says by how much it fails
 _SAMPLES = 12  # random postures at which freedom is counted
 
 
@@ -38,6 +42,11 @@ class Poses:
     def take(self, rows: Mask) -> Poses:
         """Some of them."""
         return Poses(self.position[rows], None if self.rotation is None else self.rotation[rows])
+
+    def repeated(self, count: int) -> Poses:
+        """The same pose so many times, where there is one."""
+        rotation = None if self.rotation is None else np.repeat(self.rotation, count, axis=0)
+        return Poses(np.repeat(self.position, count, axis=0), rotation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +70,7 @@ class NearestPostures:
         self._arm = Arm(robot)
         self._lower, self._upper = np.array(robot.lower), np.array(robot.upper)
         self.directions: Array = Reach.of(self._arm, (0.0, 0.0, 1.0)).directions
+        self._first, self._stretched = stretched(robot)
         self.turns: int = self._freedom() - self.directions.shape[1]
 
     def misses(self, q: Array, wanted: Poses) -> Misses:
@@ -70,6 +80,18 @@ class NearestPostures:
 
     def solve(self, wanted: Poses, near: Array, start: Array | None = None) -> Array:
         """(N, n) postures at the wanted poses, or as near to them as they come, that lie nearest to ``near`` (N, n)."""
+        q, beyond = self.followed(wanted, near, start), self.beyond(wanted)
+        for row in np.flatnonzero(~self.reached(q, wanted)):
+            one = wanted.take(np.arange(len(q)) == row)
+            q[row] = self._fitted(one, q[row], _FITS_BEYOND if beyond[row] else _FITS)
+        return q
+
+    def beyond(self, wanted: Poses) -> Mask:
+        """(N,) whether tool points are farther from the first joint than the arm is long: no posture gets there."""
+        return np.asarray(np.linalg.norm(wanted.position - self._first, axis=1) > self._stretched)
+
+    def followed(self, wanted: Poses, near: Array, start: Array | None = None) -> Array:
+        """(N, n) where Newton's method ends: at the poses, or anywhere where it does not settle."""
         q = np.clip(near if start is None else start, self._lower, self._upper).copy()
         open_rows = np.ones(len(q), dtype=bool)
         for _ in range(_STEPS):
@@ -80,11 +102,9 @@ class NearestPostures:
             open_rows[np.flatnonzero(open_rows)[longest < _STILL]] = False
             if not open_rows.any():
                 break
-        for row in np.flatnonzero(~self.reached(q, wanted)):
-            q[row] = self._fitted(wanted.take(np.arange(len(q)) == row), near[row])
         return q
 
-    def _fitted(self, one: Poses, near: Array) -> Array:
+    def _fitted(self, one: Poses, near: Array, most: int) -> Array:
         """(n,) the posture that comes nearest to a pose, from the given one on, where Newton's method does not settle.
 
         Beside singular postures its steps jump to and fro; a least squares fit gets there, or shows that nothing does.
@@ -95,8 +115,16 @@ class NearestPostures:
             found = self.misses(q[None], one)
             return np.concatenate([(found.position @ self.directions)[0], found.rotation[0] * self._oriented])
 
+        def slopes(q: Array) -> Array:
+            """All forward differences in one call: one posture costs as much as many."""
+            moved = self.misses(np.vstack([q, q + _DIFFERENCE * np.eye(len(q))]), one.repeated(len(q) + 1))
+            rows = np.hstack([moved.position @ self.directions, moved.rotation * self._oriented])
+            return np.asarray((rows[1:] - rows[0]).T / _DIFFERENCE)
+
         start = np.clip(near, self._lower + _INSIDE, self._upper - _INSIDE)
-        found = least_squares(left, start, bounds=(self._lower, self._upper), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        found = least_squares(
+            left, start, slopes, bounds=(self._lower, self._upper), xtol=1e-15, ftol=1e-15, gtol=1e-12, max_nfev=most
+        )
         return np.asarray(found.x)
 
     @property

@@ -32,7 +32,7 @@ def start_postures(drawn: Robot, chain: NearestPostures, wanted: Poses) -> Array
     for row in range(len(wanted.position)):
         one = wanted.take(np.arange(len(wanted.position)) == row)
         q = chain.solve(one, before[None]) if row else before[None]
-        if not chain.reached(q, one)[0]:
+        if not chain.reached(q, one)[0] and not chain.beyond(one)[0]:
             q = _searched(search, chain, one, before, rng)
         found.append(q[0])
         before = q[0]
@@ -48,10 +48,10 @@ def _searched(
     request = PoseRequest(one.position[0], R[:, 2], R @ spin_axis(_AXIS), np.array([1.0, *[float(oriented)] * 2]))
     led, errors = search.solve(search.random_postures(_STARTS, rng), request)
     led = led[np.argsort(errors, kind="stable")[:_KEPT]]
-    every = Poses(np.repeat(one.position, len(led), axis=0), one.rotation and np.repeat(one.rotation, len(led), axis=0))
-    led = chain.solve(every, np.broadcast_to(before, led.shape), led)
+    every = one.repeated(len(led))
+    led = chain.followed(every, np.broadcast_to(before, led.shape), led)
     left = chain.misses(led, every)
     off = np.linalg.norm(left.position @ chain.directions, axis=1) + np.linalg.norm(left.rotation, axis=1)
     good = off <= off.min() + (_ALIKE if chain.turns < 3 else 1e-6)
     distance = np.where(good, np.abs(led - before).max(axis=1), np.inf)
-    return led[[int(np.argmin(distance))]]
+    return chain.solve(one, before[None], led[[int(np.argmin(distance))]])

@@ -11,7 +11,7 @@ import numpy as np
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.model.arm import Arm
-from posture_opt.model.chain import factor_values, walk
+from posture_opt.model.stretched import stretched
 from posture_opt.numerics import Array
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
@@ -205,15 +205,12 @@ def _far_away(problem: HasTask) -> str:
     assert task is not None
     if task.position is None:
         return ""
-    first = robot.driven[0]
-    reached = walk(robot.factors, factor_values(robot.factors, [0.0] * robot.n))
-    distance = float(np.linalg.norm(np.array(task.position) - np.array(reached.screws[first].origin, dtype=float)))
-    stretched = sum(abs(factor.nominal) for factor in robot.factors[first:] if factor.kind == "translate")
-    stretched += sum(max(abs(j.lower), abs(j.upper)) for j in robot.joints if j.type == "prismatic")
-    if distance <= stretched:
+    first, longest = stretched(robot)
+    distance = float(np.linalg.norm(np.array(task.position) - first))
+    if distance <= longest:
         return ""
     return (
-        f"the target is out of reach: {distance:.2f} m from the first joint, and the arm stretches to {stretched:.2f} m"
+        f"the target is out of reach: {distance:.2f} m from the first joint, and the arm stretches to {longest:.2f} m"
     )
 
 

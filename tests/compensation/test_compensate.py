@@ -216,3 +216,25 @@ def test_postures_beyond_the_limits_are_refused() -> None:
     q[1, 2] = 7.0
     with pytest.raises(InputError, match=r"2: elbow: 7 rad lies beyond its limits"):
         po.compensate(ur10(), table(ur10(), q))
+
+
+def test_targets_of_another_frame_are_told_at_once() -> None:
+    """The mistake after a calibration with a tracker: targets in the robot's frame, a base 2.5 m off in the file."""
+    base = {"xyz": ["2.5 m", "-0.8 m", "0.15 m"], "rpy": ["0 deg", "0 deg", "0 deg"]}
+    problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10", "base": base}})
+    targets = {"x [mm]": [650.0] * 3, "y [mm]": [270.0, 0.0, -100.0], "z [mm]": [230.0] * 3}
+    with pytest.raises(NoSolutionError, match="3 of 3 targets") as failed:
+        po.compensate(problem, targets)
+    assert '--base "0, 0, 0"' in str(failed.value)
+    assert "(2500, -800, 150) mm" in str(failed.value)
+    inside = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}})
+    assert po.compensate(inside, targets).reached.all()
+
+
+def test_oriented_targets_far_from_the_middle_are_searched_for() -> None:
+    problem = po.problem_from_dict({"robot": {"kind": "preset", "name": "ur10"}})
+    quaternion = {"qw": [0.0], "qx": [0.6], "qy": [0.8], "qz": [0.0]}
+    found = po.compensate(problem, {"x [mm]": [-700.0], "y [mm]": [-400.0], "z [mm]": [50.0], **quaternion})
+    T = np.asarray(problem.arm.pose(found.q[0]), dtype=float)
+    assert np.allclose(T[:3, 3], [-0.7, -0.4, 0.05], atol=1e-6)
+    assert np.allclose(T[:3, 2], [0.0, 0.0, -1.0], atol=1e-6)
