@@ -2,39 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
 import posture_opt as po
 from posture_opt.cli.named import PROBLEM
-from posture_opt.cli.options import Common, common_options
+from posture_opt.cli.options import Common, common_options, task_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.request import placed, requested_problem
+from posture_opt.problem.problem import Problem
+from posture_opt.robot import preset_names
 
 
 @click.command("compare")
 @click.argument("problems", nargs=-1, required=True, type=PROBLEM, metavar="A.yaml B.yaml")
+@task_options
 @common_options
-def compare_command(common: Common, problems: Sequence[str]) -> None:
+def compare_command(common: Common, problems: Sequence[str], **given: Any) -> None:
     """The task of the first problem file with the arm of each: postures, spread, probability of success.
 
-    The files state two arms, or two states of knowledge of one arm, as before and after a calibration. Where the joints
-    are the same, each posture is also judged by the other arm: where that one would land with it.
+    The files state two arms, or two states of knowledge of one arm, as before and after a calibration; a preset stands
+    for its arm. Options of the task hold for all. Where the joints are the same, each posture is also judged by the
+    other arm: where that one would land with it.
     """
     if len(problems) < 2:
         raise click.UsageError("Name two problem files, for example: compare before.yaml after.yaml")
     if len(set(problems)) < len(problems):
         raise click.UsageError(f"{problems[0]} is named twice: name two different problem files.")
-    asked = dict(zip(_names(problems), (requested_problem(name, None) for name in problems), strict=True))
+    asked = dict(zip(_names(problems), (_requested(name, given) for name in problems), strict=True))
     first = next(iter(asked.values()))
     with output(common):
         with progress_bar(common, "arms") as progress, placed(first):
             found = po.compare(asked, seed=common.seed, workers=common.workers, progress=progress)
         save_result(common, found)
     show_result(common, found)
+
+
+def _requested(name: str, given: Mapping[str, Any]) -> Problem:
+    """The problem of a file, of a built-in name, or of a preset."""
+    if name in preset_names() and not Path(name).exists():
+        return requested_problem(None, name, **given)
+    return requested_problem(name, **given)
 
 
 def _names(problems: Sequence[str]) -> list[str]:

@@ -43,7 +43,9 @@ def export_command(
     def report() -> str:
         if common.out is None:
             return "\n".join(found.files.values())
-        return "\n".join([f"written to {common.out}: {', '.join(found.files)}", *(f"Note: {n}." for n in found.notes)])
+        return "\n".join(
+            [f"written to {common.out}: {', '.join(found.files)}", *(f"Note: {n.rstrip('.')}." for n in found.notes)]
+        )
 
     show(common, lambda: {"target": to, "files": dict(found.files), "notes": list(found.notes)}, report)
 

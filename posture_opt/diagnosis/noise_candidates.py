@@ -210,11 +210,17 @@ def _summit(values: list[float]) -> float:
     return k + (0.5 * (left - right) / bend if bend < 0 else 0.0)
 
 
-def score_stated_sigma(variance: float, freedom: int, kurtosis: float) -> NoiseCandidate:
-    """Whether the residual variance in units of the stated one is 1; long tails, by their kurtosis, widen the test."""
+def score_stated_sigma(variance: float, freedom: int, kurtosis: float, estimated: int | None = None) -> NoiseCandidate:
+    """Whether the residual variance in units of the stated one is 1; long tails, by their kurtosis, widen the test.
+
+    Args:
+        estimated: degrees of freedom of the stated σ where it is itself an estimate: the logarithm of its square then
+            has the variance ``2/ν`` (JCGM 100:2008, equation E.7), which widens the test too.
+    """
     from scipy.special import erfc
 
-    spread = np.sqrt(max(2 + kurtosis, 0.5) / max(freedom, 1))
+    own = 2 / estimated if estimated else 0.0
+    spread = np.sqrt(max(2 + kurtosis, 0.5) / max(freedom, 1) + own)
     # The logarithm of a variance is nearer to Gaussian than the variance.
     z = float(np.log(max(variance, 1e-300)) / spread)
     factor = float(np.sqrt(variance))

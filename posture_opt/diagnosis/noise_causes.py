@@ -48,7 +48,8 @@ def noise_causes(
         kurtosis = float(np.mean(squares**2) / np.mean(squares) ** 2 - 3)
         # Standardised residuals have their leverage back already.
         variance = float(np.mean(squares)) if whole else float(baseline.rss[0]) / baseline.freedom
-        candidate = score_stated_sigma(variance, baseline.freedom, kurtosis)
+        estimated = None if problem.measurement is None else problem.measurement.degrees_of_freedom
+        candidate = score_stated_sigma(variance, baseline.freedom, kurtosis, estimated)
         if candidate.p_value < levels.NOISE and abs(np.log(candidate.size)) > np.log(levels.STATED_SIGMA_RATIO):
             found.append(NoiseCause(candidate.named(), candidate.estimate, candidate.p_value))
     return found, uneven

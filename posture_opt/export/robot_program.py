@@ -109,7 +109,7 @@ def _arrivals(arm: Arm) -> Iterator[str]:
     for joint in dict.fromkeys(effect.target for effect in arm.effects if "approach" in effect.needs):
         if joint in arm.inputs.stated:
             upwards = arm.inputs.side(arm.robot.joint_names.index(joint)) > 0
-            yield f"{joint} is to arrive {'with growing' if upwards else 'with falling'} values."
+            yield f"{joint} must arrive with {'increasing' if upwards else 'decreasing'} values."
 
 
 def _stops(answer: Answer) -> tuple[str, list[tuple[Array, str]]]:

@@ -54,7 +54,7 @@ def problem_of_measured_robot(
     measured = read_measurements(data, free)
     sigma, freedom = repeated_readings(measured, free.robot)
     if freedom >= ENOUGH:
-        stated["measurement"] = {"position": f"{number(sigma * 1e3, 2)} mm"}
+        stated["measurement"] = {"position": f"{number(sigma * 1e3, 2)} mm", "degrees_of_freedom": freedom}
     problem = problem_from_dict({**document, **({"uncertainty": stated} if stated else {})})
     repeats = _from_repeats(sigma, freedom) if freedom >= ENOUGH else ""
     notes = (*problem.notes, _free(problem.robot), *([f"the {repeats}"] if repeats else []))

@@ -30,7 +30,7 @@ from posture_opt.report.units_text import (
 )
 from posture_opt.report.words import CRITERIA, direction_words, part_words
 from posture_opt.selection.features_solution import PlacementFigure
-from posture_opt.uncertainty.joint_digits import joint_digits
+from posture_opt.uncertainty.joint_digits import READ, joint_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ def _range_words(placement: PlacementRange) -> str:
 
 
 def _postures_block(found: FeaturesSolution) -> Block:
-    joints, digits = found.optimisation_problem.robot.joints, joint_digits(found.problem, found.postures)
+    joints, digits = found.optimisation_problem.robot.joints, joint_digits(found.problem, found.postures, READ)
     unit, factor = length_unit([float(s) for s in found.sigmas])
     odds = [station.success_probability for station in found.stations]
     known = all(p is not None for p in odds)

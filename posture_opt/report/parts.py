@@ -23,7 +23,7 @@ from posture_opt.report.words import (
     source_words,
 )
 from posture_opt.robot.robot import Joint, Robot
-from posture_opt.uncertainty.joint_digits import HasScatter, JointDigits, joint_digits
+from posture_opt.uncertainty.joint_digits import READ, HasScatter, JointDigits, joint_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def sentence(text: str) -> str:
 
 def joint_table(problem: HasScatter, robot: Robot, q: Vector) -> Table:
     """Every joint with its value, to the digits that rounding asks for, its limits and the margin to the nearer one."""
-    digits = joint_digits(problem, q)
+    digits = joint_digits(problem, q, READ)
     rows = [
         (joint.name, _value(joint, value, digits), _limits(joint), _margin(joint, value))
         for joint, value in zip(robot.joints, q, strict=True)
@@ -172,7 +172,7 @@ def _limits(joint: Joint) -> str:
 
 def joint_values(problem: HasScatter, q: Vector) -> str:
     """A posture in one line, to be used as it is: joint1 12.345 deg, joint2 120.00 mm."""
-    digits = joint_digits(problem, q)
+    digits = joint_digits(problem, q, READ)
     joints = problem.arm.robot.joints
     return ", ".join(f"{joint.name} {_value(joint, value, digits)}" for joint, value in zip(joints, q, strict=True))
 

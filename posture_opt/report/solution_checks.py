@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 SMALL_GAIN = 0.05
 """Below this gain over a typical posture at a fixed target, placing the workpiece is what helps."""
+_GOOD_ODDS = 0.99  # of success: below, another posture may have better ones
 _FAR_BELOW = 100.0  # times: a bound that is farther below the answer says nothing about it
 _LENGTHS = ("lower", "upper", "clearance")
 _MEANING = {
@@ -143,6 +144,18 @@ def _sweep(solution: Solution, sweep: Sweep) -> str:
 
 
 def _advice(solution: Solution) -> tuple[str, ...]:
+    return (*_advice_on_criterion(solution), *_advice_on_place(solution))
+
+
+def _advice_on_criterion(solution: Solution) -> tuple[str, ...]:
+    """What is minimised is a standard deviation; the posture with the best odds may be another."""
+    odds, task = solution.success_probability, solution.optimisation_problem.task
+    if odds is None or odds > _GOOD_ODDS or task.criterion != "worst" or task.minimize or task.part:
+        return ()
+    return (f"To maximise the probability of success ({percent(odds)}) instead, add criterion: miss to the task.",)
+
+
+def _advice_on_place(solution: Solution) -> tuple[str, ...]:
     typical = solution.statistics.typical
     if solution.target.kind != "point" or not math.isfinite(typical):
         return ()

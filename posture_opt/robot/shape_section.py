@@ -60,4 +60,13 @@ def shaped(robot: Robot, given: ShapeSpec | None) -> Robot:
     ]
     if issues:
         raise InputError(issues)
-    return replace(robot, shape=tuple(spec.capsule() for spec in given))
+    capsules = tuple(spec.capsule() for spec in given)
+    return replace(robot, shape=capsules, shape_notes=_replaced(robot, capsules))
+
+
+def _replaced(robot: Robot, capsules: tuple[Capsule, ...]) -> tuple[str, ...]:
+    """What of the arm's own shape the given one leaves out."""
+    gone = [joint for joint in dict.fromkeys(c.joint for c in robot.shape) if joint not in {c.joint for c in capsules}]
+    if not gone:
+        return ()
+    return (f"shape replaces the arm's own capsules: nothing of {', '.join(gone)} is checked for collisions",)

@@ -178,7 +178,7 @@ def _same_task(problems: Mapping[str, ComparableProblem]) -> tuple[dict[str, Has
     """The problems with the task of the first, and which of them had another."""
     name, first = next(iter(problems.items()))
     if first.task is None:
-        mend = f"add a task: section to {name}, or name the file with the task first"
+        mend = f"add a task: section to {name}, name the file with the task first, or write --task and --position"
         raise InputError(Issue("there is no task to compare the arms by", ("task",), mend=mend))
     asked: dict[str, HasTask] = {}
     notes = []

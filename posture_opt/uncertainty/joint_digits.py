@@ -18,6 +18,8 @@ from posture_opt.units import fixed
 
 SHARE = 0.01
 """Of the scatter: by how much rounding may move the tool point, every joint rounded to the worse side."""
+READ = 0.1
+"""The same for postures that people read: rounding then adds at most half a percent to the standard deviation."""
 UNSTATED = 1e-4
 """m: the scatter that counts where none is stated; rounding then moves the tool point by less than 1 µm."""
 _FINEST = 1e-12  # rad or m: beyond what a controller, or a float of half a turn, can tell
@@ -53,8 +55,8 @@ class JointDigits:
         return fixed(value / factor, self.decimals(joint, factor))
 
 
-def joint_digits(problem: HasScatter, postures: ArrayLike) -> JointDigits:
-    """The digits with which rounding moves the tool point by less than `SHARE` of its scatter.
+def joint_digits(problem: HasScatter, postures: ArrayLike, share: float = SHARE) -> JointDigits:
+    """The digits with which rounding moves the tool point by less than a ``share`` of its scatter.
 
     With the columns ``J_j`` of the Jacobian and steps ``h_j``, rounding moves the tool point by at most
     ``Σ_j |J_j| h_j / 2``; where joints turn and slide, each kind may take half. The scatter is the root mean square of
@@ -68,7 +70,7 @@ def joint_digits(problem: HasScatter, postures: ArrayLike) -> JointDigits:
     steps: dict[str, float] = {"revolute": math.radians(1.0), "prismatic": 1e-3}  # at most a whole degree or mm
     for q in np.atleast_2d(np.asarray(postures, dtype=float)):
         reach = np.linalg.norm(np.asarray(problem.arm.jacobian(q), dtype=float)[:3], axis=0)
-        allowed = 2 * SHARE * scatter(problem, q) / len(set(types))
+        allowed = 2 * share * scatter(problem, q) / len(set(types))
         for kind in set(types):
             moved = float(sum(length for length, of in zip(reach, types, strict=True) if of == kind))
             if moved > 0:

@@ -32,6 +32,9 @@ class MeasurementSpec(Spec):
 
     position: Length = Field(ge=0, description="of each coordinate of the measured point")
     orientation: Angle | None = Field(None, ge=0, description="of each component of the measured rotation")
+    degrees_of_freedom: int | None = Field(
+        None, ge=1, description="of an estimate of it (GUM, G.3), as from repeats; left out where it is known"
+    )
 
 
 class UncertaintySpec(Spec):

@@ -119,3 +119,12 @@ def test_usage_names_two_files(given):
     with pytest.raises(SystemExit) as ended:
         main(["compare", *given])
     assert ended.value.code == 2
+
+
+def test_presets_are_compared_at_a_task_of_the_command_line(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["compare", "ur5e", "ur10e", "--task", "insert", "--position", "0.4 m, 0.1 m, 0.2 m", "--json"])
+    assert ended.value.code == 0
+    document = json.loads(capsys.readouterr().out)
+    assert set(document["arms"]) == {"ur5e", "ur10e"}
+    assert document["best"] == "ur5e"  # half the reach, and half the repeatability on its data sheet
