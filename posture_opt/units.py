@@ -80,7 +80,7 @@ _DEFINITIONS = [
     "newton = 1000 * gram * meter / second ** 2 = N",
 ]
 
-_UNIT = re.compile(r"(?:[A-Za-z°µμ]+(?:\s*(?:\*\*|\^)\s*-?\d(?!\d))?|[*/()]|\s)+")
+_UNIT = re.compile(r"(?:1\s*(?=/))?(?:[A-Za-z°µμ]+(?:\s*(?:\*\*|\^)\s*-?\d(?!\d))?|[*/()]|\s)+")
 _LONGEST_UNIT = 40
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 

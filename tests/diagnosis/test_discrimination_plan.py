@@ -47,7 +47,7 @@ def diagnosed(folder: Path, rows: np.ndarray) -> tuple[dict[str, Any], str, Path
     folder.mkdir(exist_ok=True)
     write(folder / "data.csv", rows)
     (folder / "problem.yaml").write_text(PROBLEM, encoding="utf-8")
-    words = [folder / "data.csv", "--problem", folder / "problem.yaml", "--out", folder / "out", "--no-plots"]
+    words = [folder / "data.csv", "--problem", folder / "problem.yaml", "--out", folder / "out", "--no-plots", "--full"]
     result = invoke("diagnose", *words)
     assert result.exit_code == 0, result.stderr
     return json.loads((folder / "out" / "diagnosis.json").read_text()), result.stdout, folder / "out"

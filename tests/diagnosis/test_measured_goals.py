@@ -55,7 +55,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray,
 def told(session: tuple[Path, np.ndarray, np.ndarray]) -> tuple[dict[str, Any], str]:
     """diagnosis.json and the text of the report."""
     folder, out = session[0], session[0] / "out"
-    words = [folder / "data.csv", "--problem", folder / "problem.yaml", "--out", out, "--no-plots"]
+    words = [folder / "data.csv", "--problem", folder / "problem.yaml", "--out", out, "--no-plots", "--full"]
     result = invoke("diagnose", *words)
     assert result.exit_code == 0, result.stderr
     return json.loads((out / "diagnosis.json").read_text(encoding="utf-8")), result.stdout

@@ -222,8 +222,8 @@ def test_an_arm_with_parallel_axes_still_holds_its_axis_and_plane() -> None:
     off = planar.arm.points(solution.q)[0] - planar.case.target
     assert np.abs(off[:2]).max() < 5e-4
     assert abs(off[2]) > 2e-5
-    (note,) = [note for note in solution.notes if "leaves its plane" in note]
-    assert float(re.search(r"lie ([\d.]+) mm", note)[1]) == pytest.approx(1e3 * abs(off[2]), rel=0.1)  # type: ignore[index]
+    (note,) = [note for note in solution.notes if "out-of-plane error" in note]
+    assert float(re.search(r"is ([\d.]+) mm", note)[1]) == pytest.approx(1e3 * abs(off[2]), rel=0.1)  # type: ignore[index]
 
 
 def test_a_box_in_the_plane_of_a_skew_arm_is_reached() -> None:
@@ -367,7 +367,7 @@ def test_the_report_tells_both_postures_and_their_errors(commanded: tuple[Path, 
     assert old["miss"][0] == pytest.approx(true_miss[0], abs=4 * new["sigma_max"])
     assert new["critical_error"] < 0.5 * old["critical_error"]
     assert old["success_probability"] < 0.5 < new["success_probability"]
-    assert re.search(r"missed the target by 0\.\d+ mm", block)
+    assert re.search(r"mean error across the direction is 0\.\d+ mm", block)
     assert [line.split()[0] for line in block.splitlines() if re.match(r"j\d ", line)] == ["j1", "j2"]
     quiet = run("calibrate", folder / "data.csv", "--problem", folder / "problem.yaml", "--no-plan", "--full")
     assert "Comparison of plans" not in quiet.stdout

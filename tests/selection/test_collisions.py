@@ -87,7 +87,7 @@ def test_what_was_checked_is_told() -> None:
     cell = problem_in_cell("ur10", TABLE, LAMP, position=["0.6 m", "0.2 m", "0.2 m"])
     told = " ".join(po.select_posture(cell).report().split())
     assert "checked against table, lamp" in told
-    assert "at least 20 mm is kept" in told
+    assert "minimum distance 20 mm" in told
     assert "Clearance" in told
     off = problem_from_dict({**cell.to_dict(), "cell": "none"})
     solution = po.select_posture(off)
