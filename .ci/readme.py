@@ -30,6 +30,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(
     r"(?:<!-- (?P<mark>[^\n]+?) -->\n)?^```(?P<language>\w*)\n(?P<code>.*?)^```$", re.DOTALL | re.MULTILINE
@@ -117,7 +118,7 @@ def run_page(page: Page, write: bool) -> tuple[str, Page, float]:
                     now = shown_now(block, printed, here)
                     if now != block.code and write:
                         changes.append((block, now))
-                    elif now != block.code:
+                    elif not alike(now, block.code):
                         lines = block.code.splitlines(), now.splitlines()
                         diff = difflib.unified_diff(*lines, "shown", "printed", lineterm="")
                         problems.append("\n".join([f"[{block.mark}] is stale:", *diff]))
@@ -127,6 +128,22 @@ def run_page(page: Page, write: bool) -> tuple[str, Page, float]:
                 told = f"{error}\n{getattr(error, 'stdout', '') or ''}{getattr(error, 'stderr', '') or ''}"
                 problems.append(f"```{block.language} {block.mark}\n{block.code}```\n{told}")
     return "\n\n".join(problems), page.with_code(changes), time.perf_counter() - began
+
+
+def alike(one: str, other: str) -> bool:
+    """Whether texts agree but for spaces, rules of tables, and the last digits that another processor rounds anew."""
+    texts = [re.sub(r"-{2,}", "--", " ".join(text.split())) for text in (one, other)]
+    if NUMBER.sub("#", texts[0]) != NUMBER.sub("#", texts[1]):
+        return False
+    return all(close(a, b) for a, b in zip(*map(NUMBER.findall, texts), strict=True))
+
+
+def close(a: str, b: str) -> bool:
+    """Whether numbers differ by a thousandth at most, or by two of the last decimal; whole ones are to be the same."""
+    if "." not in a + b:
+        return a == b
+    decimals = min(len(text.partition(".")[2]) for text in (a, b))
+    return abs(float(a) - float(b)) <= max(1e-3 * abs(float(a)), 2.01 * 10.0**-decimals * (decimals > 0))
 
 
 def act(block: Block, here: Path) -> str:
