@@ -139,11 +139,11 @@ def alike(one: str, other: str) -> bool:
 
 
 def close(a: str, b: str) -> bool:
-    """Whether numbers differ by a thousandth at most, or by two of the last decimal; whole ones are to be the same."""
+    """Whether numbers differ by a thousandth at most, or by one of the last decimal; whole ones are to be the same."""
     if "." not in a + b:
         return a == b
     decimals = min(len(text.partition(".")[2]) for text in (a, b))
-    return abs(float(a) - float(b)) <= max(1e-3 * abs(float(a)), 2.01 * 10.0**-decimals * (decimals > 0))
+    return abs(float(a) - float(b)) <= max(1e-3 * abs(float(a)), 1.01 * 10.0**-decimals * (decimals > 0))
 
 
 def act(block: Block, here: Path) -> str:

@@ -181,7 +181,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         named = [finding_words(f, self.problem) for f in found.effects]
         more = f"; and {len(named) - _MOST_NAMES} more" if len(named) > _MOST_NAMES else ""
         facts = (
-            ("Verdict", found.verdict),
+            ("Verdict", found.verdict.replace("_", " ")),
             ("Causes", "; ".join(named[:_MOST_NAMES]) + more or "none"),
             ("RMS error", f"{errors} (held out)"),
         )
