@@ -114,10 +114,10 @@ class TestText:
             unit, factor = ("deg", 180 / math.pi) if joint.type == "revolute" else ("mm", 1e3)
             found = re.search(rf"^{joint.name} +(-?[0-9.]+) {unit} ", report, re.MULTILINE)
             assert found is not None
-            assert float(found[1]) == pytest.approx(factor * value, abs=0.02)
+            assert float(found[1]) == pytest.approx(factor * value, abs=0.06)  # a decimal at least
             shown.append(float(found[1]) / factor)
         moved = np.linalg.norm(solution.spread.position - np.asarray(problem.arm.position(np.array(shown))))
-        assert moved < 0.01 * solution.critical.sigma_max
+        assert moved < 0.1 * solution.critical.sigma_max  # what people read; programs have a digit more
 
     def test_the_answer_the_odds_and_the_floor_are_those_of_the_solution(self, planar: tuple[Any, Any]) -> None:
         _, solution = planar
