@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -154,7 +154,7 @@ class CompensationPresenter(Presenter["Compensation"]):
     """Compensated targets."""
 
     document = "compensation"
-    delivers = ("compensated.csv",)
+    delivers: ClassVar[tuple[str, ...]] = ("compensated.csv",)
 
     def summary(self) -> Summary:
         found = self.result
