@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -18,6 +19,13 @@ def _version(package: str) -> str:
     try:
         return version(package)
     except PackageNotFoundError:
+        return _run_from_source(package)
+
+
+def _run_from_source(package: str) -> str:
+    try:
+        return str(import_module(package).__version__)
+    except ImportError:
         return "not installed"
 
 
@@ -28,3 +36,13 @@ def _processor() -> str:
             if line.startswith("model name"):
                 return line.split(":", 1)[1].strip()
     return platform.processor() or platform.machine()
+
+
+def load() -> str:
+    """How busy the machine was in the last minute, in words."""
+    try:
+        busy = os.getloadavg()[0]
+    except OSError:
+        return "load unknown"
+    idle = os.cpu_count() or 1
+    return f"load {busy:.1f} on {idle} cores before it began" + ("" if busy < 0.5 else ", so times are too long")
