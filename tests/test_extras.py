@@ -22,12 +22,24 @@ TEXT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 PROJECT = tomllib.loads(TEXT)["project"]
 CORE: list[str] = PROJECT["dependencies"]
 EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
-HEAVY = {"pandas", "plotly", "trimesh", "jupyterlab", "sphinx", "ipykernel", "selenium", "pin", "torch", "sympy"}
+HEAVY = {
+    "pandas",
+    "distributed",
+    "plotly",
+    "trimesh",
+    "jupyterlab",
+    "sphinx",
+    "ipykernel",
+    "selenium",
+    "pin",
+    "torch",
+    "sympy",
+}
 MOST_PACKAGES = 30  # that a bare installation brings; 25 on the day this was written
 
 WITHOUT = """
 import sys
-for name in ("pandas", "plotly", "trimesh", "IPython", "selenium", "pinocchio"):
+for name in ("pandas", "plotly", "trimesh", "distributed", "IPython", "selenium", "pinocchio"):
     sys.modules[name] = None  # importing it fails, as where it is not installed
 import posture_opt as po
 from tempfile import TemporaryDirectory
@@ -66,7 +78,7 @@ def test_the_core_is_small_and_brings_nothing_heavy() -> None:
 
 def test_every_dependency_of_users_has_its_reason() -> None:
     reasons = dict(re.findall(r'^ *"([^"\n]+)",? *# (.+)$', TEXT, flags=re.MULTILINE))
-    asked = [*CORE, *(r for extra in ("viewer", "mesh", "notebook", "docs") for r in EXTRAS[extra])]
+    asked = [*CORE, *(r for extra in ("viewer", "mesh", "notebook", "cluster", "docs") for r in EXTRAS[extra])]
     assert [requirement for requirement in asked if requirement not in reasons] == []
 
 
@@ -108,8 +120,9 @@ MODULES = {
     "viewer": ("plotly",),
     "mesh": ("trimesh",),
     "notebook": ("jupyterlab", "pandas"),
+    "cluster": ("distributed",),  # tests/workers
     "docs": ("sphinx", "furo", "myst_nb", "sphinx_gallery"),  # the site, and the notebooks in it: `.ci/run`
-    "test": ("pytest", "xdist", "pinocchio", "coal", "selenium", "pandas", "plotly"),
+    "test": ("pytest", "xdist", "pinocchio", "coal", "selenium", "pandas", "plotly", "distributed"),
     "bench": ("roboticstoolbox", "pydrake", "eaik", "pinocchio"),  # benchmarks/README.md
 }
 

@@ -44,6 +44,7 @@ LAZY = {
     "": "public names are imported when they are first used",
     "cli": "a command, when it is called",
     "result": "how a result is told, when it is first looked at",
+    "workers": "Dask, when a scheduler is asked for",
     "report": "figures, when one is drawn, and pandas, when a table is asked for",
 }
 """Where modules may be imported by name, and what for."""

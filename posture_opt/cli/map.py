@@ -14,6 +14,7 @@ from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.quantities import corner
 from posture_opt.cli.request import placed, requested_problem
+from posture_opt.cli.scheduler import scheduler_option, working
 from posture_opt.errors import InputError, Issue
 from posture_opt.problem.problem import Problem
 
@@ -38,18 +39,20 @@ from posture_opt.problem.problem import Problem
 @click.option("--min", "low", metavar="TEXT", help='Lower corner of the box of targets: "0.3 m, -0.2 m, 0.1 m".')
 @click.option("--max", "high", metavar="TEXT", help="Its upper corner.")
 @click.option("--plane", type=click.Choice(["xy", "xz", "yz"]), help="Plane of the map; else across the direction.")
+@scheduler_option
 @common_options
 def map_command(
     common: Common, quantity: str, data: Path | None, grid: str | None, low: str | None, high: str | None, plane: Any,
-    **given: Any,
+    scheduler: str | None, **given: Any,
 ) -> None:  # fmt: skip
     """The best posture and its spread, or the arm's accuracy, over a grid of targets."""
     if data is not None and quantity != "accuracy":
         raise click.UsageError("--data goes with --quantity accuracy.")
-    where = {**_where(grid, low, high), "plane": plane, "seed": common.seed, "workers": common.workers}
+    where = {**_where(grid, low, high), "plane": plane, "seed": common.seed}
     problem = requested_problem(**given)
     with output(common), placed(problem):
-        found = _mapped(problem, quantity, data, common, where)
+        with working(common, scheduler) as workers:
+            found = _mapped(problem, quantity, data, common, {**where, "executor": workers})
         save_result(common, found)
     show_result(common, found)
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -75,6 +77,13 @@ class Engine:
         """What another process builds the same engine from."""
         # A fresh copy, without the symbols that the optimisation problem has cached.
         return replace(self.optimisation_problem), self.solver, self.compiled
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return engine_of, (self._packed,)
+
+    @cached_property
+    def _packed(self) -> bytes:
+        return pickle.dumps(self.recipe)
 
     @cached_property
     def ik(self) -> InverseKinematics:
@@ -221,6 +230,12 @@ class Engine:
         robot = self.robot
         turns = np.array([2 * np.pi * (joint.type == "revolute") for joint in robot.joints])
         return np.array(robot.lower), np.array(robot.upper), turns, list(self.optimisation_problem.nlp.indifferent)
+
+
+@lru_cache(maxsize=4)
+def engine_of(packed: bytes) -> Engine:
+    """The engine of a pickled recipe, built once in a process that gets it again and again."""
+    return Engine.build(pickle.loads(packed))
 
 
 def _better(end: CandidatePosture, start: CandidatePosture) -> bool:

@@ -8,11 +8,12 @@ import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.selection.engine import Engine
+from posture_opt.selection.map_candidate import MapCandidate
 from posture_opt.selection.map_neighbours import Neighbourhood, Pairs
-from posture_opt.selection.map_points import MapCandidate
 from posture_opt.selection.map_search import best_candidates
 from posture_opt.selection.search_outcome import is_clear
 from posture_opt.selection.task_target import TaskTarget
+from posture_opt.workers import Workers
 
 
 def clear_candidates(
@@ -21,9 +22,9 @@ def clear_candidates(
     targets: Sequence[TaskTarget],
     candidates: Sequence[MapCandidate],
     pairs: Sequence[Pairs],
+    workers: Workers,
     *,
     seed: int,
-    workers: int = 1,
 ) -> list[MapCandidate]:
     """The candidates of the targets, those replaced that collide; the others are the best of all and stay.
 
@@ -40,7 +41,7 @@ def clear_candidates(
     engines = [guarded(target) for target in work]
     arm = engines[0].optimisation_problem.arm
     neighbourhood = Neighbourhood.of(arm, work[0].direction, points, among(pairs, again))
-    better, _ = best_candidates(engines, work, neighbourhood, seed=seed, workers=workers)
+    better, _ = best_candidates(engines, work, neighbourhood, workers, seed=seed)
     for k, candidate in zip(again, better, strict=True):
         found[k] = candidate
     return found

@@ -3,48 +3,34 @@
 The best posture jumps from one branch to another somewhere between two neighbours. So wherever a neighbour's posture,
 led here by inverse kinematics, is another one than that of the target, the solver decides between both: a branch that
 random starts missed spreads over all targets where it is the best one.
+
+The exchange goes in rounds: in each, every target sees what its neighbours had at the end of the round before.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import chain, islice
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.selection.engine import CandidatePosture, Engine
+from posture_opt.selection.engine import Engine
+from posture_opt.selection.map_candidate import MapCandidate
 from posture_opt.selection.map_neighbours import Neighbourhood, Pairs
-from posture_opt.selection.map_points import MapCandidate
-from posture_opt.selection.map_starts import best_among, better_of, by_engine, freedom, is_near, out_of_plane
-from posture_opt.selection.multistart import distinct, rank
-from posture_opt.selection.pose_request import PoseRequest
+from posture_opt.selection.map_rounds import CHUNK, worked_on
+from posture_opt.selection.map_trials import BEND, BETTER, NeighbourStarts, Trial, gain, take_over, try_all, try_around
 from posture_opt.selection.task_target import TaskTarget
+from posture_opt.workers import Workers
 
-BETTER = 1e-4
-"""Of the objective: what is no difference."""
-
-_CHUNK = 256  # targets whose postures are led at once
-_AROUND = 24  # starts about each neighbour's posture, for a target without one
-_STRAY = 0.2  # rad, or of a slide's stroke: how far from it
-_WORTH = 0.25  # of the objective: a neighbour's posture that lies so far above the best one known is not polished
-_BEND = 40.0  # of the objective, over (distance / reach)²: what a posture led so far falls short of its optimum,
-_SEEN = 60  # until so many were polished; then at most twice the largest that was seen
-_NEAR = 0.05  # of the objective: the same, where it can be no more than equally good
-_TURNED = 1e-4  # (distance / reach)²: below it a posture was turned rather than led
-_OTHERS = 1  # polished of a target in all that do not promise to be better as they are
+_SEEN = 60  # bends, from which on a posture falls short of its optimum by at most twice the largest of them
+_FIRST = 8 * CHUNK  # targets that are tried before that is asked for the first time
 _SAME = 0.1  # rad or m: a start so near to an optimum leads to it
-_MOST = 4  # polished of a target at once
 
-
-@dataclass(frozen=True)
-class LedPosture:
-    """A neighbour's posture led here, and the square of how far, as a part of the reach."""
-
-    posture: CandidatePosture
-    square: float
+Starts = dict[int, list[tuple[int, Array]]]
+"""Target -> neighbours with their postures, joint 1 moved."""
 
 
 @dataclass(frozen=True)
@@ -58,110 +44,62 @@ class NeighbourExchange:
     engines: Sequence[Engine]
     targets: Sequence[TaskTarget]
     neighbourhood: Neighbourhood
+    workers: Workers
+    seed: int
     candidates: list[MapCandidate]
     tried: dict[int, list[Array]] = field(default_factory=dict)
     lost: dict[int, list[Array]] = field(default_factory=dict)
     bends: list[float] = field(default_factory=list)
-    requests: dict[int, PoseRequest] = field(default_factory=dict)
 
-    def spread(self, fresh: set[int], rng: np.random.Generator) -> None:
+    def spread(self, fresh: set[int]) -> None:
         """Exchange postures, those of ``fresh`` targets first, until no target becomes better."""
+        rounds = 0
         while fresh:
             learnt = [self._learn(fresh, pairs) for pairs in (self.neighbourhood.on_grid, self.neighbourhood.turned)]
-            fresh = set().union(*learnt) | self._try_around(fresh, rng)
+            fresh = set().union(*learnt) | self._try_around(fresh, rounds)
+            rounds += 1
 
     def excess(self) -> Array:
         """(N,) by what share the objective of each target lies above what its neighbours let expect; −inf for none."""
         best = [(c.best.objective * c.scale) if c.best is not None else math.nan for c in self.candidates]
         return self.neighbourhood.excess(np.array(best))
 
-    def keep_better(self, k: int, candidate: MapCandidate) -> bool:
-        """Take over what another search found for target k; whether it is better than what was known."""
-        before = self.candidates[k]
-        self.candidates[k] = better_of(self.engines[k], self.targets[k], before, candidate)
-        after = self.candidates[k].best
-        return after is not None and (before.best is None or _gain(after, before.best) > BETTER)
-
     def _learn(self, fresh: set[int], pairs: Sequence[Pairs]) -> set[int]:
         """Try the postures of ``fresh`` neighbours; the targets that became better."""
-        led: dict[int, list[LedPosture]] = {}
-        for pair in pairs:
-            starts = {k: (j, q) for k, j, q in self._known(fresh, pair) if not self._same(k, q)}
-            for k, posture in self._carried_over({k: q for k, (_, q) in starts.items()}):
-                led.setdefault(k, []).append(LedPosture(posture, self._square(starts[k][0], k)))
+        starts = self._starts(fresh, pairs, others=True)
         # In a random order, so that what falls short is soon seen all over the map.
-        order = np.random.default_rng(0).permutation(list(led)).tolist()
-        return {k for k in order if self._try_all(k, led[k])}
+        order = np.random.default_rng(0).permutation(list(starts)).tolist()
+        return self._try_all(order[:_FIRST], starts) | self._try_all(order[_FIRST:], starts)
 
-    def _try_all(self, k: int, postures: Sequence[LedPosture]) -> bool:
-        """Polish those postures that may become the best one of target k, best first; whether it became better."""
-        better = False
-        for led in islice(self._worth_trying(k, sorted(postures, key=lambda led: rank(led.posture))), _MOST):
-            own = self.candidates[k].best
-            gain = self._try(k, led.posture)
-            if own is not None and math.isfinite(gain):
-                self.bends.append((gain - _gain(led.posture, own)) / max(led.square, _TURNED))
-            better |= gain > BETTER
+    def _try_all(self, indices: Sequence[int], starts: Starts) -> set[int]:
+        bend = min(BEND, 2 * max(self.bends)) if len(self.bends) >= _SEEN else BEND
+
+        def item(chunk: Sequence[int]) -> list[NeighbourStarts]:
+            return [self._beside(k, starts[k], tried=self.tried.get(k, ()), bend=bend) for k in chunk]
+
+        better = set()
+        for k, row in worked_on(self.workers, try_all, self.engines, indices, item):
+            trial = Trial.unpacked(row)
+            self.candidates[k] = trial.candidate
+            if trial.tried:
+                self.tried[k] = trial.tried
+            if trial.lost:
+                self.lost.setdefault(k, []).extend(trial.lost)
+            self.bends.extend(trial.bends)
+            better |= {k} if trial.better else set()
         return better
 
-    def _worth_trying(self, k: int, postures: Sequence[LedPosture]) -> Iterable[LedPosture]:
-        """They are decided one by one, as better ones are found."""
-        for led in postures:
-            own, posture = self.candidates[k].best, led.posture
-            if own is None:
-                yield led
-                continue
-            gain = _gain(posture, own)
-            short = min(self._bend(k) * led.square, _WORTH)
-            tried = self.tried.get(k, [])
-            other = gain + short > BETTER and len(tried) < _OTHERS
-            other = other and not is_near(self.engines[k], posture.q, [own.q, *tried])
-            if posture.feasible and (gain > BETTER or other):
-                yield led
-
-    def _bend(self, k: int) -> float:
-        if freedom(self.engines[k], self.targets[k]) <= 0:
-            return 0.0
-        return min(_BEND, 2 * max(self.bends)) if len(self.bends) >= _SEEN else _BEND
-
-    def _square(self, there: int, here: int) -> float:
-        """Of the distance that a posture is led over, as a part of the reach."""
-        reach = self.engines[here].optimisation_problem.reach.radius
-        return (self.neighbourhood.distance(there, here) / reach) ** 2
-
-    def _try(self, k: int, posture: CandidatePosture) -> float:
-        """Polish a posture at target k and keep it where it is better; what that gains, as a share."""
-        engine, target = self.engines[k], self.targets[k]
-        known, scale = self.candidates[k].best, self.candidates[k].scale
-        if math.isnan(scale):  # no start had reached this target
-            scale = engine.scale_of(np.asarray(engine.screen(posture.q[None], target.parameters)[2][:, 0]))
-            posture = engine.candidates(posture.q[None], replace(target, scale=scale))[0]
-        self.tried.setdefault(k, []).append(posture.q)
-        end = engine.polished(posture, replace(target, scale=scale))
-        gain = -math.inf if not end.feasible else math.inf if known is None else _gain(end, known)
-        if gain < -BETTER:
-            self.lost.setdefault(k, []).append(posture.q)
-        if gain > 0:
-            self.candidates[k] = MapCandidate("feasible", end, scale)
-        return gain
-
-    def _try_around(self, fresh: set[int], rng: np.random.Generator) -> set[int]:
+    def _try_around(self, fresh: set[int], rounds: int) -> set[int]:
         """Look for postures of targets without one about those of ``fresh`` neighbours; those that have one now."""
-        starts: dict[int, list[Array]] = {}
-        for k, _, q in chain.from_iterable(self._known(fresh, pair) for pair in self.neighbourhood.pairs):
-            if self.candidates[k].best is None:
-                starts.setdefault(k, []).append(_about(self.engines[k], q, rng))
+        starts = self._starts(fresh, self.neighbourhood.pairs, empty=True)
+
+        def item(chunk: Sequence[int]) -> list[NeighbourStarts]:
+            return [self._beside(k, starts[k], seed=(self.seed, rounds, k)) for k in chunk]
+
         found = set()
-        for engine, indices in by_engine(self.engines, starts):
-            mine = [k for k in indices if not out_of_plane(engine, self.targets[k])]
-            if not mine:
-                continue
-            Q = [np.vstack(starts[k]) for k in mine]
-            requests = [engine.request(self.targets[k], len(q), rng) for k, q in zip(mine, Q, strict=True)]
-            for k, reached in zip(mine, engine.ik.reached(Q, requests), strict=True):
-                if len(reached):
-                    self.candidates[k] = best_among(engine, self.targets[k], reached)
-                    found |= {k} if self.candidates[k].best is not None else set()
+        for k, row in worked_on(self.workers, try_around, self.engines, list(starts), item):
+            self.candidates[k] = MapCandidate.unpacked(row)
+            found |= {k} if self.candidates[k].best is not None else set()
         return found
 
     def agree(self) -> None:
@@ -171,8 +109,10 @@ class NeighbourExchange:
         """
         known = {k: candidate.best for k, candidate in enumerate(self.candidates) if candidate.best is not None}
         beside: dict[int, list[int]] = {}
-        for k, j, _ in chain.from_iterable(self._known(set(known), pair) for pair in self.neighbourhood.on_grid):
-            beside.setdefault(j, []).append(k)
+        for here, there in self.neighbourhood.on_grid:
+            for k, j in zip(here.tolist(), there.tolist(), strict=True):
+                if k in known and j in known and self.engines[j] is self.engines[k]:
+                    beside.setdefault(j, []).append(k)
         while known:
             front = [min(known, key=lambda k: known[k].sigma)]
             while front:
@@ -184,67 +124,54 @@ class NeighbourExchange:
 
     def _take_over(self, pairs: dict[int, int]) -> None:
         """At each first target the posture of the second one, where it is another one and as good."""
-        pair = np.array(list(pairs)), np.array(list(pairs.values()))
-        postures = {k: q for k, _, q in self._known(set(pairs.values()), pair)} if pairs else {}
-        for k, posture in self._carried_over(postures):
-            engine, own = self.engines[k], self.candidates[k].best
-            assert own is not None
-            alike = len(distinct(np.array([own.q, posture.q]), engine.robot)) == 1
-            if alike or _gain(posture, own) < -_NEAR or is_near(engine, posture.q, self.lost.get(k, [])):
-                continue
-            end = engine.polished(posture, replace(self.targets[k], scale=self.candidates[k].scale))
-            if end.feasible and (end.optimal or not own.optimal) and _gain(end, own) > -BETTER:
-                self.candidates[k] = MapCandidate("feasible", end, self.candidates[k].scale)
+        if not pairs:
+            return
+        starts = self._starts(
+            set(pairs.values()), [(np.array(list(pairs)), np.array(list(pairs.values())))], others=True
+        )
 
-    def _known(self, fresh: set[int], pair: Pairs) -> Iterable[tuple[int, int, Array]]:
-        """Target, neighbour, and the neighbour's posture with joint 1 moved: those that one engine solves."""
-        both = zip(pair[0].tolist(), pair[1].tolist(), strict=True)
-        chosen = [(k, j) for k, j in both if j in fresh and self.engines[j] is self.engines[k]]
-        known = [(k, j, best.q) for k, j in chosen if (best := self.candidates[j].best) is not None]
-        if known:
-            here, there = (np.array([row[side] for row in known]) for side in (0, 1))
-            moved = self.neighbourhood.carried(np.array([q for _, _, q in known]), there, here)
-            yield from zip(here.tolist(), there.tolist(), moved, strict=True)
+        def item(chunk: Sequence[int]) -> list[NeighbourStarts]:
+            return [self._beside(k, starts[k], tried=self.lost.get(k, ())) for k in chunk]
 
-    def _same(self, k: int, q: Array) -> bool:
-        """Whether a posture can lead to nothing but the one that target k has."""
-        own = self.candidates[k].best
-        return own is not None and float(np.max(np.abs(own.q - q))) < _SAME
+        for k, row in worked_on(self.workers, take_over, self.engines, list(starts), item):
+            self.candidates[k] = MapCandidate.unpacked(row)
 
-    def _carried_over(self, starts: dict[int, Array]) -> Iterable[tuple[int, CandidatePosture]]:
-        """Postures (n,) moved onto target k, where they arrive: where a tilt is allowed, with and without their own."""
-        for engine, indices in by_engine(self.engines, starts):
-            for i in range(0, len(indices), _CHUNK):
-                mine = indices[i : i + _CHUNK]
-                requests = [self._request(k) for k in mine]
-                Q = [np.tile(starts[k], (1 + (self.targets[k].tilt > 0), 1)) for k in mine]
-                arrived = zip(mine, engine.ik.reached(Q, requests), strict=True)
-                rows = [(k, q) for k, led in arrived for q in led]
-                if rows:
-                    parameters = [replace(self.targets[k], scale=self._known_scale(k)).parameters for k, _ in rows]
-                    moved = engine.screened(np.array([q for _, q in rows]), np.array(parameters))
-                    yield from zip([k for k, _ in rows], moved, strict=True)
+    def _starts(self, fresh: set[int], pairs: Sequence[Pairs], *, others: bool = False, empty: bool = False) -> Starts:
+        """Of each target the neighbours that are ``fresh``, with their postures, joint 1 moved: those of its engine.
 
-    def _request(self, k: int) -> PoseRequest:
-        if k not in self.requests:
-            count = 1 + (self.targets[k].tilt > 0)
-            self.requests[k] = self.engines[k].request(self.targets[k], count, np.random.default_rng(0))
-        return self.requests[k]
+        Args:
+            others: only postures that can lead to another one than that of the target.
+            empty: only targets without a posture.
+        """
+        best = [candidate.best for candidate in self.candidates]
+        new = np.array([k in fresh and one is not None for k, one in enumerate(best)])
+        nothing = np.full(self.engines[0].robot.n, np.nan)
+        Q = np.array([nothing if one is None else one.q for one in best])
+        engine = np.array([id(one) for one in self.engines])
+        starts: Starts = {}
+        for here, there in pairs:
+            chosen = new[there] & (engine[here] == engine[there])
+            if empty:
+                chosen &= np.isnan(Q[here, 0])
+            k, j = here[chosen], there[chosen]
+            moved = self.neighbourhood.carried(Q[j], j, k) if len(k) else Q[:0]
+            kept = self._apart(Q[k], moved) if others else np.ones(len(k), dtype=bool)
+            for one, other, q in zip(k[kept].tolist(), j[kept].tolist(), moved[kept], strict=True):
+                starts.setdefault(one, []).append((other, q))
+        return starts
 
-    def _known_scale(self, k: int) -> float:
-        scale = self.candidates[k].scale
-        return 1.0 if math.isnan(scale) else scale
+    @staticmethod
+    def _apart(Q: Array, moved: Array) -> Any:
+        """(M,) whether a posture can lead to anything but the one that its target has, if any."""
+        return ~(np.max(np.abs(Q - moved), axis=1, initial=0.0) < _SAME)
+
+    def _beside(self, k: int, starts: Sequence[tuple[int, Array]], **more: Any) -> NeighbourStarts:
+        reach = self.engines[k].optimisation_problem.reach.radius
+        squares = [(self.neighbourhood.distance(j, k) / reach) ** 2 for j, _ in starts]
+        return NeighbourStarts(self.targets[k], self.candidates[k], np.array([q for _, q in starts]), squares, **more)
 
 
-def _about(engine: Engine, q: Array, rng: np.random.Generator) -> Array:
-    """(M, n) postures within the limits about one (n,)."""
-    robot = engine.robot
-    lower, upper = np.array(robot.lower), np.array(robot.upper)
-    slides = np.array([joint.type == "prismatic" for joint in robot.joints])
-    stray = _STRAY * np.where(slides, upper - lower, 1.0)
-    return np.asarray(np.clip(q + stray * rng.normal(size=(_AROUND, len(q))), lower, upper))
-
-
-def _gain(posture: CandidatePosture, known: CandidatePosture) -> float:
-    """By what share of the objective a posture is better."""
-    return (known.objective - posture.objective) / max(abs(known.objective), 1e-9)
+def is_better(candidate: MapCandidate, known: MapCandidate) -> bool:
+    """Whether a candidate is better than the known one, by more than nothing."""
+    best, before = candidate.best, known.best
+    return best is not None and (before is None or gain(best, before) > BETTER)

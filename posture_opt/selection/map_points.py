@@ -6,13 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, finite_or_none
 from posture_opt.selection.end_moments import end_moments, success_with_peg
-from posture_opt.selection.engine import CandidatePosture
+from posture_opt.selection.engine import Engine
+from posture_opt.selection.map_candidate import Fate, MapCandidate
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.solution import critical_basis
 from posture_opt.selection.task_target import TaskTarget
@@ -108,18 +109,7 @@ def along_world_axes(axes: Array) -> bool:
     return bool(np.all(np.max(np.abs(axes), axis=1) > 1 - ALIGNED))
 
 
-Fate = Literal["feasible", "not reached", "requirement not met"]
-
 _CENTRAL = 0.01  # of σ: a smaller shift of the mean moves a radius by 1e-4 of it
-
-
-@dataclass(frozen=True)
-class MapCandidate:
-    """What was found for one target: a posture, or why there is none."""
-
-    fate: Fate
-    best: CandidatePosture | None
-    scale: float
 
 
 @dataclass(frozen=True)
@@ -176,6 +166,18 @@ class MapPoint:
         """Whether there is a posture."""
         return self.fate == "feasible"
 
+    def packed(self) -> list[Any]:
+        """Numbers and text, to be sent."""
+        numbers = (self.q, self.covariance.ravel(), self.bias)
+        rest = (self.sigma_max, self.sigma_along, self.radius95, self.success_probability)
+        return [self.fate, self.optimal, *(array.tolist() for array in numbers), *map(float, rest)]
+
+    @classmethod
+    def unpacked(cls, position: Array, row: list[Any]) -> MapPoint:
+        """The one at ``position`` (3,) [m] that was packed."""
+        fate, optimal, q, covariance, bias, *rest = row
+        return cls(position, fate, optimal, np.array(q), np.reshape(covariance, (3, 3)), np.array(bias), *rest)
+
     def to_json(self, joints: tuple[str, ...]) -> dict[str, Any]:
         """SI units; what is not known is null."""
         return {
@@ -189,6 +191,11 @@ class MapPoint:
             "success_probability": finite_or_none(self.success_probability),
             "posture": dict(zip(joints, map(float, self.q), strict=True)) if self.feasible else None,
         }
+
+
+def packed_points(engine: Engine, item: tuple[Sequence[TaskTarget], Sequence[MapCandidate]]) -> list[list[Any]]:
+    """Targets with what was found there, as packed points: a part of the work."""
+    return [map_point.packed() for map_point in map_points_of(engine.optimisation_problem, *item)]
 
 
 def map_points_of(

@@ -9,24 +9,22 @@ out from its neighbours is searched again with many more starts.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from posture_opt.numerics import Progress
-from posture_opt.selection.engine import CandidatePosture, Engine, Recipe
-from posture_opt.selection.map_exchange import BETTER, NeighbourExchange
+from posture_opt.selection.engine import CandidatePosture, Engine
+from posture_opt.selection.map_candidate import MapCandidate
+from posture_opt.selection.map_exchange import NeighbourExchange, is_better
+from posture_opt.selection.map_exploration import Effort, Exploration, explore
 from posture_opt.selection.map_neighbours import Neighbourhood
-from posture_opt.selection.map_points import MapCandidate, NeighbourSolves
-from posture_opt.selection.map_starts import best_among, better_of, by_engine, freedom, out_of_plane
+from posture_opt.selection.map_points import NeighbourSolves
+from posture_opt.selection.map_rounds import worked_on
+from posture_opt.selection.map_starts import freedom
+from posture_opt.selection.map_trials import BETTER
 from posture_opt.selection.task_target import TaskTarget
-
-_CHUNK = 32  # targets that are sought together
-
-
-Effort = tuple[int, int, int]
-"""Random starts of a target where 0, 1, or more ways are left free."""
+from posture_opt.workers import Workers
 
 _FIRST: Effort = (48, 48, 48)  # of every target
 _SECOND: Effort = (144, 144, 144)  # of those at the edge of the reach, and of a share of the others
@@ -40,43 +38,49 @@ def best_candidates(
     engines: Sequence[Engine],
     targets: Sequence[TaskTarget],
     neighbourhood: Neighbourhood,
+    workers: Workers,
     *,
     seed: int,
-    workers: int = 1,
     progress: Progress | None = None,
 ) -> tuple[list[MapCandidate], NeighbourSolves]:
     """The best candidate of every target (N of them, points), each with the engine that solves it.
 
     Args:
         neighbourhood: which targets try each other's postures.
-        seed: of the random starts; the answer does not depend on ``workers``.
+        workers: who works on the chunks; the answer does not depend on it.
+        seed: of the random starts.
     """
-    found: dict[int, MapCandidate] = {}
-    for indices, candidates in _explored(range(len(targets)), engines, targets, _FIRST, seed, workers):
-        found |= dict(zip(indices, candidates, strict=True))
+    candidates: list[MapCandidate] = [MapCandidate("not reached", None, math.nan)] * len(targets)
+
+    def explored(indices: Iterable[int], effort: Effort) -> Iterator[tuple[int, MapCandidate]]:
+        def item(chunk: Sequence[int]) -> Exploration:
+            mine, known = [targets[k] for k in chunk], [candidates[k] for k in chunk]
+            return Exploration(mine, chunk, known, effort, seed)
+
+        for k, row in worked_on(workers, explore, engines, indices, item):
+            yield k, MapCandidate.unpacked(row)
+
+    for done, (k, candidate) in enumerate(explored(range(len(targets)), _FIRST), start=1):
+        candidates[k] = candidate
         if progress is not None:
-            progress(len(found), len(targets))
-    candidates = [found[k] for k in range(len(targets))]
+            progress(done, len(targets))
     share = _SHARE if freedom(engines[0], targets[0]) > 0 else 0.0
-    chosen = _to_search_more(candidates, neighbourhood, share, seed)
-    for indices, more in _explored(chosen, engines, targets, _SECOND, seed, workers):
-        for k, candidate in zip(indices, more, strict=True):
-            candidates[k] = better_of(engines[k], targets[k], candidates[k], candidate)
-    exchange = NeighbourExchange(engines, targets, neighbourhood, candidates)
+    for k, candidate in explored(_to_search_more(candidates, neighbourhood, share, seed), _SECOND):
+        candidates[k] = candidate
     alone = [candidate.best for candidate in candidates]
-    rng = np.random.default_rng(seed)
-    exchange.spread({k for k, best in enumerate(alone) if best is not None}, rng)
+    exchange = NeighbourExchange(engines, targets, neighbourhood, workers, seed, candidates)
+    exchange.spread({k for k, best in enumerate(alone) if best is not None})
     searched: set[int] = set()
     while odd := _standing_out(exchange, searched):
         searched |= set(odd)
-        found_again = _explored(odd, engines, targets, _THIRD, seed, workers)
-        better = {
-            k for mine, more in found_again for k, one in zip(mine, more, strict=True) if exchange.keep_better(k, one)
-        }
-        exchange.spread(better, rng)
+        better = set()
+        for k, candidate in explored(odd, _THIRD):
+            better |= {k} if is_better(candidate, candidates[k]) else set()
+            candidates[k] = candidate
+        exchange.spread(better)
     solves = _statistics(alone, exchange, searched)
     exchange.agree()
-    return exchange.candidates, solves
+    return candidates, solves
 
 
 def _standing_out(exchange: NeighbourExchange, searched: set[int]) -> list[int]:
@@ -114,50 +118,3 @@ def _to_search_more(
     for here, there in neighbourhood.on_grid:
         chosen[here[reached[here] != reached[there]]] = True
     return [int(k) for k in np.flatnonzero(chosen)]
-
-
-def _explored(
-    indices: Sequence[int],
-    engines: Sequence[Engine],
-    targets: Sequence[TaskTarget],
-    effort: Effort,
-    seed: int,
-    workers: int,
-) -> Iterable[tuple[list[int], list[MapCandidate]]]:
-    """Chunks of ``indices`` with what `_explore` finds for them."""
-    shares = by_engine(engines, indices)
-    chunks = [mine[i : i + _CHUNK] for _, mine in shares for i in range(0, len(mine), _CHUNK)]
-    work = [[targets[k] for k in chunk] for chunk in chunks]
-    if workers == 1 or len(chunks) <= 1:
-        for chunk, share in zip(chunks, work, strict=True):
-            yield chunk, _explore(engines[chunk[0]], share, chunk, effort, seed)
-        return
-    with ProcessPoolExecutor(workers) as pool:
-        recipes = [engines[chunk[0]].recipe for chunk in chunks]
-        same = ([effort] * len(chunks), [seed] * len(chunks))
-        yield from zip(chunks, pool.map(_explore_there, recipes, work, chunks, *same), strict=True)
-
-
-def _explore_there(
-    recipe: Recipe, targets: Sequence[TaskTarget], indices: Sequence[int], effort: Effort, seed: int
-) -> list[MapCandidate]:
-    return _explore(Engine.build(recipe), targets, indices, effort, seed)
-
-
-def _explore(
-    engine: Engine, targets: Sequence[TaskTarget], indices: Sequence[int], effort: Effort, seed: int
-) -> list[MapCandidate]:
-    """The candidates of some targets by random starts; ``indices`` seed them, each target by its own."""
-    candidates = [MapCandidate("not reached", None, math.nan)] * len(targets)
-    open_ = [k for k in range(len(targets)) if not out_of_plane(engine, targets[k])]
-    if not open_:
-        return candidates
-    free = min(max(freedom(engine, targets[0]), 0), 2)
-    starts = effort[free]
-    rngs = [np.random.default_rng([seed, starts, indices[k]]) for k in open_]
-    Q = [engine.ik.random_postures(starts, rng) for rng in rngs]
-    requests = [engine.request(targets[k], starts, rng) for k, rng in zip(open_, rngs, strict=True)]
-    for k, reached in zip(open_, engine.ik.reached(Q, requests), strict=True):
-        if len(reached):
-            candidates[k] = best_among(engine, targets[k], reached)
-    return candidates

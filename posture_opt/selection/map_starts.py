@@ -1,27 +1,19 @@
-"""What the steps of a map search share: which engine serves which targets, and the best of some postures at one."""
+"""What the steps of a map search share: what may be done at a target, and the best of some postures there."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.selection.engine import Engine
-from posture_opt.selection.map_points import MapCandidate
+from posture_opt.selection.map_candidate import MapCandidate
 from posture_opt.selection.multistart import local_optima
 from posture_opt.selection.task_target import TaskTarget
 
 _CLOSE = 0.3  # rad or m: postures nearer to each other than this mostly end at the same optimum
-
-
-def by_engine(engines: Sequence[Engine], indices: Iterable[int]) -> list[tuple[Engine, list[int]]]:
-    """Each engine with those of some targets that it serves."""
-    shares: dict[int, list[int]] = {}
-    for k in indices:
-        shares.setdefault(id(engines[k]), []).append(k)
-    return [(engines[mine[0]], mine) for mine in shares.values()]
 
 
 def out_of_plane(engine: Engine, target: TaskTarget) -> bool:

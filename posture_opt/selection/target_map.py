@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,15 +14,19 @@ from posture_opt.errors import NoSolutionError
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.selection.engine import Engine
 from posture_opt.selection.grid_layout import GridRequest, Plane, grid_of
 from posture_opt.selection.has_task import HasTask
+from posture_opt.selection.map_candidate import MapCandidate
 from posture_opt.selection.map_clear import clear_candidates
 from posture_opt.selection.map_neighbours import Neighbourhood
-from posture_opt.selection.map_points import Grid, MapPoint, NeighbourSolves, map_points_of
+from posture_opt.selection.map_points import Grid, MapPoint, NeighbourSolves, packed_points
+from posture_opt.selection.map_rounds import worked_on
 from posture_opt.selection.map_search import best_candidates
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.selector import PostureSelector
 from posture_opt.selection.task_target import TaskTarget
+from posture_opt.workers import Executor, Workers, opened
 
 _SAMPLES = 4000  # tool points that show how far the workspace goes
 _MARGIN = 1e-6  # of σ: differences below it do not make one target better than another
@@ -115,6 +120,7 @@ def map_targets(
     plane: Plane | None = None,
     seed: int | None = None,
     workers: int = 1,
+    executor: Executor | None = None,
     progress: Progress | None = None,
     compiled: bool | None = None,
 ) -> TargetMap:
@@ -130,6 +136,7 @@ def map_targets(
         plane: ``xy``, ``xz`` or ``yz``.
         seed: of the random starts; default: the problem's. The answer does not depend on ``workers``.
         workers: processes to share the targets.
+        executor: of `concurrent.futures`, or a Dask client, to share them instead; it stays open.
         progress: called with (done, total) targets.
         compiled: as of `PostureSelector`.
 
@@ -149,12 +156,13 @@ def map_targets(
     pairs = (*grid.neighbours, *_beside(grid, len(targets), targets))
     points = np.array([target.lower for target in targets])
     neighbourhood = Neighbourhood.of(problem.arm, selector.target.direction, points, pairs)
-    candidates, solves = best_candidates(engines, targets, neighbourhood, seed=seed, workers=workers, progress=progress)
-    candidates = clear_candidates(
-        problem.scene, lambda target: selector.engine(target, guarded=True), targets, candidates, pairs,
-        seed=seed, workers=workers,
-    )  # fmt: skip
-    map_points = map_points_of(engines[0].optimisation_problem, targets, candidates)
+    with opened(workers, executor) as crew:
+        candidates, solves = best_candidates(engines, targets, neighbourhood, crew, seed=seed, progress=progress)
+        candidates = clear_candidates(
+            problem.scene, lambda target: selector.engine(target, guarded=True), targets, candidates, pairs, crew,
+            seed=seed,
+        )  # fmt: skip
+        map_points = _points(crew, engines[0], targets, candidates)
     size = len(grid.points)
     feasible = [map_point.feasible for map_point in map_points]
     if not any(feasible[:size]):
@@ -171,6 +179,19 @@ def map_targets(
         seconds=time.perf_counter() - began,
         notes=(*problem.notes, solved.axis_note(selector.target), *selector.remarks()),
     )
+
+
+def _points(
+    crew: Workers, engine: Engine, targets: Sequence[TaskTarget], candidates: Sequence[MapCandidate]
+) -> list[MapPoint]:
+    found: dict[int, MapPoint] = {}
+
+    def item(chunk: Sequence[int]) -> tuple[list[TaskTarget], list[MapCandidate]]:
+        return [targets[k] for k in chunk], [candidates[k] for k in chunk]
+
+    for k, row in worked_on(crew, packed_points, [engine] * len(targets), range(len(targets)), item):
+        found[k] = MapPoint.unpacked(targets[k].lower, row)
+    return [found[k] for k in range(len(targets))]
 
 
 def _grid(problem: HasTask, selector: PostureSelector, request: GridRequest) -> Grid:

@@ -23,6 +23,7 @@ from posture_opt.uncertainty.regions import coverage_factor
 from posture_opt.uncertainty.spread import ellipse_basis
 from posture_opt.uncertainty.tool_point import ToolPoint
 from posture_opt.validation.measured_errors import MeasuredErrors, measured_errors
+from posture_opt.workers import Executor
 
 _ALIGNED = 1e-9
 _OUTER = 0.02  # of the rows, on either side, that the map need not cover
@@ -125,6 +126,7 @@ def map_accuracy(
     plane: Plane | None = None,
     seed: int | None = None,
     workers: int = 1,
+    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> AccuracyMap:
     """Where an arm lands that is driven without its corrections, and how it scatters, over a grid of targets.
@@ -136,7 +138,7 @@ def map_accuracy(
 
     Args:
         data: measurements, to be set against what is predicted; with them the map covers where they lie.
-        counts, low, high, plane, seed, workers, progress: as of `map_targets`.
+        counts, low, high, plane, seed, workers, executor, progress: as of `map_targets`.
 
     Raises:
         InputError, NoSolutionError: as `map_targets`; measurements of several robots.
@@ -145,7 +147,15 @@ def map_accuracy(
     if data is not None and low is None and high is None and plane is None:
         low, high = _box_of(problem, data)
     targets = map_targets(
-        uncorrected, counts=counts, low=low, high=high, plane=plane, seed=seed, workers=workers, progress=progress
+        uncorrected,
+        counts=counts,
+        low=low,
+        high=high,
+        plane=plane,
+        seed=seed,
+        workers=workers,
+        executor=executor,
+        progress=progress,
     )
     tool_point = ToolPoint.of(problem.arm, problem.sources)
     bias, covariance = _predicted(tool_point, targets.map_points)

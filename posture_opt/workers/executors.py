@@ -1,0 +1,43 @@
+"""``ExecutorWorkers``: any executor of `concurrent.futures`; that of a Dask client is one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from concurrent.futures import Executor as FuturesExecutor
+from itertools import islice
+from typing import Any
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.workers.workers import Part, Workers, worked
+
+_AHEAD = 64  # parts that an executor has at once: enough for any cluster, and memory does not grow with the work
+
+
+class ExecutorWorkers(Workers):
+    """Works on parts wherever an executor sends them; it is not shut down."""
+
+    def __init__(self, executor: FuturesExecutor) -> None:
+        self._executor = executor
+
+    def run(self, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """As of `Workers`.
+
+        Raises:
+            InputError: the executor lost its workers.
+        """
+        numbers, running = iter(range(len(items))), dict[Future[Any], int]()
+        try:
+            while True:
+                for k in islice(numbers, _AHEAD - len(running)):
+                    running[self._executor.submit(worked, part, shared, items[k])] = k
+                if not running:
+                    return
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    yield running.pop(future), future.result()
+        except (BrokenExecutor, CancelledError) as error:
+            mend = "start it again; what a --checkpoint holds is not lost"
+            raise InputError(Issue(f"the executor lost its workers ({type(error).__name__})", mend=mend)) from error
+        finally:
+            for future in running:
+                future.cancel()

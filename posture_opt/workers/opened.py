@@ -1,0 +1,46 @@
+"""Which workers a call means: a number of processes, an executor, or a Dask client."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor as FuturesExecutor
+from typing import Any, Protocol, runtime_checkable
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.workers.executors import ExecutorWorkers
+from posture_opt.workers.processes import ProcessWorkers
+from posture_opt.workers.serial import Serial
+from posture_opt.workers.workers import Workers
+
+
+@runtime_checkable
+class DaskClient(Protocol):
+    """What a ``distributed.Client`` has and this needs."""
+
+    def get_executor(self, **options: Any) -> FuturesExecutor:
+        """Its face as an executor of `concurrent.futures`."""
+
+
+Executor = FuturesExecutor | DaskClient | Workers
+"""What can be given as ``executor``: one of `concurrent.futures`, a ``distributed.Client``, or workers of this room."""
+
+
+def opened(workers: int = 1, executor: Executor | None = None) -> Workers:
+    """The workers that a call means, to be used in a ``with`` block.
+
+    Args:
+        workers: processes of this machine; one means this process.
+        executor: who works instead; it stays open.
+
+    Raises:
+        InputError: an executor that is none.
+    """
+    if executor is None:
+        return Serial() if workers == 1 else ProcessWorkers(workers)
+    if isinstance(executor, Workers):
+        return executor
+    if isinstance(executor, FuturesExecutor):
+        return ExecutorWorkers(executor)
+    if isinstance(executor, DaskClient):
+        return ExecutorWorkers(executor.get_executor(pure=False))
+    mend = "give one of concurrent.futures, or a dask.distributed Client"
+    raise InputError(Issue(f"{type(executor).__name__} is no executor", ("executor",), mend=mend))

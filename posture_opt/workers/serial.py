@@ -1,0 +1,17 @@
+"""``Serial``: one part after the other, in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from posture_opt.workers.workers import Part, Workers, worked
+
+
+class Serial(Workers):
+    """Works on one part after the other, here."""
+
+    def run(self, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """As of `Workers`, in the order of the items."""
+        for k, item in enumerate(items):
+            yield k, worked(part, shared, item)
