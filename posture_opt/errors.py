@@ -41,7 +41,7 @@ class Issue:
         place = f"{self.file}:{self.line}: " if self.file and self.line else f"{self.file}: " if self.file else ""
         key = f"{key_text(self.key)}: " if self.key else ""
         mend = f" – {self.mend}" if self.mend else ""
-        return f"{place}{key}{self.message}{mend}"
+        return _printable(f"{place}{key}{self.message}{mend}")
 
     def at(self, *prefix: str | int) -> Issue:
         """The same issue with ``prefix`` put before its key path."""
@@ -50,6 +50,11 @@ class Issue:
     def placed(self, file: str, line: int) -> Issue:
         """The same issue in ``file``, at ``line`` unless it knows its own."""
         return replace(self, file=file, line=self.line or line)
+
+
+def _printable(text: str) -> str:
+    """The text with ``\\x1b`` in place of what a terminal would obey, and of what it could not show."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def key_text(key: KeyPath) -> str:

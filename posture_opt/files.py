@@ -1,9 +1,17 @@
-"""Files that users name: found, or refused with the mend, and never read beyond a limit."""
+"""Every file that is read is opened here: those that users name are found, or refused with the mend, and never read
+beyond a limit; those that travel with the package are texts.
+"""
 
 from __future__ import annotations
 
+import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
+from typing import BinaryIO
 
 from posture_opt.errors import InputError, Issue, nearest
 
@@ -14,40 +22,87 @@ def located(folder: Path, name: str) -> Path:
     Raises:
         InputError: no path can have this name.
     """
+    _check_name(name)
     try:
-        name.encode("utf-8")
         return folder / Path(name).expanduser()
-    except UnicodeEncodeError:
-        raise InputError(Issue("the file name holds characters that no text has", value=name)) from None
     except RuntimeError:
         user = name.split("/")[0]
         raise InputError(Issue(f"there is no home folder {user}", value=name, mend="write the whole path")) from None
 
 
-def content(path: Path, most: int) -> bytes:
-    """The bytes of a regular file of at most ``most`` bytes; devices and pipes, which may have no end, are not opened.
+def _check_name(name: str) -> None:
+    """Refuses what no file can be called, and names that reports could not write down."""
+    if "\0" in name:
+        raise InputError(Issue("the file name holds a character that no file name has", value=name))
+    try:
+        os.fsencode(name).decode("utf-8")
+    except UnicodeError:
+        raise InputError(Issue("the file name is not UTF-8", value=name, mend="rename the file")) from None
+
+
+def is_there(path: Path) -> bool:
+    """Whether something has this path; nothing has a path that none can be."""
+    return _status(path) is not None
+
+
+def is_file(path: Path) -> bool:
+    """Whether this is the path of a regular file."""
+    status = _status(path)
+    return status is not None and stat.S_ISREG(status.st_mode)
+
+
+def _status(path: Path) -> os.stat_result | None:
+    try:
+        return path.stat()
+    except (OSError, ValueError):
+        return None
+
+
+@contextmanager
+def opened(path: Path, most: int) -> Iterator[BinaryIO]:
+    """A regular file of at most ``most`` bytes, open to be read; devices and pipes may have no end, and are refused.
 
     Raises:
-        InputError: no such file, no regular file, too large, or not readable; the message leaves out the path.
+        InputError: no such file, no regular file, too large, or not readable, also while it is read; the message leaves
+            out the path.
     """
+    _check_name(str(path))
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
-            raise InputError(Issue(f"this is {kind}, not a file", mend="name a file"))
+        _check(path.stat(), most)
         with path.open("rb") as stream:
-            found = stream.read(most + 1)
+            yield stream
     except FileNotFoundError:
         near = Path(nearest_file(path)).name
         mend = f"did you mean {near} in the same folder?" if near else ""
         raise InputError(Issue("no such file", mend=mend)) from None
-    except ValueError:
-        raise InputError(Issue("the file name holds a character that no file name has")) from None
     except OSError as error:
         raise InputError(Issue(f"the file cannot be read ({error.strerror or error})")) from None
-    if len(found) > most:
+
+
+def _check(status: os.stat_result, most: int) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
+        raise InputError(Issue(f"this is {kind}, not a file", mend="name a file"))
+    if status.st_size > most:
+        raise InputError(Issue(f"the file is larger than {most / 1e6:g} MB"))
+
+
+def content(path: Path, most: int) -> bytes:
+    """The bytes of a regular file of at most ``most`` bytes.
+
+    Raises:
+        InputError: as of ``opened``.
+    """
+    with opened(path, most) as stream:
+        found = stream.read(most + 1)
+    if len(found) > most:  # files of /proc tell no size
         raise InputError(Issue(f"the file is larger than {most / 1e6:g} MB"))
     return found
+
+
+def naming(path: Path, error: InputError) -> InputError:
+    """The same error, with the path that ``opened`` leaves out; what knows its file and line needs none."""
+    return InputError([i if i.file else replace(i, message=f"{i.message}: {path}") for i in error.issues])
 
 
 def nearest_file(path: Path) -> str:
@@ -59,3 +114,8 @@ def nearest_file(path: Path) -> str:
     # Without their endings: '.csv' alone makes any two names alike.
     stem = nearest(path.stem, names)
     return str(path.parent / names[stem]) if stem else ""
+
+
+def packaged(package: str, *parts: str) -> str:
+    """A text that travels with the package: ``packaged("posture_opt.robot", "presets", "ur10.yaml")``."""
+    return files(package).joinpath(*parts).read_text(encoding="utf-8")

@@ -52,6 +52,9 @@ LAZY = {
 NAMED_ALIKE = ("posture_opt.cli", "posture_opt.report")
 """A file of commands is called as what they are about, a report's and a figure's as what they show."""
 
+OWN_FILES_READ = {"posture_opt.model.toolchain"}
+"""Modules that read what this program wrote itself: compiled code."""
+
 LISTS: dict[str, tuple[type[Any], ...]] = {
     "robot": FORMATS,
     "collision.obstacles": OBSTACLES,
@@ -157,6 +160,23 @@ def test_print_and_exit_belong_to_the_command_line() -> None:
         if isinstance(node, ast.Call) and ast.unparse(node.func) in ("print", "sys.exit", "exit")
     ]
     check(calls, "prints")
+
+
+READING = {"open", "read_text", "read_bytes", "loadtxt", "genfromtxt", "fromfile", "memmap"}
+
+
+def test_files_are_opened_in_one_place() -> None:
+    """``posture_opt.files`` refuses devices, pipes, endless files and names that none can have; ``os.open`` writes."""
+    calls = (
+        f"{module.name}:{node.lineno} {ast.unparse(node.func)}"
+        for module in MODULES.values()
+        if module.name not in {"posture_opt.files", *OWN_FILES_READ}
+        for node in ast.walk(module.tree)
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func).split(".")[-1] in READING
+        and ast.unparse(node.func) != "os.open"
+    )
+    check(calls, "calls that open files")
 
 
 def test_no_class_is_named_as_another() -> None:

@@ -14,6 +14,7 @@ from posture_opt.cli.options import Common, common_options, task_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.request import placed, requested_problem
+from posture_opt.files import is_there
 from posture_opt.problem.problem import Problem
 from posture_opt.robot import preset_names
 
@@ -44,7 +45,7 @@ def compare_command(common: Common, problems: Sequence[str], **given: Any) -> No
 
 def _requested(name: str, given: Mapping[str, Any]) -> Problem:
     """The problem of a file, of a built-in name, or of a preset."""
-    if name in preset_names() and not Path(name).exists():
+    if name in preset_names() and not is_there(Path(name)):
         return requested_problem(None, name, **given)
     return requested_problem(name, **given)
 

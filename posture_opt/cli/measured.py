@@ -18,7 +18,9 @@ from posture_opt.cli.quantities import columns_of
 from posture_opt.cli.request import placed, problem_of_data, requested_problem, with_columns
 from posture_opt.cli.robot_options import names_problem_file
 from posture_opt.errors import InputError, InsufficientDataError, Issue
+from posture_opt.files import content, is_file
 from posture_opt.problem.problem import Problem
+from posture_opt.problem.yaml_source import MAX_BYTES
 from posture_opt.result import Result
 
 OfOne = Callable[[Any, po.Measurements, po.Measurements | None], Result]
@@ -127,9 +129,9 @@ class StarterFile:
         if common.out is None:
             return cls(alone=Path(f"{data.stem}_problem.yaml"), text=problem.to_yaml())
         files = problem.files("problem")
-        for name, content in files.items():
+        for name, made in files.items():
             there = common.out / name
-            if there.is_file() and there.read_bytes() != content:
+            if is_file(there) and content(there, MAX_BYTES) != made:
                 mend = f"name it with --problem {there} in place of --robot, or choose another folder"
                 raise InputError(Issue(f"{there} exists and says something else", ("--out",), str(common.out), mend))
         return cls(files)
@@ -141,7 +143,7 @@ class StarterFile:
         if not self.alone.exists():
             write_text(self.alone, self.text)
             click.echo(f"{self.alone} is the problem file of this call: edit it, and name it with --problem.")
-        elif self.alone.read_text(encoding="utf-8") != self.text:
+        elif content(self.alone, MAX_BYTES) != self.text.encode():
             click.echo(f"{self.alone} exists and was left as it is: it is used with --problem {self.alone}.")
 
 

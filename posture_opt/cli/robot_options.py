@@ -11,6 +11,7 @@ import click
 
 from posture_opt.cli.quantities import frame_of, payload_of
 from posture_opt.errors import InputError, Issue, did_you_mean
+from posture_opt.files import is_file
 from posture_opt.problem.load import builtin_names, load_problem
 from posture_opt.problem.problem import Problem
 from posture_opt.robot import preset_names
@@ -54,7 +55,7 @@ class RobotOptions:
     def is_robot_file(self) -> bool:
         """Whether the robot is a file of its own."""
         name = self.robot or ""
-        return not self.is_problem_file and (name.lower().endswith(_ROBOT_FILES) or "/" in name or Path(name).is_file())
+        return not self.is_problem_file and (name.lower().endswith(_ROBOT_FILES) or "/" in name or is_file(Path(name)))
 
     def section(self) -> dict[str, Any]:
         """The section ``robot`` of a preset or a robot file, with tool, base and payload.

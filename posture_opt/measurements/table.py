@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.files import nearest_file
+from posture_opt.files import naming
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.layout import BLANKS, Layout, is_number, split
@@ -90,11 +90,8 @@ def _text_table(path: Path, known: Collection[str], spec: DataSpec) -> RawTable:
     faults = Faults(str(path))
     try:
         encoding = encoding_of(path, faults)
-    except FileNotFoundError:
-        near = nearest_file(path)
-        raise InputError(Issue(f"no such file: {path}", mend=f"did you mean {near}?" if near else "")) from None
-    except OSError as error:
-        faults.stop(f"cannot read the file: {error.strerror}")
+    except InputError as error:
+        raise naming(path, error) from None
     lines = (line for line in _readable(path, encoding, faults) if line.text.strip())
     sample = list(islice(lines, _SAMPLE))
     if not sample:
@@ -125,8 +122,6 @@ def _readable(path: Path, encoding: str, faults: Faults) -> Iterator[TextLine]:
         yield from lines_of(path, encoding, faults)
     except UnicodeDecodeError as error:
         faults.stop(f"not UTF-8 text (byte 0x{error.object[error.start]:02x})", "save the file as UTF-8")
-    except OSError as error:
-        faults.stop(f"cannot read the file: {error.strerror}")
 
 
 def _rows(lines: Iterator[TextLine], layout: Layout, faults: Faults) -> Iterator[tuple[int, list[str]]]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import codecs
-import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
+from io import TextIOWrapper
 from pathlib import Path
 
+from posture_opt.files import opened
 from posture_opt.measurements.faults import Faults
 
 COMMENTS = ("#", "%", "//")
+MAX_BYTES = 2_000_000_000  # ten million rows of 200 characters
 LONGEST = 100_000  # characters of a line; 20 joints with 20 digits each have 1000
 _CHUNK = 1 << 20
 _BOMS = (  # the longer ones first
@@ -38,10 +40,8 @@ class TextLine:
 
 def encoding_of(path: Path, faults: Faults) -> str:
     """How the text of a file is encoded: by its mark, else UTF-8 where it is that, else Windows-1252."""
-    if not stat.S_ISREG(path.stat().st_mode):  # a pipe is read once
-        return "utf-8-sig"
     decoder = codecs.getincrementaldecoder("utf-8")()
-    with path.open("rb") as stream:
+    with opened(path, MAX_BYTES) as stream:
         start = stream.read(_CHUNK)
         found = next((name for mark, name in _BOMS if start.startswith(mark)), "")
         if found:
@@ -69,9 +69,9 @@ def _with_zeros(start: bytes, faults: Faults) -> str:
 
 def lines_of(path: Path, encoding: str, faults: Faults) -> Iterator[TextLine]:
     """The lines of a file, none so long that it fills the memory."""
-    with path.open(encoding=encoding, newline=None) as stream:
+    with opened(path, MAX_BYTES) as stream, TextIOWrapper(stream, encoding) as lines:
         number = 0
-        while text := stream.readline(LONGEST):
+        while text := lines.readline(LONGEST):
             number += 1
             if len(text) == LONGEST:
                 faults.stop(f"the line has more than {LONGEST} characters", "is it a CSV file?", number)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from posture_opt.errors import BadValueError, InputError, Issue, KeyPath, one_of
+from posture_opt.files import located
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE, ArmState, Inputs
 from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
@@ -58,7 +59,7 @@ def effect_sources(
     for file in files:
         assert file is not None
         index = next(k for k, effect in enumerate(effects) if effect.covariance == file)
-        names, covariance = _read(arm, folder / file, attached.get(file), ("effects", index, "covariance"))
+        names, covariance = _read(arm, (folder, file), attached.get(file), ("effects", index, "covariance"))
         issues = covariance_issues(names, covariance)
         if issues:
             raise InputError([replace(issue, key=("effects", index, "covariance"), value=file) for issue in issues])
@@ -66,12 +67,12 @@ def effect_sources(
     return found
 
 
-def _read(arm: Arm, path: Path, text: str | None, key: KeyPath) -> tuple[tuple[str, ...], Array]:
+def _read(arm: Arm, file: tuple[Path, str], text: str | None, key: KeyPath) -> tuple[tuple[str, ...], Array]:
     dimensions = {name: "length" if f.kind == "translate" else "angle" for name, f in arm.robot.parameters.items()}
     try:
-        return read_covariance(path, {**dimensions, **arm.dimensions}, text)
+        return read_covariance(located(*file), {**dimensions, **arm.dimensions}, text)
     except InputError as error:
-        raise InputError([i if i.file else replace(i, key=key, value=path.name) for i in error.issues]) from None
+        raise InputError([i if i.file else replace(i, key=key, value=file[1]) for i in error.issues]) from None
 
 
 def noisy_sources(sources: Sources, robot: Robot, effects: Sequence[CatalogueEntry]) -> Sources:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from posture_opt.errors import InputError, Issue, did_you_mean, either, listed, nearest
-from posture_opt.files import nearest_file
-from posture_opt.problem.plain_data import plain
+from posture_opt.files import is_there, nearest_file
+from posture_opt.problem.plain_data import plain, text_issues
 from posture_opt.problem.problem import Problem, build_problem
 from posture_opt.problem.yaml_source import Document, read_yaml
 
@@ -26,7 +26,7 @@ def load_problem(path: str | PathLike[str]) -> Problem:
         InputError: everything wrong with the file, each with line, key and the mend.
     """
     file, name = Path(path), fspath(path)
-    if not file.exists():
+    if not is_there(file):
         if name in builtin_names():
             file = problems_folder() / f"{name}.yaml"
         elif near := _near_builtin(name):
@@ -42,7 +42,8 @@ def problem_from_dict(data: Mapping[str, Any], folder: str | PathLike[str] = "."
     """
     if not isinstance(data, Mapping):
         raise InputError(Issue(f"a problem is a mapping of sections, not {type(data).__name__}"))
-    return build_problem(Document(plain(data)), Path(folder), "problem")
+    found = plain(data)
+    return build_problem(Document(found, issues=tuple(text_issues(found))), Path(folder), "problem")
 
 
 def builtin_names() -> tuple[str, ...]:

@@ -57,7 +57,9 @@ def read_parts(
     elif "uncertainty" in readable.data:
         uncertainty = UncertaintySpec.model_validate(readable.data["uncertainty"])
         _collect(issues, lambda: _at("uncertainty", uncertainty.check))
-    wrong += [*found, *(readable.placed(issue) for issue in issues if readable.judged(issue))]
+    told = {issue.key for issue in wrong}
+    more = [*found, *(readable.placed(issue) for issue in issues if readable.judged(issue))]
+    wrong += [issue for issue in more if issue.key not in told]
     _refuse(wrong, document)
     assert spec is not None
     assert arms is not None

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from posture_opt.errors import BadValueError, InputError, nearest
+from posture_opt.files import located
 from posture_opt.measurements.faults import Faults
 from posture_opt.measurements.table import RawTable, open_table
 from posture_opt.numerics import Array
@@ -35,7 +36,7 @@ def with_path(task: Task | None, folder: Path) -> Task | None:
     if not isinstance(task, PathTask) or task.path is None:
         return task
     try:
-        return task.with_points(*_read(open_table(folder / Path(task.path).expanduser(), (*_POINT, *_AXIS))))
+        return task.with_points(*_read(open_table(located(folder, task.path), (*_POINT, *_AXIS))))
     except InputError as error:
         raise InputError([issue if issue.file else issue.at("task", "path") for issue in error.issues]) from None
 

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from os import PathLike, fspath
 from typing import Any
 
 import numpy as np
 
+from posture_opt.errors import Issue, KeyPath
+
+_NO_TEXT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
+"""Control characters and halves of characters: no report, figure or JSON document can hold them."""
 _LARGEST_INT = 10**300  # beyond it no float can follow: it is infinite
 
 
@@ -23,3 +28,20 @@ def plain(value: Any) -> Any:
     if isinstance(value, int) and abs(value) > _LARGEST_INT:
         return math.inf if value > 0 else -math.inf
     return fspath(value) if isinstance(value, PathLike) else value
+
+
+def text_issues(data: Any, key: KeyPath = ()) -> list[Issue]:
+    """Names and texts in plain data that hold what no text does."""
+    if isinstance(data, str):
+        found = _NO_TEXT.search(data)
+        return [_issue(found[0], key)] if found else []
+    if isinstance(data, dict):
+        names = [_issue(found[0], key) for name in data if (found := _NO_TEXT.search(name))]
+        return [*names, *(issue for name, entry in data.items() for issue in text_issues(entry, (*key, name)))]
+    if isinstance(data, list):
+        return [issue for i, entry in enumerate(data) for issue in text_issues(entry, (*key, i))]
+    return []
+
+
+def _issue(character: str, key: KeyPath) -> Issue:
+    return Issue(f"the text holds the character U+{ord(character):04X}, which no text has", key, None, "remove it")

@@ -13,7 +13,8 @@ from typing import Any
 from posture_opt.calibration.fitted_arm import FittedArm
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.scene import Scene
-from posture_opt.errors import Issue, KeyPath
+from posture_opt.errors import InputError, Issue, KeyPath
+from posture_opt.files import content, located, naming
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.model.arm import Arm
 from posture_opt.model.effects import Effect
@@ -35,6 +36,7 @@ from posture_opt.problem.schema import ProblemSpec
 from posture_opt.problem.yaml_source import Document, read_yaml
 from posture_opt.result import Summarised
 from posture_opt.robot.robot import Robot
+from posture_opt.robot.urdf_reader import MAX_BYTES
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources import Sources
@@ -277,15 +279,19 @@ class Problem(Summarised):
             InputError: a file of this problem is gone.
         """
         with TemporaryDirectory() as folder:
-            for name, content in self.files("problem").items():
-                (Path(folder) / name).write_bytes(content)
+            for name, data in self.files("problem").items():
+                (Path(folder) / name).write_bytes(data)
             return build_problem(read_yaml(Path(folder) / "problem.yaml"), Path(folder), self.name)
 
     def _content(self, name: str) -> bytes:
         """The content of a file that the document names."""
         if name in self.attached:
             return self.attached[name].encode()
-        return (self.folder / Path(name).expanduser()).read_bytes()
+        path = located(self.folder, name)
+        try:
+            return content(path, MAX_BYTES)
+        except InputError as error:
+            raise naming(path, error) from None
 
 
 def build_problem(document: Document, folder: Path, name: str, *, attached: Mapping[str, str] | None = None) -> Problem:

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from posture_opt.errors import InputError, Issue, KeyPath
-from posture_opt.files import nearest_file
+from posture_opt.files import content, naming
+from posture_opt.problem.plain_data import text_issues
 
-_LARGEST = 1_000_000  # bytes; the largest problem file written by hand has some thousand
+MAX_BYTES = 1_000_000  # bytes; the largest problem file written by hand has some thousand
 _MOST_IN_LINE = 2  # parameters; of more, a line breaks between number and unit
 _MOST_NODES = 200_000  # after aliases are expanded; a file of the size above has fewer without any
 _STARTER = "'optimize-posture new planar_2r' prints a problem file to start from"
@@ -70,22 +71,15 @@ def read_yaml(path: str | Path) -> Document:
 
 def _read_text(path: Path) -> str:
     try:
-        if path.is_dir():
-            raise InputError(Issue("this is a folder, not a problem file", file=str(path), mend=_STARTER))
-        with path.open("rb") as stream:
-            content = stream.read(_LARGEST + 1)  # never more: a file may be huge, or endless
-    except FileNotFoundError:
-        near = nearest_file(path)
-        raise InputError(Issue(f"no such file: {path}", mend=f"did you mean {near}?" if near else _STARTER)) from None
-    except OSError as error:
-        raise InputError(Issue(f"cannot read the file: {error.strerror}", file=str(path))) from None
-    if len(content) > _LARGEST:
-        raise InputError(Issue("the file is larger than 1 MB, which no problem file is", file=str(path), mend=_STARTER))
+        found = content(path, MAX_BYTES)
+    except InputError as error:
+        named = naming(path, error).issues
+        raise InputError([replace(issue, mend=issue.mend or _STARTER) for issue in named]) from None
     try:
-        return content.decode("utf-8-sig")
+        return found.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        message = f"not UTF-8 text (byte 0x{content[error.start]:02x})"
+        line = found[: error.start].count(b"\n") + 1
+        message = f"not UTF-8 text (byte 0x{found[error.start]:02x})"
         raise InputError(Issue(message, mend="save the file as UTF-8", file=str(path), line=line)) from None
 
 
@@ -104,7 +98,7 @@ def parse_yaml(text: str, file: str = "") -> Document:
         data = reader.value(node, ())
     except RecursionError:
         raise InputError(Issue("the file is nested too deeply", file=file)) from None
-    return Document(data, file, reader.lines, tuple(reader.issues))
+    return Document(data, file, reader.lines, (*reader.issues, *text_issues(data)))
 
 
 def _compose(text: str, file: str) -> yaml.Node | None:

@@ -6,10 +6,10 @@ from base64 import b64encode
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from posture_opt import __version__
+from posture_opt.files import packaged
 from posture_opt.report.blocks import Facts, Report, Table
 from posture_opt.report.interactive.library import INSTALL, packed_json, plotly_js
 
@@ -81,7 +81,7 @@ def _kind(item: str | Facts | Table) -> str:
 
 
 def _text(name: str) -> str:
-    return (files("posture_opt.report") / "templates" / name).read_text(encoding="utf-8")
+    return packaged("posture_opt.report", "templates", name)
 
 
 @cache

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
+from posture_opt.errors import InputError, listed
+from posture_opt.files import content, is_file
 from posture_opt.robot.capsule_fit import Edges
 
 MAX_FACES = 100_000
 """Of a mesh whose surface is looked at; of a finer one the convex hull counts, which contains it."""
-_MAX_BYTES = 200_000_000
+_MAX_BYTES = 50_000_000
+_FORMATS = {".stl", ".obj", ".ply", ".off", ".dae"}
+"""What robots are described with; archives, of which a small one may unfold to anything, are not."""
 
 
 class UnreadMeshError(Exception):
@@ -29,7 +34,7 @@ def located_mesh(name: str, urdf: Path) -> Path:
         UnreadMeshError: no such file.
     """
     for path in _candidates(name, urdf.absolute().parent):
-        if path.is_file():
+        if is_file(path):
             return path
     raise UnreadMeshError(f"mesh {PurePosixPath(name).name} not found")
 
@@ -38,7 +43,7 @@ def _candidates(name: str, folder: Path) -> list[Path]:
     if name.startswith(("package://", "model://")):
         package, _, rest = name.partition("://")[2].partition("/")
         above = [folder, *folder.parents]
-        own = [parent / rest for parent in above if parent.name == package or (parent / "package.xml").is_file()]
+        own = [parent / rest for parent in above if parent.name == package or is_file(parent / "package.xml")]
         return [*own, *(parent / package / rest for parent in above)]
     return [folder / name.removeprefix("file://")]
 
@@ -54,9 +59,7 @@ def read_mesh(path: Path, scale: tuple[float, ...]) -> Edges:
 
 
 @lru_cache(maxsize=64)
-def _read(path: Path, scale: tuple[float, ...], _changed: int, size: int) -> Edges:
-    if size > _MAX_BYTES:
-        raise UnreadMeshError(f"the mesh is larger than {_MAX_BYTES / 1e6:g} MB")
+def _read(path: Path, scale: tuple[float, ...], _changed: int, _size: int) -> Edges:
     mesh = _loaded(path)
     vertices = np.asarray(mesh.vertices, dtype=float) * np.array(scale)
     edges = np.asarray(mesh.edges_unique)
@@ -68,11 +71,17 @@ def _read(path: Path, scale: tuple[float, ...], _changed: int, size: int) -> Edg
 
 
 def _loaded(path: Path) -> Any:
+    if path.suffix.lower() not in _FORMATS:
+        raise UnreadMeshError(f"mesh {path.name} is none of {listed(sorted(_FORMATS))}")
     try:
+        data = content(path, _MAX_BYTES)
         import trimesh
+    except InputError as error:
+        raise UnreadMeshError(f"mesh {path.name}: {error}") from None
     except ImportError:
         raise UnreadMeshError("meshes are read where trimesh is installed: pip install 'posture_opt[mesh]'") from None
     try:
-        return trimesh.load(path, force="mesh", process=False)
+        # From memory: what a file names beside itself, as pictures and materials, is not opened.
+        return trimesh.load(BytesIO(data), file_type=path.suffix.lower()[1:], force="mesh", process=False)
     except Exception as error:  # of a dozen formats and their readers
         raise UnreadMeshError(f"mesh {path.name} cannot be read ({type(error).__name__})") from None

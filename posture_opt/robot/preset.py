@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from posture_opt.errors import InputError, Issue, one_of
+from posture_opt.files import packaged
 from posture_opt.robot.dh import DhRobot
 from posture_opt.robot.format import RobotFormat
 from posture_opt.robot.mdh import MdhRobot
@@ -85,7 +86,7 @@ def preset_text(name: str) -> str:
     names = preset_names()
     if name not in names:
         raise InputError(Issue("there is no preset of this name", ("name",), name, one_of(name, names, "presets")))
-    return (files("posture_opt.robot") / "presets" / f"{name}.yaml").read_text(encoding="utf-8")
+    return packaged("posture_opt.robot", "presets", f"{name}.yaml")
 
 
 @cache

@@ -6,7 +6,6 @@ import csv
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.errors import BadValueError, InputError, Issue
-from posture_opt.files import content
+from posture_opt.files import content, naming
 from posture_opt.numerics import Array
 from posture_opt.robot.corrections import name_issues
 from posture_opt.units import parse_quantity
@@ -74,7 +73,7 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
         text = content(path, _LARGEST).decode("utf-8-sig")
         return _filled(csv.reader(StringIO(text, newline="")))
     except InputError as error:
-        raise InputError([replace(issue, message=f"{issue.message}: {path}") for issue in error.issues]) from None
+        raise naming(path, error) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(Issue(f"cannot read the covariance file {path}: {error}")) from None
 

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from posture_opt.errors import BadValueError, InputError, Issue, one_of
+from posture_opt.files import located
 from posture_opt.model.arm import Arm
 from posture_opt.robot.corrections import name_issues
 from posture_opt.robot.robot import Robot
@@ -128,7 +129,7 @@ class UncertaintySpec(Spec):
         assert self.covariance is not None
         text = attached.get(self.covariance)
         try:
-            names, covariance = read_covariance(folder / self.covariance, dimensions, text)
+            names, covariance = read_covariance(located(folder, self.covariance), dimensions, text)
         except InputError as error:
             raise InputError([issue if issue.file else issue.at("covariance") for issue in error.issues]) from None
         covariance = (covariance + covariance.T) / 2

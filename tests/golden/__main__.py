@@ -21,7 +21,11 @@ FOLDER = Path(__file__).parent / "documents"
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["write", "check"])
-    parser.add_argument("--slow", action="store_true", help="the slow and the real cases instead of those that every run of the tests checks")
+    parser.add_argument(
+        "--slow",
+        action="store_true",
+        help="the slow and the real cases instead of those that every run of the tests checks",
+    )
     parser.add_argument("--only", nargs="+", default=[""], help="beginnings of names")
     parser.add_argument("--rtol", type=float, default=1e-9)
     parser.add_argument("--folder", type=Path, default=FOLDER)

@@ -213,7 +213,7 @@ def test_huge_file_is_refused_unread(tmp_path: Path) -> None:
 
 def test_places_that_are_no_files(tmp_path: Path) -> None:
     (tmp_path / "arm.yaml").write_text(ROBOT)
-    with pytest.raises(InputError, match=r"no such file: .*amr\.yaml – did you mean .*arm\.yaml\?"):
+    with pytest.raises(InputError, match=r"no such file: .*amr\.yaml – did you mean .*arm\.yaml in the same folder\?"):
         load_problem(tmp_path / "amr.yaml")
     with pytest.raises(InputError, match="this is a folder"):
         load_problem(tmp_path)
@@ -296,8 +296,8 @@ def test_urdf_that_does_not_exist(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "message"),
     [
-        ('"a\\0b.urdf"', "the file name holds a character that no file name has"),
-        ('"\\ud800.urdf"', "the file name holds characters that no text has"),
+        ('"a\\0b.urdf"', "the text holds the character U+0000, which no text has – remove it"),
+        ('"\\ud800.urdf"', "the text holds the character U+D800, which no text has – remove it"),
         ("/dev/zero", "/dev/zero: this is a device or a pipe, not a file"),
         ("pipe.urdf", "pipe.urdf: this is a device or a pipe, not a file"),
         ("folder", "folder: this is a folder, not a file"),
@@ -364,7 +364,9 @@ def test_missing_covariance_file(tmp_path: Path) -> None:
     assert found.startswith("problem.yaml:7: uncertainty.covariance: no such file: cvo.csv – did you mean cov.csv in")
 
 
-@pytest.mark.parametrize(("file", "message"), [("/dev/zero", "this is a device or a pipe"), ('"a\\0b"', "a character")])
+@pytest.mark.parametrize(
+    ("file", "message"), [("/dev/zero", "a device or a pipe"), ('"a\\0b"', "the character U+0000")]
+)
 def test_covariance_that_is_no_file_to_be_read(file: str, message: str, tmp_path: Path) -> None:
     (found,) = faults(tmp_path, ROBOT + f"uncertainty: {{covariance: {file}}}\n")
     assert found.startswith("problem.yaml:7: uncertainty.covariance: ")
