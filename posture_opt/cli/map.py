@@ -14,7 +14,7 @@ from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.quantities import corner
 from posture_opt.cli.request import placed, requested_problem
-from posture_opt.cli.scheduler import scheduler_option, working
+from posture_opt.cli.scheduler import checkpoint_option, digest_of, scheduler_option, working
 from posture_opt.errors import InputError, Issue
 from posture_opt.problem.problem import Problem
 
@@ -40,10 +40,11 @@ from posture_opt.problem.problem import Problem
 @click.option("--max", "high", metavar="TEXT", help="Its upper corner.")
 @click.option("--plane", type=click.Choice(["xy", "xz", "yz"]), help="Plane of the map; else across the direction.")
 @scheduler_option
+@checkpoint_option
 @common_options
 def map_command(
     common: Common, quantity: str, data: Path | None, grid: str | None, low: str | None, high: str | None, plane: Any,
-    scheduler: str | None, **given: Any,
+    scheduler: str | None, checkpoint: Path | None, **given: Any,
 ) -> None:  # fmt: skip
     """The best posture and its spread, or the arm's accuracy, over a grid of targets."""
     if data is not None and quantity != "accuracy":
@@ -51,7 +52,8 @@ def map_command(
     where = {**_where(grid, low, high), "plane": plane, "seed": common.seed}
     problem = requested_problem(**given)
     with output(common), placed(problem):
-        with working(common, scheduler) as workers:
+        asked = {"problem": digest_of(problem), "quantity": quantity, "data": str(data) if data else None, **where}
+        with working(common, scheduler, checkpoint, command="map", **asked) as workers:
             found = _mapped(problem, quantity, data, common, {**where, "executor": workers})
         save_result(common, found)
     show_result(common, found)

@@ -1,14 +1,22 @@
-"""The options that say who does the work: ``--workers`` here, or the workers of a ``--scheduler``."""
+"""The options that say who does the work, and where what is done is kept until all of it is."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
 
 from posture_opt.cli.options import Command, Common, add_options
+from posture_opt.problem.problem import Problem
 from posture_opt.workers import Workers, opened
+from posture_opt.workers.checkpoint import Checkpoint
 from posture_opt.workers.dask_cluster import scheduled
 
 
@@ -18,8 +26,33 @@ def scheduler_option(command: Command) -> Command:
     return add_options(command, click.option("--scheduler", metavar="local|tcp://HOST:PORT", help=help_text))
 
 
+def checkpoint_option(command: Command) -> Command:
+    """Adds the option that names a file for what is done."""
+    help_text = "Keep there what is done: the same command goes on where it was ended."
+    kind = click.Path(path_type=Path)
+    return add_options(command, click.option("--checkpoint", type=kind, metavar="FILE", help=help_text))
+
+
 @contextmanager
-def working(common: Common, scheduler: str | None) -> Iterator[Workers]:
-    """The workers that the options name, which end with the block."""
+def working(common: Common, scheduler: str | None, checkpoint: Path | None = None, **asked: Any) -> Iterator[Workers]:
+    """The workers that the options name, which end with the block.
+
+    Args:
+        asked: all that the answer depends on, as JSON has it.
+    """
     with opened(common.workers) if scheduler is None else scheduled(scheduler, common.workers) as workers:
-        yield workers
+        if checkpoint is None:
+            yield workers
+        else:
+            with Checkpoint(checkpoint.expanduser(), asked, workers) as kept:
+                yield kept
+
+
+def digest_of(problem: Problem) -> str:
+    """Of all that a problem says, also in the files that it names."""
+    whole = {"file": problem.to_yaml(), "robot": asdict(problem.robot), "covariance": problem.sources.covariance}
+    return hashlib.sha256(json.dumps(whole, default=_plain).encode()).hexdigest()[:16]
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else str(value)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 
 from posture_opt.numerics import Progress
-from posture_opt.selection.engine import Engine, Recipe
+from posture_opt.selection.engine import Engine
 from posture_opt.selection.multistart import MultistartResult, as_good, multistart
 from posture_opt.selection.task_target import TaskTarget
+from posture_opt.workers import opened
 
 _STARTS = 32  # of a batch where two degrees of freedom are left or fewer, and so many more for each further one
 _MOST_STARTS = 128
@@ -84,17 +84,12 @@ def _best(found: MultistartResult) -> float:
 
 
 def _batches(engine: Engine, target: TaskTarget, seed: int, starts: int, workers: int) -> Iterator[MultistartResult]:
-    if workers == 1:
-        for k in range(1, _MOST):
-            yield multistart(engine, target, np.random.default_rng([seed, k]), starts, every=True)
-        return
-    with ProcessPoolExecutor(workers) as pool:
+    with opened(workers) as crew:
         for first in range(1, _MOST, workers):
             mine = range(first, min(first + workers, _MOST))
-            yield from pool.map(
-                _batch_there, *zip(*((engine.recipe, target, seed, k, starts) for k in mine), strict=True)
-            )
+            yield from crew.in_order(_batch, (engine, target, seed, starts), mine)
 
 
-def _batch_there(recipe: Recipe, target: TaskTarget, seed: int, k: int, starts: int) -> MultistartResult:
-    return multistart(Engine.build(recipe), target, np.random.default_rng([seed, k]), starts, every=True)
+def _batch(shared: tuple[Engine, TaskTarget, int, int], k: int) -> MultistartResult:
+    engine, target, seed, starts = shared
+    return multistart(engine, target, np.random.default_rng([seed, k]), starts, every=True)

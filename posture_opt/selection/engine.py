@@ -50,9 +50,6 @@ STEPS = 60
 _PRICE = 1e3  # of the objective for each m or rad of violation: the multipliers of rows are seldom larger
 _LAST_WORDS = 4  # of the solver, in one search
 
-Recipe = tuple[OptimisationProblem, Solver, bool | None]
-"""What an engine is built from: this travels to other processes, the functions cannot."""
-
 
 @dataclass(frozen=True)
 class Engine:
@@ -67,23 +64,13 @@ class Engine:
         """Of the optimisation problem."""
         return self.optimisation_problem.robot
 
-    @classmethod
-    def build(cls, recipe: Recipe) -> Engine:
-        """The engine that another process described."""
-        return cls(*recipe)
-
-    @property
-    def recipe(self) -> Recipe:
-        """What another process builds the same engine from."""
-        # A fresh copy, without the symbols that the optimisation problem has cached.
-        return replace(self.optimisation_problem), self.solver, self.compiled
-
     def __reduce__(self) -> tuple[Any, ...]:
         return engine_of, (self._packed,)
 
     @cached_property
     def _packed(self) -> bytes:
-        return pickle.dumps(self.recipe)
+        # A fresh copy, without the symbols that the optimisation problem has cached.
+        return pickle.dumps((replace(self.optimisation_problem), self.solver, self.compiled))
 
     @cached_property
     def ik(self) -> InverseKinematics:
@@ -234,8 +221,8 @@ class Engine:
 
 @lru_cache(maxsize=4)
 def engine_of(packed: bytes) -> Engine:
-    """The engine of a pickled recipe, built once in a process that gets it again and again."""
-    return Engine.build(pickle.loads(packed))
+    """The engine of what travels in its place, as functions cannot; built once in a process that gets it again."""
+    return Engine(*pickle.loads(packed))
 
 
 def _better(end: CandidatePosture, start: CandidatePosture) -> bool:

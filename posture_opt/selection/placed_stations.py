@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from posture_opt.numerics import Array, Codes
-from posture_opt.selection.engine import STEPS, Engine, Recipe
+from posture_opt.selection.engine import STEPS, Engine
 from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.inverse_kinematics import STEPS as IK_STEPS
 from posture_opt.selection.joint_problem import JointProblem, Station
@@ -83,21 +84,8 @@ class PlacedStations:
     placement: PlacementRange
     combine: Combine
 
-    @property
-    def recipe(self) -> tuple[list[Recipe], Codes, tuple[TaskTarget, ...], PlacementRange, Combine]:
-        """What another process builds the same stations from."""
-        kinds = list({id(engine): engine for engine in self.engines}.values())
-        which = np.array([next(i for i, kind in enumerate(kinds) if kind is engine) for engine in self.engines])
-        return [kind.recipe for kind in kinds], which, self.targets, self.placement, self.combine
-
-    @classmethod
-    def build(
-        cls, recipe: tuple[list[Recipe], Codes, tuple[TaskTarget, ...], PlacementRange, Combine]
-    ) -> PlacedStations:
-        """The stations that another process described."""
-        recipes, which, targets, placement, combine = recipe
-        kinds = [Engine.build(one) for one in recipes]
-        return cls(tuple(kinds[i] for i in which), targets, placement, combine)
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PlacedStations, (self.engines, self.targets, self.placement, self.combine)
 
     @cached_property
     def joint(self) -> JointProblem:

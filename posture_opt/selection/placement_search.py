@@ -8,9 +8,7 @@ postures together; after it every feature is solved again from random starts, le
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from posture_opt.numerics import Array, Progress
 from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.joint_problem import JointOutcome, JointPoint
 from posture_opt.selection.placed_stations import PlacedStations, Postures
+from posture_opt.workers import opened
 
 _PLACEMENTS = 32  # of a batch, and so many more for each free coordinate beyond two
 _STARTS = 12  # random postures of a feature at a placement
@@ -112,20 +111,17 @@ def _joined(one: PlacementSearch, other: PlacementSearch) -> PlacementSearch:
 
 
 def _batches(stations: PlacedStations, seed: int, workers: int) -> Iterator[PlacementSearch]:
-    if workers == 1:
-        for k in range(_MOST):
-            yield one_batch(stations, seed, k)
-        return
-    with ProcessPoolExecutor(workers) as pool:
+    with opened(workers) as crew:
         for first in range(0, _MOST, workers):
             mine = range(first, min(first + workers, _MOST))
-            jobs = zip(*((stations.recipe, seed, k) for k in mine), strict=True)
-            yield from (replace(found, stations=stations) for found in pool.map(_batch_there, *jobs))
+            for found in crew.in_order(_batch, (stations, seed), mine):
+                yield replace(found, stations=stations)
 
 
-def _batch_there(recipe: Any, seed: int, k: int) -> PlacementSearch:
-    found = one_batch(PlacedStations.build(recipe), seed, k)
-    return replace(found, stations=replace(found.stations, engines=()))  # functions do not travel
+def _batch(shared: tuple[PlacedStations, int], k: int) -> PlacementSearch:
+    stations, seed = shared
+    found = one_batch(stations, seed, k)
+    return replace(found, stations=replace(found.stations, engines=()))  # they need not travel back
 
 
 def one_batch(stations: PlacedStations, seed: int, k: int) -> PlacementSearch:

@@ -1,8 +1,8 @@
 """``Workers``: whoever works on the parts of a computation, so that the computation need not know.
 
 A computation is a sequence of rounds. The parts of one round are computed by a pure function and depend on nothing but
-its arguments, so that no answer depends on who computes them, how many do, or in which order. What a part returns is
-made of lists, dicts, text and numbers, as JSON has them: it travels, and can be kept in a file.
+its arguments, so that no answer depends on who computes them, how many do, or in which order. Arguments and results
+travel between processes; results of what a checkpoint keeps are lists, dicts, text and numbers, as JSON has them.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from types import TracebackType
 from typing import Any, Self
 
 Part = Callable[[Any, Any], Any]
-"""``(shared, item) -> plain result``, a function of a module: other processes import it by its name."""
+"""``(shared, item) -> result``, a function of a module: other processes import it by its name."""
 
-_ONE_AT_A_TIME = threading.Lock()
+_ONE_AT_A_TIME = threading.RLock()  # a part may have parts of its own
 
 
 class Workers(ABC):
