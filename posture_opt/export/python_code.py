@@ -1,4 +1,4 @@
-"""Covariance, objective and gradient as a Python module that needs NumPy alone."""
+"""Covariance, objective and its derivatives as a Python module that needs NumPy alone."""
 
 from __future__ import annotations
 
@@ -58,13 +58,18 @@ def objective(q):
 def gradient(q):
     """(..., n) {gradient}."""
     return _objective(q)[1]
+
+
+def hessian(q):
+    """(..., n, n) {hessian}."""
+    return _hessian(q)[0]
 '''
 
 
 class PythonCode(ExportFormat):
-    """``NAME.py`` with the functions position, covariance, first_order, and objective and gradient of the task."""
+    """``NAME.py`` with position, covariance, first_order, and objective, gradient and hessian of the task."""
 
-    summary: ClassVar[str] = "covariance of the tool point, objective and gradient as Python, NumPy alone"
+    summary: ClassVar[str] = "covariance of the tool point, objective, gradient and Hessian as Python, NumPy alone"
     default: ClassVar[str] = "tool_covariance"
 
     kind: Literal["python"] = "python"
@@ -76,7 +81,9 @@ class PythonCode(ExportFormat):
         objective, notes = objective_or_note(problem)
         told = dict(said)
         if objective is not None:
-            parts += [python_source(objective[0], "_objective"), _OBJECTIVE.format(**_safe(objective[1]))]
+            # The Hessian apart, because it takes three times as long as both others.
+            parts += [python_source(objective[0], "_objective", (0, 1)), python_source(objective[0], "_hessian", (2,))]
+            parts += [_OBJECTIVE.format(**_safe(objective[1]))]
             told |= {key: text for key, text in objective[1].items() if key != "q"}
         lines = [f"{key}(q): {text}" for key, text in _safe(told).items() if key != "q"]
         head = _HEAD.format(

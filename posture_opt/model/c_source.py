@@ -10,45 +10,59 @@ from typing import Any
 import casadi
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.model.c_rows import CFunction, head_text, one_text, rows_text
+from posture_opt.model.steps import Steps
 
 
-def c_source(function: casadi.Function, name: str, descriptions: Mapping[str, str] | None = None) -> tuple[str, str]:
-    """Self-contained C99 text of a function and its header: ``int name(const double* in, …, double* out, …)``.
+def c_source(
+    function: casadi.Function,
+    name: str,
+    descriptions: Mapping[str, str] | None = None,
+    *,
+    rows: bool = False,
+    shared: bool = False,
+) -> tuple[str, str]:
+    """Self-contained C99 text of an SX function and its header: ``int name(const double* in, …, double* out, …)``.
 
     Args:
         name: of the C function; a C identifier.
         descriptions: unit and meaning of the inputs and outputs by name, for the header.
+        rows: whether ``int name_rows(long long rows, …)`` stands beside it, for many inputs at once.
+        shared: whether outputs go on from what the ones before them have computed; else each is computed alone.
 
     Returns:
-        The C text (needs only math.h) and the header text. Matrices: inputs column-major, outputs row-major.
+        The C text (needs the mathematics library alone) and the header text. Matrices: inputs column-major, outputs
+        row-major.
 
     Raises:
         InputError: a name is no C identifier, or one that C keeps for itself.
     """
     _check_names(function, name)
-    row = row_function(function, f"{name}_row")
+    steps = Steps.of(row_function(function, name))
     inputs = [(function.name_in(i), function.size_in(i)) for i in range(function.n_in())]
     outputs = [(function.name_out(i), function.size_out(i)) for i in range(function.n_out())]
-    arguments = [f"const double* {key}" for key, _ in inputs] + [f"double* {key}" for key, _ in outputs]
-    prototype = f"int {name}({', '.join(arguments)})"
+    shape = CFunction(name, tuple(_sizes(inputs)), tuple(_sizes(outputs)))
+    parts = [_HEAD, head_text(steps), one_text(steps, shape, shared), *([rows_text(steps, shape)] if rows else [])]
     fields = {
-        "name": name,
         "guard": f"{name.upper()}_H",
-        "prototype": prototype,
+        "prototypes": "".join(f"{prototype};\n" for prototype in (shape.prototype, shape.rows_prototype)[: 1 + rows]),
         "input_order": _order(inputs, "column-major"),
         "output_order": f"{_order(outputs, 'row-major')}; NULL where not wanted",
         "inputs": _c_comment(inputs, descriptions or {}),
         "outputs": _c_comment(outputs, descriptions or {}),
-        "args": ", ".join(key for key, _ in inputs),
-        "results": ", ".join(key for key, _ in outputs),
-        "iw": row.sz_iw() + 1,
-        "w": row.sz_w() + 1,
-        "arg": row.sz_arg() + 1,
-        "res": row.sz_res() + 1,
+        "rows": _ROWS.format(name=name) if rows else "",
     }
-    return c_text([row]) + _WRAPPER_C.substitute(fields), _HEADER_C.substitute(fields)
+    return "\n".join(parts), _HEADER_C.substitute(fields)
 
 
+def _sizes(arguments: list[tuple[str, tuple[int, int]]]) -> list[tuple[str, int]]:
+    return [(key, rows * columns) for key, (rows, columns) in arguments]
+
+
+_HEAD = "/* Written by posture_opt: C99, to be linked with -lm. */\n#include <float.h>\n#include <math.h>\n"
+_ROWS = """ * {name}_rows does the same for many: every array has that many rows, one after another.
+ * The digits are the same; compiled with -O3 it takes a third of the time.
+"""
 _KEYWORDS = """
     auto break case char const continue default do double else enum extern float for goto if inline int long main
     register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
@@ -68,17 +82,6 @@ def _check_names(function: casadi.Function, name: str) -> None:
         raise InputError(issues)
 
 
-# CasADi's names never end in an underscore: the locals' do.
-_WRAPPER_C = string.Template("""
-$prototype;
-$prototype {
-  const double* arg_[$arg] = {$args};
-  double* res_[$res] = {$results};
-  long long int iw_[$iw];
-  double w_[$w];
-  return ${name}_row(arg_, res_, iw_, w_, 0);
-}
-""")
 _HEADER_C = string.Template("""/* Written by posture_opt. Link with -lm.
  *
  * Inputs ($input_order):
@@ -86,15 +89,14 @@ $inputs
  * Outputs ($output_order):
 $outputs
  * Returns 0.
- */
+$rows */
 #ifndef $guard
 #define $guard
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-$prototype;
-
+$prototypes
 #ifdef __cplusplus
 }
 #endif

@@ -207,14 +207,14 @@ def _integers(values: list[int]) -> ctypes.Array[ctypes.c_longlong]:
 
 
 def library_of(
-    wanted: bool | None, identity: Callable[[], str], source: Callable[[], str]
+    wanted: bool | None, identity: Callable[[], str], source: Callable[[], str], level: str = "-O1"
 ) -> tuple[Library | None, str]:
     """The compiled ``source``, found by its ``identity`` where it was compiled before; else None and why not."""
     if wanted is False:
         return None, "interpreted on request"
     try:
         # CasADi's version stands for its code generator, the batch loop's text for ours.
-        return shared_library(f"{casadi.CasadiMeta.version()}{_BATCH_C}{identity()}", source), ""
+        return shared_library(f"{casadi.CasadiMeta.version()}{_BATCH_C}{identity()}", source, level), ""
     except (BuildError, RuntimeError) as error:  # RuntimeError: CasADi has no C for a part of the function
         if wanted:
             raise InputError(Issue(f"nothing compiled: {error}", mend="install a C compiler or set CC")) from error

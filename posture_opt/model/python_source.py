@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import casadi as ca
 
@@ -26,24 +26,21 @@ _UNARY = {
 }  # fmt: skip
 
 
-def python_source(function: ca.Function, name: str) -> str:
-    """The Python text of ``name(q)``: a tuple of the outputs of a function of one vector, for arrays (..., n) too.
+def python_source(function: ca.Function, name: str, outputs: Sequence[int] | None = None) -> str:
+    """The Python text of ``name(q)``: a tuple of outputs, all or those named, of a function of one vector, for arrays
+    (..., n) too.
 
     The lines are the steps of the function's expression graph; outputs of shape (m, k) are arrays (..., m, k), vectors
     (..., m), scalars (...).
     """
-    shapes = [function.size_out(i) for i in range(function.n_out())]
-    dense = ca.Function(
-        "steps", [x := ca.SX.sym("q", *function.size_in(0))], [ca.densify(y) for y in _outputs(function, x)]
-    )
+    x = ca.SX.sym("q", *function.size_in(0))
+    found = function.call([x])
+    wanted = [ca.densify(ca.SX(found[i])) for i in (outputs or range(len(found)))]
+    shapes = [y.shape for y in wanted]
+    dense = ca.Function("steps", [x], wanted)
     lines = [f"def {name}(q):", *(f"    {line}" for line in _steps(dense))]
     shaped = ", ".join(f"_shaped(q, y{i}, {_shape(shape)})" for i, shape in enumerate(shapes))
     return "\n".join([*lines, f"    return {shaped}{',' * (len(shapes) == 1)}", ""])
-
-
-def _outputs(function: ca.Function, x: ca.SX) -> list[ca.SX]:
-    found = function.call([x])
-    return [ca.SX(y) for y in found]
 
 
 def _shape(size: tuple[int, int]) -> str:

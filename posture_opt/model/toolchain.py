@@ -47,12 +47,13 @@ def find_compiler() -> tuple[str, ...]:
     return ()
 
 
-def shared_library(identity: str, source: Callable[[], str]) -> Library:
+def shared_library(identity: str, source: Callable[[], str], level: str = "-O1") -> Library:
     """The shared library of a C text, from the cache or compiled into it.
 
     Args:
         identity: what determines the text; the key of the cache together with compiler, flags and machine.
         source: gives the C text, called only where the cache has no library.
+        level: of the compiler's optimisation; -O3 for loops that vector registers serve.
 
     Raises:
         BuildError: no compiler, it fails, or no folder to keep its library in.
@@ -61,18 +62,18 @@ def shared_library(identity: str, source: Callable[[], str]) -> Library:
     if not compiler:
         raise BuildError("no C compiler found (looked for the environment's CC, then cc, gcc, clang)")
     machine = (sys.platform, platform.machine(), _version(compiler))
-    key = "\0".join((identity, str(OPTIMISED_TEXT), *FLAGS, *compiler, *machine))
+    key = "\0".join((identity, str(OPTIMISED_TEXT), level, *FLAGS, *compiler, *machine))
     name = f"{hashlib.sha256(key.encode()).hexdigest()}{'.dll' if sys.platform == 'win32' else '.so'}"
     reason = ""
     for folder in _folders():
         try:
-            return _library(folder, name, compiler, source)
+            return _library(folder, name, compiler, source, level)
         except OSError as error:  # full, read-only or mounted noexec: the next folder may do
             reason = str(error)
     raise BuildError(f"no folder to compile in: {reason}")
 
 
-def _library(folder: Path, name: str, compiler: tuple[str, ...], source: Callable[[], str]) -> Library:
+def _library(folder: Path, name: str, compiler: tuple[str, ...], source: Callable[[], str], level: str) -> Library:
     path = folder / name
     if path.is_file() and _is_private(path):
         with contextlib.suppress(OSError):  # damaged, or just pruned by another process: compile it again
@@ -80,18 +81,19 @@ def _library(folder: Path, name: str, compiler: tuple[str, ...], source: Callabl
             os.utime(path)
             return Library(path, handle)
     with tempfile.TemporaryDirectory(prefix="build-", dir=folder) as build:
-        compiled = _compile(Path(build), compiler, source())
+        compiled = _compile(Path(build), compiler, source(), level)
         os.chmod(compiled, 0o700)
         os.replace(compiled, path)  # atomic: another process sees the whole library or none
     _prune(folder)
     return Library(path, ctypes.CDLL(str(path)))
 
 
-def _compile(folder: Path, compiler: tuple[str, ...], text: str) -> Path:
+def _compile(folder: Path, compiler: tuple[str, ...], text: str, level: str) -> Path:
     code, library = folder / "code.c", folder / "code.so"
     code.write_text(text, encoding="utf-8")
-    level = "-O1" if len(text) <= OPTIMISED_TEXT else "-O0"
-    result = _run(*compiler, level, *FLAGS, str(code), "-o", str(library), "-lm")
+    result = _run(
+        *compiler, level if len(text) <= OPTIMISED_TEXT else "-O0", *FLAGS, str(code), "-o", str(library), "-lm"
+    )
     if result.returncode or not library.is_file():
         raise BuildError(f"{' '.join(compiler)} failed: {result.stderr.strip()[:500]}")
     return library

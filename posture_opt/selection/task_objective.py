@@ -1,4 +1,4 @@
-"""The objective of a task and its gradient as functions of the joints alone, for export."""
+"""The objective of a task with its first and second derivatives as functions of the joints alone, for export."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from posture_opt.selection.selector import PostureSelector
 DESCRIPTIONS = {
     "q": "joint values [rad or m]",
     "objective": "what the selection minimises: {told}",
-    "gradient": "of the objective by the joints",
+    "gradient": "of the objective by the joints, per rad or m",
+    "hessian": "second derivatives of the objective by the joints",
 }
 
 
 def task_objective(problem: HasTask) -> tuple[ca.Function, dict[str, str]]:
-    """``q -> (objective, gradient)`` with ``gradient = ∂objective/∂q`` (n,), and a description of each.
+    """``q -> (objective, gradient, hessian)``, a number, ``∂objective/∂q`` (n,) and ``∂²objective/∂q²`` (n, n), with a
+    description of each.
 
     By the criterion ``worst`` the objective is the largest variance [m²] in the directions that the task minds, as the
     selection has it; further terms of the task are added with their weights, and the variance is not scaled.
@@ -29,7 +31,8 @@ def task_objective(problem: HasTask) -> tuple[ca.Function, dict[str, str]]:
     objective = ca.substitute(nlp.objective, nlp.p, ca.DM(selector.target.parameters))
     q = ca.SX.sym("q", nlp.x.numel())
     value = ca.substitute(objective, nlp.x, q)
-    gradient = ca.densify(ca.gradient(value, q))
+    hessian, gradient = ca.hessian(value, q)
+    entries = ca.cse([value, ca.densify(gradient), ca.densify(ca.triu2symm(ca.triu(hessian)))])
     told = " + ".join(label.replace(", over scale", " [m^2]") for label, _ in nlp.terms)
-    function = ca.Function("objective", [q], [ca.cse(value), gradient], ["q"], ["objective", "gradient"])
+    function = ca.Function("objective", [q], entries, ["q"], ["objective", "gradient", "hessian"])
     return function, {key: text.format(told=told) for key, text in DESCRIPTIONS.items()}

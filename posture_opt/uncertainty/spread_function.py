@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -12,15 +12,11 @@ from numpy.typing import ArrayLike
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.c_source import c_source
-from posture_opt.model.compiled import BatchFunction
+from posture_opt.model.lane_function import LaneFunction
 from posture_opt.numerics import Array
 from posture_opt.uncertainty.fixed_plan import FixedPlan
-from posture_opt.uncertainty.sampler import PAIRS
 from posture_opt.uncertainty.spread import HasSources, require_sources
 from posture_opt.uncertainty.tool_point import Moments, ToolPoint
-
-_FULL = (0, 1, 2, 1, 3, 4, 2, 4, 5)  # where each entry of the matrix stands among the `PAIRS`
-_BLOCK = 20_000  # rows evaluated at once: what stands beside the result stays small, and in the cache
 
 
 class SpreadFunction:
@@ -45,7 +41,7 @@ class SpreadFunction:
         self._tool_point = ToolPoint.of(problem.arm, problem.sources)
         self._plan = FixedPlan.of(self._tool_point)
         self._wanted = compiled
-        self._covariance = self._batch(lambda moments: _upper(moments.covariance))
+        self._covariance = self._batch(lambda moments: _mirrored(moments.covariance))
 
     @property
     def method(self) -> str:
@@ -64,46 +60,41 @@ class SpreadFunction:
 
     def __call__(self, Q: ArrayLike) -> Array:
         """(N, 3, 3) covariance of the tool point at postures (N, n), by `method` [m²]."""
-        return self._evaluate(self._covariance, Q, _FULL, (3, 3))
+        return self._evaluate(self._covariance, Q, (3, 3))
 
     def first_order(self, Q: ArrayLike) -> Array:
         """(N, 3, 3) ``J Σ Jᵀ`` at postures (N, n) [m²]."""
-        return self._evaluate(self._first_order, Q, _FULL, (3, 3))
+        return self._evaluate(self._first_order, Q, (3, 3))
 
     def position(self, Q: ArrayLike) -> Array:
         """(N, 3) nominal tool point in the world at postures (N, n) [m]."""
-        return self._evaluate(self._position, Q, (0, 1, 2), (3,))
+        return self._evaluate(self._position, Q, (3,))
 
     def mean(self, Q: ArrayLike) -> Array:
         """(N, 3) mean tool point in the world at postures (N, n) [m]."""
-        return self._evaluate(self._mean, Q, (0, 1, 2), (3,))
+        return self._evaluate(self._mean, Q, (3,))
 
     @cached_property
-    def _first_order(self) -> BatchFunction:
-        return self._batch(lambda moments: _upper(moments.first_order))
+    def _first_order(self) -> LaneFunction:
+        return self._batch(lambda moments: _mirrored(moments.first_order))
 
     @cached_property
-    def _position(self) -> BatchFunction:
+    def _position(self) -> LaneFunction:
         return self._batch(lambda moments: moments.position)
 
     @cached_property
-    def _mean(self) -> BatchFunction:
+    def _mean(self) -> LaneFunction:
         return self._batch(lambda moments: moments.mean)
 
-    def _batch(self, select: Callable[[Moments], Any]) -> BatchFunction:
+    def _batch(self, select: Callable[[Moments], Any]) -> LaneFunction:
         q = ca.SX.sym("q", self._tool_point.robot.n)
         # A robot that does not move its tool point leaves numbers, which CasADi must hear of as SX.
         entries = ca.densify(ca.SX(ca.vec(select(self._tool_point.moments(ca.vertsplit(q), self._plan.plan)))))
-        return BatchFunction(ca.Function("moments", [q], [ca.cse(entries)], ["q"], ["moments"]), compiled=self._wanted)
+        return LaneFunction(ca.Function("moments", [q], [ca.cse(entries)], ["q"], ["moments"]), compiled=self._wanted)
 
-    def _evaluate(self, function: BatchFunction, Q: ArrayLike, order: Sequence[int], shape: tuple[int, ...]) -> Array:
+    def _evaluate(self, function: LaneFunction, Q: ArrayLike, shape: tuple[int, ...]) -> Array:
         postures, single = self._read(Q)
-        result = np.empty((len(postures), len(order)))
-        for start in range(0, len(postures), _BLOCK):
-            block = slice(start, start + _BLOCK)
-            # Unlike "raise", the mode "clip" writes without a copy; all indices are in range.
-            np.take(function(postures[block]), order, axis=1, out=result[block], mode="clip")
-        shaped: Array = result.reshape(-1, *shape)
+        shaped = function(postures).reshape(-1, *shape)
         return shaped[0] if single else shaped
 
     def _read(self, Q: ArrayLike) -> tuple[Array, bool]:
@@ -125,10 +116,10 @@ class SpreadFunction:
         return rows, single
 
 
-def _upper(matrix: Any) -> ca.SX:
-    """The six entries of a symmetric matrix that are computed; the others are mirrored."""
+def _mirrored(matrix: Any) -> ca.SX:
+    """The matrix with its upper half on both sides, so that each entry is computed once."""
     C = ca.SX(matrix)
-    return ca.vertcat(*(C[i, j] for i, j in PAIRS))
+    return ca.SX(ca.triu2symm(ca.triu(C)))
 
 
 def covariance_c(problem: HasSources, name: str = "tool_covariance") -> tuple[str, str]:
@@ -140,7 +131,7 @@ def covariance_c(problem: HasSources, name: str = "tool_covariance") -> tuple[st
         InputError: ``name`` is no free C identifier, or nothing is uncertain.
     """
     function, described = spread_expressions(problem)
-    return c_source(function, name, described)
+    return c_source(function, name, described, rows=True)
 
 
 def spread_expressions(problem: HasSources) -> tuple[ca.Function, dict[str, str]]:
@@ -154,7 +145,7 @@ def spread_expressions(problem: HasSources) -> tuple[ca.Function, dict[str, str]
     q = ca.SX.sym("q", problem.arm.robot.n)
     found = FixedPlan.of(tool_point)
     moments = tool_point.moments(ca.vertsplit(q), found.plan)
-    results = [moments.position, moments.covariance, moments.first_order]
+    results = [moments.position, _mirrored(moments.covariance), _mirrored(moments.first_order)]
     function = ca.Function("spread", [q], results, ["q"], ["position", "covariance", "first_order"])
     joints = ", ".join(f"{j.name} [{j.unit}]" for j in problem.arm.robot.joints)
     error = f" (relative error up to {found.relative_error:.1g})" if tool_point.integrated else ""

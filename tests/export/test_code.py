@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from tests.helpers.pin import PinArm, robots_folder
 
 NAMES = ("insert_ur10_extended", "insert_panda", "insert_planar_2r_correlated_lengths", "measure_planar_2r")
 SCRIPT = """
@@ -79,23 +80,125 @@ def run_objective(folder: Path, q: np.ndarray) -> np.ndarray:
     return namespace["objective"](q)
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_c_gives_the_same_objective_and_gradient(tmp_path: Path) -> None:
+COMPILERS = [compiler for compiler in ("gcc", "clang") if shutil.which(compiler)]
+needs_compiler = pytest.mark.skipif(not COMPILERS, reason="no C compiler")
+STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
+
+
+def written(problem: Any, folder: Path) -> list[str]:
+    """The names of the C files of a problem, written into a folder."""
+    files = po.export_files(problem, "c").files
+    for file, text in files.items():
+        (folder / file).write_text(text)
+    return [file for file in files if file.endswith(".c")]
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("name", "standard"), [*zip(NAMES, ("-std=c99", "-std=c11", "-std=c99", "-std=c11"), strict=True)]
+)
+def test_c_compiles_without_a_warning_and_its_main_says_right(name: str, standard: str, tmp_path: Path) -> None:
+    sources = written(po.load_problem(name), tmp_path)
+    assert sources == ["tool_covariance.c", "tool_covariance_objective.c", "tool_covariance_check.c"]
+    for compiler in COMPILERS:
+        subprocess.run([compiler, standard, *STRICT, "-O1", *sources, "-o", "check", "-lm"], cwd=tmp_path, check=True)
+        done = subprocess.run([tmp_path / "check"], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout
+        assert len(done.stdout.splitlines()) == 10
+        assert done.stdout.endswith("right\n")
+
+
+@needs_compiler
+def test_c_is_right_where_the_compiler_may_reorder_sums(tmp_path: Path) -> None:
+    # Run in another process: a library compiled so would flush small numbers to zero in this one.
+    sources = written(po.load_problem("insert_planar_2r_correlated_lengths"), tmp_path)
+    subprocess.run([COMPILERS[0], "-O3", "-ffast-math", *sources, "-o", "check", "-lm"], cwd=tmp_path, check=True)
+    subprocess.run([tmp_path / "check"], check=True, capture_output=True)
+
+
+@needs_compiler
+def test_the_main_notices_a_wrong_number(tmp_path: Path) -> None:
+    sources = written(po.load_problem("insert_panda"), tmp_path)
+    code = (tmp_path / "tool_covariance.c").read_text()
+    length = "0.316"  # of the upper arm [m]
+    assert length in code
+    (tmp_path / "tool_covariance.c").write_text(code.replace(length, "0.31600001"))
+    subprocess.run([COMPILERS[0], *sources, "-o", "check", "-lm"], cwd=tmp_path, check=True)
+    done = subprocess.run([tmp_path / "check"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "tool_covariance_rows, covariance" in done.stdout
+    assert done.stdout.count("WRONG") == 6  # position, covariance and first order, alone and in rows
+
+
+@needs_compiler
+def test_c_gives_the_numbers_of_python_at_random_postures(tmp_path: Path) -> None:
     problem = po.load_problem("insert_panda")
-    for file, text in po.export_files(problem, "c").files.items():
-        (tmp_path / file).write_text(text)
-    library = tmp_path / "objective.so"
-    flags = ["-shared", "-fPIC", "-O1", "-std=c99", "-pedantic-errors"]
-    subprocess.run(["cc", *flags, str(tmp_path / "tool_covariance_objective.c"), "-o", str(library), "-lm"], check=True)
-    function = ctypes.CDLL(str(library)).tool_covariance_objective
-    double = ctypes.POINTER(ctypes.c_double)
+    sources = written(problem, tmp_path)
+    command = [COMPILERS[0], "-shared", "-fPIC", "-O3", "-std=c99", *sources[:2], "-o", "both.so", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    library = ctypes.CDLL(str(tmp_path / "both.so"))
     namespace: dict[str, Any] = {}
     exec(po.export_files(problem, "python").files["tool_covariance.py"], namespace)
-    for q in postures(problem):
-        value, gradient = np.zeros(1), np.zeros(7)
-        assert function(*(np.ascontiguousarray(a).ctypes.data_as(double) for a in (q, value, gradient))) == 0
-        assert value[0] == pytest.approx(namespace["objective"](q), rel=1e-12)
-        assert gradient == pytest.approx(namespace["gradient"](q), rel=1e-9, abs=1e-15)
+    q = postures(problem, 21)  # not a whole number of blocks
+    for row in (*q, q):
+        many = np.ndim(row) == 2
+        found = {"position": np.zeros((*row.shape[:-1], 3))}
+        found |= {key: np.zeros((*row.shape[:-1], 3, 3)) for key in ("covariance", "first_order")}
+        called = library.tool_covariance_rows if many else library.tool_covariance
+        first = [ctypes.c_longlong(len(row))] if many else []
+        assert called(*first, *map(address, (row, *found.values()))) == 0
+        for key, values in found.items():
+            expected = namespace[key](row)
+            assert np.abs(values - expected).max() <= 1e-12 * np.abs(expected).max(), key
+    for row in q:
+        found = {"objective": np.zeros(1), "gradient": np.zeros(7), "hessian": np.zeros((7, 7))}
+        assert library.tool_covariance_objective(*map(address, (row, *found.values()))) == 0
+        for key, values in found.items():
+            expected = namespace[key](row)
+            assert np.abs(values - expected).max() <= 1e-12 * np.abs(expected).max(), key
+        alone = np.zeros(1)
+        assert library.tool_covariance_objective(address(row), address(alone), None, None) == 0
+        assert alone[0] == found["objective"][0]
+
+
+def address(array: np.ndarray) -> Any:
+    assert array.flags.c_contiguous
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def test_the_hessian_is_that_of_differences() -> None:
+    problem = po.load_problem("insert_panda")
+    namespace: dict[str, Any] = {}
+    exec(po.export_files(problem, "python").files["tool_covariance.py"], namespace)
+    q, step = postures(problem), 1e-5
+    hessian = namespace["hessian"](q)
+    assert np.array_equal(hessian, hessian.swapaxes(1, 2))
+    for j in range(7):
+        shift = step * (np.arange(7) == j)
+        column = (namespace["gradient"](q + shift) - namespace["gradient"](q - shift)) / (2 * step)
+        assert np.allclose(hessian[:, :, j], column, rtol=1e-5, atol=1e-7 * np.abs(hessian).max())
+
+
+@needs_compiler
+def test_c_puts_the_tool_point_where_pinocchio_does(tmp_path: Path) -> None:
+    urdf = robots_folder() / "panda_description" / "urdf" / "panda.urdf"
+    base, tip = "panda_link0", "panda_hand_tcp"
+    problem = po.problem_from_dict({
+        "robot": {"kind": "urdf", "file": str(urdf), "base_link": base, "tip_link": tip},
+        "cell": "none",
+        "uncertainty": {"sigma": {"panda_joint1.theta": "1 mrad"}},
+    })  # fmt: skip
+    sources = written(problem, tmp_path)
+    assert "tool_covariance_objective.c" not in sources  # no task
+    command = [COMPILERS[0], "-shared", "-fPIC", "-O2", "-std=c99", sources[0], "-o", "arm.so", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    q = postures(problem, 12)
+    found = np.zeros((12, 3))
+    library = ctypes.CDLL(str(tmp_path / "arm.so"))
+    assert library.tool_covariance_rows(ctypes.c_longlong(12), address(q), address(found), None, None) == 0
+    arm, names = PinArm(urdf), problem.robot.joint_names
+    expected = [arm.pose(dict(zip(names, row, strict=True)), base, tip)[:3, 3] for row in q]
+    assert np.allclose(found, expected, rtol=0, atol=1e-14)
 
 
 def test_without_a_single_target_there_is_no_objective() -> None:

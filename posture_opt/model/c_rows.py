@@ -1,0 +1,231 @@
+"""C99 text that evaluates an SX function at one row, or at many side by side, so that compilers use vector registers.
+
+Sines and cosines come first, all of a row or of a block of rows in one loop without branches: the mathematics library,
+asked for one after another, takes longer for them than all the rest does. The rest is straight-line code in which every
+row is a lane.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from posture_opt.model.steps import Steps
+
+LANES = 8  # rows side by side: two vectors of AVX2, four of SSE2; 32 are no faster, and the block fits the first cache
+
+_OPERATIONS = {
+    ca.OP_ADD: "{0} + {1}", ca.OP_SUB: "{0} - {1}", ca.OP_MUL: "{0} * {1}", ca.OP_DIV: "{0} / {1}",
+    ca.OP_ASSIGN: "{0}", ca.OP_NEG: "-{0}", ca.OP_SQ: "{0} * {0}", ca.OP_TWICE: "2.0 * {0}", ca.OP_INV: "1.0 / {0}",
+    ca.OP_POW: "pow({0}, {1})", ca.OP_CONSTPOW: "pow({0}, {1})", ca.OP_FMIN: "fmin({0}, {1})",
+    ca.OP_FMAX: "fmax({0}, {1})", ca.OP_ATAN2: "atan2({0}, {1})", ca.OP_LT: "({0} < {1} ? 1.0 : 0.0)",
+    ca.OP_LE: "({0} <= {1} ? 1.0 : 0.0)", ca.OP_EQ: "({0} == {1} ? 1.0 : 0.0)", ca.OP_NE: "({0} != {1} ? 1.0 : 0.0)",
+    ca.OP_AND: "({0} != 0.0 && {1} != 0.0 ? 1.0 : 0.0)", ca.OP_OR: "({0} != 0.0 || {1} != 0.0 ? 1.0 : 0.0)",
+    ca.OP_NOT: "({0} == 0.0 ? 1.0 : 0.0)", ca.OP_IF_ELSE_ZERO: "({0} != 0.0 ? {1} : 0.0)",
+    ca.OP_COPYSIGN: "copysign({0}, {1})", ca.OP_FMOD: "fmod({0}, {1})", ca.OP_HYPOT: "hypot({0}, {1})",
+    ca.OP_SIGN: "({0} > 0.0 ? 1.0 : {0} < 0.0 ? -1.0 : {0})", ca.OP_FABS: "fabs({0})", ca.OP_SQRT: "sqrt({0})",
+    ca.OP_TAN: "tan({0})", ca.OP_ASIN: "asin({0})", ca.OP_ACOS: "acos({0})", ca.OP_ATAN: "atan({0})",
+    ca.OP_EXP: "exp({0})", ca.OP_LOG: "log({0})", ca.OP_FLOOR: "floor({0})", ca.OP_CEIL: "ceil({0})",
+    ca.OP_TANH: "tanh({0})", ca.OP_SINH: "sinh({0})", ca.OP_COSH: "cosh({0})", ca.OP_ERF: "erf({0})",
+    ca.OP_LOG1P: "log1p({0})", ca.OP_EXPM1: "expm1({0})",
+}  # fmt: skip
+
+_SINES = """
+/* Sines and cosines of many angles without branches: Cody and Waite's reduction by pi/2 in three parts, then the
+ * polynomials of fdlibm (Sun Microsystems, 1993, k_sin.c and k_cos.c). Right to 2e-16 for angles below a million; for
+ * larger ones the mathematics library is asked. */
+PO_CLONES static void po_sines(const double* restrict x, double* restrict s, double* restrict c, int count) {
+  const double whole = 6755399441055744.0; /* 1.5 2^52: adding and subtracting it rounds to whole numbers */
+  double largest = 0.0;
+  int i;
+  for (i = 0; i < count; ++i) largest = fabs(x[i]) > largest ? fabs(x[i]) : largest;
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || (defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD != 0)
+  largest = HUGE_VAL; /* sums are not rounded as written: below, that is relied on */
+#endif
+  if (!(largest < 1e6)) {
+    for (i = 0; i < count; ++i) { s[i] = sin(x[i]); c[i] = cos(x[i]); }
+    return;
+  }
+  for (i = 0; i < count; ++i) {
+    const double k = (x[i] * 0.63661977236758138 + whole) - whole;
+    const double r = ((x[i] - k * 1.57079632673412561417) - k * 6.07710050630396597660e-11)
+      - k * 2.02226624879595063154e-21;
+    const double z = r * r;
+    const double sine = r + r * z * (-1.66666666666666324348e-01 + z * (8.33333333332248946124e-03
+      + z * (-1.98412698298579493134e-04 + z * (2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08
+      + z * 1.58969099521155010221e-10)))));
+    const double cosine = 1.0 - (0.5 * z - z * z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03
+      + z * (2.48015872894767294178e-05 + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09
+      + z * -1.13596475577881948265e-11))))));
+    const double quarter = k - 4.0 * ((k * 0.25 - 0.375 + whole) - whole); /* 0, 1, 2 or 3 */
+    const double half = (quarter * 0.5 - 0.25 + whole) - whole; /* 1 from half a turn on */
+    const double odd = quarter - 2.0 * half;
+    s[i] = (1.0 - 2.0 * half) * (odd * cosine + (1.0 - odd) * sine);
+    c[i] = (1.0 - 2.0 * half) * (1.0 - 2.0 * odd) * (odd * sine + (1.0 - odd) * cosine);
+  }
+}
+"""
+
+# GCC on x86-64 and Linux: a second version for processors with AVX2, chosen when the program starts. Neither has fused
+# multiply-add, so both give the same digits.
+_CLONES = """
+#if defined(__x86_64__) && defined(__linux__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
+#define PO_CLONES __attribute__((target_clones("avx2", "default")))
+#else
+#define PO_CLONES
+#endif
+"""
+
+
+@dataclass(frozen=True)
+class CFunction:
+    """The face of a function in C: its name, and name and size of its inputs and outputs."""
+
+    name: str
+    inputs: tuple[tuple[str, int], ...]
+    outputs: tuple[tuple[str, int], ...]
+
+    @property
+    def prototype(self) -> str:
+        """For one row."""
+        return f"int {self.name}({self.arguments})"
+
+    @property
+    def rows_prototype(self) -> str:
+        """For many."""
+        return f"int {self.name}_rows(long long rows, {self.arguments})"
+
+    @property
+    def arguments(self) -> str:
+        return ", ".join(
+            [*(f"const double* {key}" for key, _ in self.inputs), *(f"double* {k}" for k, _ in self.outputs)]
+        )
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The names of the outputs."""
+        return tuple(key for key, _ in self.outputs)
+
+
+def one_text(steps: Steps, face: CFunction, shared: bool) -> str:
+    """The function for one row.
+
+    Args:
+        shared: whether outputs go on from what the ones before them have computed; else each is computed alone.
+    """
+    writer = _Writer(steps, tuple(key for key, _ in face.inputs), 1)
+    lines = [*writer.turns(), *(writer.chained(face.keys) if shared else writer.alone(face.keys))]
+    ignored = [f"  (void){key};" for key, _ in face.inputs]
+    return "\n".join([f"{face.prototype};", f"{face.prototype} {{", *ignored, *lines, "  return 0;", "}", ""])
+
+
+def head_text(steps: Steps) -> str:
+    """What both need before them."""
+    return f"{_CLONES}{_SINES if steps.angles else ''}"
+
+
+def rows_text(steps: Steps, face: CFunction) -> str:
+    """The function for many rows, `LANES` of them at a time."""
+    writer = _Writer(steps, tuple(key for key, _ in face.inputs), LANES)
+    every = [*face.inputs, *face.outputs]
+    inputs = [f"const double* restrict {key}" for key, _ in face.inputs]
+    block = ", ".join([*inputs, *(f"double* restrict {key}" for key in face.keys)])
+    lines = [f"PO_CLONES static void {face.name}_block({block}) {{", *(f"  (void){key};" for key, _ in face.inputs)]
+    lines += [*writer.turns(), *writer.alone(face.keys), "}", ""]
+    lines += [f"{face.rows_prototype};", f"{face.rows_prototype} {{"]
+    lines += [f"  double {', '.join(f'{key}_[{max(size, 1) * LANES}]' for key, size in every)};"]
+    lines += [f"  for (long long row_ = 0; row_ < rows; row_ += {LANES}) {{"]
+    lines += [f"    const int count_ = rows - row_ < {LANES} ? (int)(rows - row_) : {LANES};"]
+    for key, size in face.inputs:  # a block that is not full repeats its last row
+        lines += [f"    for (int l_ = 0; l_ < {LANES}; ++l_) for (int i_ = 0; i_ < {size}; ++i_)"]
+        lines += [f"      {key}_[i_ * {LANES} + l_] = {key}[(row_ + (l_ < count_ ? l_ : count_ - 1)) * {size} + i_];"]
+    wanted = [*(f"{key}_" for key, _ in face.inputs), *(f"{key} ? {key}_ : 0" for key in face.keys)]
+    lines += [f"    {face.name}_block({', '.join(wanted)});"]
+    for key, size in face.outputs:
+        lines += [f"    if ({key}) for (int l_ = 0; l_ < count_; ++l_) for (int i_ = 0; i_ < {size}; ++i_)"]
+        lines += [f"      {key}[(row_ + l_) * {size} + i_] = {key}_[i_ * {LANES} + l_];"]
+    return "\n".join([*lines, "  }", "  return 0;", "}", ""])
+
+
+@dataclass(frozen=True)
+class _Writer:
+    """Lines of C for steps; names of its own end in an underscore, so that arguments may have any that do not."""
+
+    steps: Steps
+    inputs: tuple[str, ...]
+    lanes: int
+
+    def turns(self) -> Iterator[str]:
+        """Lines that fill the sines and cosines of all angles, a round at a time."""
+        numbers = self.steps.angle_numbers
+        if not numbers:
+            return
+        size = len(numbers) * self.lanes
+        yield f"  double angle_[{size}], sine_[{size}], cosine_[{size}];"
+        for angles in self.steps.angles:
+            yield f"  {self.loop}{{"
+            yield from self.body(self.steps.needed(angles, self.steps.turns))
+            yield from (f"    angle_[{self.place(numbers[k])}] = {self.of(k)};" for k in angles)
+            yield "  }"
+            first, count = numbers[angles[0]] * self.lanes, len(angles) * self.lanes
+            yield f"  po_sines(angle_ + {first}, sine_ + {first}, cosine_ + {first}, {count});"
+
+    def alone(self, outputs: Sequence[str]) -> Iterator[str]:
+        """Each output in a block of its own."""
+        for key, entries in zip(outputs, self.steps.outputs, strict=True):
+            yield f"  if ({key}) {self.loop}{{"
+            yield from self.body(self.steps.needed(entries, self.steps.turns))
+            yield from (f"    {key}[{self.place(i)}] = {self.of(k)};" for i, k in enumerate(entries))
+            yield "  }"
+
+    def chained(self, outputs: Sequence[str]) -> Iterator[str]:
+        """The outputs one after another, as far as any is wanted."""
+        known = set(self.steps.turns)
+        for i, (key, entries) in enumerate(zip(outputs, self.steps.outputs, strict=True)):
+            if i:
+                yield f"  if (!({' || '.join(outputs[i:])})) return 0;"
+            needed = self.steps.needed(entries, frozenset(known))
+            known.update(needed)
+            yield from self.body(needed)
+            yield f"  if ({key}) {{"
+            yield from (f"    {key}[{j}] = {self.of(k)};" for j, k in enumerate(entries))
+            yield "  }"
+
+    def body(self, needed: Sequence[int]) -> Iterator[str]:
+        """A constant for each step."""
+        for k in needed:
+            step = self.steps.steps[k]
+            if step.operation not in (ca.OP_CONST, ca.OP_INPUT):
+                text = _OPERATIONS.get(step.operation)
+                assert text is not None, f"no C for operation {step.operation} of CasADi"
+                yield f"    const double v{k}_ = {text.format(*map(self.of, step.arguments))};"
+
+    def of(self, k: int) -> str:
+        """A step where it is used: a number, an input, a sine, or the constant that holds it."""
+        step = self.steps.steps[k]
+        if step.operation == ca.OP_CONST:
+            return literal(step.value)
+        if step.operation == ca.OP_INPUT:
+            return f"{self.inputs[step.entry[0]]}[{self.place(step.entry[1])}]"
+        if k in self.steps.turns:
+            array = "sine_" if step.operation == ca.OP_SIN else "cosine_"
+            return f"{array}[{self.place(self.steps.angle_numbers[step.arguments[0]])}]"
+        return f"v{k}_"
+
+    @property
+    def loop(self) -> str:
+        return f"for (int l_ = 0; l_ < {self.lanes}; ++l_) " if self.lanes > 1 else ""
+
+    def place(self, entry: int) -> str:
+        return f"{entry * self.lanes} + l_" if self.lanes > 1 else str(entry)
+
+
+def literal(value: float) -> str:
+    """A double in C; repr gives the shortest text that reads back as the same number."""
+    if math.isnan(value):
+        return "NAN"
+    text = "INFINITY" if math.isinf(value) else repr(abs(value))
+    return f"(-{text})" if math.copysign(1.0, value) < 0 else text
