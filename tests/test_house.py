@@ -43,6 +43,7 @@ HOME = {
 LAZY = {
     "": "public names are imported when they are first used",
     "cli": "a command, when it is called",
+    "__main__": "all of the command line, so that an interrupt finds somebody who answers it",
     "result": "how a result is told, when it is first looked at",
     "workers": "Dask, when a scheduler is asked for",
     "report": "figures, when one is drawn, and pandas, when a table is asked for",

@@ -20,6 +20,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.error_statistics import By, Statistics
 from posture_opt.calibration.parameters import CalibrationProblem, Parameter
 from posture_opt.errors import InputError, InsufficientDataError, Issue
+from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.result import Result
@@ -121,6 +122,7 @@ class Batch(Result):
         }
 
 
+@interruptible()
 def calibrate_batch(
     problem: CalibrationProblem,
     data: Measurements,

@@ -14,6 +14,7 @@ from posture_opt.diagnosis.diagnosis import Outcome
 from posture_opt.diagnosis.linearised_data import linearise
 from posture_opt.diagnosis.noise_causes import noise_samples
 from posture_opt.diagnosis.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
+from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import CorrelatedLengths
 from posture_opt.numerics import Progress
@@ -58,6 +59,7 @@ class BatchDiagnosis(Result):
         }
 
 
+@interruptible()
 def diagnose_batch(
     problem: CalibrationProblem,
     data: Measurements,

@@ -21,6 +21,7 @@ from posture_opt.calibration.other_file import OtherFile, predicted
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.calibration.stated_knowledge import consistent
+from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask, Progress
 
@@ -32,6 +33,7 @@ RECOUNTED = (
 )
 
 
+@interruptible()
 def calibrate(
     problem: CalibrationProblem,
     data: Measurements,

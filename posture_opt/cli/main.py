@@ -16,7 +16,9 @@ import click
 
 from posture_opt import __version__
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
+from posture_opt.cli.streams import discard, ended_by_signals, exit_code_of, open_standard_streams, output_fault
 from posture_opt.errors import PostureOptError, nearest
+from posture_opt.interrupts import interruptible
 
 COMMANDS = {
     # name -> one line for --help
@@ -46,7 +48,6 @@ _FILES = {
     "export": ("export",),
     "plan_measurements": ("plan-measurements",),
 }
-_INTERRUPTED = 130  # what a shell reports of a program that ^C ended
 
 
 # pydantic would look for plugins in every installed package, 50 ms of a cold start; there are none for our files.
@@ -84,52 +85,70 @@ class PostureCommands(click.Group):
     ) -> NoReturn:
         """Run the command line and end the program with one of the codes of the help text."""
         words = list(sys.argv[1:] if args is None else args)
-        extra["standalone_mode"] = False
-        _forgive_narrow_terminals()
+        open_standard_streams()
         try:
-            code = super().main(words, prog_name or "optimize-posture", **extra)
-            sys.stdout.flush()
-        except Exception as error:
-            sys.exit(_exit_code(error, debug="--debug" in words))
-        sys.exit(code if isinstance(code, int) else 0)
+            with ended_by_signals(), interruptible():
+                code = self._run(list(words), prog_name or "optimize-posture", extra)
+                sys.stdout.flush()
+        except (Exception, KeyboardInterrupt) as error:
+            sys.exit(_told(error, debug="--debug" in words))
+        sys.exit(code)
 
-
-def _exit_code(error: Exception, debug: bool) -> int:
-    """The exit code of what went wrong, which is told on standard error."""
-    if isinstance(error, BrokenPipeError):  # the reader, `head` say, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    def _run(self, words: list[str], prog_name: str, extra: dict[str, Any]) -> int:
+        """As click's ``main``, whose own ideas of interrupts and closed pipes are left out."""
+        extra.pop("standalone_mode", None)
+        try:
+            with self.make_context(prog_name, words, **extra) as ctx:
+                self.invoke(ctx)
+        except click.exceptions.Exit as leaving:
+            return leaving.exit_code
         return 0
-    if isinstance(error, click.Abort):
-        click.echo("interrupted", err=True)
-        return _INTERRUPTED
+
+
+def _told(error: BaseException, debug: bool) -> int:
+    """The exit code of what went wrong, which is told on standard error where that takes anything."""
+    try:
+        return _exit_code(error, debug)
+    except OSError:
+        discard(sys.stderr)
+        return _exit_code(error, debug)
+
+
+def _exit_code(error: BaseException, debug: bool) -> int:
+    if isinstance(error, KeyboardInterrupt):
+        _tell("interrupted")
+        return exit_code_of(error)
     if isinstance(error, click.ClickException):
         error.show()
         return 2
+    if isinstance(error, OSError):
+        if debug:
+            traceback.print_exception(error)
+        code, text = output_fault(error)
+        discard(sys.stdout)
+        _tell(f"error: {text}" if text else "")
+        return code
     if debug:
         traceback.print_exception(error)
     if isinstance(error, PostureOptError):
-        _tell(error)
+        _tell(_as_text(error))
         return error.exit_code
     hint = "" if debug else " (a defect of this program; --debug shows where)"
-    click.echo(f"error: {type(error).__name__}: {error}".splitlines()[0] + hint, err=True)
+    _tell(f"error: {type(error).__name__}: {error}".splitlines()[0] + hint)
     return 1
 
 
-def _tell(error: PostureOptError) -> None:
+def _tell(text: str) -> None:
+    if text:
+        click.echo(text, err=True)
+
+
+def _as_text(error: PostureOptError) -> str:
     lines = str(error).splitlines() or [type(error).__name__]
     if len(lines) == 1:
-        click.echo(f"error: {lines[0]}", err=True)
-        return
-    click.echo(f"{len(lines)} errors:" if error.exit_code == 2 else "error:", err=True)
-    for line in lines:
-        click.echo(f"  {line}", err=True)
-
-
-def _forgive_narrow_terminals() -> None:
-    """A terminal without σ or ° shows a question mark in its place instead of ending the program."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")
+        return f"error: {lines[0]}"
+    head = f"{len(lines)} errors:" if error.exit_code == 2 else "error:"
+    return "\n  ".join([head, *lines])
 
 
 @click.command(

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import signal
-import sys
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import click
 
@@ -52,25 +49,8 @@ def output(common: Common) -> Iterator[None]:
     if common.out is None:
         yield
         return
-    with _ended_politely(), writable_folder(common.out, OUT):
+    with writable_folder(common.out, OUT):
         yield
-
-
-@contextmanager
-def _ended_politely() -> Iterator[None]:
-    """A request to end runs the clean-up first."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def end(number: int, frame: Any) -> NoReturn:
-        sys.exit(128 + number)
-
-    former = signal.signal(signal.SIGTERM, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, former)
 
 
 def write_text(path: Path | None, text: str) -> None:

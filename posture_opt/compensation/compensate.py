@@ -14,6 +14,7 @@ from posture_opt.compensation.nearest_postures import NearestPostures, Poses
 from posture_opt.compensation.start_postures import start_postures
 from posture_opt.compensation.targets import Targets, read_targets
 from posture_opt.errors import NoSolutionError
+from posture_opt.interrupts import interruptible
 from posture_opt.measurements.table import TableLike
 from posture_opt.model.arm import Arm
 from posture_opt.model.stretched import stretched
@@ -46,6 +47,7 @@ class HasNominal(Protocol):
     def sources(self) -> Sources: ...
 
 
+@interruptible()
 def compensate(problem: HasNominal, targets: TableLike | Targets) -> Compensation:
     """The joint values that bring the tool of the arm of ``problem``, corrections and effects included, to targets.
 

@@ -35,6 +35,7 @@ from posture_opt.diagnosis.search import SearchResult, remaining_unnamed, search
 from posture_opt.diagnosis.sessions import SecondSession, second_session
 from posture_opt.diagnosis.uneven_noise import NoiseCause, UnevenErrors
 from posture_opt.diagnosis.unnamed_components import UnnamedComponent
+from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.model.effects import Effect
@@ -87,6 +88,7 @@ class _HeldOut:
     parts: list[Codes]
 
 
+@interruptible()
 def diagnose(
     problem: FittableProblem,
     data: Measurements,

@@ -22,6 +22,7 @@ from posture_opt.experiments.information import (
 )
 from posture_opt.experiments.measurement_plan import MeasurementPlan, Purpose, Target
 from posture_opt.experiments.plan_search import PlanSearch, tour
+from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.has_task import HasTask
@@ -44,6 +45,7 @@ class PlannedProblem(CalibrationProblem, HasTask, Protocol):
     def cell(self) -> CellSpec | None: ...
 
 
+@interruptible()
 def plan_measurements(
     problem: PlannedProblem,
     count: int,

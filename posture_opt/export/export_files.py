@@ -9,6 +9,7 @@ from posture_opt.export import EXPORTS
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
 from posture_opt.export.program_format import ProgramFormat
 from posture_opt.export.robot_program import program_through
+from posture_opt.interrupts import interruptible
 from posture_opt.robot.posture import PostureLike, read_posture
 
 
@@ -22,6 +23,7 @@ def export_kinds(programs_only: bool = False) -> dict[str, type[ExportFormat]]:
     return {kind_of_export(e): e for e in EXPORTS if not programs_only or issubclass(e, ProgramFormat)}
 
 
+@interruptible()
 def export_files(
     problem: Any,
     to: str,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -49,8 +50,8 @@ CASADI_SYMBOL_EXPORT long long posture_opt_batch(long long rows, const double* c
 class BatchFunction:
     """A CasADi function evaluated over rows: ``batch(*arrays)[k] = function(*(array[k] for array in arrays))``.
 
-    Compiled rows run without Python's lock, so batches may run in threads; :meth:`one` may not. Both ways give
-    the same digits, pickle, and let NaN and infinity through.
+    Compiled rows run without Python's lock, and threads may share both ways of calling. Both give the same digits,
+    pickle, and let NaN and infinity through.
 
     Args:
         function: inputs and outputs of any sparsity; both are dense outside.
@@ -77,6 +78,7 @@ class BatchFunction:
         self.compiled: bool = library is not None
         if library:
             self._row = casadi.external(_ROW, str(library.path))
+        self._kept = threading.local()
         self._fill = functools.partial(_fill_compiled, library) if library else self._fill_interpreted
 
     def __call__(self, *arrays: npt.ArrayLike) -> Any:
@@ -100,7 +102,7 @@ class BatchFunction:
         return outputs[0] if len(outputs) == 1 else tuple(outputs)
 
     def one(self, *arrays: npt.ArrayLike) -> Any:
-        """Evaluate once with buffers that are kept: each input (size,), outputs (r,) or (r, c). Not for threads."""
+        """Evaluate once with buffers that each thread keeps: each input (size,), outputs (r,) or (r, c)."""
         buffered, views = self._single
         try:
             _assign(buffered.inputs, arrays)
@@ -116,10 +118,16 @@ class BatchFunction:
     def __reduce__(self) -> tuple[Any, ...]:
         return functools.partial(BatchFunction, compiled=self._wanted), (self.function,)
 
-    @functools.cached_property
+    @property
     def _single(self) -> tuple[_Buffered, list[Array]]:
-        buffered = _Buffered(self._row, self._fallible)
-        return buffered, [slot.reshape(shape) for slot, shape in zip(buffered.outputs, self._shapes, strict=True)]
+        """Of this thread: a buffer that two write to belongs to none."""
+        try:
+            kept: tuple[_Buffered, list[Array]] = self._kept.single
+        except AttributeError:
+            buffered = _Buffered(self._row, self._fallible)
+            views = [slot.reshape(shape) for slot, shape in zip(buffered.outputs, self._shapes, strict=True)]
+            kept = self._kept.single = buffered, views
+        return kept
 
     def _read(self, arrays: tuple[npt.ArrayLike, ...]) -> tuple[int, list[Array]]:
         if len(arrays) != len(self._names):

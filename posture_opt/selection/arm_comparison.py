@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
+from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Progress
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
@@ -140,6 +141,7 @@ class ArmComparison(Result):
         }
 
 
+@interruptible()
 def compare(
     problems: Mapping[str, ComparableProblem], *, seed: int | None = None, workers: int = 1,
     progress: Progress | None = None,

@@ -17,7 +17,8 @@ import numpy as np
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array, Mask
 from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE
-from posture_opt.selection.nlp import IPOPT_OPTIONS, Nlp, Row
+from posture_opt.selection.nlp import Nlp, Row
+from posture_opt.selection.nonlinear_solver import NonlinearSolver
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 
 TARGET, AXIS, LIMITS = "target", "tool_axis", "limits"
@@ -100,7 +101,7 @@ class ElasticProblem:
         low, high = self._row_bounds(parameters, may)
         x0 = np.concatenate([start, np.clip(self._needed(start, parameters), lower[len(start) :], upper[len(start) :])])
         p = np.append(parameters, float(may[1]))
-        found = np.asarray(self._solver(x0=x0, p=p, lbx=lower, ubx=upper, lbg=low, ubg=high)["x"]).ravel()
+        found = self._solver.solve(x0, lower, upper, low, high, p=p).x
         q = found[: len(start)]
         if not may[2]:
             q = np.clip(q, *self._problem.nlp.variable_bounds)
@@ -179,7 +180,7 @@ class ElasticProblem:
         return ca.asin(ca.fmin(ca.sqrt(upper), 1))
 
     @cached_property
-    def _solver(self) -> ca.Function:
+    def _solver(self) -> NonlinearSolver:
         nlp, slacks, axis_free = self._problem.nlp, self._slacks, ca.SX.sym("axis_free")
         chord, shift = ca.sqrt(2 * (1 - self._facing) + _ROUND), ca.sqrt(ca.sumsqr(slacks[0]) + _ROUND)
         cost = axis_free * chord + shift / self._scales[0] + _HARD * ca.sum1(slacks[2])
@@ -190,8 +191,8 @@ class ElasticProblem:
             "f": cost,
             "g": ca.vertcat(ca.SX(0, 1), *(expression for expression, *_ in self._rows)),
         }
-        options = {**IPOPT_OPTIONS, "ipopt.max_iter": _ITERATIONS, "ipopt.tol": 1e-7, "ipopt.constr_viol_tol": 1e-8}
-        return ca.nlpsol("elastic", "ipopt", program, options)
+        options = {"ipopt.max_iter": _ITERATIONS, "ipopt.tol": 1e-7, "ipopt.constr_viol_tol": 1e-8}
+        return NonlinearSolver("elastic", program, options)
 
     @cached_property
     def _row_ends(self) -> ca.Function:

@@ -16,7 +16,8 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.selection.nlp import IPOPT_OPTIONS, Row
+from posture_opt.selection.nlp import Row
+from posture_opt.selection.nonlinear_solver import NonlinearSolver
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.task_target import SIZES, TaskTarget, turned_about_z
 
@@ -91,14 +92,13 @@ class JointProblem:
         x0 = np.concatenate([w, [0.0], np.asarray(start.Q, dtype=float).ravel()])
         if self.combine == "worst":
             x0[4] = float(self._objective(x0))
-        found = solver(x0=x0, lbx=lower, ubx=upper, lbg=lbg, ubg=ubg)
-        stats, x = solver.stats(), np.clip(np.asarray(found["x"]).ravel(), lower, upper)
+        found = solver.solve(x0, lower, upper, lbg, ubg)
+        x = np.clip(found.x, lower, upper)
         g = np.asarray(self._rows(x)).ravel()
         violation = float(np.max(np.maximum(np.asarray(lbg) - g, g - np.asarray(ubg)), initial=0.0))
-        status = str(stats["return_status"])
         point = JointPoint(x[:4], x[5:].reshape(start.Q.shape))
-        optimal = status == "Solve_Succeeded"
-        return JointOutcome(point, float(self._objective(x)), violation, optimal, status, int(stats["iter_count"]))
+        level = float(self._objective(x))
+        return JointOutcome(point, level, violation, found.optimal, found.message, found.iterations)
 
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
@@ -135,10 +135,9 @@ class JointProblem:
         return {"x": x, "f": t if self.combine == "worst" else objective, "objective": objective, "g": g, "ends": ends}
 
     @cached_property
-    def _solver(self) -> tuple[Any, Array, Array]:
+    def _solver(self) -> tuple[NonlinearSolver, Array, Array]:
         parts = self._parts
         options = {
-            **IPOPT_OPTIONS,
             "ipopt.tol": 1e-7,
             "ipopt.max_iter": self.max_iterations,
             "ipopt.constr_viol_tol": 1e-9,
@@ -148,7 +147,7 @@ class JointProblem:
             "ipopt.acceptable_iter": 0,
             "ipopt.fixed_variable_treatment": "make_parameter",
         }
-        solver = ca.nlpsol("joint", "ipopt", {key: parts[key] for key in ("x", "f", "g")}, options)
+        solver = NonlinearSolver("joint", {key: parts[key] for key in ("x", "f", "g")}, options)
         return solver, *parts["ends"]
 
     @cached_property

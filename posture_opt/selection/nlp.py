@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -135,11 +134,3 @@ class Values:
     def objective(self) -> float:
         """The sum of the terms."""
         return float(self.terms.sum())
-
-
-IPOPT_OPTIONS: dict[str, Any] = {
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",  # no banner
-    "print_time": False,
-    "calc_lam_p": False,  # the multipliers of the parameters cost one more evaluation and nobody reads them
-}

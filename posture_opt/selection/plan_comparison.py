@@ -10,6 +10,7 @@ import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
+from posture_opt.interrupts import interruptible
 from posture_opt.model.arm import Arm
 from posture_opt.model.stretched import stretched
 from posture_opt.numerics import Array
@@ -121,6 +122,7 @@ class Comparison(Result):
         return {**{name: plan.to_json() for name, plan in self.plans.items()}, "reasons": list(self.reasons)}
 
 
+@interruptible()
 def compare_plans(
     models: Mapping[str, HasTask], *, seed: int | None = None, workers: int = 1, hint: str = "",
     measured: Array | None = None,

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Progress
 from posture_opt.selection.features_selection import select_for_features
 from posture_opt.selection.features_solution import FeaturesSolution
@@ -51,6 +52,7 @@ def at_one_feature(
     return {name: replace(model, task=task) for name, model in placed.items()}
 
 
+@interruptible()
 def select_posture(
     problem: HasTask, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
 ) -> Answer:

@@ -10,6 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
+from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array, Progress
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.aligner import Aligner
@@ -84,6 +85,7 @@ class PostureSelector:
             self._engines[key] = Engine(problem, self._problem.solver, self._compiled)
         return self._engines[key]
 
+    @interruptible()
     def solve(
         self,
         position: Sequence[float] | None = None,
@@ -131,6 +133,7 @@ class PostureSelector:
 
         return bool(self._searched(seek, self.target).feasible)
 
+    @interruptible()
     def solve_thoroughly(
         self,
         *,

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.errors import NoSolutionError
+from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.robot.joint_ranges import drawn_between
@@ -111,6 +112,7 @@ class TargetMap(Result):
         }
 
 
+@interruptible()
 def map_targets(
     problem: HasTask,
     *,

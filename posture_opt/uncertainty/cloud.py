@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture, PostureLike
@@ -183,6 +184,7 @@ class Cloud(Result):
         return {"stable": found.stable, "blocks": found.blocks, "kp": found.kp, "kq": found.kq}
 
 
+@interruptible()
 def simulate(
     problem: HasSources, posture: PostureLike, n: int = 5000, seed: int = 0, adaptive: bool = False, digits: int = 2
 ) -> Cloud:

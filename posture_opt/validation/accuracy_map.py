@@ -11,6 +11,7 @@ import numpy as np
 
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.starting_values import kabsch
+from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress, finite_or_none
 from posture_opt.result import Result
@@ -116,6 +117,7 @@ class AccuracyMap(Result):
         return self.corrections + self.effects > 0
 
 
+@interruptible()
 def map_accuracy(
     problem: CorrectedProblem,
     data: Measurements | None = None,

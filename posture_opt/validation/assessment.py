@@ -11,6 +11,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.instrument import position_sigma
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals, matrices, rotation_vectors
+from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes
@@ -120,6 +121,7 @@ class Assessment(Result):
         }  # fmt: skip
 
 
+@interruptible()
 def assess(problem: AssessedProblem, data: Measurements, calibration: Calibration) -> Assessment:
     """What the model gets wrong, before calibration and after, and what two rules of measuring say of it.
 

@@ -11,6 +11,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.error_statistics import folds_of, groups_of
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals
+from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Result
@@ -92,6 +93,7 @@ class SpreadCheck(Result):
         }
 
 
+@interruptible()
 def check_spread(
     problem: CalibrationProblem, data: Measurements, calibration: Calibration, *, folds: int = 5
 ) -> SpreadCheck:

@@ -16,7 +16,7 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes
 from posture_opt.selection.joint_problem import JointOutcome, JointPoint, StationFunction
-from posture_opt.selection.nlp import IPOPT_OPTIONS
+from posture_opt.selection.nonlinear_solver import NonlinearSolver
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.paths.joint_steps import JointSteps
 
@@ -24,7 +24,6 @@ _MEAN = 1e-4  # of the mean objective: points that are not the worst one are goo
 _SMOOTH = 1e-4  # of the mean squared step [rad²]: makes the motion the only one
 _STEP_MARGIN = 1e-9  # rad: what IPOPT may overstep
 _OPTIONS = {
-    **IPOPT_OPTIONS,
     "ipopt.tol": 1e-7,
     "ipopt.constr_viol_tol": 1e-9,
     "ipopt.mu_init": 1e-3,
@@ -76,14 +75,13 @@ class PathProblem:
         x0 = np.concatenate([w, [0.0], Q.ravel()])
         x0[4] = float(parts["level"](x0))
         lbx, ubx = np.concatenate([self.lower, [-np.inf], low]), np.concatenate([self.upper, [np.inf], high])
-        found = parts["solver"](x0=x0, p=largest, lbx=lbx, ubx=ubx, lbg=parts["lbg"], ubg=parts["ubg"])
-        stats, x = parts["solver"].stats(), np.clip(np.asarray(found["x"]).ravel(), lbx, ubx)
+        found = parts["solver"].solve(x0, lbx, ubx, parts["lbg"], parts["ubg"], p=largest)
+        x = np.clip(found.x, lbx, ubx)
         g = np.asarray(parts["g"](x, largest)).ravel()
         violation = float(np.max(np.maximum(parts["lbg"] - g, g - parts["ubg"]), initial=0.0))
-        status = str(stats["return_status"])
         point = JointPoint(x[:4], x[5:].reshape(K, n))
         level = float(parts["level"](x))
-        return JointOutcome(point, level, violation, status == "Solve_Succeeded", status, int(stats["iter_count"]))
+        return JointOutcome(point, level, violation, found.optimal, found.message, found.iterations)
 
     @cached_property
     def _spread(self) -> dict[str, Any]:
@@ -112,7 +110,7 @@ class PathProblem:
         lbg = np.concatenate([np.tile(ends[0], K), np.full(others, least)])
         ubg = np.concatenate([np.tile(ends[1], K), np.full(others, np.inf)])
         return {
-            "solver": ca.nlpsol("path", "ipopt", {"x": x, "p": p, "f": objective, "g": g}, _OPTIONS),
+            "solver": NonlinearSolver("path", {"x": x, "p": p, "f": objective, "g": g}, _OPTIONS),
             "g": ca.Function("rows", [x, p], [g]), "level": ca.Function("level", [x], [level]),
             "lbg": lbg, "ubg": ubg,
         }  # fmt: skip

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-import casadi as ca
 import numpy as np
 from pydantic import Field
 
-from posture_opt.selection.nlp import IPOPT_OPTIONS, Nlp
+from posture_opt.selection.nlp import Nlp
+from posture_opt.selection.nonlinear_solver import NonlinearSolver
 from posture_opt.selection.solvers.solver import Outcome, Polish, Solver
 
 
@@ -22,7 +22,6 @@ class Ipopt(Solver):
 
     def build(self, nlp: Nlp) -> Polish:
         options = {
-            **IPOPT_OPTIONS,
             "ipopt.tol": self.tolerance,
             "ipopt.max_iter": self.max_iterations,
             "ipopt.constr_viol_tol": 1e-9,
@@ -35,15 +34,11 @@ class Ipopt(Solver):
             "ipopt.acceptable_iter": 0,
             "ipopt.fixed_variable_treatment": "make_parameter",
         }
-        function = ca.nlpsol("solver", "ipopt", nlp.as_casadi(), options)
+        solver = NonlinearSolver("solver", nlp.as_casadi(), options)
         lower, upper = nlp.variable_bounds
 
         def polish(start: np.ndarray, parameters: np.ndarray) -> Outcome:
-            row_lower, row_upper = nlp.row_bounds(parameters)
-            found = function(x0=start, p=parameters, lbx=lower, ubx=upper, lbg=row_lower, ubg=row_upper)
-            stats = function.stats()
-            x = np.clip(np.asarray(found["x"]).ravel(), lower, upper)
-            status = str(stats["return_status"])
-            return Outcome(x, status == "Solve_Succeeded", status)
+            found = solver.solve(start, lower, upper, *nlp.row_bounds(parameters), p=parameters)
+            return Outcome(np.clip(found.x, lower, upper), found.optimal, found.message)
 
         return polish
