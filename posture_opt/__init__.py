@@ -3,6 +3,7 @@
 ::
 
     problem.yaml ─ load_problem ──────> problem ─ select_posture ─> solution   the best posture, with its reasons
+    {name: problem} ─ select_postures ─> postures    the same of many problems, on all cores or a cluster
     {...} ──────── problem_from_dict ─> problem ─ propagate ──────> spread     closed form at one posture
                                         problem ─ simulate ───────> cloud      Monte Carlo at one posture
                                         problem ─ PostureSelector              built once, solved again and again
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     from posture_opt.selection.features_solution import FeaturesSolution
     from posture_opt.selection.paths.path_solution import PathSolution
     from posture_opt.selection.plan_comparison import Comparison, compare_plans
+    from posture_opt.selection.posture_batch import PostureBatch, select_postures
     from posture_opt.selection.select_posture import select_posture
     from posture_opt.selection.selector import PostureSelector
     from posture_opt.selection.solution import Solution
@@ -85,6 +87,7 @@ __all__ = [
     "MeasurementPlan",
     "Measurements",
     "PathSolution",
+    "PostureBatch",
     "PostureSelector",
     "Solution",
     "Spread",
@@ -114,6 +117,7 @@ __all__ = [
     "propagate",
     "read_measurements",
     "select_posture",
+    "select_postures",
     "simulate",
 ]
 
@@ -135,6 +139,7 @@ _HOMES = {
     "MeasurementPlan": "experiments.measurement_plan",
     "Measurements": "measurements.measurements",
     "PathSolution": "selection.paths.path_solution",
+    "PostureBatch": "selection.posture_batch",
     "PostureSelector": "selection.selector",
     "Solution": "selection.solution",
     "Spread": "uncertainty.spread",
@@ -162,6 +167,7 @@ _HOMES = {
     "propagate": "uncertainty.spread",
     "read_measurements": "measurements.reading",
     "select_posture": "selection.select_posture",
+    "select_postures": "selection.posture_batch",
     "simulate": "uncertainty.cloud",
 }
 

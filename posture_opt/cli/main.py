@@ -22,6 +22,7 @@ from posture_opt.interrupts import interruptible
 
 COMMANDS = {
     # name -> one line for --help
+    "batch": "The postures of many problem files, in one report.",
     "calibrate": "Estimate the parameters of the arm from measurements.",
     "compensate": "Joint values that bring this arm, with its errors, to targets.",
     "completion": "Print a script that completes words in bash, zsh or fish.",
@@ -38,6 +39,7 @@ COMMANDS = {
 }
 _FILES = {
     # file -> the commands in it; `plan-measurements` is its function `plan_measurements_command`
+    "batch": ("batch",),
     "compare": ("compare",),
     "completion": ("completion",),
     "measured": ("calibrate", "diagnose"),

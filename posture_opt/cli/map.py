@@ -11,7 +11,7 @@ import click
 import posture_opt as po
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import output, save_result, show_result
-from posture_opt.cli.progress import progress_bar
+from posture_opt.cli.progress import progress_bar, tell_rate
 from posture_opt.cli.quantities import corner
 from posture_opt.cli.request import placed, requested_problem
 from posture_opt.cli.scheduler import checkpoint_option, digest_of, scheduler_option, working
@@ -57,6 +57,8 @@ def map_command(
             found = _mapped(problem, quantity, data, common, {**where, "executor": workers})
         save_result(common, found)
     show_result(common, found)
+    targets = found if isinstance(found, po.TargetMap) else found.targets
+    tell_rate(common, len(targets.map_points), "target", targets.seconds)
 
 
 def _mapped(

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TextIO
 
+import click
+
 from posture_opt.cli.options import Common
 from posture_opt.numerics import Progress
 
@@ -123,6 +125,14 @@ def _ticking(tick: Callable[[], None]) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, former)
+
+
+def tell_rate(common: Common, done: int, what: str, seconds: float) -> None:
+    """One line on standard error: how many were done, in what time, and how many a second; nothing of a short work."""
+    if common.quiet or common.json or seconds < DELAY:
+        return
+    took = f"{seconds:.1f} s" if seconds < 120 else f"{_minutes(seconds)} min"
+    click.echo(f"{done} {what}s in {took}: {done / seconds:.3g} a second", err=True)
 
 
 def _minutes(seconds: float) -> str:

@@ -32,6 +32,7 @@ CAPTIONS = {
     "compensation": "Error at every target with the given joint values, and expected error after compensation.",
     "landing": "Predicted tool point in the old and in the new posture, with 95 % ellipses.",
     "arm_comparison": "Predicted tool point of each posture about the target, by each arm, with 95 % ellipses.",
+    "answers": "Standard deviation of each problem that has a solution, in order.",
     "residual_vectors": "Position errors as arrows from the predicted to the measured point (enlarged as stated).",
     "residual_joints": "Position errors along the motion of each joint: a trend away from zero is systematic.",
     "residual_inputs": "Mean errors with 95 % bands over time, other inputs and the approach side of each joint.",
@@ -51,13 +52,14 @@ Files = dict[str, bytes]
 
 _JSON = (
     *("solution", "spread", "calibration", "diagnosis", "plan", "map", "assessment", "spread_check"),
-    *("comparison", "compensation"),
+    *("comparison", "compensation", "answers"),
 )
 DOCUMENTS = frozenset((*(f"{name}.json" for name in _JSON), "report.txt", "report.html"))
 OWN_FILES = DOCUMENTS | frozenset(
     (
         *(f"{name}{end}" for name in ("calibrated", "extended") for end in (".yaml", "_covariance.csv", ".urdf")),
-        *("cloud.csv", "plan_points.csv", "uncertainty.yaml", "map.csv", "postures.csv", "compensated.csv"),
+        *("cloud.csv", "plan_points.csv", "uncertainty.yaml", "map.csv", "postures.csv"),
+        *("compensated.csv", "answers.csv"),
         *(f"{name}.{kind}" for name in CAPTIONS for kind in ("png", "svg")),
     )
 )

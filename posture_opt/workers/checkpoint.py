@@ -115,7 +115,7 @@ def _opened(path: Path) -> BinaryIO:
         raise InputError(Issue("the file name holds a character that no file name has", _OPTION, str(path))) from None
     if there and not path.is_file():
         raise InputError(Issue("this is no file", _OPTION, str(path), "name a file", str(path)))
-    stream = path.open("r+b" if there else "x+b")
+    stream = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666), "r+b")
     try:
         import fcntl
     except ImportError:  # not on Windows

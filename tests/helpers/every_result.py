@@ -42,6 +42,9 @@ def arms_compared() -> po.ArmComparison:
 
 MADE: dict[str, Callable[[], Result]] = {
     "Solution": lambda: po.select_posture(po.load_problem("insert_planar_2r_fixed_hole")),
+    "PostureBatch": lambda: po.select_postures(
+        {name: po.load_problem(name) for name in ("insert_planar_2r", "insert_planar_2r_fixed_hole")}
+    ),
     "PathSolution": lambda: po.select_posture(followed()),
     "FeaturesSolution": lambda: po.select_posture(po.load_problem("insert_scara_tray")),
     "Spread": lambda: po.propagate(po.load_problem("insert_planar_2r"), [0.3, 0.5]),

@@ -27,6 +27,7 @@ from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
 from posture_opt.report.figures.diagnosis_scores import plot_scores
 from posture_opt.report.figures.path import plot_path
 from posture_opt.report.figures.plan import plot_plan_errors, plot_plan_points
+from posture_opt.report.figures.posture_batch import plot_posture_batch
 from posture_opt.report.figures.residual_scatter import plot_region, plot_repeats, plot_shape
 from posture_opt.report.figures.residual_trends import plot_residuals_over_inputs, plot_residuals_over_joints
 from posture_opt.report.figures.residuals import Shown, plot_residual_vectors
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from posture_opt.report.features_solution_report import FeaturesSolutionPresenter
     from posture_opt.report.measurement_plan_report import MeasurementPlanPresenter
     from posture_opt.report.path_solution_report import PathSolutionPresenter
+    from posture_opt.report.posture_batch_report import PostureBatchPresenter
     from posture_opt.report.presenter import Drawings
     from posture_opt.report.solution_report import SolutionPresenter
     from posture_opt.report.spread_check_report import SpreadCheckPresenter
@@ -188,6 +190,11 @@ def comparison(shown: ComparisonPresenter) -> Drawings:
 def arm_comparison(shown: ArmComparisonPresenter) -> Drawings:
     """Where the postures of all arms land, as each of them predicts it."""
     return {"arm_comparison": partial(plot_arm_comparison, shown.result)}
+
+
+def posture_batch(shown: PostureBatchPresenter) -> Drawings:
+    """The spread of every answer."""
+    return {"answers": partial(plot_posture_batch, shown.result)}
 
 
 def diagnosis(shown: DiagnosisPresenter) -> Drawings:

@@ -1,0 +1,53 @@
+"""``optimize-posture batch``: the postures of many problem files."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+import posture_opt as po
+from posture_opt.cli.named import PROBLEM
+from posture_opt.cli.options import Common, common_options
+from posture_opt.cli.output import output, save_result, show_result
+from posture_opt.cli.progress import progress_bar, tell_rate
+from posture_opt.cli.scheduler import checkpoint_option, digest_of, scheduler_option, working
+from posture_opt.errors import InputError
+from posture_opt.problem.load import load_problem
+from posture_opt.problem.problem import Problem
+
+
+@click.command("batch")
+@click.argument("files", nargs=-1, required=True, type=PROBLEM, metavar="FILE…")
+@scheduler_option
+@checkpoint_option
+@common_options
+def batch_command(common: Common, files: Sequence[str], scheduler: str | None, checkpoint: Path | None) -> None:
+    """The postures of many problem files, in one report.
+
+    A file that cannot be read, or has no solution, has a row that says why, and the others their answers. The exit
+    code is then the least of those that the files have alone: 2 before 3.
+    """
+    if len(set(files)) < len(files):
+        twice = next(name for name in files if files.count(name) > 1)
+        raise click.UsageError(f"{twice} is named twice: name different problem files.")
+    problems = {name: _read(name) for name in files}
+    read = {name: p for name, p in problems.items() if isinstance(p, Problem)}
+    asked = {"seed": common.seed, "problems": [[name, digest_of(problem)] for name, problem in read.items()]}
+    with output(common):
+        work = working(common, scheduler, checkpoint, command="batch", **asked)
+        with work as workers, progress_bar(common, "problems") as progress:
+            found = po.select_postures(problems, seed=common.seed, executor=workers, progress=progress)
+        save_result(common, found)
+    show_result(common, found)
+    tell_rate(common, len(found.answers), "problem", found.seconds)
+    sys.exit(found.code)
+
+
+def _read(name: str) -> Problem | InputError:
+    try:
+        return load_problem(name)
+    except InputError as error:
+        return error

@@ -1,0 +1,32 @@
+"""The spread of the answers to many problems."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
+
+from posture_opt.report.style import BLUE, new_figure, styled
+from posture_opt.report.units_text import length_unit
+
+if TYPE_CHECKING:
+    from posture_opt.selection.posture_batch import PostureBatch
+
+_NAMED = 25  # problems that have room for their names
+
+
+@styled
+def plot_posture_batch(found: PostureBatch) -> Figure:
+    """Standard deviation of each problem that has a solution, the smallest at the top."""
+    answers = sorted(found.solved, key=lambda answer: -answer.sigma_max)
+    unit, factor = length_unit([answer.sigma_max for answer in answers] or [0.0])
+    figure = new_figure(max(2.0, 0.25 * min(len(answers), _NAMED) + 1.2))
+    axes = figure.add_subplot()
+    axes.plot([factor * answer.sigma_max for answer in answers], range(len(answers)), "o", color=BLUE, ms=4)
+    if len(answers) <= _NAMED:
+        axes.set_yticks(range(len(answers)), [answer.name for answer in answers])
+    else:
+        axes.set_ylabel("problems, in order")
+    axes.set_xlim(left=0)
+    axes.set_xlabel(f"standard deviation that counts for the task [{unit}]")
+    return figure

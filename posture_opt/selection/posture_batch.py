@@ -1,0 +1,155 @@
+"""``select_postures``: the answers to many problems, in one result."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from posture_opt.errors import InputError, Issue, NoSolutionError, PostureOptError
+from posture_opt.numerics import Progress, finite_or_none
+from posture_opt.output import finite
+from posture_opt.result import Result
+from posture_opt.selection.has_task import HasTask
+from posture_opt.selection.select_posture import select_posture
+from posture_opt.workers import Executor, opened
+
+_DEFECT = 1  # exit code of what is no one's input
+
+
+@dataclass(frozen=True, eq=False)
+class BatchAnswer:
+    """What became of one problem.
+
+    Args:
+        name: under which it was asked.
+        code: the exit code that it has alone: 0, or why there is no answer.
+        reasons: in words, where there is none.
+        document: of its answer, as ``solution.json`` has it; the nearest posture where the problem has no solution.
+    """
+
+    name: str
+    code: int
+    reasons: tuple[str, ...]
+    document: Mapping[str, Any] | None
+
+    @property
+    def status(self) -> str:
+        """``optimal``, ``feasible``, ``infeasible``, or ``failed`` where nothing was computed."""
+        return "failed" if self.document is None else str(self.document["status"])
+
+    @property
+    def sigma_max(self) -> float:
+        """Largest standard deviation of the part that counts [m], of the first posture; NaN without a solution."""
+        return math.nan if self.code or self.document is None else float(self.document["critical"]["sigma_max"])
+
+    @property
+    def success_probability(self) -> float:
+        """To stay within the clearance; NaN without one."""
+        value = None if self.code or self.document is None else self.document.get("success_probability")
+        return math.nan if value is None else float(value)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "name": self.name,
+            "code": self.code,
+            "status": self.status,
+            "sigma_max": finite_or_none(self.sigma_max),
+            "success_probability": finite_or_none(self.success_probability),
+            "reasons": list(self.reasons),
+            "solution": self.document,
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PostureBatch(Result):
+    """The answers to many problems.
+
+    Args:
+        problem: the first of those that could be read.
+        answers: one for each, in the order in which they were asked.
+        seconds: wall time.
+    """
+
+    problem: Any
+    answers: tuple[BatchAnswer, ...]
+    seconds: float
+
+    @property
+    def code(self) -> int:
+        """Zero where every problem has an answer; else the least of the other exit codes: what to mend first."""
+        return min((answer.code for answer in self.answers if answer.code), default=0)
+
+    @cached_property
+    def solved(self) -> tuple[BatchAnswer, ...]:
+        """Those that have a solution."""
+        return tuple(answer for answer in self.answers if not answer.code)
+
+    def to_json(self) -> dict[str, Any]:
+        """The document ``answers.json``: SI units, finite numbers only."""
+        return {
+            "problems": len(self.answers),
+            "solved": len(self.solved),
+            "code": self.code,
+            "answers": [answer.to_json() for answer in self.answers],
+            "seconds": self.seconds,
+        }
+
+
+def select_postures(
+    problems: Mapping[str, HasTask | PostureOptError],
+    *,
+    seed: int | None = None,
+    workers: int = 1,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> PostureBatch:
+    """The answer of `select_posture` to each of many problems; what fails does not keep the others from theirs.
+
+    Args:
+        problems: by the names that they are to have; in place of one that could not be read, the error.
+        seed: of the random starts; default: each problem's.
+        workers: processes that share the problems; no answer depends on it.
+        executor: of `concurrent.futures`, or a Dask client, to share them instead; it stays open.
+        progress: called with (done, total) problems.
+
+    Raises:
+        InputError: no problem at all, or none that could be read.
+    """
+    began = time.perf_counter()
+    names = [name for name, problem in problems.items() if not isinstance(problem, PostureOptError)]
+    if not names:
+        issues = [issue for error in problems.values() if isinstance(error, InputError) for issue in error.issues]
+        raise InputError(issues or Issue("no problem is named", mend="name problem files"))
+    found = {name: _failed(error) for name, error in problems.items() if isinstance(error, PostureOptError)}
+    with opened(workers, executor) as crew:
+        for k, row in crew.run(solved, seed, [problems[name] for name in names]):
+            found[names[k]] = row
+            if progress is not None:
+                progress(len(found), len(problems))
+    answers = tuple(BatchAnswer(name, code, tuple(why), one) for name in problems for code, why, one in [found[name]])
+    return PostureBatch(problems[names[0]], answers, time.perf_counter() - began)
+
+
+def solved(seed: int | None, problem: HasTask) -> list[Any]:
+    """Exit code, reasons and document of one problem: a part of the work.
+
+    A defect is its own problem's too: of a thousand problems the others keep their answers.
+    """
+    try:
+        return [0, [], finite(select_posture(problem, seed=seed).to_json())]
+    except NoSolutionError as error:
+        document = None if error.solution is None else finite(error.solution.to_json())
+        return [error.exit_code, str(error).splitlines(), document]
+    except PostureOptError as error:
+        return _failed(error)
+    except Exception as error:
+        return [_DEFECT, [f"{type(error).__name__}: {error} (a defect of this program)"], None]
+
+
+def _failed(error: PostureOptError) -> list[Any]:
+    return [error.exit_code, str(error).splitlines(), None]
