@@ -17,6 +17,7 @@ from posture_opt.batch.batch_covariance import (
 )
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.data_checks import state_a_distance
 from posture_opt.calibration.error_statistics import By, Statistics
 from posture_opt.calibration.parameters import CalibrationProblem, Parameter
 from posture_opt.errors import InputError, InsufficientDataError, Issue
@@ -141,7 +142,7 @@ def calibrate_batch(
         InputError: the data are of one robot.
         InsufficientDataError: fewer than three robots, or too little of one of them.
     """
-    _check(data)
+    _check(problem, data)
     rows = tuple(np.flatnonzero(data.robot == code) for code in range(len(data.robot_names)))
     calibrations = tuple(_each(_without_geometry(problem), data, rows, folds, by, progress))
     parameters, undetermined = _determined(calibrations)
@@ -175,7 +176,7 @@ def _counted(calibrations: tuple[Calibration, ...], errors: list[Array]) -> Arra
     return np.concatenate([e[c.kept_rows] for c, e in zip(calibrations, errors, strict=True)])
 
 
-def _check(data: Measurements) -> None:
+def _check(problem: CalibrationProblem, data: Measurements) -> None:
     names = data.robot_names
     if len(names) < 2:
         mend = "measure several robots of the type and name them in a column 'robot'"
@@ -184,6 +185,11 @@ def _check(data: Measurements) -> None:
         raise InsufficientDataError(
             f"{len(names)} robots ({', '.join(names)}) do not tell how the type varies: measure {FEWEST} robots or "
             "more, ten or more for correlations, each in some 20 postures; for one robot alone, keep its rows only"
+        )
+    if data.position is None and not problem.data.distances:
+        raise InsufficientDataError(
+            "touched points alone do not tell the size of a robot, nor how sizes vary from one to the next: "
+            f"{state_a_distance(data)}"
         )
 
 

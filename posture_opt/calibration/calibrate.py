@@ -10,7 +10,15 @@ import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted
-from posture_opt.calibration.data_checks import Disagreement, check_amount, check_geometry, check_sense, still_notes
+from posture_opt.calibration.data_checks import (
+    Disagreement,
+    check_amount,
+    check_geometry,
+    check_kept,
+    check_sense,
+    check_size,
+    still_notes,
+)
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.fit import Fit, clustered, estimate
 from posture_opt.calibration.fit_setup import FitSetup, determine, unseen
@@ -74,6 +82,7 @@ def calibrate(
     parts = folds_of(groups, folds, by)
     tell = _teller(progress, 2 * len(parts) + 1)
     fitted = _fit(problem, chart.fitted, len(np.unique(groups)), priors)
+    check_kept(chart.fitted, groups, fitted.found.kept)
     tell()
     nominal = refitted(chart.fitted, parts, fitted.found, tell, frames=True)
     calibrated = refitted(chart.fitted, parts, fitted.found, tell)
@@ -134,6 +143,7 @@ def _fit(
     """
     x_nominal = fit_frames(residuals)
     held = held_length(residuals)
+    check_size(residuals, held)
     known = determine(problem, residuals, x_nominal, held, priors)
     if not enough:
         check_amount(residuals, known, groups)

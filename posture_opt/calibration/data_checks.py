@@ -13,7 +13,7 @@ from posture_opt.calibration.residuals import Residuals
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.robot.robot import Robot
 
 _STILL = 1e-3  # rad or m: a joint that moves less tells nothing of what lies before it
@@ -60,6 +60,42 @@ def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
     if len(data) * block + len(residuals.distances) <= rank or groups < 2:
         unknowns = f"{len(residuals.parameters)} parameters and their errors"
         raise InsufficientDataError(f"{counted} cannot determine {unknowns}: {measure}")
+
+
+def check_size(residuals: Residuals, held: int | None) -> None:
+    """Refuses touched points that an arm misses the less the smaller it is, and of which no length can be ``held``.
+
+    Raises:
+        InsufficientDataError: no known distance, and no length in the arm.
+    """
+    if residuals.data.position is not None or residuals.distances or held is not None:
+        return
+    raise InsufficientDataError(
+        "touched points alone do not tell the size of this arm, and it has no length that could be held: "
+        f"{state_a_distance(residuals.data)}"
+    )
+
+
+def state_a_distance(data: Measurements) -> str:
+    """What makes the size of an arm known that touches points."""
+    names = data.point_names
+    if len(names) < 2:
+        return "touch a second point at a known distance"
+    return f"state a known distance in the problem file, data: {{distances: [[{names[0]}, {names[1]}, 50 mm]]}}"
+
+
+def check_kept(residuals: Residuals, groups: Codes, kept: Mask) -> None:
+    """Refuses data of which outliers leave one group (N,) alone, or none: no other predicts it.
+
+    Raises:
+        InsufficientDataError: nothing is left to judge the errors by.
+    """
+    if len(np.unique(groups[kept])) > 1:
+        return
+    raise InsufficientDataError(
+        f"{int(np.sum(~kept))} of {len(kept)} rows are outliers, and the rest belongs to one group: it "
+        f"cannot determine how the arm errs elsewhere; {_measure(residuals)}"
+    )
 
 
 def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:

@@ -155,18 +155,20 @@ def held_length(residuals: Residuals) -> int | None:
     """The length that is held where an arm touches points and no known distance tells its size.
 
     A smaller arm in a smaller world misses its points by less: left to the fit, the arm would shrink to nothing.
-    The longest one between the second and the last joint is held; what lies before or behind is not the arm's alone.
+    The longest one between the second and the last joint is held, as what lies before or behind is not the arm's alone;
+    where there is none, the longest of all.
     """
     robot = residuals.robot
     if residuals.data.position is not None or residuals.distances:
         return None
-    inner = robot.joint_names[1:-1]
-    lengths = {
+    every = {
         i: abs(p.nominal)
         for i, p in enumerate(residuals.parameters)
-        if p.group == "geometry" and p.unit == "m" and p.name.rpartition(".")[0] in inner and p.nominal
+        if p.group == "geometry" and p.unit == "m" and p.nominal
     }
-    return max(lengths, key=lambda i: lengths[i]) if lengths else None
+    joint_of = {i: residuals.parameters[i].name.rpartition(".")[0] for i in every}
+    inner = [i for i in every if joint_of[i] in robot.joint_names[1:-1]]
+    return max(inner or every, key=lambda i: every[i], default=None)
 
 
 def far_frames(residuals: Residuals, x: Array) -> dict[str, float]:

@@ -121,6 +121,8 @@ def triangular(A: Array) -> Array:
     Blocks that fit the cache are faster than one long matrix, and too small for threads to fight over.
     """
     m, k = A.shape
+    if k == 0:  # nothing is free
+        return np.zeros((0, 0))
     size = 4 * k
     while len(A) > 2 * size:
         whole = len(A) // size * size
@@ -133,7 +135,7 @@ def triangular(A: Array) -> Array:
 def reduced(J: Array, directions: Array) -> Array:
     """``J @ directions`` by blocks of rows."""
     whole = len(J) // 64 * 64
-    blocks = J[:whole].reshape(-1, 64, J.shape[1]) @ directions
+    blocks = J[:whole].reshape(whole // 64, 64, J.shape[1]) @ directions
     return np.concatenate([blocks.reshape(whole, directions.shape[1]), J[whole:] @ directions])
 
 
@@ -193,7 +195,7 @@ def _inflated_squares(residuals: Array, J: Array, block: int, known: Array | Non
     n = len(residuals) // block
     R = triangular(J if known is None else np.concatenate([J, known]))
     inverse = np.asarray(np.linalg.pinv(R, rcond=1e-14), dtype=float)
-    Q = reduced(J, inverse).reshape(n, block, -1)
+    Q = reduced(J, inverse).reshape(n, block, J.shape[1])
     r = residuals.reshape(n, block)
     leverage = Q @ np.swapaxes(Q, -1, -2)
     inflated = np.linalg.solve(np.eye(block) * (1 + 1e-9) - leverage, r[..., None])[..., 0]

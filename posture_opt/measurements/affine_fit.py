@@ -117,7 +117,8 @@ def touch_misfit(robot: Robot, q: Array, point: Codes) -> float:
     tool, *_ = np.linalg.lstsq(offsets, -flat[:, :3].ravel(), rcond=_RANK)
     rest = flat[:, :3].ravel() + offsets @ tool
     turned = np.sqrt(np.sum(offsets**2) / (2 * len(q)))
-    return float(np.sqrt(3 * np.sum(rest**2) / free) / (reach(robot) * turned)) if turned > 0 else float("nan")
+    size = reach(robot) * turned
+    return float(np.sqrt(3 * np.sum(rest**2) / free) / size) if size > 0 else float("nan")
 
 
 def reach(robot: Robot) -> float:

@@ -224,6 +224,18 @@ def test_the_fitter_agrees_with_scipy() -> None:
     np.testing.assert_allclose(ours.x, theirs.x, rtol=1e-7)
 
 
+@pytest.mark.parametrize("count", [0, 10, 200])
+def test_where_nothing_is_free_the_rest_is_all_there_is(count: int) -> None:
+    r, J = np.random.default_rng(3).normal(size=count), np.zeros((count, 0))
+    found = least_squares(lambda _: (r, J), np.zeros(0))
+    assert found.x.shape == (0,)
+    assert found.variance == pytest.approx(float(r @ r) / max(count, 1))
+    if count:
+        gross, studentised = outlying(r, J, 1)
+        assert not gross.any()
+        np.testing.assert_allclose(studentised / np.abs(r), studentised[0] / abs(r[0]), rtol=1e-6)
+
+
 def test_leverage_is_taken_into_account() -> None:
     # One row alone determines a parameter: its residual is zero whatever happens, and it is no outlier.
     rng = np.random.default_rng(9)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+import posture_opt as po
 from posture_opt.calibration.calibrate import calibrate
+from posture_opt.calibration.data_checks import check_kept
+from posture_opt.calibration.frames import compare
 from posture_opt.errors import InputError, InsufficientDataError
 from tests.helpers.free_arms import BASE, SIX, TOOL, hidden_errors, problem_of, rows, simulated_points
 
@@ -102,3 +106,42 @@ def test_a_zero_that_is_far_off_is_found_for_all_that_parts_are_better_made(sett
     i = [p.name for p in result.parameters].index("j4.theta")
     assert abs(result.x[i] - errors["j4.theta"] + 0.6) < 4 * result.std[i]
     assert result.calibrated.rms < 3 * NOISE
+
+
+def test_rows_that_outliers_leave_in_one_group_alone_are_told(setting: Any) -> None:
+    problem, q, rng, errors = setting
+    residuals, _ = compare(problem, rows(problem, q, measured(q, rng, errors)))
+    groups, kept = np.arange(80), np.ones(80, dtype=bool)
+    kept[2:] = False
+    check_kept(residuals, groups, kept)
+    kept[1] = False
+    with pytest.raises(InsufficientDataError, match="79 of 80 rows are outliers, and the rest belongs to one group"):
+        check_kept(residuals, groups, kept)
+
+
+def touching(lengths: list[str]) -> tuple[Any, po.Measurements]:
+    """An arm in the plane whose tool touches two points, 30 times."""
+    joints = [{"name": f"j{i}", "type": "revolute", "a": length} for i, length in enumerate(lengths)]
+    problem = po.problem_from_dict({"robot": {"kind": "dh", "joints": joints}})
+    q = np.random.default_rng(5).uniform(-180, 180, (30, len(lengths)))
+    heads = {f"j{i} [deg]": column for i, column in enumerate(q.T)}
+    return problem, po.read_measurements({**heads, "point": ["a", "b"] * 15}, problem)
+
+
+def test_an_arm_without_lengths_does_not_tell_its_size_by_touching() -> None:
+    problem, data = touching(["0 m", "0 m"])
+    with pytest.raises(InsufficientDataError, match=r"size of this arm.*distances: \[\[a, b, 50 mm\]\]"):
+        calibrate(problem, data)
+
+
+def test_an_arm_of_two_joints_does_not_shrink_to_nothing_onto_its_points() -> None:
+    problem, data = touching(["1 m", "1 m"])
+    with pytest.raises(InputError, match="even calibrated, the arm misses the measured points by"):
+        calibrate(problem, data)
+
+
+def test_touched_points_do_not_tell_how_the_sizes_of_robots_vary() -> None:
+    problem, data = touching(["1 m", "1 m"])
+    robots = replace(data, robot=np.repeat([0, 1, 2], 10), robot_names=("A", "B", "C"))
+    with pytest.raises(InsufficientDataError, match="how sizes vary from one to the next: state a known distance"):
+        po.calibrate_batch(problem, robots)
