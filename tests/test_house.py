@@ -53,8 +53,8 @@ LAZY = {
 NAMED_ALIKE = ("posture_opt.cli", "posture_opt.report")
 """A file of commands is called as what they are about, a report's and a figure's as what they show."""
 
-OWN_FILES_READ = {"posture_opt.model.toolchain"}
-"""Modules that read what this program wrote itself: compiled code."""
+OWN_FILES_READ = {"posture_opt.model.toolchain", "posture_opt.workers.checkpoint"}
+"""Modules that read what this program wrote itself: compiled code, and what a map has done already."""
 
 LISTS: dict[str, tuple[type[Any], ...]] = {
     "robot": FORMATS,
