@@ -8,7 +8,8 @@ import signal
 import sys
 import threading
 import time
-from contextlib import ContextDecorator
+from collections.abc import Iterator
+from contextlib import ContextDecorator, contextmanager
 from types import TracebackType
 from typing import Any
 
@@ -96,6 +97,19 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
                     signal.pthread_kill(main, number)
                 else:
                     _thread.interrupt_main(signal.Signals(number))
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Requests to end wait until the block, a short one, has ended."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, _numbers())
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, former)
 
 
 def _numbers() -> list[int]:

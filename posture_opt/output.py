@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
 import shutil
-import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from posture_opt import __version__
 from posture_opt.errors import InputError, Issue, KeyPath
+from posture_opt.errors import listed as in_words
+from posture_opt.interrupts import undisturbed
+from posture_opt.manifest import MANIFEST, Manifest
+from posture_opt.staging import PREFIX, clear_leftovers, exchanged, settle, staging, write_through
 
 
 def json_text(document: dict[str, Any]) -> str:
@@ -30,73 +34,160 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-@contextmanager
-def staged_folder(out: Path, key: KeyPath = ()) -> Iterator[Path]:
-    """A folder to write into, whose files move to ``out`` when all went well and vanish when anything did not.
+def write_folder(
+    out: Path, files: Mapping[str, bytes], key: KeyPath = (), replaces: Collection[str] = frozenset()
+) -> tuple[Path, ...]:
+    """Writes files, by name, into a folder: all of them in one step, or none. Their paths.
+
+    The whole folder is prepared beside ``out`` and takes its place at once, other files of the folder included: who
+    looks finds what was there before or what is there now, also after a power cut. Where a folder cannot be exchanged
+    (it has folders inside, is the working folder, a mount point or another user's; another system than Linux), the
+    files of ``replaces`` go first and the new ones come then, so that at no time two reports stand side by side.
 
     Args:
         key: what the user calls ``out``, for the message.
+        replaces: names that, written by an earlier call and not changed since, are removed.
 
     Raises:
-        InputError: ``out`` cannot be written to; this is known at once.
+        InputError: ``out`` cannot be written to, or has a file of such a name that this program did not write, or
+            that was changed since. Nothing was touched then.
     """
     made = _missing_parents(out)
-    staging = _staging(out, key)
     try:
-        yield staging
-        _move_into_place(staging, out)
-    except OSError as error:
-        if error.filename is None or str(staging) not in str(error.filename):
-            raise
-        raise InputError(Issue(f"cannot write to {out}: {error.strerror}", key)) from error
+        with _writing(out, key):
+            _check(out, key, files)
+            place = Path(os.path.realpath(out))
+            place.parent.mkdir(parents=True, exist_ok=True)
+            known = Manifest.of(place)
+            gone = {name for name in known.names & {*files, *replaces} if known.lists(place / name)}
+            listed = known.of_names(known.names - gone).joined(Manifest.listing(files))
+            whole = not place.exists() or _exchangeable(place)
+            with staging(place.parent if whole else place) as prepared:
+                for name, content in {**files, MANIFEST: listed.text.encode()}.items():
+                    write_through(prepared / name, content)
+                settle(prepared)
+                with undisturbed():
+                    if not (whole and _put(prepared, place, gone)):
+                        _move_in(prepared, place, gone, known.joined(listed))
+                    settle(place.parent)
     finally:
-        shutil.rmtree(staging, ignore_errors=True)
         _remove_empty(made)
+    return tuple(out / name for name in files)
+
+
+def write_file(path: Path, content: bytes, key: KeyPath = ()) -> None:
+    """Writes one file, whole or not at all; one of this name is replaced.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    with _writing(path, key), staging(path.absolute().parent) as prepared:
+        write_through(prepared / "file", content)
+        if path.is_dir():
+            raise IsADirectoryError(21, "this is a folder")
+        (prepared / "file").replace(path)
+        settle(path.absolute().parent)
 
 
 @contextmanager
-def writable_folder(out: Path, key: KeyPath = ()) -> Iterator[None]:
+def writable_folder(out: Path, key: KeyPath = (), names: Collection[str] = frozenset()) -> Iterator[None]:
     """Makes sure that ``out`` can be written to before anything is computed; leaves nothing where nothing came of it.
 
+    What a run that was killed has left there is cleared.
+
+    Args:
+        names: of files that may be written.
+
     Raises:
-        InputError: it cannot.
+        InputError: it cannot, or holds such a file that this program did not write, or that was changed since.
     """
     made = _missing_parents(out)
-    shutil.rmtree(_staging(out, key), ignore_errors=True)
     try:
+        with _writing(out, key):
+            _check(out, key, names)
+            place = Path(os.path.realpath(out))
+            place.parent.mkdir(parents=True, exist_ok=True)
+            if place.exists():
+                clear_leftovers(place)
+            with staging(place.parent if not place.exists() or _exchangeable(place) else place):
+                pass
         yield
     finally:
         _remove_empty(made)
 
 
-def _missing_parents(out: Path) -> list[Path]:
-    return [folder for folder in out.absolute().parents if not folder.exists()]
-
-
-def _staging(out: Path, key: KeyPath) -> Path:
-    """A new folder in the file system of ``out``: inside it where it exists, else beside it."""
+@contextmanager
+def _writing(out: Path, key: KeyPath) -> Iterator[None]:
+    """Whatever the system refuses is told as what it means for the user."""
     try:
-        if out.exists() and not out.is_dir():
-            raise NotADirectoryError(20, "this is a file, not a folder")
-        if not out.exists():
-            out.absolute().parent.mkdir(parents=True, exist_ok=True)
-        return Path(tempfile.mkdtemp(prefix=".posture_opt-", dir=out if out.exists() else out.absolute().parent))
+        yield
     except OSError as error:
         message = f"cannot write to {out}: {(error.strerror or str(error)).lower()}"
-        raise InputError(Issue(message, key, str(out), "name a folder that you may write to")) from None
+        raise InputError(Issue(message, key, str(out), "name a place with room that you may write to")) from None
 
 
-def _move_into_place(staging: Path, out: Path) -> None:
-    if not out.exists():
+def _check(out: Path, key: KeyPath, names: Collection[str]) -> None:
+    if os.path.lexists(out) and not out.is_dir():
+        raise NotADirectoryError(20, "this is a file, not a folder")
+    foreign = Manifest.of(out).foreign(out, names)
+    if foreign:
+        was = "was" if len(foreign) == 1 else "were"
+        files = f"{in_words(foreign, 5)} there {was} not written by this program, or changed since"
+        raise InputError(
+            Issue(
+                f"cannot write to {out}: {files}",
+                key,
+                str(out),
+                "name another folder, or move away what you want to keep",
+            )
+        )
+
+
+def _exchangeable(place: Path) -> bool:
+    """Whether another folder may take the place of this one without anybody being left in the old one."""
+    status = place.stat()
+    mine = not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
+    apart = not os.path.ismount(place) and not os.path.samestat(status, os.stat(os.curdir))
+    may = os.access(place.parent, os.W_OK | os.X_OK)
+    return mine and apart and may and not any(path.is_dir() and not path.is_symlink() for path in place.iterdir())
+
+
+def _put(prepared: Path, place: Path, gone: Collection[str]) -> bool:
+    """Put the prepared folder into its place, with what the place has besides; whether this could be done."""
+    if not place.exists():
         umask = os.umask(0)
         os.umask(umask)
-        staging.chmod(0o777 & ~umask)  # a temporary folder is private, the result is not
-        staging.rename(out)
-        return
-    for file in sorted(path for path in staging.rglob("*") if path.is_file()):
-        target = out / file.relative_to(staging)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        file.replace(target)
+        prepared.chmod(0o777 & ~umask)  # a temporary folder is private, the result is not
+        prepared.rename(place)
+        return True
+    try:
+        for path in place.iterdir():
+            if path.name not in {*gone, MANIFEST} and not path.name.startswith(PREFIX):
+                os.link(path, prepared / path.name, follow_symlinks=False)
+        shutil.copymode(place, prepared)
+    except (OSError, NotImplementedError):
+        return False
+    if not exchanged(prepared, place):
+        return False
+    with contextlib.suppress(OSError):
+        for path in prepared.iterdir():  # now the old folder: what came in the meantime moves over
+            if path.name not in gone and not os.path.lexists(place / path.name):
+                path.rename(place / path.name)
+    return True
+
+
+def _move_in(prepared: Path, place: Path, gone: Collection[str], either: Manifest) -> None:
+    """Move the prepared files into a folder that stays: the old ones go first, the manifest knows both meanwhile."""
+    (prepared / "either").write_text(either.text, encoding="utf-8")
+    (prepared / "either").replace(place / MANIFEST)
+    for name in sorted(gone):
+        (place / name).unlink()
+    for path in sorted(prepared.iterdir(), key=lambda path: path.name == MANIFEST):
+        path.replace(place / path.name)
+
+
+def _missing_parents(out: Path) -> list[Path]:
+    return [folder for folder in out.absolute().parents if not folder.exists()]
 
 
 def _remove_empty(folders: list[Path]) -> None:

@@ -18,6 +18,7 @@ from posture_opt.output import finite
 from posture_opt.report.save import OWN_FILES
 from posture_opt.result import Result
 from tests.helpers.every_result import MADE, MEASURED, measured
+from tests.helpers.folders import names as names_in
 
 
 @pytest.fixture(scope="module", params=MADE)
@@ -125,7 +126,7 @@ def test_it_draws_and_saves_itself(result: Result, tmp_path: Path) -> None:
     picture, _ = shown._repr_png_()  # type: ignore[attr-defined] # what a notebook looks for
     assert picture.startswith(b"\x89PNG")
     paths = result.save(tmp_path / "out", figures=False)
-    assert {path.name for path in paths} == {path.name for path in (tmp_path / "out").iterdir()}
+    assert sorted(path.name for path in paths) == names_in(tmp_path / "out")
     assert all(path.stat().st_size for path in paths)
     assert {path.name for path in paths} <= OWN_FILES | {"plan.csv", "split_measurements.csv"}
     assert (tmp_path / "out" / "report.txt").read_text(encoding="utf-8") == result.report()

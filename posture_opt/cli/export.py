@@ -16,7 +16,7 @@ from posture_opt.cli.quantities import requested_posture
 from posture_opt.cli.request import placed, requested_problem
 from posture_opt.cli.robot_programs import motion_options
 from posture_opt.export.export_files import export_kinds
-from posture_opt.output import staged_folder
+from posture_opt.output import write_folder
 
 
 @click.command("export")
@@ -60,6 +60,4 @@ Joint values are those of the joints of the model, with its zeros and senses.
 
 def write_files(out: Path, files: Mapping[str, str]) -> None:
     """Write files by name into a folder, all or none."""
-    with staged_folder(out, OUT) as folder:
-        for file, text in files.items():
-            (folder / file).write_text(text, encoding="utf-8")
+    write_folder(out, {file: text.encode() for file, text in files.items()}, OUT)

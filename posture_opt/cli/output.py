@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import click
 
 from posture_opt.cli.options import Common
 from posture_opt.cli.progress import progress_bar
-from posture_opt.output import json_text, staged_folder, writable_folder
+from posture_opt.output import json_text, writable_folder, write_file
 from posture_opt.result import Result
 
 OUT = ("--out",)
@@ -49,7 +50,7 @@ def output(common: Common) -> Iterator[None]:
     if common.out is None:
         yield
         return
-    with writable_folder(common.out, OUT):
+    with writable_folder(common.out, OUT, import_module("posture_opt.report.save").ALWAYS):
         yield
 
 
@@ -62,5 +63,4 @@ def write_text(path: Path | None, text: str) -> None:
     if path is None:
         click.echo(text.rstrip("\n"))
         return
-    with staged_folder(path.absolute().parent, OUT) as folder:
-        (folder / path.name).write_text(text, encoding="utf-8")
+    write_file(path, text.encode(), OUT)

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from posture_opt.output import json_text, staged_folder
+from posture_opt.output import json_text, write_folder
 from posture_opt.report.blocks import Summary
 from posture_opt.report.page import Page
 from posture_opt.report.style import image
@@ -54,9 +54,12 @@ _JSON = (
     *("solution", "spread", "calibration", "diagnosis", "plan", "map", "assessment", "spread_check"),
     *("comparison", "compensation", "answers"),
 )
-DOCUMENTS = frozenset((*(f"{name}.json" for name in _JSON), "report.txt", "report.html"))
-OWN_FILES = DOCUMENTS | frozenset(
+ALWAYS = frozenset(("report.txt", "report.html"))
+"""What every report writes."""
+
+OWN_FILES = ALWAYS | frozenset(
     (
+        *(f"{name}.json" for name in _JSON),
         *(f"{name}{end}" for name in ("calibrated", "extended") for end in (".yaml", "_covariance.csv", ".urdf")),
         *("cloud.csv", "plan_points.csv", "uncertainty.yaml", "map.csv", "postures.csv"),
         *("compensated.csv", "answers.csv"),
@@ -97,14 +100,6 @@ def save_files(folder: Path, files: Files) -> tuple[Path, ...]:
     """Writes files, by name, into ``folder``, all or none; those of an earlier report make room. The paths written.
 
     Raises:
-        InputError: the folder cannot be written to.
+        InputError: the folder cannot be written to, or has a file of such a name that is somebody else's.
     """
-    former = {name for name in OWN_FILES if (folder / name).is_file()}
-    with staged_folder(folder) as staging:
-        for name, content in files.items():
-            (staging / name).write_bytes(content)
-    # A figure alone may be anybody's; a report of ours never comes without one of its documents.
-    if former & DOCUMENTS:
-        for name in former - set(files):
-            (folder / name).unlink(missing_ok=True)
-    return tuple(folder / name for name in files)
+    return write_folder(folder, files, replaces=OWN_FILES)

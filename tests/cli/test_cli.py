@@ -20,10 +20,10 @@ from posture_opt.cli.main import COMMANDS, main
 from posture_opt.cli.quantities import requested_posture
 from posture_opt.cli.request import requested_problem
 from posture_opt.errors import InputError
-from posture_opt.output import staged_folder
 from posture_opt.problem.load import builtin_problem, load_builtin
 from posture_opt.problem.starter import starter_text
 from posture_opt.robot import load_preset, preset_names
+from tests.helpers.folders import names
 from tests.helpers.fresh import ROOT, loaded_by
 
 PLANAR = ["--problem", "insert_planar_2r"]
@@ -239,34 +239,18 @@ def test_new_replaces_a_file_only_on_demand(tmp_path: Path) -> None:
     assert path.read_text() == starter_text("ur10e").rstrip("\n") + "\n"
 
 
-def test_out_appears_whole(tmp_path: Path) -> None:
-    out = tmp_path / "a" / "b"
-    with staged_folder(out) as folder:
-        (folder / "one").write_text("1")
-        assert not out.exists()
-    assert os.listdir(out) == ["one"]
-    assert os.listdir(out.parent) == ["b"]
-    with staged_folder(out) as folder:
-        (folder / "one").write_text("2")
-        (folder / "two").write_text("3")
-        assert (out / "one").read_text() == "1"
-    assert sorted(os.listdir(out)) == ["one", "two"]
-    assert (out / "one").read_text() == "2"
-
-
-def write_half(out: Path, error: type[BaseException]) -> None:
-    with staged_folder(out) as folder:
-        (folder / "half").write_text("1")
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_out_of_a_failed_run_is_left_as_it_was(
+    error: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*args: object, **named: object) -> None:
         raise error
 
-
-@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
-def test_out_of_a_failed_run_is_left_as_it_was(error: type[BaseException], tmp_path: Path) -> None:
+    monkeypatch.setattr(po, "select_posture", broken)
     kept = tmp_path / "kept"
     kept.mkdir()
     for out in (kept, tmp_path / "new" / "deep"):
-        with pytest.raises(error):
-            write_half(out, error)
+        assert run("--task", "insert", "--out", str(out)).exit_code != 0
     assert os.listdir(tmp_path) == ["kept"]
     assert os.listdir(kept) == []
 
@@ -345,11 +329,22 @@ def test_files_of_an_earlier_report_do_not_stay_beside_the_new_one(tmp_path: Pat
     (tmp_path / "joint_map.txt").write_text("somebody's")
     simulate = ["simulate", *PLANAR, *DOWN, "-n", "10", "--no-plots", "--quiet", "--out", str(tmp_path)]
     assert run(*simulate).exit_code == 0
-    assert sorted(os.listdir(tmp_path)) == sorted(["arm.png", "joint_map.txt", *own]), "no earlier report, none removed"
+    assert names(tmp_path) == sorted(["arm.png", "joint_map.txt", *own])
     assert run("--task", "insert", "--no-plots", "--quiet", "--out", str(tmp_path)).exit_code == 0
-    assert sorted(os.listdir(tmp_path)) == ["joint_map.txt", "report.html", "report.txt", "solution.json"]
+    assert names(tmp_path) == ["arm.png", "joint_map.txt", "report.html", "report.txt", "solution.json"]
     assert run("schema", "--out", str(tmp_path / "schema.json")).exit_code == 0
-    assert len(os.listdir(tmp_path)) == 5, "what is no report replaces none"
+    assert len(names(tmp_path)) == 6, "what is no report replaces none"
+
+
+def test_a_file_of_somebody_else_is_named_before_anything_is_computed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "report.html").write_text("somebody's")
+    monkeypatch.setattr(po, "select_posture", lambda *args, **named: pytest.fail("it computed"))
+    found = run("--task", "insert", "--out", str(tmp_path))
+    assert found.exit_code == 2
+    assert "report.html there was not written by this program" in found.stderr
+    assert (tmp_path / "report.html").read_text() == "somebody's"
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")

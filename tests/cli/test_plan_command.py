@@ -10,6 +10,7 @@ import pytest
 from click.testing import Result
 
 from tests.helpers.command_line import invoke
+from tests.helpers.folders import names as names_in
 from tests.helpers.simulated_arm import SimulatedArm
 
 TABLE = (("j1", "revolute", 0.0, 0.0, 1.0, 0.0), ("j2", "revolute", 0.0, 0.0, 0.8, 0.0))
@@ -56,7 +57,7 @@ def test_the_files_hold_the_plan(written: tuple[Path, Result]) -> None:
     assert result.exit_code == 0, result.stderr
     names = {"plan.csv", "plan_points.csv", "plan.json", "report.txt", "report.html"}
     figures = {f"{name}.{kind}" for name in ("plan_points", "plan_errors") for kind in ("png", "svg")}
-    assert {file.name for file in out.iterdir()} == names | figures
+    assert set(names_in(out)) == names | figures
     document = json.loads((out / "plan.json").read_text(encoding="utf-8"))
     assert document["purpose"] == "task"
     assert document["count"] == 8

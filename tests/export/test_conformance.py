@@ -19,6 +19,7 @@ from posture_opt.export.robot_program import answer_program
 from posture_opt.uncertainty.joint_digits import scatter
 from tests.export.programs import READERS
 from tests.helpers.command_line import invoke
+from tests.helpers.folders import names as names_in
 
 KINDS = [kind_of_export(listed) for listed in EXPORTS]
 PROGRAMS = list(export_kinds(programs_only=True))
@@ -128,8 +129,8 @@ def test_on_the_command_line(tmp_path: Path) -> None:
     words = ("export", "--problem", "insert_ur10", "--posture", "10 deg, -100 deg, 90 deg, -80 deg, 80 deg, 5 deg")
     answer = invoke(*words, "--to", "krl", "--name", "go", "--wait", "2", "--out", tmp_path)
     assert answer.exit_code == 0, answer.output
-    assert {path.name for path in tmp_path.iterdir()} == {"go.src", "go.dat"}
-    (q,) = READERS["krl"]({p.name: p.read_text() for p in tmp_path.iterdir()}, ["revolute"] * 6)
+    assert names_in(tmp_path) == ["go.dat", "go.src"]
+    (q,) = READERS["krl"]({name: (tmp_path / name).read_text() for name in names_in(tmp_path)}, ["revolute"] * 6)
     assert np.degrees(q) == pytest.approx([10, -100, 90, -80, 80, 5], abs=1e-9)
     document = json.loads(invoke(*words, "--to", "rapid", "--json").stdout)
     assert set(document) >= {"target", "files", "notes"}

@@ -13,7 +13,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-ROOMS = ["errors", "units", "spec", "numerics", "interrupts", "files", "output", "result", "workers"]
+ROOMS = [
+    "errors",
+    "units",
+    "spec",
+    "numerics",
+    "interrupts",
+    "files",
+    "staging",
+    "manifest",
+    "output",
+    "result",
+    "workers",
+]
 ROOMS += ["robot", "model", "collision", "uncertainty", "selection"]
 ROOMS += ["measurements", "calibration", "validation", "experiments", "diagnosis", "batch", "compensation"]
 ROOMS += ["problem", "export", "report", "cli"]

@@ -25,6 +25,7 @@ from posture_opt.report.figures.residuals import (
 from posture_opt.report.save import OWN_FILES
 from posture_opt.report.text import render
 from tests.helpers.command_line import invoke
+from tests.helpers.folders import names as names_in
 from tests.helpers.planar_2r import first_order, position
 
 NOISE, LONGER = 2e-5, 3e-3  # m: the instrument, and what the second link has more than the problem file says
@@ -254,7 +255,7 @@ def test_the_command_writes_the_figures_or_leaves_them_out(tmp_path: Path) -> No
     with_figures, without = tmp_path / "with", tmp_path / "without"
     done = invoke(*words, "--out", str(with_figures))
     assert done.exit_code == 0, done.stderr
-    files = {file.name for file in with_figures.iterdir()}
+    files = set(names_in(with_figures))
     assert files <= OWN_FILES
     assert {"residual_vectors.png", "residual_joints.svg", "residual_shape.png"} <= files
     page = (with_figures / "report.html").read_text(encoding="utf-8")

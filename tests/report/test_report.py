@@ -23,6 +23,7 @@ from posture_opt.report.style import image
 from posture_opt.report.words import roll_pitch_yaw, source_words
 from posture_opt.uncertainty.cloud import cloud_of
 from tests.helpers import factors
+from tests.helpers.folders import names as names_in
 from tests.helpers.fresh import loaded_by
 
 DOWN = {"kind": "insert", "direction": [0, 0, -1]}
@@ -438,8 +439,8 @@ class TestFiles:
         paths = planar[1].save(tmp_path)
         assert all(path.is_file() for path in paths)
         drawn = {f"{name}.{kind}" for name in ("arm", "cloud", "budget", "joint_map") for kind in ("png", "svg")}
-        assert {file.name for file in tmp_path.iterdir()} == {"solution.json", "report.txt", "report.html", *drawn}
-        assert {file.name for file in tmp_path.iterdir()} <= OWN_FILES
+        assert set(names_in(tmp_path)) == {"solution.json", "report.txt", "report.html", *drawn}
+        assert set(names_in(tmp_path)) <= OWN_FILES
         document = json.loads((tmp_path / "solution.json").read_text())
         assert next(iter(document)) == "posture_opt"
         assert document["posture_opt"] == po.__version__

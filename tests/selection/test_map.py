@@ -17,6 +17,7 @@ from posture_opt.problem.load import load_builtin
 from posture_opt.selection.target_map import TargetMap, map_targets
 from posture_opt.uncertainty.coverage_radius import central_radii, radius_in_space
 from tests.helpers.command_line import invoke
+from tests.helpers.folders import names as names_in
 
 A1, A2 = 1.0, 0.7
 SIGMA = {"joint1.theta": 1e-4, "joint2.theta": 3e-4, "joint1.a": 1e-4, "joint2.a": 2e-4}
@@ -173,7 +174,7 @@ def test_the_command_writes_table_document_and_figure(tmp_path: Path) -> None:
     result = run(*words, "--out", out)
     assert result.exit_code == 0, result.stderr
     names = {"map.csv", "map.json", "map.png", "map.svg", "report.txt", "report.html"}
-    assert {path.name for path in out.iterdir()} == names
+    assert set(names_in(out)) == names
     with (out / "map.csv").open(encoding="utf-8") as table:
         rows = list(csv.DictReader(table, skipinitialspace=True))
     document = json.loads((out / "map.json").read_text(encoding="utf-8"))
@@ -332,7 +333,7 @@ def test_measured_rows_stand_beside_what_is_predicted_for_them(tmp_path: Path) -
         bias = tool_point(table, q, errors) - entry["position"]
         np.testing.assert_allclose(entry["bias"], bias, atol=3e-6)
     figures = {f"{name}.{kind}" for name in ("map_bias", "map_spread") for kind in ("png", "svg")}
-    assert {p.name for p in out.iterdir()} == {"map.csv", "map.json", "report.txt", "report.html", *figures}
+    assert set(names_in(out)) == {"map.csv", "map.json", "report.txt", "report.html", *figures}
     with (out / "map.csv").open(encoding="utf-8") as rows:
         first = next(row for row in csv.DictReader(rows, skipinitialspace=True) if row["feasible"] == "1")
     parts = [float(first[f"bias {c} [mm]"]) for c in "xyz"]

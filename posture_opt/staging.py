@@ -1,0 +1,136 @@
+"""Folders that others see whole or not at all: prepared beside the place, put there in one step, cleared when left."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+if sys.platform != "win32":
+    import fcntl
+
+PREFIX = ".posture_opt-"
+_DAY = 86_400.0  # s; where files cannot be locked, what is older was left behind
+_AT_FDCWD = -100  # of <fcntl.h>
+_RENAME_EXCHANGE = 2  # of <linux/fs.h>
+
+
+@contextmanager
+def staging(beside: Path) -> Iterator[Path]:
+    """A new folder in ``beside``, removed at the end; a lock tells other processes that its owner lives.
+
+    What a killed process left in ``beside`` is cleared first.
+
+    Raises:
+        OSError: no folder can be made there.
+    """
+    clear_leftovers(beside)
+    folder, lock = _locked_folder(beside)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+
+
+def clear_leftovers(folder: Path) -> None:
+    """Remove what processes that are no more have prepared in ``folder``."""
+    try:
+        found = [folder / name for name in os.listdir(folder) if name.startswith(PREFIX)]
+    except OSError:
+        return
+    for path in found:
+        lock = _lock(path)
+        if lock is not None or _old(path):
+            shutil.rmtree(path, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+
+
+def exchanged(one: Path, other: Path) -> bool:
+    """Give two folders each other's name in one step, ``renameat2(…, RENAME_EXCHANGE)``; whether this could be done.
+
+    Linux has it since 3.15, on most file systems.
+    """
+    if sys.platform != "linux":
+        return False
+    try:
+        rename = ctypes.CDLL(None).renameat2
+    except (OSError, AttributeError):
+        return False
+    return bool(rename(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), _RENAME_EXCHANGE) == 0)
+
+
+def write_through(path: Path, content: bytes) -> None:
+    """Write a file, down to the disk."""
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def settle(folder: Path) -> None:
+    """Bring the names in a folder down to the disk, where that can be asked for."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _locked_folder(beside: Path) -> tuple[Path, int | None]:
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=beside))
+        lock = _lock(folder)
+        if lock is not None or folder.exists():
+            return folder, lock
+        # Another process took it for a leftover before it was locked.
+
+
+def _lock(path: Path) -> int | None:
+    """The open, locked folder; None where its owner lives, it is gone, or nothing can be locked here."""
+    if sys.platform == "win32":
+        return None
+    descriptor = None
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.samestat(os.fstat(descriptor), os.stat(path)):
+            return descriptor
+    except OSError:
+        pass
+    if descriptor is not None:
+        os.close(descriptor)
+    return None
+
+
+def _old(path: Path) -> bool:
+    try:
+        return not _locks(path.parent) and time.time() - path.stat().st_mtime > _DAY
+    except OSError:
+        return False
+
+
+def _locks(folder: Path) -> bool:
+    """Whether folders can be locked in this file system."""
+    if sys.platform == "win32":
+        return False
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(descriptor)
+    return True
