@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
+import contextlib
+import os
 import signal
 import sys
 from importlib import import_module
@@ -9,23 +12,37 @@ from typing import NoReturn
 
 from posture_opt.interrupts import interruptible
 
+_BY_A_SIGNAL = 128  # exit codes from here on
+
 
 def run() -> NoReturn:
     """Run the command line; an interrupt ends it in one line, also while it is imported."""
     try:
-        with interruptible():
-            commands = import_module("posture_opt.cli.main")
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        sys.exit(130)
-    try:
+        try:
+            with interruptible():
+                commands = import_module("posture_opt.cli.main")
+        except KeyboardInterrupt:
+            print("interrupted", file=sys.stderr)
+            sys.exit(130)
         commands.main()
-    finally:
+    except SystemExit as leaving:
         # All is said: what interrupts now would only make the interpreter complain about its end.
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             if hasattr(signal, name):
                 signal.signal(getattr(signal, name), signal.SIG_IGN)
+        if isinstance(leaving.code, int) and leaving.code >= _BY_A_SIGNAL:
+            _end(leaving.code)
+        raise
     sys.exit(0)
+
+
+def _end(code: int) -> NoReturn:
+    """End with this code; Python would kill itself where an interrupt has hit ``exec``, and wait for threads."""
+    atexit._run_exitfuncs()  # folders for the time being are removed
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import ctypes
 import functools
@@ -10,13 +11,16 @@ import os
 import platform
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
+
+from posture_opt.interrupts import undisturbed
+from posture_opt.staging import settle, staging
 
 # Straight-line code with few calls gains nothing from -O3 or -march=native (measured within 10 %, compile time
 # +40 %), and without fused multiply-add every machine, compiled or interpreted, gives the same digits.
@@ -24,6 +28,7 @@ FLAGS = ("-std=c99", "-fPIC", "-shared", "-fno-math-errno", "-ffp-contract=off",
 OPTIMISED_TEXT = 1_000_000  # characters; above, -O0 compiles in 3 s a megabyte instead of 10 and runs 4 times slower
 COMPILE_SECONDS = 300.0
 KEPT_LIBRARIES = 256
+SUFFIX = ".dll" if sys.platform == "win32" else ".so"
 
 
 class BuildError(Exception):
@@ -63,7 +68,7 @@ def shared_library(identity: str, source: Callable[[], str], level: str = "-O1")
         raise BuildError("no C compiler found (looked for the environment's CC, then cc, gcc, clang)")
     machine = (sys.platform, platform.machine(), _version(compiler))
     key = "\0".join((identity, str(OPTIMISED_TEXT), level, *FLAGS, *compiler, *machine))
-    name = f"{hashlib.sha256(key.encode()).hexdigest()}{'.dll' if sys.platform == 'win32' else '.so'}"
+    name = hashlib.sha256(key.encode()).hexdigest()
     reason = ""
     for folder in _folders():
         try:
@@ -74,18 +79,34 @@ def shared_library(identity: str, source: Callable[[], str], level: str = "-O1")
 
 
 def _library(folder: Path, name: str, compiler: tuple[str, ...], source: Callable[[], str], level: str) -> Library:
-    path = folder / name
-    if path.is_file() and _is_private(path):
-        with contextlib.suppress(OSError):  # damaged, or just pruned by another process: compile it again
-            handle = ctypes.CDLL(str(path))
-            os.utime(path)
-            return Library(path, handle)
-    with tempfile.TemporaryDirectory(prefix="build-", dir=folder) as build:
-        compiled = _compile(Path(build), compiler, source(), level)
+    for path in folder.glob(f"{name}.*{SUFFIX}"):
+        if _is_private(path) and _is_whole(path):
+            with contextlib.suppress(OSError):  # of another machine, or just pruned by another process
+                handle = ctypes.CDLL(str(path))
+                os.utime(path)
+                return Library(path, handle)
+        path.unlink(missing_ok=True)
+    with staging(folder) as build:
+        compiled = _compile(build, compiler, source(), level)
+        path = folder / f"{name}.{_digest(compiled)}{SUFFIX}"
         os.chmod(compiled, 0o700)
+        settle(compiled)
         os.replace(compiled, path)  # atomic: another process sees the whole library or none
-    _prune(folder)
+    with contextlib.suppress(OSError):
+        _prune(folder)
     return Library(path, ctypes.CDLL(str(path)))
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a library is what was compiled: half of one would end the program as soon as it is called."""
+    try:
+        return path.name.split(".")[1] == _digest(path)
+    except OSError:
+        return False
 
 
 def _compile(folder: Path, compiler: tuple[str, ...], text: str, level: str) -> Path:
@@ -107,13 +128,35 @@ def _version(compiler: tuple[str, ...]) -> str:
     return result.stdout
 
 
-def _run(*command: str) -> subprocess.CompletedProcess[str]:
+def _run(*command: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end; where this is interrupted, it is killed with all that it has started."""
+    pipe, none = subprocess.PIPE, subprocess.DEVNULL
     try:
-        return subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=COMPILE_SECONDS, stdin=subprocess.DEVNULL
-        )
-    except (OSError, subprocess.SubprocessError) as error:
+        with undisturbed():  # nothing started is forgotten
+            process = subprocess.Popen(
+                command, stdout=pipe, stderr=pipe, stdin=none, text=True, errors="replace",
+                env={**os.environ, **environment}, start_new_session=True,
+            )  # fmt: skip
+    except (OSError, ValueError) as error:
         raise BuildError(f"{command[0]} did not run: {error}") from error
+    with process:
+        try:
+            out, told = process.communicate(timeout=COMPILE_SECONDS)
+        except BaseException as error:
+            _kill(process)
+            if isinstance(error, subprocess.TimeoutExpired):
+                raise BuildError(f"{command[0]} did not end within {COMPILE_SECONDS:g} s") from error
+            raise
+    return subprocess.CompletedProcess(command, process.returncode, out, told)
+
+
+def _kill(process: subprocess.Popen[str]) -> None:
+    if sys.platform == "win32":
+        process.kill()
+    else:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)  # the compiler is a chain of programs
+    process.wait()
 
 
 def _folders() -> Iterator[Path]:
@@ -124,12 +167,16 @@ def _folders() -> Iterator[Path]:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             if _is_private(folder) and os.access(folder, os.W_OK | os.X_OK):
                 yield folder
-    yield Path(_process_folder().name)
+    with contextlib.suppress(OSError):
+        yield _process_folder()
 
 
 @functools.lru_cache
-def _process_folder() -> tempfile.TemporaryDirectory[str]:
-    return tempfile.TemporaryDirectory(prefix="posture_opt-", ignore_cleanup_errors=True)
+def _process_folder() -> Path:
+    kept = contextlib.ExitStack()
+    folder = kept.enter_context(staging(Path(tempfile.gettempdir())))
+    atexit.register(kept.close)
+    return folder
 
 
 def cache_folder() -> Path | None:
@@ -154,12 +201,8 @@ def _is_private(path: Path) -> bool:
 
 
 def _prune(folder: Path) -> None:
-    """Remove the longest unused libraries, and what an interrupted process left behind."""
-    entries = sorted((entry for entry in folder.iterdir()), key=_last_use)
-    for path in entries:
-        if path.name.startswith("build-") and time.time() - _last_use(path) > 86400:
-            shutil.rmtree(path, ignore_errors=True)
-    libraries = [path for path in entries if path.suffix in (".so", ".dll")]
+    """Remove the longest unused libraries."""
+    libraries = sorted((path for path in folder.iterdir() if path.suffix == SUFFIX), key=_last_use)
     for path in libraries[:-KEPT_LIBRARIES]:
         with contextlib.suppress(OSError):  # in use (Windows) or already removed
             path.unlink()

@@ -5,10 +5,12 @@ from __future__ import annotations
 import ctypes
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import textwrap
 import threading
+import time
 import tracemalloc
 from pathlib import Path
 
@@ -38,14 +40,14 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def compilations(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
     """The compiler calls so far, the version queries left out."""
     calls: list[tuple[str, ...]] = []
-    run = toolchain.subprocess.run
+    run = toolchain._run
 
-    def counting(command: tuple[str, ...], **options: object) -> object:
-        if "-shared" in command:
-            calls.append(tuple(command))
-        return run(command, **options)
+    def counting(*command: str, **environment: str) -> subprocess.CompletedProcess[str]:
+        if "--version" not in command:
+            calls.append(command)
+        return run(*command, **environment)
 
-    monkeypatch.setattr(toolchain.subprocess, "run", counting)
+    monkeypatch.setattr(toolchain, "_run", counting)
     return calls
 
 
@@ -402,3 +404,103 @@ def test_exported_arguments_may_be_called_like_casadi_s_own(tmp_path: Path) -> N
     subprocess.run([*toolchain.find_compiler(), "-Wall", "-Werror", "-c", "code.c"], cwd=tmp_path, check=True)
     with pytest.raises(InputError, match="'double'"):
         c_source(casadi.Function("f", [w], [w], ["double"], ["res"]), "same")
+
+
+CHECKED = (
+    "from tests.model.test_compiled import *; b = BatchFunction(planar()); print(b.compiled, b(*rows(3))[0].shape)"
+)
+
+
+def in_another_process(**environment: str) -> str:
+    """Whether it compiles there, and the shape of an answer: this process must not have the library mapped."""
+    done = subprocess.run(
+        [sys.executable, "-c", CHECKED],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parents[2],
+        env={**os.environ, **environment},
+    )
+    assert done.returncode == 0, (done.returncode, done.stderr)
+    return done.stdout
+
+
+@needs_compiler
+def test_half_a_library_is_compiled_again(cache: Path) -> None:
+    assert in_another_process() == "True (3, 2)\n"
+    (library,) = cache.iterdir()
+    whole = library.read_bytes()
+    os.truncate(library, 2 * len(whole) // 3)  # the loader takes it, and its first call is a bus error
+    assert in_another_process() == "True (3, 2)\n"
+    (library,) = cache.iterdir()
+    assert library.read_bytes() == whole
+
+
+@needs_compiler
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX")
+def test_there_is_an_answer_without_any_folder(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    nowhere = str(tmp_path / "file")
+    (tmp_path / "full").mkdir()
+    code = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n" + CHECKED
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=Path(__file__).parents[2],
+        env={**os.environ, "POSTURE_OPT_CACHE": str(tmp_path / "full"), "TMPDIR": str(tmp_path)},
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, "False (3, 2)\n"), done.stderr
+    assert os.listdir(tmp_path / "full") == []
+    code = f"import tempfile; tempfile._candidate_tempdir_list = lambda: [{nowhere!r}]\n{CHECKED}"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=Path(__file__).parents[2],
+        env={**os.environ, "POSTURE_OPT_CACHE": nowhere},
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, "False (3, 2)\n"), done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="shell scripts as compilers")
+def test_an_interrupt_ends_the_compiler_and_all_it_started(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiler, begun = tmp_path / "slow", tmp_path / "begun"
+    script = f'sleep 50 &\necho $! > "{begun}.new"; mv "{begun}.new" "{begun}"\nwait\n'
+    compiler.write_text(f'#!/bin/sh\n[ "$1" = --version ] && exit 0\n{script}')
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", str(compiler))
+
+    def interrupt() -> None:
+        while not begun.exists():
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt).start()
+    before = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        BatchFunction(planar())
+    assert time.monotonic() - before < 10
+    started = int(begun.read_text())
+    for _ in range(100):  # until the system has buried it
+        try:
+            if Path(f"/proc/{started}/stat").read_text().split()[2] == "Z":
+                break
+        except FileNotFoundError:
+            break
+        time.sleep(0.02)
+    else:
+        pytest.fail("a part of the compiler lives")
+    assert list(cache.iterdir()) == []
+
+
+@both_ways
+def test_threads_share_what_is_evaluated_once(compiled: bool) -> None:
+    batch = BatchFunction(planar(), compiled=compiled)
+    (q, a), wrong = rows(400, seed=3), []
+    wanted = batch(q, a)[0]
+
+    def work() -> None:
+        wrong.extend(k for k in range(400) if not np.array_equal(batch.one(q[k], a[k])[0], wanted[k]))
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert wrong == []
