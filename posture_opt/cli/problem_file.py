@@ -17,10 +17,11 @@ from posture_opt.cli.robot_options import RobotOptions
 from posture_opt.collision.obstacles import OBSTACLES
 from posture_opt.errors import InputError, Issue
 from posture_opt.export import EXPORTS
+from posture_opt.files import content, is_file
 from posture_opt.model.effects import CATALOGUE
 from posture_opt.output import json_text
 from posture_opt.problem.load import builtin_names, load_builtin
-from posture_opt.problem.schema import json_schema
+from posture_opt.problem.schema import TITLE, json_schema
 from posture_opt.problem.starter import starter_text
 from posture_opt.problem.urdf_starter import urdf_starter_text
 from posture_opt.report.text import terminal_width
@@ -30,6 +31,7 @@ from posture_opt.selection.registered_tasks import every_task, registered_tasks
 from posture_opt.selection.solvers import SOLVERS
 from posture_opt.selection.terms import TERMS
 
+_LARGEST = 10_000_000  # bytes of a schema, which has some hundred thousand
 Row = dict[str, str]
 
 
@@ -139,5 +141,8 @@ def schema_command(out: Path | None, debug: bool) -> None:
     An editor with a YAML language server checks and completes a problem file that begins with
     '# yaml-language-server: $schema=problem.schema.json'.
     """
+    if out is not None and is_file(out) and TITLE.encode() not in content(out, _LARGEST):
+        mend = "choose another name"
+        raise InputError(Issue(f"{out} exists and is no schema of problem files", ("--out",), str(out), mend))
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **json_schema()}
-    write_text(out, json.dumps(schema, indent=2, ensure_ascii=False) + "\n")
+    write_text(out, json.dumps(schema, indent=2, ensure_ascii=False, allow_nan=False) + "\n")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.score_tests import ProjectedColumns
 from posture_opt.numerics import Array, Codes
 
 Chosen = tuple[int, ...]
@@ -18,30 +19,45 @@ _BETTER = 1e-9  # of the criterion: a smaller gain is rounding, and an exchange 
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Candidates by the inner products of their bases beside the projected baseline, and the penalty of each.
+    """Candidates with their bases beside the projected baseline, and the penalty of each.
 
     Args:
-        columns: those inner products, with each other and with the residuals that the baseline leaves, of which
-            ``rss0`` is the sum of squares with nothing chosen and ``freedom`` the (effective) degrees of freedom.
+        bases: each (m, k) orthonormal, orthogonal to the baseline.
+        e: (m,) whitened residuals [1] that the baseline leaves, with ``freedom`` (effective) degrees of freedom.
         penalty: (candidates,) added to the criterion for each chosen one: for its parameters, for a grid that was
             searched, for having no name.
         exclusive: (candidates,) candidates of equal code exclude each other.
     """
 
-    columns: ProjectedColumns
-    rss0: float
+    bases: Sequence[Array]
+    e: Array
     freedom: float
     penalty: Array
     exclusive: Codes
 
-    def alike(self, one: int, other: int) -> float:
-        """The largest cosine between a direction of one candidate and one of another."""
-        edges = self.columns.edges
-        between = self.columns.gram[edges[one] : edges[one + 1], edges[other] : edges[other + 1]]
-        return float(np.linalg.norm(between, 2))
+    @cached_property
+    def _edges(self) -> Codes:
+        return np.cumsum([0, *(b.shape[1] for b in self.bases)])
+
+    @cached_property
+    def _stacked(self) -> Array:
+        return np.concatenate([np.zeros((len(self.e), 0)), *self.bases], axis=1)
+
+    @cached_property
+    def _gram(self) -> Array:
+        return np.asarray(self._stacked.T @ self._stacked)
+
+    @cached_property
+    def _scores(self) -> Array:
+        return np.asarray(self._stacked.T @ self.e)
+
+    @cached_property
+    def rss0(self) -> float:
+        """Sum of squares with nothing chosen."""
+        return float(self.e @ self.e)
 
     def _index(self, chosen: Chosen) -> Codes:
-        edges = self.columns.edges
+        edges = self._edges
         return np.concatenate([np.arange(edges[i], edges[i + 1]) for i in chosen]) if chosen else np.zeros(0, int)
 
     def rss(self, chosen: Chosen) -> float:
@@ -49,7 +65,7 @@ class Pool:
         if not chosen:
             return self.rss0
         index = self._index(chosen)
-        G, b = self.columns.gram[np.ix_(index, index)], self.columns.scores[index]
+        G, b = self._gram[np.ix_(index, index)], self._scores[index]
         return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=_DEPENDENT)[0])
 
     def criterion(self, chosen: Chosen) -> float:
@@ -65,7 +81,7 @@ class Pool:
         """Every set with one candidate more, with its criterion, the best first."""
         taken = {int(self.exclusive[i]) for i in chosen}
         index = self._index(chosen)
-        G, b, edges = self.columns.gram, self.columns.scores, self.columns.edges
+        G, b, edges = self._gram, self._scores, self._edges
         rss = self.rss0
         cross, left = G[:0], b
         if chosen:
@@ -74,7 +90,7 @@ class Pool:
             left = b - G[:, index] @ (inverse @ b[index])
             rss = float(rss - b[index] @ inverse @ b[index])
         found = []
-        for i in range(len(self.columns)):
+        for i in range(len(self.bases)):
             if int(self.exclusive[i]) in taken:
                 continue
             own = slice(edges[i], edges[i + 1])

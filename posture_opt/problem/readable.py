@@ -79,12 +79,22 @@ def _thinned(data: dict[str, Any], path: KeyPath, keys: Iterable[KeyPath]) -> tu
     return numbers
 
 
+def _entry(data: Any, key: KeyPath) -> Any:
+    """What stands at ``key``; None where an issue before has taken it away."""
+    for part in key:
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data
+
+
 def _left_out(data: dict[str, Any], key: KeyPath) -> None:
     """Takes the entry away that an issue is about: a value of a joint, else a key of a section, else the section."""
     section = data.get(str(key[0]))
     if len(key) == 1 or not isinstance(section, dict) or key[1] == "kind":
         data.pop(str(key[0]), None)
-    elif key[:2] == ("robot", "joints") and len(key) > 3 and isinstance(row := section["joints"][key[2]], dict):
+    elif key[:2] == ("robot", "joints") and len(key) > 3 and isinstance(row := _entry(section, key[1:3]), dict):
         row.pop(key[3], None)
         row.update({key[3]: _ANY[str(key[3])]} if key[3] in _ANY else {})
     else:

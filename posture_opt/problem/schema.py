@@ -13,6 +13,7 @@ from posture_opt.collision.cell import CellSpec
 from posture_opt.errors import KeyPath
 from posture_opt.measurements.data_section import DataSpec
 from posture_opt.model.effects import EffectSpec
+from posture_opt.output import finite
 from posture_opt.robot import RobotSpec
 from posture_opt.selection.registered_tasks import every_task
 from posture_opt.selection.solvers import SolverSpec
@@ -20,6 +21,8 @@ from posture_opt.selection.solvers.ipopt import Ipopt
 from posture_opt.selection.tasks import Task
 from posture_opt.spec import Spec, one_of
 from posture_opt.uncertainty.uncertainty_section import UncertaintySpec
+
+TITLE = "Problem file of posture_opt"
 
 if TYPE_CHECKING:
     TaskSpec = Task
@@ -30,7 +33,7 @@ else:
 class ProblemSpec(Spec):
     """A problem file of posture_opt: the robot, what is uncertain about it, and what it has to do."""
 
-    model_config: ClassVar[ConfigDict] = ConfigDict(title="Problem file of posture_opt")
+    model_config: ClassVar[ConfigDict] = ConfigDict(title=TITLE)
 
     name: str = Field("", description="what reports call the problem")
     robot: RobotSpec = Field(description="the nominal arm", examples=[{"kind": "preset", "name": "ur10e"}])
@@ -48,7 +51,15 @@ Node = dict[str, Any]
 @cache
 def json_schema() -> Node:
     """The JSON Schema of the problem file."""
-    return ProblemSpec.model_json_schema()
+    schema: Node = _told(ProblemSpec.model_json_schema())
+    return schema
+
+
+def _told(node: Any) -> Any:
+    """The schema without defaults that mean "not known" or "no bound": JSON has no NaN and no infinity."""
+    if isinstance(node, dict):
+        return {key: _told(value) for key, value in node.items() if key != "default" or finite(value) == value}
+    return [_told(entry) for entry in node] if isinstance(node, list) else node
 
 
 def nodes_at(key: KeyPath, data: Any) -> list[Node]:

@@ -125,7 +125,8 @@ def sensible_direction(robot: Robot) -> str:
 
 def _uncertainty(robot: Robot) -> str:
     values = [f"{j.name}.theta: 0.02 deg" if j.type == "revolute" else f"{j.name}.d: 0.01 mm" for j in robot.joints]
-    first, second = (value.split(":")[0] for value in values[:2])
+    own = [value.split(":")[0] for value in values]
+    first, second, *_ = dict.fromkeys([*own, *robot.parameters])  # a robot may have one joint
     if robot.repeatability is None:
         sigma = "\n".join(f"    {value}" for value in values)
         return _SIGMA.substitute(sigma=sigma, first=first, second=second)

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from posture_opt.errors import InputError, Issue, one_of
+from posture_opt.errors import InputError, Issue, as_given, one_of
 from posture_opt.files import packaged
 from posture_opt.robot.dh import DhRobot
 from posture_opt.robot.format import RobotFormat
@@ -85,7 +85,7 @@ def preset_text(name: str) -> str:
     """
     names = preset_names()
     if name not in names:
-        raise InputError(Issue("there is no preset of this name", ("name",), name, one_of(name, names, "presets")))
+        raise InputError(Issue(f"there is no preset {as_given(name)}", ("name",), name, one_of(name, names, "presets")))
     return packaged("posture_opt.robot", "presets", f"{name}.yaml")
 
 

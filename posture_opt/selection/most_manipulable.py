@@ -38,11 +38,12 @@ class ManipulablePosture:
 def most_manipulable(
     problem: OptimisationProblem, target: TaskTarget, solver: Solver, Q: Array
 ) -> ManipulablePosture | None:
-    """The best that the solver finds from the feasible postures (N, n) of a search; None where there are none.
+    """The best that the solver finds from the feasible postures (N, n) of a search.
 
-    The rows of the task hold; the spread plays no part.
+    The rows of the task hold; the spread plays no part. None where no posture is feasible, and of an arm whose tool
+    point no joint moves.
     """
-    if not len(Q):
+    if not len(Q) or not problem.quantities.jacobian.shape[0]:
         return None
     nlp, term = problem.nlp, Manipulability(kind="manipulability")
     cost = term.cost(problem.quantities)

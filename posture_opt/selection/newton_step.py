@@ -62,6 +62,7 @@ class _Point:
 
     @cached_property
     def m(self) -> int:
+        """Rows; those of a vector are ``[:m, 0]``: of a single number, ``[:0]`` is a row to CasADi, not a column."""
         return len(self.nlp.rows)
 
     @cached_property
@@ -111,18 +112,18 @@ class _Point:
     @cached_property
     def free_slopes(self) -> ca.SX:
         """(m, n) slopes of the rows of the working set along the variables that are not held; zero elsewhere."""
-        rows, free = self.working[: self.m], 1 - self.working[self.m :]
+        rows, free = self.working[: self.m, 0], 1 - self.working[self.m :]
         return ca.repmat(rows, 1, free.shape[0]) * self.row_slopes * ca.repmat(free.T, self.m, 1)
 
     @cached_property
     def _gram(self) -> Factors:
         """Of ``A Aᵀ``; the multiplier of a row that depends on others is zero."""
-        A, rows = self.free_slopes, self.working[: self.m]
+        A, rows = self.free_slopes, self.working[: self.m, 0]
         return ldl(A @ A.T + ca.diag(1 - rows), _DEPENDENT)
 
     def _multipliers(self, slope: ca.SX) -> ca.SX:
         """(m + n,) multipliers that leave the least residual beside a slope (n,), zero outside of the working set."""
-        rows, held = self.working[: self.m], self.working[self.m :]
+        rows, held = self.working[: self.m, 0], self.working[self.m :]
         weights = -rows * solved(self._gram, self.free_slopes @ slope) if self.m else ca.SX(0, 1)
         return ca.vertcat(weights, -held * (slope + self.row_slopes.T @ weights))
 
@@ -150,7 +151,7 @@ class _Point:
         weights = ca.SX.sym("weights", self.m)
         lagrangian = objective + ca.dot(ca.DM([float(yes) for yes in chosen]) * weights, self.nlp.g)
         hessian = ca.densify(ca.hessian(lagrangian, self.nlp.x)[0])
-        bounded = ca.fmin(ca.fmax(self.estimate[: self.m], -_MOST), _MOST)
+        bounded = ca.fmin(ca.fmax(self.estimate[: self.m, 0], -_MOST), _MOST)
         return ca.substitute(hessian, weights, bounded)
 
     @cached_property
@@ -163,7 +164,7 @@ class _Point:
     def direct(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Newton's step (n,), its multipliers (m + n,), and whether the Hessian had to be made convex."""
         m, A, project = self.m, self.free_slopes, self.projector
-        short, p = self.gap[:m] - self.working[:m] * (self.row_slopes @ self.gap[m:]), self.gap[m:]
+        short, p = self.gap[:m, 0] - self.working[:m, 0] * (self.row_slopes @ self.gap[m:]), self.gap[m:]
         if m:
             p = p + A.T @ solved(self._gram, short)  # the least step that meets the rows
         factors, indefinite = _convexified(self.curvature, project)
@@ -172,7 +173,7 @@ class _Point:
 
     def gain(self, p: ca.SX) -> ca.SX:
         """The decrease of the Lagrangian's quadratic model by a step (n,)."""
-        weights = self.estimate[: self.m]
+        weights = self.estimate[: self.m, 0]
         return -ca.dot(self.slope + self.row_slopes.T @ weights, p) - ca.dot(p, self.curvature @ p) / 2
 
     def advanced(self, p: ca.SX, multipliers: ca.SX, indefinite: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -195,7 +196,7 @@ class _Point:
         total = self.nlp.objective
         for g, weight, low, high, row in zip(
             ca.vertsplit(self.nlp.g),
-            ca.vertsplit(y[: self.m]),
+            ca.vertsplit(y[: self.m, 0]),
             *map(ca.vertsplit, self.ends),
             self.nlp.rows,
             strict=False,
@@ -215,14 +216,14 @@ class _Point:
 
     @property
     def violation(self) -> ca.SX:
-        low, high = (end[: self.m] for end in self.ends)
+        low, high = (end[: self.m, 0] for end in self.ends)
         return ca.mmax(ca.fmax(ca.fmax(low - self.nlp.g, self.nlp.g - high), 0)) if self.m else ca.SX(0)
 
     @property
     def stationarity(self) -> ca.SX:
         """The largest residual of stationarity, or of complementarity: a multiplier times what its end is away."""
         y = self.signed(self.estimate)
-        residual = self.slope + self.row_slopes.T @ y[: self.m] + y[self.m :]
+        residual = self.slope + self.row_slopes.T @ y[: self.m, 0] + y[self.m :]
         return ca.mmax(ca.fabs(ca.vertcat(residual, (1 - self.equal) * y * self.gap)))
 
 

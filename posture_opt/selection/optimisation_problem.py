@@ -193,6 +193,8 @@ class OptimisationProblem:
 
     def _objective_terms(self) -> list[tuple[str, ca.SX]]:
         task, at = self.task, self.quantities
+        for k, term in enumerate(task.minimize):
+            self._values(term, "minimize", k)
         extra = [(f"{term.weight:g} x {term.kind}", term.weight * term.cost(at)) for term in task.minimize]
         if task.criterion == "none":
             return extra
@@ -265,14 +267,19 @@ class OptimisationProblem:
                 continue  # they are bounds of the joints
             name = term.kind if kinds.count(term.kind) == 1 else f"{term.kind} ({kinds[: k + 1].count(term.kind)})"
             at, size, shown = self.quantities, term.row_size, _told_of(term)
-            values = ca.vertsplit(ca.vec(term.quantity(at)))
-            if not values:
-                message = f"{term.kind} bounds nothing on this arm: no joint of it can change that"
-                raise InputError(Issue(message, ("task", "subject_to", k), term.kind, "leave it out"))
+            values = self._values(term, "subject_to", k)
             told = zip(term.labels(at), term.units_of(at), values, term.bounds_of(at), strict=True)
             for label, unit, value, (low, high) in told:
                 rows.append(Row(label, unit, value / size, ca.SX(low / size), ca.SX(high / size), name, shown))
         return rows
+
+    def _values(self, term: Term, section: str, place: int) -> list[ca.SX]:
+        """The quantities of a term, which the joints change."""
+        values: list[ca.SX] = ca.vertsplit(ca.vec(term.quantity(self.quantities)))
+        if not values:
+            message = f"{term.kind} bounds nothing on this arm: no joint of it can change that"
+            raise InputError(Issue(message, ("task", section, place), term.kind, "leave it out"))
+        return values
 
 
 def _told_of(term: Term) -> Callable[[float], float]:

@@ -109,10 +109,13 @@ class Reach:
         point = np.clip(self.offset, lower, upper)
         # Least distance from the box by exact steps along one coordinate at a time: a convex quadratic in 3 unknowns.
         for _ in range(_SWEEPS if N.shape[1] else 0):
+            before = point.copy()
             for k in range(3):
                 slope, curvature = N[k] @ (N.T @ (point - self.offset)), N[k] @ N[k]
                 if curvature > 1e-15:
                     point[k] = np.clip(point[k] - slope / curvature, lower[k], upper[k])
+            if np.array_equal(point, before):  # as soon as the first sweep, where the box is a point
+                break
         return np.asarray(N @ (N.T @ (self.offset - point)))
 
     def misses(self, lower: Array, upper: Array) -> bool:

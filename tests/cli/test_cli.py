@@ -103,7 +103,7 @@ def test_wrong_usage_is_exit_code_2(words: list[str], message: str) -> None:
         (["--robot", "ur10e", "--link-height", "5 mm"], "Name the --task of the robot"),
         (["--task", "insert", "--robot", "ur10e", "--sigma", "0.02"], "error: --sigma: the angle has no unit"),
         (["--problem", "insert_scrara"], "no such file: insert_scrara – did you mean the built-in 'insert_scara'?"),
-        (["new", "ur10f"], "PRESET: there is no preset of this name – did you mean 'ur10'?"),
+        (["new", "ur10f"], "PRESET: there is no preset 'ur10f' – did you mean 'ur10'?"),
         (["uncertainty", *PLANAR, "--posture", "90 deg"], "--posture: 1 value for 2 joints – give one value each"),
         (["uncertainty", *PLANAR, "--posture", "90, 90 deg"], "--posture.joint1: the angle has no unit"),
         (["uncertainty", *PLANAR, "--posture", "joint1=1 deg"], "--posture: no value for joint2"),
@@ -212,6 +212,26 @@ def test_schema_is_json_and_goes_to_a_file(tmp_path: Path) -> None:
     assert run("schema", "--out", str(tmp_path / "s.json")).exit_code == 0
     assert json.loads((tmp_path / "s.json").read_text()) == schema
     assert os.listdir(tmp_path) == ["s.json"]
+
+
+def test_schema_has_no_number_that_json_lacks() -> None:
+    def refused(name: str) -> None:
+        raise AssertionError(name)
+
+    schema = json.loads(run("schema").stdout, parse_constant=refused)
+    assert "default" not in schema["$defs"]["JointSpec"]["properties"]["mass"]
+    assert schema["$defs"]["LinkHeight"]["properties"]["weight"]["default"] == 1.0
+
+
+def test_schema_replaces_an_earlier_one_and_nothing_else(tmp_path: Path) -> None:
+    file = tmp_path / "p.yaml"
+    for code in (0, 0):
+        assert run("schema", "--out", str(tmp_path / "s.json")).exit_code == code
+    file.write_text("name: of mine")
+    refused = run("schema", "--out", str(file))
+    assert refused.exit_code == 2
+    assert "p.yaml exists and is no schema" in refused.output
+    assert file.read_text() == "name: of mine"
 
 
 def test_list_names_what_files_may_name() -> None:

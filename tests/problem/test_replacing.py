@@ -106,7 +106,7 @@ def test_none_takes_a_key_away(panda: Problem) -> None:
         ({"task__clearance__x": 1}, "task.clearance: '0.2 mm' stands here, which has no key 'x'"),
         ({"task__subject_to__7__at_least": 1}, r"the list has no such entry – one of: 0"),
         ({"robot__payload": float("nan")}, "robot.payload: nan is not a finite number"),
-        ({"robot__name": "panta"}, "robot.name: there is no preset of this name – did you mean 'panda'"),
+        ({"robot__name": "panta"}, "robot.name: there is no preset 'panta' – did you mean 'panda'"),
         ({"tsk__position": 1}, "tsk: unknown key – did you mean 'task'"),
     ],
 )

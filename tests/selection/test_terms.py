@@ -87,3 +87,15 @@ def test_a_term_that_bounds_nothing_is_refused() -> None:
     problem = po.load_problem("insert_planar_2r").with_task(**task)
     with pytest.raises(InputError, match=r"link_height bounds nothing on this arm.*leave it out"):
         po.select_posture(problem)
+
+
+@pytest.mark.parametrize("section", ["subject_to", "minimize"])
+def test_manipulability_of_an_arm_that_moves_nothing_is_refused(section: str) -> None:
+    joint = {"name": "j", "type": "revolute", "a": 0, "alpha": 0, "d": 0, "theta": 0, "limits": ["-1 rad", "1 rad"]}
+    data = {
+        "robot": {"kind": "dh", "joints": [joint]},
+        "uncertainty": {"sigma": {"j.theta": "1 mrad"}},
+        "task": {"kind": "insert", "position": [0, 0, 0], section: [{"kind": "manipulability"}]},
+    }
+    with pytest.raises(InputError, match=rf"task.{section}\[0\]: manipulability bounds nothing"):
+        po.select_posture(po.problem_from_dict(data))

@@ -27,6 +27,8 @@ class Manipulability(BoundedTerm):
     at_least: Length = 0.0
 
     def quantity(self, at: Quantities) -> ca.SX:
+        if not at.jacobian.shape[0]:  # no joint moves the tool point
+            return ca.SX(0, 1)
         return ca.sqrt(criteria.area(at.jacobian @ at.jacobian.T))
 
     def cost(self, at: Quantities) -> ca.SX:

@@ -1,0 +1,107 @@
+"""What must hold of every run, whatever its input."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from typing import Any, NoReturn
+
+from tests.fuzz.case import Case
+from tests.fuzz.run import CPU, MEMORY, Run
+
+CODES = (0, 2, 3, 4)
+# Words that only a number which is none, or an absent value that was printed, can have put there.
+_NO_ANSWER = re.compile(r"(?<![\w'./-])(nan|NaN|inf|-inf|Infinity|None)(?![\w'-])")
+_WARNING = re.compile(r"^.*\.py:\d+: \w*Warning: .*$", re.MULTILINE)
+_TIME = re.compile(r'("seconds": )[\d.e+-]+|\b[\d.]+ (ms|s|seconds)\b')
+_MAY_BE_INFINITE: tuple[str, ...] = ()
+
+
+def faults(case: Case, run: Run) -> Iterator[str]:
+    """Everything that a run did wrong, one line each; nothing where it did well."""
+    yield from run.left
+    if run.cpu > CPU or run.code == -24:
+        yield f"CPU {run.cpu:.1f} s"
+    if run.memory > MEMORY:
+        yield f"memory {run.memory:.0f} MB"
+    if run.code not in CODES:
+        yield f"exit {run.code}: {_last(run.err)}"
+    if "Traceback" in run.err or "defect of this program" in run.err:
+        yield f"defect: {_last(run.err)}"
+    if found := _WARNING.search(run.err):
+        yield f"warning: {found[0].split(': ', 1)[1][:100]}"
+    yield from _answer(case, run) if run.code == 0 else _refusal(case, run)
+
+
+def _answer(case: Case, run: Run) -> Iterator[str]:
+    options = {word.split("=")[0] for word in case.words}
+    if not run.out.strip() and not run.made and not {"--quiet", "--out"} & options:
+        yield "exit 0 without a word"
+    if "--json" in options and run.out.strip() and not {"-h", "--help", "--version"} & options:
+        yield from _json_faults(run.out, "standard output")
+    else:
+        yield from _no_answer(case, run.out, "standard output")
+    for key in sorted({*run.hidden}):
+        if key not in _MAY_BE_INFINITE:
+            yield f"not finite in JSON: {key}"
+    for name, content in run.made.items():
+        text = content.decode("utf-8", "replace")
+        if name.endswith(".json"):
+            yield from _json_faults(text, name)
+        elif name.endswith((".csv", ".yaml", ".txt", ".script", ".src", ".dat", ".mod", ".urdf")):
+            yield from _no_answer(case, text, name)
+
+
+def _refusal(case: Case, run: Run) -> Iterator[str]:
+    if run.code > 0 and not run.err.strip():
+        yield f"exit {run.code} without a message"
+    if run.code > 0 and run.made:
+        yield f"exit {run.code}, and left {sorted(run.made)[:3]}"
+    if run.code == 2 and not _names_input(case, run.err):
+        yield f"a message that names nothing of the input: {run.err.strip()[:120]}"
+
+
+def _names_input(case: Case, message: str) -> bool:
+    """Whether a message says where the fault is: an option, a file, a key, or a value that was given."""
+    if "--" in message or "'" in message or "Usage:" in message:
+        return True
+    given = (word.encode("unicode_escape").decode() for word in (*case.words, *case.files) if word)
+    return any(word in message.encode("unicode_escape").decode().replace("\\\\", "\\") for word in given)
+
+
+def _no_answer(case: Case, text: str, where: str) -> Iterator[str]:
+    given = case.texts
+    for found in _NO_ANSWER.finditer(text):
+        if found[1] not in given:
+            line = text[text.rfind("\n", 0, found.start()) + 1 :].split("\n")[0]
+            yield f"{found[1]} in {where}: {line.strip()[:100]}"
+            return
+
+
+def _json_faults(text: str, where: str) -> Iterator[str]:
+    try:
+        json.loads(text, parse_constant=_refuse)
+    except ValueError as error:
+        yield f"{where} is no JSON: {error}"
+
+
+def _refuse(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def _last(text: str) -> str:
+    lines = text.strip().splitlines()
+    return lines[-1][:160] if lines else "without a message"
+
+
+def same(first: Run, second: Run) -> Iterator[str]:
+    """What differs between two runs of one case; times of the clock may."""
+    pairs: tuple[tuple[str, Any, Any], ...] = (
+        ("exit code", first.code, second.code),
+        ("standard output", first.out, second.out),
+        ("standard error", first.err, second.err),
+    )
+    for name, one, other in pairs:
+        if _TIME.sub("", str(one)) != _TIME.sub("", str(other)):
+            yield f"{name} differs from run to run"
