@@ -15,7 +15,7 @@ from posture_opt.batch.batch_covariance import (
     pairs_of,
     stated_sigmas,
 )
-from posture_opt.calibration.calibrate import calibrate
+from posture_opt.calibration.calibrate import MOST_ROWS, calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.data_checks import state_a_distance
 from posture_opt.calibration.error_statistics import By, Statistics
@@ -23,6 +23,7 @@ from posture_opt.calibration.parameters import CalibrationProblem, Parameter
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.thinning import thin_each_robot
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.result import Result
 from posture_opt.uncertainty.regions import coverage_factor
@@ -50,6 +51,7 @@ class Batch(Result):
         coverage: share of all rows in the 95 % regions of the arm as it stands and calibrated, with its interval,
             robots being what is drawn at random.
         notes: sentences for the report.
+        total: how many rows there were before very many were thinned.
     """
 
     problem: CalibrationProblem
@@ -67,6 +69,7 @@ class Batch(Result):
     calibrated: Statistics
     coverage: dict[str, tuple[float, tuple[float, float]]]
     notes: tuple[str, ...] = ()
+    total: int = 0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -88,6 +91,7 @@ class Batch(Result):
             "observability": dict(worst.identifiability.observability),
             "outliers": sorted(gone),
             "notes": list(self.notes),
+            **self.thinned_json,
             "batch": {
                 "robots": [self._robot(k) for k in range(len(self.robots))],
                 "parameters": list(self.names),
@@ -103,6 +107,12 @@ class Batch(Result):
                 "coverage95_interval95": {name: list(ends) for name, (_, ends) in self.coverage.items()},
             },
         }
+
+    @property
+    def thinned_json(self) -> dict[str, Any]:
+        """The part ``thinned`` of a document, where not all rows are used."""
+        used = len(self.data)
+        return {"thinned": {"rows": self.total, "rows_used": used}} if self.total > used else {}
 
     def _parameter(self, p: Parameter, k: int | None) -> dict[str, Any]:
         known = k is not None
@@ -130,6 +140,7 @@ def calibrate_batch(
     *,
     folds: int = 5,
     by: By | None = None,
+    most_rows: int = MOST_ROWS,
     progress: Progress | None = None,
 ) -> Batch:
     """Calibrate every robot of a type by itself, and estimate how their geometry varies from one to the next.
@@ -138,11 +149,15 @@ def calibrate_batch(
     the nominal one and hide what is asked for. The covariance across the batch is that of the estimates less what their
     own errors make of it (:func:`posture_opt.batch.batch_covariance.covariance_between_robots`).
 
+    Args:
+        most_rows: data with more are thinned to so many, as many of each robot, see `thin`.
+
     Raises:
         InputError: the data are of one robot.
         InsufficientDataError: fewer than three robots, or too little of one of them.
     """
     _check(problem, data)
+    total, data = len(data), thin_each_robot(data, most_rows)
     rows = tuple(np.flatnonzero(data.robot == code) for code in range(len(data.robot_names)))
     calibrations = tuple(_each(_without_geometry(problem), data, rows, folds, by, progress))
     parameters, undetermined = _determined(calibrations)
@@ -167,8 +182,14 @@ def calibrate_batch(
         nominal=Statistics.of(_counted(calibrations, [c.errors_nominal for c in calibrations]), robots),
         calibrated=Statistics.of(_counted(calibrations, [c.errors for c in calibrations]), robots),
         coverage=_coverage(problem, calibrations, folds),
-        notes=tuple(dict.fromkeys(note for c in calibrations for note in c.notes)),
+        notes=tuple(dict.fromkeys((*_thinned(total, len(data)), *(note for c in calibrations for note in c.notes)))),
+        total=total,
     )
+
+
+def _thinned(total: int, used: int) -> tuple[str, ...]:
+    """What is said of a file of which not all rows are used."""
+    return (f"{used} of {total} rows were fitted, as many of each robot: --rows takes more",) * (used < total)
 
 
 def _counted(calibrations: tuple[Calibration, ...], errors: list[Array]) -> Array:

@@ -9,6 +9,7 @@ from posture_opt.batch.batch_calibration import Batch, calibrate_batch
 from posture_opt.batch.batch_covariance import CorrelatedPair
 from posture_opt.calibration.error_statistics import By
 from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.causes import Finding, noise_finding
 from posture_opt.diagnosis.diagnosis import Outcome
 from posture_opt.diagnosis.linearised_data import linearise
@@ -55,6 +56,7 @@ class BatchDiagnosis(Result):
                 for found in map(_correlated, self.batch.pairs)
             ],
             "notes": list(self.batch.notes),
+            **self.batch.thinned_json,
             "batch": self.batch.to_json()["batch"],
         }
 
@@ -67,6 +69,7 @@ def diagnose_batch(
     folds: int = 5,
     by: By | None = None,
     seed: int = 0,
+    most_rows: int = levels.MOST_ROWS,
     progress: Progress | None = None,
 ) -> BatchDiagnosis:
     """What measurements of several robots of one type say that those of one cannot.
@@ -74,10 +77,13 @@ def diagnose_batch(
     Every robot is calibrated by itself. Lengths that are long or short together in one robot after the other are
     named ``correlated_lengths``; noise is judged over the residuals of all robots.
 
+    Args:
+        most_rows: data with more are thinned to so many, as many of each robot, see `thin`.
+
     Raises:
         InputError, InsufficientDataError: as `calibrate_batch`.
     """
-    batch = calibrate_batch(problem, data, folds=folds, by=by, progress=progress)
+    batch = calibrate_batch(problem, data, folds=folds, by=by, most_rows=most_rows, progress=progress)
     units = {p.name: p.unit for p in batch.parameters}
     lengths = [
         _correlated(pair)

@@ -25,14 +25,18 @@ from posture_opt.calibration.fit_setup import FitSetup, determine, unseen
 from posture_opt.calibration.fitted_arm import FitRequest
 from posture_opt.calibration.frame_chart import Chart
 from posture_opt.calibration.frames import compare, fit_frames, held_length
+from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.other_file import OtherFile, predicted
 from posture_opt.calibration.parameters import CalibrationProblem
 from posture_opt.calibration.residuals import Residuals
 from posture_opt.calibration.stated_knowledge import consistent
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.thinning import thin
 from posture_opt.numerics import Array, Codes, Mask, Progress
 
+MOST_ROWS = 100_000
+"""Rows that are fitted by default, in some minutes: standard errors are below a hundredth of any scatter by then."""
 _ROUNDS = 3  # of fitting and judging the noise anew
 SIZE = "touched points alone do not tell the size of the arm: {} is held; state a distance under data.distances"
 RECOUNTED = (
@@ -53,6 +57,7 @@ def calibrate(
     refit_frames: bool = False,
     plan: bool = True,
     seed: int | None = None,
+    most_rows: int = MOST_ROWS,
     progress: Progress | None = None,
 ) -> Calibration:
     """Estimate the parameters that the data determine, and what that brings where nothing was seen.
@@ -68,19 +73,22 @@ def calibrate(
         priors: whether stated σ's of parameters count as knowledge.
         test: other measurements, predicted with nothing refitted, or with base and tool if ``refit_frames``.
         plan: whether report and document plan the task again with the arm that was found; ``seed`` of that search.
+        most_rows: data with more are thinned to so many, see `thin`; those left out judge the result, `LargeFile`.
         progress: is told after each fit how many of how many are done.
 
     Raises:
         InputError: several robots at once, or a test file with other targets.
         InsufficientDataError: fewer measurements than unknowns.
     """
+    thinning = thin(data, most_rows)
+    data = data if thinning is None else thinning.used
     problem, refuted = consistent(problem, data, priors)
     given, notes = compare(problem, data)
     chart = Chart.of(given)
     by = by or default_by(data)
     groups = groups_of(data, by, folds)
     parts = folds_of(groups, folds, by)
-    tell = _teller(progress, 2 * len(parts) + 1)
+    tell = _teller(progress, 2 * len(parts) + 1 + (thinning is not None))
     fitted = _fit(problem, chart.fitted, len(np.unique(groups)), priors)
     check_kept(chart.fitted, groups, fitted.found.kept)
     tell()
@@ -94,7 +102,9 @@ def calibrate(
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     found = _assembled(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
     left = Disagreement.of(given, found.errors_fitted[found.kept_rows])
-    return replace(found, contradictions=refuted.told(found.fit), disagreement=left)
+    large = None if thinning is None else LargeFile.of(thinning, models, fitted.found)
+    tell()
+    return replace(found, contradictions=refuted.told(found.fit), disagreement=left, large=large)
 
 
 def stated_errors(

@@ -23,6 +23,7 @@ from posture_opt.result import Result
 
 if TYPE_CHECKING:
     from posture_opt.calibration.data_checks import Disagreement
+    from posture_opt.calibration.large_file import LargeFile
     from posture_opt.calibration.stated_knowledge import Contradiction
     from posture_opt.model.effects import Effect
 
@@ -50,6 +51,7 @@ class Calibration(Result):
         notes: sentences for the report.
         contradictions: what the problem file states as known and the data refute; ``request`` is without it.
         disagreement: what is left of data that are hardly this arm's; None of others.
+        large: what a file of very many rows was thinned to, ``request`` with it; None where all rows were used.
     """
 
     request: FitRequest
@@ -68,6 +70,7 @@ class Calibration(Result):
     notes: tuple[str, ...] = ()
     contradictions: tuple[Contradiction, ...] = ()
     disagreement: Disagreement | None = None
+    large: LargeFile | None = None
 
     @property
     def far_frames(self) -> dict[str, float]:
@@ -209,6 +212,8 @@ class Calibration(Result):
         }
         if self.test is not None:
             document["test"] = self.test.to_json()
+        if self.large is not None:
+            document["thinned"] = self.large.to_json()
         return document
 
     def _parameter(self, i: int) -> dict[str, Any]:

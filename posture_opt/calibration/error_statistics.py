@@ -13,6 +13,7 @@ from posture_opt.numerics import Array, Codes
 
 By = Literal["pose", "block", "place"]
 
+_MOST_GROUPS = 10_000  # that a bootstrap draws from: the spread of a mean of more is known as well from sums of them
 _ALIKE = 1e-3  # rad or m: postures nearer than that have the same errors, whatever their pose is called
 
 
@@ -42,7 +43,7 @@ class Statistics:
 
 
 def _bootstrap(squares: Array, groups: Codes, draws: int) -> tuple[float, float]:
-    _, group = np.unique(groups, return_inverse=True)
+    group = resampled_groups(groups)
     total, count = np.bincount(group, squares), np.bincount(group)
     rng = np.random.default_rng(0)
     means = []
@@ -51,6 +52,13 @@ def _bootstrap(squares: Array, groups: Codes, draws: int) -> tuple[float, float]
         means.append(total[chosen].sum() / count[chosen].sum())
     low, high = np.sqrt(np.quantile(means, [0.025, 0.975]))
     return float(low), float(high)
+
+
+def resampled_groups(groups: Codes) -> Codes:
+    """Codes (N,) from 0 on of groups (N,) that a bootstrap draws from; of very many, neighbours are one."""
+    names, code = np.unique(groups, return_inverse=True)
+    code = code.ravel()
+    return np.asarray(code if len(names) <= _MOST_GROUPS else code * _MOST_GROUPS // len(names), dtype=np.intp)
 
 
 def groups_of(data: Measurements, by: By, folds: int) -> Codes:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from posture_opt.model.effects import Effect
 
 _LEVEL = np.radians(10)  # a levelled instrument and a base that was set up with a level agree to better than this
+MANY = 20_000
+"""Rows that are walked at a time where nothing but their errors is asked for: the chain holds some hundred arrays."""
 Distance = tuple[int, int, float, float]
 """Codes of two points, their distance [m] and its standard deviation [m]."""
 
@@ -207,6 +209,9 @@ class Residuals:
 
     def error(self, x: Array, reached: Walk | None = None) -> Array:
         """Position of the model minus the measured one (N, 3) [m]; of touched points, minus the point."""
+        if reached is None and len(self.data) > MANY:
+            parts = np.array_split(np.arange(len(self.data)), -(-len(self.data) // MANY))
+            return np.concatenate([self.take(rows).error(x) for rows in parts])
         reached = reached or self.walk(x)
         position = _stacked(reached.position, len(self.data))
         if self.data.position is not None:

@@ -39,6 +39,8 @@ class Session:
     folds: int
     plan: bool
     columns: Mapping[str, str | int]
+    most_rows: Mapping[str, int]
+    """``most_rows``, where it was stated."""
 
 
 def measured_options(command: Command) -> Command:
@@ -47,8 +49,9 @@ def measured_options(command: Command) -> Command:
     @wraps(command)
     def with_session(*args: Any, data: Path, test: Path | None, refit_frames: bool, **others: Any) -> Any:
         by, folds, plan = others.pop("by"), others.pop("folds"), not others.pop("no_plan")
-        named = columns_of(others.pop("column"))
-        return command(*args, session=Session(data, test, refit_frames, by, folds, plan, named), **others)
+        named, rows = columns_of(others.pop("column")), others.pop("rows")
+        most = {} if rows is None else {"most_rows": rows}
+        return command(*args, session=Session(data, test, refit_frames, by, folds, plan, named, most), **others)
 
     own = add_options(
         with_session,
@@ -75,6 +78,12 @@ def measured_options(command: Command) -> Command:
             multiple=True,
             help='What a column of a foreign file is: --column "x=Pos X [mm]", or its number: x=7.',
         ),
+        click.option(
+            "--rows",
+            type=click.IntRange(min=1),
+            help="Thin larger files evenly to so many rows; the others judge the result.  "
+            "[default: 100000 to calibrate, 10000 to diagnose]",
+        ),
         click.option("--no-plan", is_flag=True, help="Do not re-plan the task with the identified arm."),
     )
     return problem_options(own)
@@ -91,17 +100,23 @@ def answer(common: Common, session: Session, given: dict[str, Any], of_one: OfOn
         problem = with_columns(requested_problem(**given), session.columns)
     starter = StarterFile.of(common, session.data, problem) if made else StarterFile()
     with output(common), placed(problem):
-        measured = po.read_measurements(session.data, problem)
+        measured = _read(common, session.data, problem)
         if len(measured.robot_names) > 1:
             if session.test is not None:
                 raise click.UsageError("--test goes with measurements of one robot, and the data are of several.")
             found = of_batch(problem, measured)
         else:
-            other = None if session.test is None else po.read_measurements(session.test, problem)
+            other = None if session.test is None else _read(common, session.test, problem)
             found = of_one(problem, measured, other)
         save_result(common, found, starter.beside)
         show_result(common, found)  # what the report is held against is computed here
         starter.write(common)
+
+
+def _read(common: Common, path: Path, problem: Any) -> po.Measurements:
+    """The measurements of a file; very many rows take a while."""
+    with progress_bar(common, f"reading {path.name}"):
+        return po.read_measurements(path, problem)
 
 
 def _without_problem(given: dict[str, Any]) -> dict[str, Any]:
@@ -160,7 +175,9 @@ def calibrate_command(common: Common, session: Session, no_priors: bool, **given
 
 def _calibrated_batch(common: Common, session: Session, problem: Any, data: po.Measurements) -> Result:
     with progress_bar(common, "calibrating robots") as progress:
-        return po.calibrate_batch(problem, data, folds=session.folds, by=session.by, progress=progress)
+        return po.calibrate_batch(
+            problem, data, folds=session.folds, by=session.by, progress=progress, **session.most_rows
+        )
 
 
 def _calibrated(
@@ -175,6 +192,7 @@ def _calibrated(
         return po.calibrate(
             problem, measured, priors=priors, folds=session.folds, by=session.by, test=other,
             refit_frames=session.refit_frames, plan=session.plan, seed=common.seed, progress=progress,
+            **session.most_rows,
         )  # fmt: skip
 
 
@@ -192,8 +210,9 @@ def diagnose_command(common: Common, session: Session, with_time: bool, **given:
 def _diagnosed_batch(common: Common, session: Session, problem: Any, data: po.Measurements) -> Result:
     with progress_bar(common, "diagnosing robots") as progress:
         return po.diagnose_batch(
-            problem, data, folds=session.folds, by=session.by, seed=common.seed or 0, progress=progress
-        )
+            problem, data, folds=session.folds, by=session.by, seed=common.seed or 0, progress=progress,
+            **session.most_rows,
+        )  # fmt: skip
 
 
 def _diagnosed(
@@ -209,6 +228,7 @@ def _diagnosed(
             return po.diagnose(
                 problem, measured, folds=session.folds, by=session.by, seed=common.seed, test=other,
                 refit_frames=session.refit_frames, with_time=with_time, plan=session.plan, progress=progress,
+                **session.most_rows,
             )  # fmt: skip
     except InsufficientDataError as error:
         _tell_insufficient(common, error)

@@ -16,6 +16,7 @@ from posture_opt.cli.progress import progress_bar
 from posture_opt.cli.quantities import corner, height_of
 from posture_opt.cli.request import placed, requested_problem
 from posture_opt.cli.robot_programs import ProgramRequest, program_options
+from posture_opt.cli.scheduler import scheduler_option, working
 from posture_opt.errors import InputError, Issue
 from posture_opt.export.known_programs import measuring_program
 
@@ -46,20 +47,22 @@ Box = tuple[Corner, Corner]
     "--max", "high", metavar="TEXT", help="Its upper corner, for example the field of view of the instrument."
 )
 @program_options(2.0)
+@scheduler_option
 @common_options
 def plan_measurements_command(
     common: Common, count: int, data: Path | None, purpose: Any, candidates: int, link_height: str | None,
-    repeats: int, low: str | None, high: str | None, motion: ProgramRequest, **given: Any,
+    repeats: int, low: str | None, high: str | None, motion: ProgramRequest, scheduler: str | None,
+    **given: Any,
 ) -> None:  # fmt: skip
     """Which postures to measure next: the most informative about the arm, or about its task."""
     problem, box = requested_problem(**given), _box(low, high)
     with output(common), placed(problem):
         measured = None if data is None else po.read_measurements(data, problem)
-        with progress_bar(common, "choosing postures") as progress:
+        with working(common, scheduler) as workers, progress_bar(common, "choosing postures") as progress:
             plan = po.plan_measurements(
                 problem, count, given=measured, purpose=purpose, seed=common.seed or 0,
                 link_height=None if link_height is None else height_of(link_height), within=box,
-                repeats=repeats, candidates=candidates, progress=progress,
+                repeats=repeats, candidates=candidates, executor=workers, progress=progress,
             )  # fmt: skip
         save_result(common, plan, motion.files(common, "measure", partial(measuring_program, plan)))
     show_result(common, plan)

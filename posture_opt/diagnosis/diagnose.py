@@ -14,6 +14,7 @@ from posture_opt.calibration.cross_validation import HeldOut, held_out
 from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.fit import Fit, fit_with_effects
 from posture_opt.calibration.fitted_arm import FitRequest, FittableProblem
+from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.progress import Stages
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.causes import (
@@ -38,6 +39,7 @@ from posture_opt.diagnosis.unnamed_components import UnnamedComponent
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups
+from posture_opt.measurements.thinning import Thinning, thin
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Codes, Progress
 from posture_opt.validation.repeat_scatter import slides
@@ -101,6 +103,7 @@ def diagnose(
     refit_frames: bool = False,
     with_time: bool = False,
     plan: bool = True,
+    most_rows: int = levels.MOST_ROWS,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Name what the model lacks to explain measurements, at 5 % false alarms for the whole verdict.
@@ -115,6 +118,7 @@ def diagnose(
         with_time: keep effects of time in the arm to plan with; the task's ``time`` says when it is done.
         plan: whether report and document plan the task again with the arm that was found.
         seed: of the null, 0 by default, and of that plan.
+        most_rows: data with more are thinned to so many, see `thin`; those left out judge the result, `LargeFile`.
         progress: is told how many of how many parts are done.
 
     Raises:
@@ -122,7 +126,9 @@ def diagnose(
         InsufficientDataError: fewer measurements than unknowns.
     """
     stages = Stages(progress, 20, 55, 5, 20)
-    calibration = calibrate(problem, data, folds=folds, by=by, progress=stages.next())
+    thinning = thin(data, most_rows)
+    data = data if thinning is None else thinning.used
+    calibration = calibrate(problem, data, folds=folds, by=by, most_rows=len(data), progress=stages.next())
     problem = cast(FittableProblem, calibration.request.problem)  # without what the data refute of it
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
@@ -132,8 +138,9 @@ def diagnose(
     held = replace(held, models={**held.models, "delivered": delivery.held})
     findings = _findings(found, held, stages.next())
     other = None if test is None else _other(test, found, held, delivery, with_time, refit_frames)
+    large = None if thinning is None else _large(thinning, found)
     stages.end()
-    return _diagnosis(request, found, held, delivery, findings, other)
+    return replace(_diagnosis(request, found, held, delivery, findings, other), large=large)
 
 
 def _explained(
@@ -190,6 +197,17 @@ def _other(
     calibration, model = found.calibration, found.model
     lasting = deliver(calibration, model, held.models, held.parts, found.noise) if with_time else delivery
     return second_session(test, calibration, model, lasting, refit_frames=refit_frames)
+
+
+def _large(thinning: Thinning, found: _Explained) -> LargeFile:
+    """The rows left out, predicted by the arm before calibration, the calibrated one, and that with its effects."""
+    calibrated, model = found.calibration.fit, found.model
+    models = {
+        "nominal": (calibrated.residuals, found.calibration.x_nominal),
+        "calibrated": (calibrated.residuals, calibrated.x),
+        "extended": (model.residuals, model.x),
+    }
+    return LargeFile.of(thinning, models, model)
 
 
 def _diagnosis(

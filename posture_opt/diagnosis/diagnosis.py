@@ -15,6 +15,7 @@ from posture_opt.calibration.cross_validation import HeldOut
 from posture_opt.calibration.error_statistics import By, Statistics
 from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.fitted_arm import FitRequest, FittableProblem, FittedArm
+from posture_opt.calibration.large_file import LargeFile
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.causes import (
@@ -59,6 +60,7 @@ class Diagnosis(Result):
         groups: (N,) what the cross-validation left out together, of the rows that are no outliers.
         rivals: by the place of an effect in ``model``, the candidates that could stand for it.
         test: another file predicted by what this one taught.
+        large: what a file of very many rows was thinned to, ``request`` with it; None where all rows were used.
     """
 
     verdict: Outcome
@@ -77,6 +79,7 @@ class Diagnosis(Result):
     groups: Codes
     rivals: Mapping[int, Sequence[Candidate]]
     test: SecondSession | None = None
+    large: LargeFile | None = None
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -121,6 +124,7 @@ class Diagnosis(Result):
         p = min(self.adequacy.p_value, *(p for candidate, p in chosen if not candidate.named), 1.0)
         p = min(p, *(errors.p_value for errors in self.uneven), 1.0)
         test = {} if self.test is None else {"test": self.test.to_json()}
+        thinned = {} if self.large is None else {"thinned": self.large.to_json()}
         return {
             "verdict": self.verdict,
             "effects": [self._effect_json(i) for i in range(len(self.effects))],
@@ -140,6 +144,7 @@ class Diagnosis(Result):
             "cross_validation": self.by,
             "gain": self.gain.to_json(),
             **test,
+            **thinned,
             "candidates": [
                 {
                     "kind": j.candidate.kind,

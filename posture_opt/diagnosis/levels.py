@@ -39,6 +39,8 @@ SIGN_FLIPS_OF_MANY_ROWS = 99
 """The same where nothing hangs on the last digit of a p-value; chosen on simulated draws, ablation pending."""
 MANY_ROWS = 3000
 """Rows from which on there are fewer draws; chosen for time."""
+MOST_ROWS = 10_000
+"""Rows that are searched by default; chosen for time: there, an effect of a hundredth of the scatter is found."""
 CLOSE_DECISION = 8.0
 """A best p-value within this factor of its level is drawn again; chosen on simulated draws, ablation pending."""
 MORE_SIGN_FLIPS = 4

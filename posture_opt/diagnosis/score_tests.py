@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from posture_opt.diagnosis.fourier_sums import FourierSums, squares
 from posture_opt.numerics import Array, Codes
 
 _CHUNK = 4_000_000  # numbers of one block of columns: 32 MB
+_ROWS = 4096  # walked through at a time
 _MOST_LEVERAGE = 0.99  # above, a residual says nothing of the noise
 _ROUNDING = 1e-6  # of the largest singular value: linear dependence, to rounding of inner products
 
@@ -52,7 +55,7 @@ class ProjectedBaseline:
         """Degrees of freedom of the residuals."""
         return self.count - int(self.Q.shape[1])
 
-    @property
+    @cached_property
     def rss(self) -> Array:
         """(1 + B,) sums of squares."""
         return np.asarray(np.einsum("ij,ij->j", self.flipped, self.flipped))
@@ -79,6 +82,85 @@ def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float
         return np.zeros((len(Z), 0)), rho
     U, s, _ = np.linalg.svd(rest / np.where(norms > 0, norms, 1.0), full_matrices=False)
     return np.asarray(U[:, s > max(levels.SURVIVING_SHARE, _ROUNDING * float(s[0]))]), rho
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedColumns:
+    """Orthonormal bases of candidates projected off a baseline, by their inner products alone.
+
+    Args:
+        edges: (candidates + 1,) where the directions of each begin; as many as `projected_basis` has.
+        gram: (R, R) inner products of all directions; scores: (R,) those with the residuals that the baseline leaves.
+    """
+
+    edges: Codes
+    gram: Array
+    scores: Array
+
+    def __len__(self) -> int:
+        return len(self.edges) - 1
+
+    @property
+    def sizes(self) -> Codes:
+        """(candidates,) how many directions each has."""
+        return np.diff(self.edges)
+
+    @cached_property
+    def gains(self) -> Array:
+        """(candidates,) what each explains by itself."""
+        return np.array([np.sum(self.scores[a:b] ** 2) for a, b in pairwise(self.edges)])
+
+    @classmethod
+    def of(cls, baseline: ProjectedBaseline, candidates: Sequence[Array]) -> ProjectedColumns:
+        """Of the columns (m, k) of each candidate, which are walked through in blocks of rows."""
+        gram, scores = _projected_products(baseline, candidates)
+        norms, edges = np.sqrt([float(v) for Z in candidates for v in _squares(Z)]), _edges(candidates)
+        scale = 1 / np.where(norms > 0, norms, 1.0)
+        gram, scores = gram * np.outer(scale, scale), scores * scale
+        turned = [_directions(gram[a:b, a:b]) for a, b in pairwise(edges)]
+        T = _block_diagonal(turned, len(scores))
+        ends = np.cumsum([0, *(t.shape[1] for t in turned)])
+        return cls(ends, np.asarray(T.T @ gram @ T), np.asarray(T.T @ scores))
+
+
+def _directions(gram: Array) -> Array:
+    """(k, r) what makes orthonormal directions of k projected columns of former length one; as `projected_basis`."""
+    if np.sqrt(max(np.diag(gram).max(initial=0.0), 0.0)) < levels.SURVIVING_SHARE:
+        return np.zeros((len(gram), 0))
+    values, vectors = np.linalg.eigh(gram)
+    s = np.sqrt(np.maximum(values, 0.0))
+    clear = s > max(levels.SURVIVING_SHARE, _ROUNDING * float(s[-1]))
+    return np.asarray(vectors[:, clear] / s[clear])
+
+
+def _projected_products(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array]:
+    """(K, K) inner products of all columns off the baseline, and (K,) those with the residuals that it leaves."""
+    count = int(_edges(candidates)[-1])
+    gram, cross, scores = np.zeros((count, count)), np.zeros((baseline.Q.shape[1], count)), np.zeros(count)
+    for first in range(0, len(baseline.e) if candidates else 0, _ROWS):
+        own = slice(first, first + _ROWS)
+        Z = np.concatenate([Z[own] for Z in candidates], axis=1, dtype=float)
+        gram += Z.T @ Z
+        cross += baseline.Q[own].T @ Z
+        scores += Z.T @ baseline.e[own]
+    return gram - cross.T @ cross, scores
+
+
+def _edges(candidates: Sequence[Array]) -> Codes:
+    return np.cumsum([0, *(Z.shape[1] for Z in candidates)])
+
+
+def _squares(Z: Array) -> Array:
+    return np.asarray(np.einsum("mk,mk->k", Z, Z, dtype=float))
+
+
+def _block_diagonal(blocks: Sequence[Array], rows: int) -> Array:
+    found = np.zeros((rows, sum(block.shape[1] for block in blocks)))
+    row = column = 0
+    for block in blocks:
+        found[row : row + block.shape[0], column : column + block.shape[1]] = block
+        row, column = row + block.shape[0], column + block.shape[1]
+    return found
 
 
 def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Array) -> Array:

@@ -10,7 +10,13 @@ import numpy as np
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.candidates import Candidate
 from posture_opt.diagnosis.linearised_data import LinearisedData
-from posture_opt.diagnosis.score_tests import NullDistribution, ProjectedBaseline, log_p, projected_basis
+from posture_opt.diagnosis.score_tests import (
+    NullDistribution,
+    ProjectedBaseline,
+    ProjectedColumns,
+    log_p,
+    projected_basis,
+)
 from posture_opt.diagnosis.subset_selection import Chosen, Pool, alternatives
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array
@@ -25,11 +31,12 @@ def union(former: Iterable[Candidate], new: Iterable[Candidate]) -> tuple[Candid
 
 def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate]) -> Pool:
     """Candidates with their penalties on a baseline; two shapes of one effect exclude each other."""
-    bases = [projected_basis(baseline, s.Z)[0] for s in candidates]
-    penalty = [_penalty(baseline, s, basis) for s, basis in zip(candidates, bases, strict=True)]
+    columns = ProjectedColumns.of(baseline, [s.Z for s in candidates])
+    counted = zip(candidates, columns.sizes.tolist(), columns.gains.tolist(), strict=True)
+    penalty = [_penalty(baseline, s, size, gain) for s, size, gain in counted]
     codes: dict[object, int] = {}
     exclusive = [codes.setdefault(s.exclusive, len(codes)) for s in candidates]
-    return Pool(bases, baseline.e, baseline.freedom, np.array(penalty), np.array(exclusive))
+    return Pool(columns, float(baseline.e @ baseline.e), baseline.freedom, np.array(penalty), np.array(exclusive))
 
 
 def price_of_choice(candidate: Candidate) -> float:
@@ -49,11 +56,10 @@ def price_of_parameters(count: Array, evidence: Array, freedom: float) -> Array:
     return np.asarray(count * each)
 
 
-def _penalty(baseline: ProjectedBaseline, candidate: Candidate, basis: Array) -> float:
-    """What a candidate costs in the criterion."""
-    evidence = float(np.sum((basis.T @ baseline.e) ** 2)) / (float(baseline.rss[0]) / baseline.freedom)
-    count = np.array(basis.shape[1])
-    return float(price_of_parameters(count, np.array(evidence), baseline.freedom)) + price_of_choice(candidate)
+def _penalty(baseline: ProjectedBaseline, candidate: Candidate, size: int, gain: float) -> float:
+    """What a candidate of so many directions that explain so much costs in the criterion."""
+    evidence = np.array(gain / (float(baseline.rss[0]) / baseline.freedom))
+    return float(price_of_parameters(np.array(size), evidence, baseline.freedom)) + price_of_choice(candidate)
 
 
 def member_weight(
@@ -68,7 +74,7 @@ def member_weight(
     gain, rss = float(np.sum((basis.T @ baseline.e) ** 2)), float(baseline.rss[0])
     p = float(log_p(np.array([gain]), np.array([rss]), basis.shape[1], baseline.freedom)[0])
     m = baseline.freedom
-    rise = -m * np.log(max(1 - gain / rss, 1e-300)) - _penalty(baseline, member, basis)
+    rise = -m * np.log(max(1 - gain / rss, 1e-300)) - _penalty(baseline, member, basis.shape[1], gain)
     return p, float(rise)
 
 
@@ -172,10 +178,9 @@ def _rivals_of(
 ) -> tuple[Candidate, ...]:
     """Those of the alternatives to a member that resemble it, one of each kind and target, the best first."""
     found: dict[tuple[str, str], Candidate] = {}
-    bases = pools[0].bases
     close = [a for pool in pools for a in alternatives(pool, members, member, levels.RIVAL_CRITERION)]
     for _, other in sorted([*close, *for_all]):
-        alike = np.linalg.norm(bases[member].T @ bases[other], 2) > levels.RIVAL_COSINE
+        alike = pools[0].alike(member, other) > levels.RIVAL_COSINE
         if alike and every[other].key != every[member].key:
             found.setdefault(every[other].key, every[other])
     return tuple(found.values())
@@ -184,10 +189,8 @@ def _rivals_of(
 def _lenient(pool: Pool, candidates: Sequence[Candidate]) -> Pool:
     """The pool with names charged 2 a parameter (Akaike 1974): what only costs more has not been refuted by data."""
     less = [
-        (np.log(pool.freedom) - levels.LENIENT_PENALTY) * basis.shape[1]
-        if s.named and basis.shape[1] <= levels.LARGE_GROUP
-        else 0.0
-        for s, basis in zip(candidates, pool.bases, strict=True)
+        (np.log(pool.freedom) - levels.LENIENT_PENALTY) * size if s.named and size <= levels.LARGE_GROUP else 0.0
+        for s, size in zip(candidates, pool.columns.sizes.tolist(), strict=True)
     ]
     return replace(pool, penalty=pool.penalty - np.maximum(less, 0.0))
 

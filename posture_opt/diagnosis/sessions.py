@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.error_statistics import Statistics
+from posture_opt.calibration.error_statistics import Statistics, resampled_groups
 from posture_opt.calibration.fit import Fit
 from posture_opt.calibration.linear_model import LinearModel
 from posture_opt.calibration.other_file import OtherFile, errors_on, predicted
@@ -34,7 +34,7 @@ class Gain:
     @classmethod
     def of(cls, errors: Array, without: Array, groups: Codes) -> Gain:
         """Of errors (N, d) against those ``without`` (N, d) of the same rows, which hang together in ``groups``."""
-        code = np.unique(groups, return_inverse=True)[1]
+        code = resampled_groups(groups)
         sums = np.stack([np.bincount(code, np.sum(e**2, axis=1)) for e in (errors, without)], axis=1)
         drawn = np.random.default_rng(0).integers(len(sums), size=(_DRAWS, len(sums)))
         totals = sums[drawn].sum(axis=1)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from posture_opt.diagnosis import levels
+from posture_opt.diagnosis.score_tests import ProjectedColumns
 from posture_opt.numerics import Array, Codes
 
 Chosen = tuple[int, ...]
@@ -19,45 +18,30 @@ _BETTER = 1e-9  # of the criterion: a smaller gain is rounding, and an exchange 
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Candidates with their bases beside the projected baseline, and the penalty of each.
+    """Candidates by the inner products of their bases beside the projected baseline, and the penalty of each.
 
     Args:
-        bases: each (m, k) orthonormal, orthogonal to the baseline.
-        e: (m,) whitened residuals [1] that the baseline leaves, with ``freedom`` (effective) degrees of freedom.
+        columns: those inner products, with each other and with the residuals that the baseline leaves, of which
+            ``rss0`` is the sum of squares with nothing chosen and ``freedom`` the (effective) degrees of freedom.
         penalty: (candidates,) added to the criterion for each chosen one: for its parameters, for a grid that was
             searched, for having no name.
         exclusive: (candidates,) candidates of equal code exclude each other.
     """
 
-    bases: Sequence[Array]
-    e: Array
+    columns: ProjectedColumns
+    rss0: float
     freedom: float
     penalty: Array
     exclusive: Codes
 
-    @cached_property
-    def _edges(self) -> Codes:
-        return np.cumsum([0, *(b.shape[1] for b in self.bases)])
-
-    @cached_property
-    def _stacked(self) -> Array:
-        return np.concatenate([np.zeros((len(self.e), 0)), *self.bases], axis=1)
-
-    @cached_property
-    def _gram(self) -> Array:
-        return np.asarray(self._stacked.T @ self._stacked)
-
-    @cached_property
-    def _scores(self) -> Array:
-        return np.asarray(self._stacked.T @ self.e)
-
-    @cached_property
-    def rss0(self) -> float:
-        """Sum of squares with nothing chosen."""
-        return float(self.e @ self.e)
+    def alike(self, one: int, other: int) -> float:
+        """The largest cosine between a direction of one candidate and one of another."""
+        edges = self.columns.edges
+        between = self.columns.gram[edges[one] : edges[one + 1], edges[other] : edges[other + 1]]
+        return float(np.linalg.norm(between, 2))
 
     def _index(self, chosen: Chosen) -> Codes:
-        edges = self._edges
+        edges = self.columns.edges
         return np.concatenate([np.arange(edges[i], edges[i + 1]) for i in chosen]) if chosen else np.zeros(0, int)
 
     def rss(self, chosen: Chosen) -> float:
@@ -65,7 +49,7 @@ class Pool:
         if not chosen:
             return self.rss0
         index = self._index(chosen)
-        G, b = self._gram[np.ix_(index, index)], self._scores[index]
+        G, b = self.columns.gram[np.ix_(index, index)], self.columns.scores[index]
         return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=_DEPENDENT)[0])
 
     def criterion(self, chosen: Chosen) -> float:
@@ -81,7 +65,7 @@ class Pool:
         """Every set with one candidate more, with its criterion, the best first."""
         taken = {int(self.exclusive[i]) for i in chosen}
         index = self._index(chosen)
-        G, b, edges = self._gram, self._scores, self._edges
+        G, b, edges = self.columns.gram, self.columns.scores, self.columns.edges
         rss = self.rss0
         cross, left = G[:0], b
         if chosen:
@@ -90,7 +74,7 @@ class Pool:
             left = b - G[:, index] @ (inverse @ b[index])
             rss = float(rss - b[index] @ inverse @ b[index])
         found = []
-        for i in range(len(self.bases)):
+        for i in range(len(self.columns)):
             if int(self.exclusive[i]) in taken:
                 continue
             own = slice(edges[i], edges[i + 1])

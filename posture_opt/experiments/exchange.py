@@ -13,6 +13,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask, Progress
+from posture_opt.workers import Serial, Workers
 
 _RIDGE = 1e-8  # of the information of an average design: keeps a design that is still too small invertible
 _BETTER = 1e-9  # of the criterion: what an exchange must gain to be one
@@ -94,6 +95,7 @@ def exchange(
     replicate: bool = False,
     places: Array | None = None,
     former: Codes | None = None,
+    workers: Workers | None = None,
     progress: Progress | None = None,
 ) -> Design:
     """The best ``count`` of the candidates, by exchanging one at a time for the best of all others.
@@ -108,6 +110,7 @@ def exchange(
         replicate: whether a candidate may be chosen again.
         places: (N, n) where the candidates lie: no two that are chosen lie nearer than 1 in every coordinate.
         former: a design to start from, in place of all others.
+        workers: who share the starts, and need not be named; the design does not depend on it.
         progress: called with (done, total) starts.
     """
     assert replicate or count <= len(A), "no more places than candidates"
@@ -115,20 +118,20 @@ def exchange(
     criterion = criterion.transformed(T)
     search = _Search(A, information + _RIDGE * np.eye(len(T)), criterion, count, replicate, places)
     rng = np.random.default_rng(seed)
-    best, best_value = np.zeros(0, dtype=np.intp), np.inf
-    rounds = 1 if former is not None else starts
-    for k in range(rounds):
-        if former is not None:
-            begin = former.copy()
-        else:
-            begin = search.one_by_one() if k == 0 else rng.choice(len(A), count, replace=replicate)
-        chosen = search.improved(begin)
-        value = search.value(chosen)
-        if value < best_value:
-            best, best_value = chosen, value
+    drawn = [rng.choice(len(A), count, replace=replicate) for _ in range(0 if former is not None else starts - 1)]
+    begins = [former, *drawn]
+    found: dict[int, Design] = {}
+    for k, (chosen, value) in (workers or Serial()).run(_improved, search, begins):
+        found[k] = Design(np.array(chosen, dtype=np.intp), value)
         if progress is not None:
-            progress(k + 1, rounds)
-    return Design(best, best_value)
+            progress(len(found), len(begins))
+    return min((found[k] for k in range(len(begins))), key=lambda design: np.nan_to_num(design.value, nan=np.inf))
+
+
+def _improved(search: _Search, begin: Codes | None) -> tuple[list[int], float]:
+    """The design that one start leads to: what is chosen, and its value."""
+    chosen = search.improved(search.one_by_one() if begin is None else begin)
+    return chosen.tolist(), float(search.value(chosen))
 
 
 def _normed(A: Array, information: Array, count: int) -> tuple[Array, Array, Array]:

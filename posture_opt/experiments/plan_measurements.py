@@ -29,6 +29,7 @@ from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.select_posture import planned_posture
 from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.link_height import LinkHeight
+from posture_opt.workers import Executor, Serial, Workers, opened
 
 NO_TOOL = (
     "the tool is free and starts at the flange: the plan is better where the measured point is roughly stated "
@@ -57,6 +58,8 @@ def plan_measurements(
     within: Box | None = None,
     repeats: int = 1,
     candidates: int = 2000,
+    workers: int = 1,
+    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> MeasurementPlan:
     """The ``count`` postures whose measurement tells most, on top of what is known already.
@@ -77,6 +80,8 @@ def plan_measurements(
         within: lower and upper corner (3,) of where the tool point may go, world [m]: what the instrument sees, say.
         repeats: of each posture, in rounds.
         candidates: random postures to choose from.
+        workers: processes that share the starts of the search; the plan does not depend on it.
+        executor: of `concurrent.futures`, or a Dask client, to share them instead; it stays open.
         progress: called with (done, total) rounds of the search.
 
     Raises:
@@ -98,10 +103,12 @@ def plan_measurements(
     target, notes = _target(problem, needed=purpose == "task")
     floored = height > -math.inf or (within is not None and within[0][2] > -math.inf)
     notes += (NO_TOOL,) * (given is None and _at_flange(problem))
-    return plan(
-        problem, workspace, count, given=given, purpose=purpose, target=target, seed=seed, candidates=candidates,
-        repeats=repeats, keeps_height=floored or not _upright(problem), notes=notes, progress=progress,
-    )  # fmt: skip
+    with opened(workers, executor) as crew:
+        return plan(
+            problem, workspace, count, given=given, purpose=purpose, target=target, seed=seed, candidates=candidates,
+            repeats=repeats, keeps_height=floored or not _upright(problem), notes=notes, workers=crew,
+            progress=progress,
+        )  # fmt: skip
 
 
 def bounds(problem: PlannedProblem) -> tuple[float, float]:
@@ -146,7 +153,7 @@ def _target(problem: PlannedProblem, needed: bool) -> tuple[Target | None, tuple
 def plan(
     problem: CalibrationProblem, workspace: Workspace, count: int, *, given: Measurements | None, purpose: Purpose,
     target: Target | None, seed: int, candidates: int, repeats: int = 1, keeps_height: bool = True,
-    notes: tuple[str, ...] = (), progress: Progress | None = None,
+    notes: tuple[str, ...] = (), workers: Workers | None = None, progress: Progress | None = None,
 ) -> MeasurementPlan:  # fmt: skip
     """The ``count`` postures that tell most, by exchange among random candidates and postures near them.
 
@@ -164,7 +171,7 @@ def plan(
     unknowns = Unknowns.of(PriorInformation.of(problem, measuring.parameters), J, known, rows, count)
     _check(unknowns, measuring, count)
     search = PlanSearch(measuring, unknowns, unknowns.criterion(purpose), workspace, known.x)
-    q, chosen = search.best(pool, J, count, seed, progress)
+    q, chosen = search.best(pool, J, count, seed, workers or Serial(), progress)
     way = tour(q, _unit_travel(workspace), workspace.allowed)
     q, chosen = q[way.order], chosen[way.order]
     random = [J[rng.permutation(len(pool))] for _ in range(_DRAWS)]

@@ -12,6 +12,7 @@ from posture_opt.experiments.exchange import Criterion, exchange, inverse
 from posture_opt.experiments.expected_errors import Unknowns
 from posture_opt.experiments.information import MeasurementModel
 from posture_opt.numerics import Array, Codes, Mask, Progress
+from posture_opt.workers import Workers
 
 _STARTS = 4  # of the exchange; fewer for large plans, where one ends as well as another
 _STARTED = 240  # postures in all starts together
@@ -35,7 +36,9 @@ class PlanSearch:
     workspace: Workspace
     x: Array
 
-    def best(self, pool: Array, J: Array, count: int, seed: int, progress: Progress | None) -> tuple[Array, Array]:
+    def best(
+        self, pool: Array, J: Array, count: int, seed: int, workers: Workers, progress: Progress | None
+    ) -> tuple[Array, Array]:
         """The best postures (count, n) and their derivatives: first of the pool, then also of others near them."""
         apart = self._apart(count)
         starts = max(1, min(_STARTS, _STARTED // count))
@@ -47,7 +50,7 @@ class PlanSearch:
 
         found = exchange(
             self.unknowns.blocks(J), start, self.criterion, count, starts=starts, seed=seed, places=pool / apart,
-            progress=tell,
+            workers=workers, progress=tell,
         )  # fmt: skip
         q, chosen = pool[found.chosen], J[found.chosen]
         rng = np.random.default_rng(seed)

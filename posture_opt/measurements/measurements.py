@@ -38,6 +38,7 @@ class Measurements(Summarised):
         payload: (N,) [kg], or ``None``.
         temperature: (N,) [degC], or ``None``.
         time: (N,) [s], or ``None``.
+        visit: (N,) a number for each stay at a pose, where rows between were taken out; ``None``: as rows follow.
         line: (N,) the line of each row in ``file``; rows of a table in memory are counted from 1.
         pose_given, goal_given, approach_given: whether the file has such columns.
         joint_units: (n,) rad or m; empty where all joints turn.
@@ -71,6 +72,7 @@ class Measurements(Summarised):
     joint_units: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    visit: Codes | None = None
 
     def __post_init__(self) -> None:
         for name in _BY_ROW:

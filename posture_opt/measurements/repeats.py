@@ -47,7 +47,8 @@ def repeat_of_row(data: Measurements) -> Codes:
     The arm has not moved between them, so that one draw of the joints' scatter is in all of them.
     """
     sides = data.approach if data.approach_given else np.zeros((len(data), 0))
-    place = np.column_stack([data.pose, data.robot, sides])
+    visits = [] if data.visit is None else [data.visit]
+    place = np.column_stack([data.pose, data.robot, *visits, sides])
     return np.asarray(np.cumsum(np.any(np.diff(place, axis=0, prepend=place[:1]) != 0, axis=1)), dtype=np.intp)
 
 

@@ -11,6 +11,7 @@ from posture_opt.calibration.instrument import position_sigma
 from posture_opt.report.blocks import Block, Facts, Report
 from posture_opt.report.calibration_parameters import determined_words, differing, undetermined_names
 from posture_opt.report.error_table import ELSEWHERE, mm
+from posture_opt.report.large_file_words import thinned_words
 from posture_opt.report.other_file_words import file_words
 from posture_opt.report.units_text import count, stated_length
 
@@ -28,6 +29,7 @@ def calibration_brief(problem: Problem, found: Calibration, seen: Assessment, le
     """The lead of the whole report and a line on each of its parts, on one screen."""
     facts = [
         ("Measured", _measured(problem, found)),
+        *([("Thinned", thinned_words(found.large))] if found.large is not None else []),
         ("Errors", _errors(found)),
         *([("Test file", _test(found))] if found.test is not None else []),
         ("Parameters", _parameters(found)),

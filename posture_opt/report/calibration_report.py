@@ -16,6 +16,7 @@ from posture_opt.report.calibration_parameters import determined_words, paramete
 from posture_opt.report.comparison_report import comparison_blocks, comparison_lead
 from posture_opt.report.contradictions import doubts_lead
 from posture_opt.report.error_table import error_table, held_out_sentence, instrument_words, mm
+from posture_opt.report.large_file_words import large_file_facts
 from posture_opt.report.other_file_words import calibration_words, file_words, range_items
 from posture_opt.report.parts import note_facts, robot_facts, sentence
 from posture_opt.report.presenter import Columns, Presenter, problem_of
@@ -89,6 +90,7 @@ def data_block(problem: Problem, found: Calibration) -> Block:
         ("File", Path(data.file).name or "table"),
         ("Rows", f"{len(data)} in {count(len(np.unique(data.pose)), 'pose')}"),
         *([("Targets", ", ".join(data.target_names))] if len(data.target_names) > 1 else []),
+        *large_file_facts(found.large),
         ("Instrument", instrument_words(problem, data)),
     ]
     doubts = tuple(dict.fromkeys((*data.warnings, *found.fit.notes)))

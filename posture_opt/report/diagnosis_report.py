@@ -28,6 +28,7 @@ from posture_opt.report.diagnosis_open import (
 )
 from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, headline_of, noise_floor
 from posture_opt.report.error_table import instrument_words, mm
+from posture_opt.report.large_file_words import large_file_facts
 from posture_opt.report.parts import note_facts, robot_facts
 from posture_opt.report.presenter import Columns, Presenter, problem_of
 from posture_opt.report.save import Files
@@ -141,6 +142,7 @@ def data_block(found: Diagnosis) -> Block:
     facts = [
         ("File", Path(data.file).name or "table"),
         ("Rows", f"{len(data)} in {count(len(np.unique(data.pose)), 'pose')}"),
+        *large_file_facts(found.large),
         ("Instrument", instrument_words(problem, data)),
         ("Geometry", f"{found.model.directions.shape[1]} combinations of parameters are fitted in every model"),
         *([("Outliers", f"left out, lines {', '.join(map(str, gone[:10]))}{' …' * (len(gone) > 10)}")] if gone else []),

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
 import os
 import subprocess
 import sys
@@ -16,7 +15,6 @@ import tempfile
 import time
 import traceback
 import warnings
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -87,14 +85,22 @@ def deal(trials: int, families: list[str], first: int = 0) -> list[Case]:
 
 
 def hunt(cases: list[Case], options: argparse.Namespace) -> list[dict[str, Any]]:
-    """All trials, in workers where there are several."""
-    run = partial(trial, options=options)
-    if options.workers < 2:
-        return [_tell(run(case), i, cases) for i, case in enumerate(cases)]
+    """All trials: here, in worker processes, or on the cluster of a scheduler."""
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # the workers share the cores, and inherit this
-    with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
-        return [_tell(done, i, cases) for i, done in enumerate(pool.imap(run, cases))]
+    from posture_opt.workers import opened
+    from posture_opt.workers.dask_cluster import scheduled
+
+    crew = scheduled(options.scheduler, options.workers) if options.scheduler else opened(options.workers)
+    done: dict[int, dict[str, Any]] = {}
+    with crew:
+        for k, result in crew.run(_trial, options, cases):
+            done[k] = _tell(result, len(done), cases)
+    return [done[k] for k in range(len(cases))]
+
+
+def _trial(options: argparse.Namespace, case: Case) -> dict[str, Any]:
+    return trial(case, options)
 
 
 def _tell(done: dict[str, Any], i: int, cases: list[Case]) -> dict[str, Any]:
@@ -113,6 +119,7 @@ def options_of(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--weakest", type=float, default=25.0, help="least λ")
     parser.add_argument("--strongest", type=float, default=float("inf"), help="largest λ")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--scheduler", help="share the trials by Dask: local, or tcp://HOST:PORT")
     parser.add_argument("--test", action="store_true", help="hand over a second session too")
     parser.add_argument("--command", action="store_true", help="by the command line, not in the process")
     parser.add_argument("--json", help="keep truth, answer and score of all cases in this file")
