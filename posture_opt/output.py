@@ -63,9 +63,7 @@ def write_folder(
             listed = known.of_names(known.names - gone).joined(Manifest.listing(files))
             whole = not place.exists() or _exchangeable(place)
             with staging(place.parent if whole else place) as prepared:
-                for name, content in {**files, MANIFEST: listed.text.encode()}.items():
-                    write_through(prepared / name, content)
-                settle(prepared)
+                write_through(prepared, {**files, MANIFEST: listed.text.encode()})
                 with undisturbed():
                     if not (whole and _put(prepared, place, gone)):
                         _move_in(prepared, place, gone, known.joined(listed))
@@ -82,7 +80,7 @@ def write_file(path: Path, content: bytes, key: KeyPath = ()) -> None:
         InputError: it cannot be written.
     """
     with _writing(path, key), staging(path.absolute().parent) as prepared:
-        write_through(prepared / "file", content)
+        write_through(prepared, {"file": content})
         if path.is_dir():
             raise IsADirectoryError(21, "this is a folder")
         (prepared / "file").replace(path)

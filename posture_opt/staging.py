@@ -9,9 +9,10 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Thread
 
 if sys.platform != "win32":
     import fcntl
@@ -69,18 +70,22 @@ def exchanged(one: Path, other: Path) -> bool:
     return bool(rename(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), _RENAME_EXCHANGE) == 0)
 
 
-def write_through(path: Path, content: bytes) -> None:
-    """Write a file, down to the disk."""
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb") as stream:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
+def write_through(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files, by name, into a folder, down to the disk."""
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    # All at once: a file system that waits for each in turn takes forty times as long.
+    waiting = [Thread(target=settle, args=(path,)) for path in (*(folder / name for name in files), folder)]
+    for thread in waiting:
+        thread.start()
+    for thread in waiting:
+        thread.join()
 
 
-def settle(folder: Path) -> None:
-    """Bring the names in a folder down to the disk, where that can be asked for."""
+def settle(path: Path) -> None:
+    """Bring a file, or the names in a folder, down to the disk, where that can be asked for."""
     with contextlib.suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
+        descriptor = os.open(path, os.O_RDONLY)
         try:
             os.fsync(descriptor)
         finally:
