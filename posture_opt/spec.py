@@ -2,15 +2,42 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Union
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+
+from posture_opt.errors import BadValueError
+
+_SMALLEST, _LARGEST = 1e-30, 1e12
 
 
 class Spec(BaseModel):
     """A section of the problem file: its fields are the YAML keys, unknown keys are errors, values never change."""
 
     model_config: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
+
+    @field_validator("*", mode="after")
+    @classmethod
+    def _plausible(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuses numbers that nobody can mean, and whose squares are soon no numbers."""
+        for number in _numbers(value) if info.field_name != "seed" else ():
+            if number and not _SMALLEST <= abs(number) <= _LARGEST:
+                raise BadValueError(f"{number:.6g} is not plausible", "is the exponent right?")
+        return value
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """The numbers that a field holds, those in its lists and mappings among them; infinite ones are defaults."""
+    if isinstance(value, float | int):
+        if math.isfinite(value):
+            yield value
+    elif isinstance(value, tuple | list):
+        for entry in value:
+            yield from _numbers(entry)
+    elif isinstance(value, dict):
+        yield from _numbers(list(value.values()))
 
 
 def one_of(kinds: tuple[type[Spec], ...]) -> Any:

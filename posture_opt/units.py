@@ -38,6 +38,17 @@ DIMENSIONS: dict[str, tuple[str, str]] = {
     "length per length": ("m/m", "6 um/m"),
 }
 
+LARGEST: dict[str, float] = {
+    # dimension -> SI value beyond which no arm and no workpiece is; covariances of what is larger would lose all digits
+    "length": 1e5,
+    "angle": 1e5,
+    "mass": 1e6,
+    "temperature": 1e5,
+    "time": 1e10,
+}
+_LARGEST_OTHER = 1e8
+_SMALLEST = 1e-30  # and of what is smaller, the square is no number any more
+
 SHOWN: dict[str, tuple[float, str]] = {
     # dimension -> factor from SI and unit that reports use
     "angle": (1e3, "mrad"),
@@ -160,7 +171,13 @@ def parse_quantity(value: Any, dimension: str) -> float:
     result = float(number) * _factor(unit, dimension)
     if not math.isfinite(result):
         raise BadValueError(f"{as_given(value)} is not a finite number", f"write for example {example}")
+    if result and not _SMALLEST <= abs(result) <= LARGEST.get(dimension, _LARGEST_OTHER):
+        raise ImplausibleError(f"{as_given(value)} is not plausible", "is the exponent right?")
     return result
+
+
+class ImplausibleError(BadValueError):
+    """A quantity that is written as it should be, and far too large or too small to be meant."""
 
 
 _TEXT_OR_ZERO: dict[str, Any] = {"type": ["string", "number"], "minimum": 0, "maximum": 0}
@@ -220,9 +237,13 @@ def _joint_quantity(text: Any) -> JointQuantity:
         return JointQuantity(0.0, "")
     try:
         return JointQuantity(parse_quantity(text, "angle"), "angle")
+    except ImplausibleError:
+        raise
     except BadValueError as error:
         try:
             return JointQuantity(parse_quantity(text, "length"), "length")
+        except ImplausibleError:
+            raise
         except BadValueError:
             raise error from None
 
@@ -254,7 +275,7 @@ def parse_celsius(value: Any) -> float:
         BadValueError: no number, no unit or another one.
     """
     match = _NUMBER.match(value) if isinstance(value, str) else None
-    if match is None or match[2] not in ("degC", "°C"):
+    if match is None or match[2] not in ("degC", "°C") or not abs(float(match[1])) <= LARGEST["temperature"]:
         raise BadValueError(f"{as_given(value)} is no temperature", "write for example 23.5 degC")
     return float(match[1])
 

@@ -56,6 +56,8 @@ _FILES = {
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 # Matrices are small here: on a busy machine, threads that wait for each other cost tenfold.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Figures become files, whatever shows them elsewhere: matplotlib ends where it does not know what MPLBACKEND names.
+os.environ["MPLBACKEND"] = "agg"
 
 
 class PostureCommands(click.Group):

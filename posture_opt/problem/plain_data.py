@@ -34,14 +34,14 @@ def text_issues(data: Any, key: KeyPath = ()) -> list[Issue]:
     """Names and texts in plain data that hold what no text does."""
     if isinstance(data, str):
         found = _NO_TEXT.search(data)
-        return [_issue(found[0], key)] if found else []
+        return [_text_issue(found[0], key)] if found else []
     if isinstance(data, dict):
-        names = [_issue(found[0], key) for name in data if (found := _NO_TEXT.search(name))]
+        names = [_text_issue(found[0], key) for name in data if (found := _NO_TEXT.search(name))]
         return [*names, *(issue for name, entry in data.items() for issue in text_issues(entry, (*key, name)))]
     if isinstance(data, list):
         return [issue for i, entry in enumerate(data) for issue in text_issues(entry, (*key, i))]
     return []
 
 
-def _issue(character: str, key: KeyPath) -> Issue:
+def _text_issue(character: str, key: KeyPath) -> Issue:
     return Issue(f"the text holds the character U+{ord(character):04X}, which no text has", key, None, "remove it")

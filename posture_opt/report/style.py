@@ -7,7 +7,9 @@ their dashes, marks by their shapes.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import wraps
 from importlib import import_module
 from io import BytesIO
@@ -73,8 +75,24 @@ STYLE: dict[str, Any] = {
     "figure.constrained_layout.h_pad": 0.08,
     "savefig.facecolor": "white",
     "svg.fonttype": "path",
+    "text.parse_math": False,  # a joint may be called $a_$
     "svg.hashsalt": "posture_opt",
 }
+
+
+@contextmanager
+def in_style() -> Iterator[None]:
+    """Drawing in the style of the house; a letter that the font lacks, in a joint's name, say, is drawn as a box."""
+    from matplotlib import rc_context
+
+    with rc_context(STYLE), warnings.catch_warnings():  # type: ignore[arg-type]
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
+        yield
+
+
+def label_of(name: str) -> str:
+    """A name as a label: matplotlib leaves those out of legends that begin with an underscore."""
+    return f" {name}" if name.startswith("_") else name
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
@@ -82,9 +100,7 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
     @wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        from matplotlib import rc_context
-
-        with rc_context(STYLE):  # type: ignore[arg-type]
+        with in_style():
             return _settled(draw(*args, **kwargs))
 
     return drawn
@@ -142,15 +158,13 @@ def legend_entries(figure: Figure) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
+            found.setdefault(label.lstrip(), handle)
     return found
 
 
 def image(figure: Figure, kind: str) -> bytes:
     """The figure as the bytes of a ``png`` (150 dpi) or ``svg`` file; the same figure gives the same bytes."""
-    from matplotlib import rc_context
-
     metadata = {"Date": None, "Creator": "posture_opt"} if kind == "svg" else {"Software": "posture_opt"}
-    with rc_context(STYLE), BytesIO() as file:  # type: ignore[arg-type]
+    with in_style(), BytesIO() as file:
         figure.savefig(file, format=kind, dpi=DPI, metadata=metadata)
         return file.getvalue()

@@ -10,6 +10,7 @@ import numpy as np
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array
 
+_LARGEST = 1e5  # m or rad
 _ROUNDING = 1e-9  # of an eigenvalue of a correlation matrix, per row: what float arithmetic leaves of a zero
 
 
@@ -106,6 +107,9 @@ def covariance_issues(names: Sequence[str], covariance: Array) -> list[Issue]:
     if negative:
         return [Issue(f"negative variance of {', '.join(negative)}", mend="a variance is 0 or greater")]
     sigma = np.sqrt(variance)
+    far = [f"{name} is {s:.4g}" for name, s in zip(names, sigma, strict=True) if s > _LARGEST]
+    if far:
+        return [Issue(f"not plausible: the σ of {', '.join(far)}", mend="in m or rad; are unit and exponent right?")]
     idle = sigma == 0
     for i, j in np.argwhere((covariance != 0) & idle[:, None]):
         return [Issue(f"{names[i]} has variance 0 but covaries with {names[j]}", mend="state its variance")]

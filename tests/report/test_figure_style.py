@@ -68,6 +68,12 @@ def figures(request: pytest.FixtureRequest) -> dict[str, Figure]:
     return drawn
 
 
+def test_nothing_is_set_as_a_formula(figures: dict[str, Figure]) -> None:
+    """Not even the numbers of a logarithmic axis: texts are drawn as they are written, and so would be their marks."""
+    told = {text.get_text() for figure in figures.values() for text in figure.findobj(Text)}
+    assert not [text for text in told if "$" in text]
+
+
 def _texts(figure: Figure) -> list[Text]:
     return [t for t in figure.findobj(Text) if isinstance(t, Text) and t.get_visible() and t.get_text().strip()]
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 import posture_opt as po
 from posture_opt.problem.load import load_builtin, problems_folder
@@ -13,6 +14,7 @@ from posture_opt.report.blocks import Table
 from posture_opt.report.budget_parts import budget_block
 from posture_opt.report.figures.accuracy_map import plot_spread_map
 from posture_opt.report.figures.spread_check import plot_reliability
+from posture_opt.report.style import image
 from posture_opt.uncertainty.budget_groups import ShareGroup
 
 
@@ -59,3 +61,28 @@ def test_sources_that_cancel_are_one_line_and_rounding_is_no_share() -> None:
     assert isinstance(note, str)
     assert "only their combined share is meaningful" in note
     assert len(budget_block(problem, [ShareGroup(("joint1.a",), 1.0)], "Shares:").items) == 2
+
+
+NAMES = ("$a_$", "_b", "c^{", "<d> & e", "関節")
+
+
+def test_names_are_drawn_as_they_are_written() -> None:
+    """No formula, no label that matplotlib hides, no warning of a letter that the font lacks."""
+    path = [[f"{x} m", "0.5 m", "0 m"] for x in (1.5, 1.8, 2.1)]
+    problem = po.problem_from_dict({
+        "name": "at $\\frac$",
+        "robot": {"kind": "dh", "joints": [{"name": name, "type": "revolute", "a": "1 m"} for name in NAMES]},
+        "uncertainty": {"sigma": {f"{name}.theta": "1 deg" for name in NAMES}},
+        "task": {"kind": "trace", "points": path},
+        "solver": {"kind": "ipopt", "starts": 2},
+    })  # fmt: skip
+    figures = po.select_posture(problem).figures()
+    told = {
+        name: " | ".join(text.get_text() for text in figure.findobj(Text) if text.get_visible())
+        for name, figure in figures.items()
+    }
+    for name in NAMES:
+        assert f"{name} [deg]" in told["path"]
+    assert "$a_$ angle | _b angle" in told["budget"]
+    for figure in figures.values():
+        assert image(figure, "svg")

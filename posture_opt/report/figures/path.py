@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array, Codes
-from posture_opt.report.style import BLUE, GREEN, GREY, LIGHT, ORANGE, PURPLE, VERMILLION, new_figure, styled
+from posture_opt.report.style import BLUE, GREEN, GREY, LIGHT, ORANGE, PURPLE, VERMILLION, label_of, new_figure, styled
 from posture_opt.report.units_text import joint_unit, length_unit
 from posture_opt.report.words import source_words
 
@@ -48,7 +48,8 @@ def _spread(axes: Any, found: PathSolution) -> None:
     names, shares = _shares(found, every)
     heights = factor * shares * sigma[every]
     colours = [*_COLOURS[: len(names) - 1], LIGHT] if names[-1] == "others" else list(_COLOURS[: len(names)])
-    axes.stackplot(way[every], heights, labels=names, colors=colours, alpha=0.9, lw=0.8, edgecolor="white")
+    look = {"colors": colours, "alpha": 0.9, "lw": 0.8, "edgecolor": "white"}
+    axes.stackplot(way[every], heights, labels=[label_of(name) for name in names], **look)
     axes.plot(way, factor * sigma, color="black", lw=1.4)
     for k, corner in enumerate(_corners(found)):
         label = None if k else "corner: another direction counts"
@@ -99,5 +100,7 @@ def _joints(axes: Any, found: PathSolution) -> None:
         zip(found.optimisation_problem.robot.joints, _LINES * 3, strict=False)
     ):
         unit, factor = joint_unit(joint.type)
-        axes.plot(way, factor * (Q[:, k] - Q[0, k]), color=colour, label=f"{joint.name} [{unit}]", lw=1.6, ls=dashes)
+        axes.plot(
+            way, factor * (Q[:, k] - Q[0, k]), color=colour, label=label_of(f"{joint.name} [{unit}]"), lw=1.6, ls=dashes
+        )
     axes.set_ylabel("joints, from the first point")
