@@ -26,6 +26,8 @@ MET = 1e-9
 _BACK = 0.25  # of a step that made the merit worse
 _NO_WORSE = 1e-7  # of the merit: its rounding
 _DIGITS = (100.0, 1e-5)  # of the merit for each m or rad of violation, and at most: what the last digits of rows cost
+_STANDSTILL = 1e-12  # rad or m: a step that moves no joint further is none,
+_STILL = 2  # and after two of them, the multipliers settled, no other follows: where rows cannot be met, say
 _SHORTEST = 1e-4  # of a step: what is no better then stays where it is
 
 _LOOP = (
@@ -42,7 +44,8 @@ long long posture_opt_loop(long long rows, long long n, long long size, double* 
     double *x = space, *direction = x + n, *way = direction + n;
     double *back = way + n, *given = back + n, *next = given + size;
     double *base = q + row * n, *kept = y + row * size, *out = result + 5 * row;
-    double values[6], distance, merit = INFINITY, length = 1;
+    double values[6], distance, furthest, merit = INFINITY, length = 1;
+    long long still = 0;
     for (i = 0; i < n; ++i) x[i] = base[i];
     for (i = 0; i < size; ++i) given[i] = kept[i];
     for (step = 0; step < steps; ++step) {
@@ -62,6 +65,9 @@ long long posture_opt_loop(long long rows, long long n, long long size, double* 
       for (i = 0; i < size; ++i) given[i] = kept[i];
       ik.arg[0] = back; ik.arg[1] = request + row * request_step; ik.res[0] = x; ik.res[1] = &distance;
       restore(ik.arg, ik.res, ik.iw, ik.w, 0);
+      for (furthest = 0, i = 0; i < n; ++i) furthest = fmax(furthest, fabs(x[i] - base[i]));
+      still = furthest > STANDSTILL ? 0 : still + 1;
+      if (still == STILL) { ++step; break; }
     }
     out[4] = (double)step;
   }
@@ -71,6 +77,8 @@ long long posture_opt_loop(long long rows, long long n, long long size, double* 
 """.replace("NO_WORSE", repr(_NO_WORSE))
     .replace("BACK", repr(_BACK))
     .replace("SHORTEST", repr(_SHORTEST))
+    .replace("STANDSTILL", repr(_STANDSTILL))
+    .replace("STILL", repr(_STILL))
     .replace("PRICE", repr(_DIGITS[0]))
     .replace("MOST", repr(_DIGITS[1]))
 )
@@ -162,6 +170,7 @@ class LocalSearch:
         rows = np.arange(len(q))
         x, given = q.copy(), y.copy()
         direction, merit, length = np.zeros_like(q), np.full(len(q), np.inf), np.ones(len(q))
+        still = np.zeros(len(q), dtype=int)
         for step in range(steps):
             way, following, *values = newton(x[rows], given[rows], _of(parameters, rows))
             before, after, *reported = (value[:, 0] for value in values)
@@ -179,6 +188,9 @@ class LocalSearch:
                 return
             back = np.fmin(np.fmax(q[rows] + length[rows, None] * direction[rows], lower), upper)
             x[rows], _ = restored(back, _of(request, rows))
+            moved = np.max(np.abs(x[rows] - q[rows]), axis=1) > _STANDSTILL
+            still[rows] = np.where(moved, 0, still[rows] + 1)
+            rows = rows[still[rows] < _STILL]
             given[rows] = y[rows]
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from posture_opt.collision.scene import Scene
+from posture_opt.numerics import Array
 from posture_opt.selection.engine import Engine
 from posture_opt.selection.map_candidate import MapCandidate
 from posture_opt.selection.map_neighbours import Neighbourhood, Pairs
@@ -14,6 +15,8 @@ from posture_opt.selection.map_search import best_candidates
 from posture_opt.selection.search_outcome import is_clear
 from posture_opt.selection.task_target import TaskTarget
 from posture_opt.workers import Workers
+
+_CHUNK = 256  # postures that are looked at together
 
 
 def clear_candidates(
@@ -32,7 +35,7 @@ def clear_candidates(
         guarded: the engine with the rows, for a target.
         pairs: targets that try each other's postures.
     """
-    again = colliding(scene, candidates)
+    again = colliding(scene, candidates, workers)
     found = list(candidates)
     if not again:
         return found
@@ -47,13 +50,19 @@ def clear_candidates(
     return found
 
 
-def colliding(scene: Scene, candidates: Sequence[MapCandidate]) -> list[int]:
+def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers) -> list[int]:
     """The candidates with a posture that comes too near to something."""
-    held = [(k, candidate.best.q) for k, candidate in enumerate(candidates) if candidate.best is not None]
+    held = [k for k, candidate in enumerate(candidates) if candidate.best is not None]
     if not held or not scene.active:
         return []
-    clear = is_clear(scene, np.array([q for _, q in held]))
-    return [k for (k, _), yes in zip(held, clear, strict=True) if not yes]
+    chunks = [held[i : i + _CHUNK] for i in range(0, len(held), _CHUNK)]
+    postures = [np.array([best.q for k in chunk if (best := candidates[k].best) is not None]) for chunk in chunks]
+    clear = workers.in_order(_clear, scene, postures)
+    return [k for chunk, told in zip(chunks, clear, strict=True) for k, yes in zip(chunk, told, strict=True) if not yes]
+
+
+def _clear(scene: Scene, Q: Array) -> list[bool]:
+    return [bool(yes) for yes in is_clear(scene, Q)]
 
 
 def among(pairs: Sequence[Pairs], chosen: Sequence[int]) -> list[Pairs]:

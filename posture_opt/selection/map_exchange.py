@@ -126,9 +126,11 @@ class NeighbourExchange:
         """At each first target the posture of the second one, where it is another one and as good."""
         if not pairs:
             return
-        starts = self._starts(
-            set(pairs.values()), [(np.array(list(pairs)), np.array(list(pairs.values())))], others=True
-        )
+        here, there = np.array(list(pairs)), np.array(list(pairs.values()))
+        own, other = (np.array([self._posture(k) for k in side]) for side in (here.tolist(), there.tolist()))
+        moved = self.neighbourhood.carried(other, there, here)
+        apart = self._apart(own, moved)
+        starts = {int(k): [(int(j), q)] for k, j, q in zip(here[apart], there[apart], moved[apart], strict=True)}
 
         def item(chunk: Sequence[int]) -> list[NeighbourStarts]:
             return [self._beside(k, starts[k], tried=self.lost.get(k, ())) for k in chunk]
@@ -159,6 +161,11 @@ class NeighbourExchange:
             for one, other, q in zip(k[kept].tolist(), j[kept].tolist(), moved[kept], strict=True):
                 starts.setdefault(one, []).append((other, q))
         return starts
+
+    def _posture(self, k: int) -> Array:
+        best = self.candidates[k].best
+        assert best is not None
+        return best.q
 
     @staticmethod
     def _apart(Q: Array, moved: Array) -> Any:

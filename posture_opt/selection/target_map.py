@@ -23,7 +23,7 @@ from posture_opt.selection.map_clear import clear_candidates
 from posture_opt.selection.map_neighbours import Neighbourhood
 from posture_opt.selection.map_points import Grid, MapPoint, NeighbourSolves, packed_points
 from posture_opt.selection.map_rounds import worked_on
-from posture_opt.selection.map_search import best_candidates
+from posture_opt.selection.map_search import best_candidates, steps_of
 from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.selector import PostureSelector
 from posture_opt.selection.task_target import TaskTarget
@@ -164,7 +164,7 @@ def map_targets(
             problem.scene, lambda target: selector.engine(target, guarded=True), targets, candidates, pairs, crew,
             seed=seed,
         )  # fmt: skip
-        map_points = _points(crew, engines[0], targets, candidates)
+        map_points = _points(crew, engines[0], targets, candidates, progress)
     size = len(grid.points)
     feasible = [map_point.feasible for map_point in map_points]
     if not any(feasible[:size]):
@@ -184,7 +184,11 @@ def map_targets(
 
 
 def _points(
-    crew: Workers, engine: Engine, targets: Sequence[TaskTarget], candidates: Sequence[MapCandidate]
+    crew: Workers,
+    engine: Engine,
+    targets: Sequence[TaskTarget],
+    candidates: Sequence[MapCandidate],
+    progress: Progress | None,
 ) -> list[MapPoint]:
     found: dict[int, MapPoint] = {}
 
@@ -193,6 +197,8 @@ def _points(
 
     for k, row in worked_on(crew, packed_points, [engine] * len(targets), range(len(targets)), item):
         found[k] = MapPoint.unpacked(targets[k].lower, row)
+        if progress is not None:
+            progress(len(targets) + len(found) // 3, steps_of(len(targets)))
     return [found[k] for k in range(len(targets))]
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import logging
+import os
+import signal
 import socket
 from contextlib import suppress
 from importlib import import_module
+from types import TracebackType
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -17,6 +20,7 @@ LOCAL = "local"
 """In place of an address: a scheduler and workers of this machine, for as long as they are needed."""
 
 _SECONDS = 10  # to wait for a scheduler that has taken a connection, and for the first worker
+_HASTE = 0.5  # s to close it all when the work was given up
 _ANSWER = 3  # s to wait for a connection
 _OPTION = ("--scheduler",)
 
@@ -26,14 +30,29 @@ class DaskWorkers(ExecutorWorkers):
 
     def __init__(self, client: Any, cluster: Any = None) -> None:
         super().__init__(client.get_executor(pure=False))
-        self._open = [client] if cluster is None else [client, cluster]
+        self._client, self._cluster = client, cluster
 
     def close(self) -> None:
         """Close the connection, and end the workers that were started for it."""
-        while self._open:
+        self._close(_SECONDS)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is not None and self._cluster is not None:
+            # Nobody waits for what they do.
+            for nanny in self._cluster.workers.values():
+                nanny.auto_restart = False
+                with suppress(OSError, TypeError):
+                    os.kill(nanny.pid, signal.SIGKILL)
+        self._close(_SECONDS if error is None else _HASTE)
+
+    def _close(self, seconds: float) -> None:
+        for each in (self._client, self._cluster):
             # Workers that are slow to end do so with this process.
             with suppress(TimeoutError):
-                self._open.pop(0).close(timeout=_SECONDS)
+                if each is not None:
+                    each.close(timeout=seconds)
 
 
 def scheduled(address: str, workers: int = 1) -> DaskWorkers:

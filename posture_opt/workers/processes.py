@@ -41,7 +41,7 @@ class ProcessWorker:
         """A new one."""
         here, there = multiprocessing.Pipe()
         process = multiprocessing.Process(target=_serve, args=(there, os.getpid()), daemon=True)
-        with _undisturbed():
+        with undisturbed():
             process.start()
         there.close()
         return cls(process, here)
@@ -103,7 +103,7 @@ class ProcessWorkers(Workers):
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
+def undisturbed() -> Iterator[None]:
     """An interrupt waits until the block has ended: among what Python does at a fork it would be swallowed."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
