@@ -43,3 +43,8 @@ def _numbers(value: Any) -> Iterator[float]:
 def one_of(kinds: tuple[type[Spec], ...]) -> Any:
     """The type of a section that is one of several kinds, told apart by its key ``kind``."""
     return Annotated[Union[kinds], Field(discriminator="kind")] if len(kinds) > 1 else kinds[0]  # noqa: UP007 – of a tuple
+
+
+def class_name(kind: str) -> str:
+    """The class of a kind that has a file of its own: ``joint_scale`` -> ``JointScale``."""
+    return "".join(word.capitalize() for word in kind.split("_"))

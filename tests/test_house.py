@@ -45,6 +45,8 @@ LAZY = {
     "cli": "a command, when it is called",
     "__main__": "all of the command line, so that an interrupt finds somebody who answers it",
     "result": "how a result is told, when it is first looked at",
+    "model": "an effect, when its kind is asked for",
+    "selection": "a task, when its kind is asked for, what several targets need, and what other packages register",
     "workers": "Dask, when a scheduler is asked for",
     "report": "figures, when one is drawn, and pandas, when a table is asked for",
 }

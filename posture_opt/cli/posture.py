@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import click
 
@@ -15,7 +15,7 @@ from posture_opt.cli.request import placed, requested_problem
 from posture_opt.errors import NoSolutionError
 from posture_opt.problem.problem import Problem
 
-Answer = po.Solution | po.FeaturesSolution | po.PathSolution
+Answer: TypeAlias = "po.Solution | po.FeaturesSolution | po.PathSolution"
 
 
 def solve(common: Common, explain: bool, **given: Any) -> None:

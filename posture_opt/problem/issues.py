@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from posture_opt.errors import BadValueError, Issue, KeyPath, as_given, did_you_mean, nearest, one_of
-from posture_opt.problem.schema import ProblemSpec, bound_at, example_at, known_keys, nodes_at, size_at
+from posture_opt.problem.schema import bound_at, example_at, known_keys, nodes_at, read_sections, size_at
 from posture_opt.selection.registered_tasks import registered_tasks
 
 _SAID: dict[str, str] = {
@@ -51,7 +51,7 @@ def schema_issues(data: dict[str, Any]) -> list[Issue]:
     kinds: list[Issue] = []
     while True:
         try:
-            ProblemSpec.model_validate(data)
+            read_sections(data)
             return kinds
         except ValidationError as error:
             placed = [_Placed(details, data) for details in error.errors(include_url=False)]

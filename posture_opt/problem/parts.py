@@ -20,7 +20,7 @@ from posture_opt.problem.effects_section import (
 from posture_opt.problem.issues import schema_issues
 from posture_opt.problem.path_file import with_path
 from posture_opt.problem.readable import Readable
-from posture_opt.problem.schema import ProblemSpec
+from posture_opt.problem.schema import ProblemSpec, read_sections
 from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.robot import Repeatability, Robot
@@ -43,7 +43,7 @@ def read_parts(
     found = schema_issues(data)
     readable = Readable.of(data, found)
     issues: list[Issue] = []
-    spec = ProblemSpec.model_validate(readable.data) if "robot" in readable.data else None
+    spec = read_sections(readable.data) if "robot" in readable.data else None
     arms, sources = None, None
     if spec is not None:
         read = spec
@@ -116,7 +116,7 @@ def parse_spec(document: Document) -> ProblemSpec:
     """
     data = _given(document)
     _refuse([*document.issues, *schema_issues(data)], document)
-    return ProblemSpec.model_validate(data)
+    return read_sections(data)
 
 
 def _given(document: Document) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def kept_of_task(former: Mapping[str, Any], kind: str | None, given: Collection[
 
     Keys that the kind knows stay; of the keys that say where, only those that are given.
     """
-    task = known_to(kind, former, every_task())
+    task = dict(former) if former.get("kind") == kind else known_to(kind, former, every_task())
     for rival in set(_TARGETS) & set(given):
         for other in set(_TARGETS) - {rival, *given}:
             gone = {other, *_TARGETS[other]} - set(given)

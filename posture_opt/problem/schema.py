@@ -3,46 +3,95 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, SerializeAsAny, ValidationError, create_model
 
 from posture_opt.collision.cell import CellSpec
 from posture_opt.errors import KeyPath
 from posture_opt.measurements.data_section import DataSpec
-from posture_opt.model.effects import EffectSpec
+from posture_opt.model import effects as catalogue
+from posture_opt.model.effects import CatalogueEntry, effect_class
 from posture_opt.output import finite
 from posture_opt.robot import RobotSpec
 from posture_opt.selection.registered_tasks import every_task
 from posture_opt.selection.solvers import SolverSpec
 from posture_opt.selection.solvers.ipopt import Ipopt
-from posture_opt.selection.tasks import Task
+from posture_opt.selection.tasks import Task, task_class
 from posture_opt.spec import Spec, one_of
 from posture_opt.uncertainty.uncertainty_section import UncertaintySpec
 
 TITLE = "Problem file of posture_opt"
-
-if TYPE_CHECKING:
-    TaskSpec = Task
-else:
-    TaskSpec = one_of(every_task())
+_TASK = "what the tool point has to do"
+_EFFECTS = "what moves the tool point beyond the geometry"
 
 
 class ProblemSpec(Spec):
     """A problem file of posture_opt: the robot, what is uncertain about it, and what it has to do."""
 
+    # Read by `read_sections`: what belongs in a task or an effect depends on its kind.
     model_config: ClassVar[ConfigDict] = ConfigDict(title=TITLE)
 
     name: str = Field("", description="what reports call the problem")
     robot: RobotSpec = Field(description="the nominal arm", examples=[{"kind": "preset", "name": "ur10e"}])
     uncertainty: UncertaintySpec = Field(UncertaintySpec(), description="where the scatter comes from")
-    task: TaskSpec | None = Field(None, description="what the tool point has to do")
+    task: SerializeAsAny[Task] | None = Field(None, description=_TASK)
     cell: CellSpec | None = Field(None, description="what stands around the arm; none leaves collisions unchecked")
-    effects: tuple[EffectSpec, ...] = Field((), description="what moves the tool point beyond the geometry")
+    effects: tuple[SerializeAsAny[CatalogueEntry], ...] = Field((), description=_EFFECTS)
     solver: SolverSpec = Field(Ipopt(), description="how the best posture is searched for")
     data: DataSpec = Field(DataSpec(), description="what is known about measurements besides their file")
+
+
+def read_sections(data: Mapping[str, Any]) -> ProblemSpec:
+    """What the sections of a file say.
+
+    Raises:
+        pydantic.ValidationError: everything that does not fit the schema.
+    """
+    few = _reader_of(data)
+    try:
+        found = (few or whole_schema()).model_validate(data)
+    except ValidationError:
+        if few is None:
+            raise
+        found = whole_schema().model_validate(data)  # its errors say which other kinds there are
+    said = {name: getattr(found, name) for name in ProblemSpec.model_fields}
+    return ProblemSpec.model_construct(found.model_fields_set, **said)
+
+
+def _reader_of(data: Mapping[str, Any]) -> type[ProblemSpec] | None:
+    """The schema of the kinds alone that are named; None where one of them is not known here.
+
+    Of all kinds pydantic would build the schema first, and Python read the files: a quarter of a cold start.
+    """
+    tasks = _classes([task] if (task := data.get("task")) else [], task_class)
+    effects = _classes(data.get("effects") or (), effect_class)
+    return None if tasks is None or effects is None else _reader(tasks, effects)
+
+
+def _classes(entries: Any, class_of: Callable[[str], type[Spec] | None]) -> tuple[type[Spec], ...] | None:
+    if not isinstance(entries, list | tuple) or not all(isinstance(entry, dict) for entry in entries):
+        return None
+    found = dict.fromkeys(class_of(kind) if isinstance(kind := e.get("kind"), str) else None for e in entries)
+    return tuple(one for one in found if one is not None) if None not in found else None
+
+
+@cache
+def _reader(tasks: tuple[type[Spec], ...], effects: tuple[type[Spec], ...]) -> type[ProblemSpec]:
+    task: Any = one_of(tasks) | None if tasks else None
+    entry: Any = one_of(effects) if effects else None
+    entries: Any = tuple[entry, ...] if effects else tuple[()]
+    return create_model(
+        "ProblemSpec", __base__=ProblemSpec, __doc__=ProblemSpec.__doc__,
+        task=(task, Field(None, description=_TASK)), effects=(entries, Field((), description=_EFFECTS)),
+    )  # fmt: skip
+
+
+def whole_schema() -> type[ProblemSpec]:
+    """The schema of every kind of task and effect that there is."""
+    return _reader(every_task(), catalogue.CATALOGUE)
 
 
 Node = dict[str, Any]
@@ -51,7 +100,7 @@ Node = dict[str, Any]
 @cache
 def json_schema() -> Node:
     """The JSON Schema of the problem file."""
-    schema: Node = _told(ProblemSpec.model_json_schema())
+    schema: Node = _told(whole_schema().model_json_schema())
     return schema
 
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
-from typing import get_args
+from importlib import import_module
+from typing import TYPE_CHECKING, get_args
 
-from posture_opt.selection.tasks import TASKS, Task
+from posture_opt.selection import tasks as own
+from posture_opt.selection.tasks import Task
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 GROUP = "posture_opt.tasks"
 
@@ -36,20 +40,21 @@ class RegisteredTasks:
 @cache
 def registered_tasks() -> RegisteredTasks:
     """The tasks of all installed packages, found once in a process."""
-    return read_tasks(entry_points(group=GROUP))
+    metadata = import_module("importlib.metadata")  # brings Python's reader of e-mails, and most files need none of it
+    return read_tasks(metadata.entry_points(group=GROUP))
 
 
 @cache
 def every_task() -> tuple[type[Task], ...]:
     """The tasks of this package, and those of others behind them."""
-    return (*TASKS, *registered_tasks().tasks)
+    return (*own.TASKS, *registered_tasks().tasks)
 
 
 def read_tasks(points: Iterable[EntryPoint]) -> RegisteredTasks:
     """The classes that entry points name; one that cannot be loaded or is no task does not disturb the others."""
     tasks: list[type[Task]] = []
     broken = []
-    taken = {kind_of(task) for task in TASKS}
+    taken = {kind_of(task) for task in own.TASKS}
     for point in sorted(points, key=lambda point: (point.name, point.value)):
         try:
             task = _checked(point.load(), point.name, taken)

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Progress
-from posture_opt.selection.features_selection import select_for_features
-from posture_opt.selection.features_solution import FeaturesSolution
 from posture_opt.selection.has_task import HasTask
-from posture_opt.selection.paths.path_selector import PathSelector
-from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.selector import PostureSelector, task_of
 from posture_opt.selection.solution import Solution
 
-Answer = Solution | FeaturesSolution | PathSolution
+if TYPE_CHECKING:
+    from posture_opt.selection.features_solution import FeaturesSolution
+    from posture_opt.selection.paths.path_solution import PathSolution
+
+Answer: TypeAlias = "Solution | FeaturesSolution | PathSolution"
+_FEATURES, _PATHS = "posture_opt.selection.features_selection", "posture_opt.selection.paths.path_selector"
+"""Imported where a task needs them: one target is answered without."""
 
 
 def planned_posture(problem: HasTask, *, seed: int | None = None, workers: int = 1) -> Solution:
@@ -25,10 +28,10 @@ def planned_posture(problem: HasTask, *, seed: int | None = None, workers: int =
     Raises:
         NoSolutionError, InputError: as `select_posture`.
     """
-    found = select_posture(problem, seed=seed, workers=workers)
-    if isinstance(found, FeaturesSolution):
-        return found.stations[found.worst]
-    return found.worst if isinstance(found, PathSolution) else found
+    found: Any = select_posture(problem, seed=seed, workers=workers)
+    task = task_of(problem)
+    chosen: Solution = found.stations[found.worst] if task.features else found.worst if task.on_path else found
+    return chosen
 
 
 def at_one_feature(
@@ -75,7 +78,11 @@ def select_posture(
     """
     task = task_of(problem)
     if task.features:
-        return select_for_features(problem, seed=seed, workers=workers, progress=progress)
+        of_features: FeaturesSolution = import_module(_FEATURES).select_for_features(
+            problem, seed=seed, workers=workers, progress=progress
+        )
+        return of_features
     if task.on_path:
-        return PathSelector.of(problem).solve(seed=seed)
+        of_path: PathSolution = import_module(_PATHS).PathSelector.of(problem).solve(seed=seed)
+        return of_path
     return PostureSelector(problem, compiled=False).solve_thoroughly(seed=seed, workers=workers, progress=progress)

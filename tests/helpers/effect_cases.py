@@ -12,7 +12,7 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import Inputs
 from posture_opt.model.effects import Effect, Excitation
 from posture_opt.problem.load import problem_from_dict
-from posture_opt.problem.schema import ProblemSpec
+from posture_opt.problem.schema import read_sections
 from tests.hidden import effects as hidden
 from tests.hidden.arms import ARMS
 from tests.hidden.designs import REFERENCE, Plan, draw_session
@@ -92,5 +92,5 @@ def one_row(inputs: Inputs, row: int) -> Inputs:
 
 def read(entry: dict[str, Any]) -> Effect:
     """An entry of ``effects:`` as a problem file has it."""
-    spec = ProblemSpec.model_validate({"robot": {"kind": "preset", "name": "ur10"}, "effects": [entry]})
+    spec = read_sections({"robot": {"kind": "preset", "name": "ur10"}, "effects": [entry]})
     return spec.effects[0]

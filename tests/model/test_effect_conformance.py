@@ -25,7 +25,7 @@ from posture_opt.errors import BadValueError
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.effects import CATALOGUE, EFFECTS, NOISES, CatalogueEntry, Effect, FittedSizes
-from posture_opt.problem.schema import ProblemSpec
+from posture_opt.problem.schema import json_schema
 from posture_opt.report.diagnosis_sizes import fitted_effects
 from posture_opt.report.figures.diagnosis_curves import plot_curves
 from tests.helpers.effect_cases import SHAPES, excitation, instances, one_row, read, sized, with_effects
@@ -133,7 +133,7 @@ def test_an_effect_survives_its_file(cls: type[Effect], sites: Any) -> None:
 
 @every_effect
 def test_the_schema_knows_the_effect(cls: type[Effect]) -> None:
-    schema = ProblemSpec.model_json_schema()
+    schema = json_schema()
     found = schema["properties"]["effects"]["items"]["discriminator"]["mapping"]
     assert cls.kind_name() in found
     entry = schema["$defs"][found[cls.kind_name()].rpartition("/")[2]]

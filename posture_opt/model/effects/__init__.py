@@ -1,94 +1,99 @@
-"""The effects: one file each, listed here."""
+"""The effects: one file each, listed here; a file is read when its effect is asked for, by its kind or its class."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from posture_opt.model.effects.backlash import Backlash
-from posture_opt.model.effects.base_compliance import BaseCompliance
 from posture_opt.model.effects.catalogue_entry import INPUTS, CatalogueEntry, Evidence, Limit
 from posture_opt.model.effects.cause import Abscissa, Cause, FittedSizes, Size
-from posture_opt.model.effects.cyclic_error import CyclicError
-from posture_opt.model.effects.drift import Drift
 from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
-from posture_opt.model.effects.gear_eccentricity import GearEccentricity
-from posture_opt.model.effects.gear_ripple import GearRipple
-from posture_opt.model.effects.gear_second_harmonic import GearSecondHarmonic
-from posture_opt.model.effects.hysteresis import Hysteresis
-from posture_opt.model.effects.instrument_field import InstrumentField
-from posture_opt.model.effects.instrument_scale import InstrumentScale
-from posture_opt.model.effects.joint_compliance import JointCompliance
-from posture_opt.model.effects.joint_coupling import JointCoupling
 from posture_opt.model.effects.joint_effect import JointEffect
-from posture_opt.model.effects.joint_scale import JointScale
-from posture_opt.model.effects.link_bending import LinkBending
-from posture_opt.model.effects.load_backlash import LoadBacklash
-from posture_opt.model.effects.noise.correlated_lengths import CorrelatedLengths
-from posture_opt.model.effects.noise.joint_noise import JointNoise
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, Rows
-from posture_opt.model.effects.noise.outliers import Outliers
-from posture_opt.model.effects.noise.range_noise import RangeNoise
-from posture_opt.model.effects.noise.stated_sigma import StatedSigma
-from posture_opt.model.effects.payload_error import PayloadError
-from posture_opt.model.effects.quantisation import Quantisation
-from posture_opt.model.effects.slip import Slip
-from posture_opt.model.effects.thermal_growth import ThermalGrowth
-from posture_opt.model.effects.thermal_offset import ThermalOffset
-from posture_opt.spec import one_of
-
-EFFECTS: tuple[type[Effect], ...] = (
-    JointScale,
-    GearEccentricity,
-    GearSecondHarmonic,
-    GearRipple,
-    CyclicError,
-    JointCompliance,
-    LinkBending,
-    BaseCompliance,
-    Backlash,
-    Hysteresis,
-    LoadBacklash,
-    JointCoupling,
-    PayloadError,
-    ThermalGrowth,
-    ThermalOffset,
-    Drift,
-    Slip,
-    InstrumentScale,
-    InstrumentField,
-    Quantisation,
-)
-"""Those that move the tool point."""
-
-NOISES: tuple[type[NoiseEffect], ...] = (
-    JointNoise,
-    RangeNoise,
-    StatedSigma,
-    Outliers,
-    CorrelatedLengths,
-)
-"""Those that spread it, or its measurements."""
-
-CATALOGUE: tuple[type[CatalogueEntry], ...] = (*EFFECTS, *NOISES)
+from posture_opt.spec import class_name
 
 if TYPE_CHECKING:
-    EffectSpec = CatalogueEntry
-else:
-    EffectSpec = one_of(CATALOGUE)
-"""The entry of ``effects:`` in a problem file: any of the catalogue, told apart by its kind."""
+    from posture_opt.model.effects.cyclic_error import CyclicError
+    from posture_opt.model.effects.joint_coupling import JointCoupling
+    from posture_opt.model.effects.noise.correlated_lengths import CorrelatedLengths
+    from posture_opt.model.effects.noise.joint_noise import JointNoise
+    from posture_opt.model.effects.noise.outliers import Outliers
+    from posture_opt.model.effects.noise.stated_sigma import StatedSigma
+
+    EFFECTS: tuple[type[Effect], ...]
+    NOISES: tuple[type[NoiseEffect], ...]
+    CATALOGUE: tuple[type[CatalogueEntry], ...]
+
+MOVING = (
+    "joint_scale",
+    "gear_eccentricity",
+    "gear_second_harmonic",
+    "gear_ripple",
+    "cyclic_error",
+    "joint_compliance",
+    "link_bending",
+    "base_compliance",
+    "backlash",
+    "hysteresis",
+    "load_backlash",
+    "joint_coupling",
+    "payload_error",
+    "thermal_growth",
+    "thermal_offset",
+    "drift",
+    "slip",
+    "instrument_scale",
+    "instrument_field",
+    "quantisation",
+)
+"""The kinds that move the tool point, `EFFECTS`; a kind is the name of its file, and in capitals of its class."""
+
+NOISY = (
+    "joint_noise",
+    "range_noise",
+    "stated_sigma",
+    "outliers",
+    "correlated_lengths",
+)
+"""The kinds that spread it, or its measurements, `NOISES`; both together are the `CATALOGUE`."""
+
+_FOLDERS = dict.fromkeys(MOVING, "posture_opt.model.effects") | dict.fromkeys(NOISY, "posture_opt.model.effects.noise")
+_LISTS = {"EFFECTS": MOVING, "NOISES": NOISY, "CATALOGUE": (*MOVING, *NOISY)}
+_KINDS = {class_name(kind): kind for kind in _FOLDERS}
+
+
+def effect_class(kind: str) -> type[CatalogueEntry] | None:
+    """The effect of a kind; None where there is none."""
+    if kind not in _FOLDERS:
+        return None
+    found: type[CatalogueEntry] = getattr(import_module(f"{_FOLDERS[kind]}.{kind}"), class_name(kind))
+    return found
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LISTS:
+        value: Any = tuple(map(effect_class, _LISTS[name]))
+    elif name in _KINDS:
+        value = effect_class(_KINDS[name])
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
 
 __all__ = [
     "CATALOGUE",
     "EFFECTS",
     "INPUTS",
+    "MOVING",
     "NOISES",
+    "NOISY",
     "Abscissa",
     "CatalogueEntry",
     "Cause",
     "CorrelatedLengths",
     "CyclicError",
     "Effect",
-    "EffectSpec",
     "Evidence",
     "Excitation",
     "FittedSizes",
@@ -103,4 +108,5 @@ __all__ = [
     "Sensitivity",
     "Size",
     "StatedSigma",
+    "effect_class",
 ]

@@ -1,26 +1,37 @@
-"""The tasks: one file each, listed here."""
+"""The tasks: one file each, listed here; a file is read when its task is asked for, by its kind or its class."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from posture_opt.selection.tasks.custom import Custom
-from posture_opt.selection.tasks.dispense import Dispense
-from posture_opt.selection.tasks.drill import Drill
-from posture_opt.selection.tasks.hold import Hold
-from posture_opt.selection.tasks.insert import Insert
-from posture_opt.selection.tasks.measure import Measure
-from posture_opt.selection.tasks.place import Place
-from posture_opt.selection.tasks.probe import Probe
 from posture_opt.selection.tasks.task import Criterion, Region, Task
-from posture_opt.selection.tasks.trace import Trace
-from posture_opt.selection.tasks.weld import Weld
+from posture_opt.spec import class_name
 
-TASKS: tuple[type[Task], ...] = (Insert, Drill, Probe, Measure, Trace, Weld, Dispense, Place, Hold, Custom)
+if TYPE_CHECKING:
+    TASKS: tuple[type[Task], ...]
+
+KINDS = ("insert", "drill", "probe", "measure", "trace", "weld", "dispense", "place", "hold", "custom")
+"""The kinds of `TASKS`; a kind is the name of its file, and in capitals of its class."""
 
 
-def known_to(kind: str | None, keys: Mapping[str, Any], tasks: Sequence[type[Task]] = TASKS) -> dict[str, Any]:
+def task_class(kind: str) -> type[Task] | None:
+    """The task of a kind; None where this package has none."""
+    if kind not in KINDS:
+        return None
+    found: type[Task] = getattr(import_module(f"posture_opt.selection.tasks.{kind}"), class_name(kind))
+    return found
+
+
+def __getattr__(name: str) -> Any:
+    if name != "TASKS":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = tuple(map(task_class, KINDS))
+    return globals()[name]
+
+
+def known_to(kind: str | None, keys: Mapping[str, Any], tasks: Sequence[type[Task]]) -> dict[str, Any]:
     """Those ``keys`` of a section ``task`` that a task of another kind has too; all of them where there is none."""
     for task in tasks:
         if task.model_fields["kind"].annotation.__args__[0] == kind:  # type: ignore[union-attr]
@@ -32,4 +43,4 @@ def _of_any(tasks: Sequence[type[Task]], key: str) -> bool:
     return any(key in task.model_fields for task in tasks)
 
 
-__all__ = ["TASKS", "Criterion", "Region", "Task", "known_to"]
+__all__ = ["KINDS", "TASKS", "Criterion", "Region", "Task", "known_to", "task_class"]
