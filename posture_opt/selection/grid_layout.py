@@ -15,8 +15,8 @@ from posture_opt.selection.task_target import Reach, TaskTarget
 
 Plane = Literal["xy", "xz", "yz"]
 
-MOST = 20_000
-"""Targets of a grid: more take minutes and no eye tells them apart."""
+MOST = 50_000
+"""Targets of a grid: its report and its document are made in one piece. More are mapped a part of the box at a time."""
 _LONGER_SIDE = 17  # targets along it by default: a map of some seconds
 _FEWEST = 5  # along the shorter side: fewer show no shape
 _AROUND = 0.3  # of the reach, to either side of a position
@@ -59,7 +59,9 @@ class GridRequest:
         if max(self.counts) < 2:
             return [Issue("one target is no map", key, text, mend)]
         total = math.prod(self.counts)
-        return [Issue(f"{total} targets are more than {MOST}", key, text, "take fewer")] if total > MOST else []
+        if total > MOST:
+            return [Issue(f"{total} targets are more than {MOST}", key, text, "map a part of the box at a time")]
+        return []
 
     def _corner_issues(self) -> list[Issue]:
         if (self.low is None) != (self.high is None):
