@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.diagnosis import levels
+from posture_opt.diagnosis.column_blocks import ColumnStore, Place
 from posture_opt.diagnosis.score_tests import (
     NullDistribution,
     ProjectedBaseline,
@@ -35,15 +36,27 @@ class Candidate:
     Args:
         Z: (m, k) whitened residual per unit of each parameter [1/SI].
         searched: how many different shapes its own was chosen from.
+        place: where its columns stand in blocks, if they do.
     """
 
     what: Effect | UnnamedComponent
     Z: Array
     searched: float = 1.0
+    place: Place | None = None
 
     @property
     def named(self) -> bool:
         return isinstance(self.what, Effect)
+
+    @property
+    def apart(self) -> Candidate:
+        """The same with columns of its own: the blocks in which it stands can go."""
+        return self if self.place is None else replace(self, Z=self.Z.copy(), place=None)
+
+    @property
+    def persistent(self) -> bool:
+        """Whether it has a name, and outlasts the session that was measured."""
+        return isinstance(self.what, Effect) and self.what.for_planning
 
     @property
     def kind(self) -> str:
@@ -97,19 +110,36 @@ def list_candidates(sensitivities: EffectSensitivities, excitation: Excitation) 
     effects = [e for kind in EFFECTS for e in kind.candidates(excitation)]
     if "masses" not in excitation.inputs:
         effects += point_mass_compliances(sensitivities, excitation)
-    named = [(e, sensitivities.columns(e)) for e in effects if e.acts(sensitivities.state)]
+    keep = _keeper(len(sensitivities.residuals.data))
+    named = [keep(Candidate(e, sensitivities.columns(e))) for e in effects if e.acts(sensitivities.state)]
     shapes: dict[tuple[str, str], list[Array]] = {}
-    for e, Z in named:
-        shapes.setdefault((e.kind, e.target), []).append(Z)
+    for s in named:
+        shapes.setdefault(s.key, []).append(s.Z)
     searched = {
         key: max(effective_number(own), min(len(own), levels.SHAPES_OF_A_PARAMETER)) for key, own in shapes.items()
     }
-    unnamed = list(unnamed_components(sensitivities, excitation))
-    grids = Counter((u.kind, u.target) for u, _ in unnamed)
+    unnamed = [keep(Candidate(u, Z)) for u, Z in unnamed_components(sensitivities, excitation)]
+    grids = Counter(s.key for s in unnamed)
     return [
-        *(Candidate(e, Z, searched[e.kind, e.target]) for e, Z in named),
-        *(Candidate(u, Z, grids[u.kind, u.target]) for u, Z in unnamed),
+        *(replace(s, searched=searched[s.key]) for s in named),
+        *(replace(s, searched=grids[s.key]) for s in unnamed),
     ]
+
+
+def _keeper(rows: int) -> Callable[[Candidate], Candidate]:
+    """Puts the columns of candidates of many rows into blocks: twice in memory, they would be most of it.
+
+    What searches look at together stands together.
+    """
+    if rows < levels.MANY_ROWS:
+        return lambda candidate: candidate
+    store = ColumnStore()
+
+    def keep(candidate: Candidate) -> Candidate:
+        place = store.keep((candidate.named, candidate.persistent), candidate.Z)
+        return replace(candidate, Z=place.columns, place=place)
+
+    return keep
 
 
 def effective_number(shapes: Sequence[Array]) -> float:

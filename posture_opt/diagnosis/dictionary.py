@@ -15,6 +15,7 @@ import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.diagnosis.candidates import Candidate, Lines
+from posture_opt.diagnosis.column_blocks import ColumnBlocks
 from posture_opt.diagnosis.fourier_sums import FourierSums, squares
 from posture_opt.diagnosis.linearised_data import LinearisedData
 from posture_opt.diagnosis.selection_criterion import price_of_choice
@@ -66,8 +67,7 @@ class WrittenAtoms(Atoms):
         self.width: int = candidates[0].Z.shape[1]
         self._sensitivities = sensitivities
         self.block: int = sensitivities.residuals.block
-        # Half the memory; gains to seven digits decide nothing.
-        self.Z = np.concatenate([c.Z for c in candidates], axis=1, dtype=np.float32)
+        self._columns = ColumnBlocks.of([c.Z for c in candidates], [c.place for c in candidates])
         self.prices: Array = np.array([price_of_choice(c) for c in candidates])
         open_ended = (-np.inf, np.inf)
         self.limits: Array = np.array([c.what.limits if isinstance(c.what, Effect) else open_ended for c in candidates])
@@ -77,13 +77,16 @@ class WrittenAtoms(Atoms):
         self._alike = codes
 
     def grams(self, rows: Codes | None = None) -> Array:
-        Z = self.Z if rows is None else self.Z[(rows[:, None] * self.block + np.arange(self.block)).ravel()]
-        Z = Z.reshape(len(Z), -1, self.width)
-        return np.asarray(np.einsum("mik,mil->ikl", Z, Z, optimize=self.width > 1), dtype=float)
+        if rows is None:
+            return self._grams
+        return self._columns.grams((rows[:, None] * self.block + np.arange(self.block)).ravel())
+
+    @cached_property
+    def _grams(self) -> Array:
+        return self._columns.grams()
 
     def products(self, vectors: Array) -> Array:
-        inner = (vectors.T.astype(np.float32) @ self.Z).T
-        return np.asarray(inner.reshape(-1, self.width, vectors.shape[1]), dtype=float)
+        return self._columns.products(vectors).astype(float)
 
     def candidate(self, index: int) -> Candidate:
         return self.members[index]

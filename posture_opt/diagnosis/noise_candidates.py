@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -18,6 +18,7 @@ _LEAST_FREE = 0.02  # share of a residual that a fit leaves free at the least: b
 _STUDENT_FREEDOM = np.geomspace(1.5, 60, 40)  # from tails without a variance to all but Gaussian ones
 _STUDENT_ROUNDS = 30  # of EM (Lange, Little, Taylor 1989): more digits than a choice by BIC needs
 _FIRST_SHARE, _EM_ROUNDS, _EM_TOLERANCE = 0.02, 200, 1e-8  # EM: where it starts, and where it ends for certain
+_NUMBERS = 4_000_000  # of null sets at a time: 32 MB
 GROSS = "gross errors"  # a law of residuals: Gaussian with a few gross errors
 
 
@@ -78,11 +79,10 @@ def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
     Args:
         e: (N, d) standardised residuals.
     """
-    sets = np.concatenate([e[None], null_sets(e, rows.visits, levels.NOISE_DRAWS, np.random.default_rng(seed))])
     patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
     if not patterns:
         return []
-    found = [_Fit.of(sets, pattern) for pattern in patterns]
+    found = _fits(e, rows, patterns, seed)
     most = np.stack([fit.drawn for fit in found]).max(axis=0)
     candidates = [fit.candidate(pattern, most) for fit, pattern in zip(found, patterns, strict=True)]
     return sorted(candidates, key=lambda s: -s.ratio)
@@ -122,8 +122,7 @@ def score_repeats(e: Array, rows: Rows, asked: NoiseCandidate, seed: int) -> Rep
     pattern = next((p for p in patterns if (p.effect.kind_name(), p.target) == asked.who), None)
     if pattern is None:
         return None
-    sets = np.concatenate([e[None], null_sets(e, rows.visits, levels.NOISE_DRAWS, np.random.default_rng(seed))])
-    fit = _Fit.of(sets, pattern)
+    (fit,) = _fits(e, rows, [pattern], seed)
     return RepeatedNoise(fit.candidate(pattern, fit.drawn), fit.loss(pattern, asked.size))
 
 
@@ -181,6 +180,21 @@ class _Fit:
         """Twice the log likelihood that a size loses against the likeliest."""
         sizes = [pattern.size(value, s2) for value, s2 in zip(map(float, pattern.grid), self.variances, strict=True)]
         return float(self.curve.max() - np.interp(size, sizes, self.curve))
+
+
+def _fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) -> list[_Fit]:
+    """Noise of each pattern in residuals (N, d) and in `levels.NOISE_DRAWS` sets as chance could have them.
+
+    Of many rows some sets are drawn at a time, for memory.
+    """
+    rng, left, found = np.random.default_rng(seed), levels.NOISE_DRAWS, list[list[_Fit]]()
+    while left > 0:
+        count = min(left, max(_NUMBERS // e.size, 1))
+        sets = np.concatenate([e[None], null_sets(e, rows.visits, count, rng)])
+        found.append([_Fit.of(sets, pattern) for pattern in patterns])
+        left -= count
+    each = zip(*found, strict=True)
+    return [replace(parts[0], drawn=np.concatenate([fit.drawn for fit in parts])) for parts in each]
 
 
 def _likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:

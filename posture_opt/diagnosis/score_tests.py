@@ -45,10 +45,14 @@ class ProjectedBaseline:
         e = r - Q @ (Q.T @ r)
         rng = np.random.default_rng(seed)
         leverage = np.minimum(np.einsum("ij,ij->i", Q, Q), _MOST_LEVERAGE)
-        signs = rng.choice([-1.0, 1.0], size=(int(groups.max(initial=0)) + 1, flips))[groups]
-        drawn = signs * (e / np.sqrt(1 - leverage))[:, None]
-        drawn -= Q @ (Q.T @ drawn)
-        return cls(Q, e, np.concatenate([e[:, None], drawn], axis=1), count or len(r))
+        signs = rng.choice([-1.0, 1.0], size=(int(groups.max(initial=0)) + 1, flips)).astype(np.int8)
+        flipped = np.empty((len(e), 1 + flips))
+        flipped[:, 0], drawn = e, flipped[:, 1:]
+        np.multiply(signs[groups], (e / np.sqrt(1 - leverage))[:, None], out=drawn)
+        inside = Q.T @ drawn
+        for first in range(0, len(e), _ROWS):
+            drawn[first : first + _ROWS] -= Q[first : first + _ROWS] @ inside
+        return cls(Q, e, flipped, count or len(r))
 
     @property
     def freedom(self) -> int:
@@ -188,7 +192,7 @@ def explained(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple
     rho, kept = np.zeros(len(sizes)), np.zeros(len(sizes), dtype=int)
     gains = np.zeros((len(sizes), baseline.flipped.shape[1]))
     for chunk in _chunks(sizes, len(baseline.e)):
-        Z = np.concatenate([candidates[i] for i in chunk], axis=1)
+        Z = np.concatenate([candidates[i] for i in chunk], axis=1, dtype=float)
         cross, scores = baseline.Q.T @ Z, Z.T @ baseline.flipped
         edges = np.cumsum([0, *(sizes[i] for i in chunk)])
         for i, first, last in zip(chunk, edges[:-1], edges[1:], strict=True):

@@ -27,7 +27,7 @@ from posture_opt.diagnosis.selection_criterion import (
 )
 from posture_opt.diagnosis.shape_refinement import apart, refine_shape
 from posture_opt.diagnosis.subset_selection import exchanged
-from posture_opt.model.effects import CyclicError, Effect
+from posture_opt.model.effects import CyclicError
 
 Tell = Callable[[], None]
 
@@ -64,6 +64,19 @@ class SearchResult:
         return sum(len(s.what.lines) if isinstance(s.what, CyclicError) else 1 for s in self.chosen)
 
     @property
+    def apart(self) -> SearchResult:
+        """The same without the dictionary that it was found in."""
+        return replace(
+            self,
+            chosen=tuple(s.apart for s in self.chosen),
+            rivals=tuple(tuple(s.apart for s in own) for own in self.rivals),
+            scored=tuple(replace(s, candidate=s.candidate.apart) for s in self.scored),
+            absorbed=tuple((s.apart, rho) for s, rho in self.absorbed),
+            considered=tuple(s.apart for s in self.considered),
+            names=None if self.names is None else self.names.apart,
+        )
+
+    @property
     def confusable(self) -> dict[int, tuple[Candidate, ...]]:
         """By its place among the named ones, the rivals of every effect that has some."""
         named = [rivals for s, rivals in zip(self.chosen, self.rivals, strict=True) if s.named]
@@ -87,6 +100,11 @@ def search(
     """
     if foldings is None:
         foldings = Folding.usual(linearised.sensitivities.residuals.data)
+    return _searched(linearised, foldings, tell).apart
+
+
+def _searched(linearised: LinearisedData, foldings: Sequence[Folding], tell: Tell) -> SearchResult:
+    """The search itself."""
     start = InitialScores.of(linearised, list_candidates(linearised.sensitivities, linearised.excitation)).decided()
     tell()
     if start.best_p_value >= levels.FIRST_EFFECT:
@@ -94,8 +112,8 @@ def search(
     # What is only compared is judged by the strictest way to leave rows out, for time.
     found = _selected(start, foldings[-1:], lambda c: True)
     tell()
-    if all(map(_persistent, found.considered)):
-        return _selected(start, foldings, _persistent)
+    if all(s.persistent for s in found.considered):
+        return _selected(start, foldings, lambda c: c.persistent)
     names = _model(start, foldings)
     tell()
     if all(s.named for s in found.chosen):
@@ -106,20 +124,15 @@ def search(
     return found if len(foldings) == 1 else _selected(start, foldings, lambda c: True)
 
 
-def _persistent(candidate: Candidate) -> bool:
-    """Whether it has a name, and outlasts the session that was measured."""
-    return isinstance(candidate.what, Effect) and candidate.what.for_planning
-
-
 def _model(start: InitialScores, foldings: Sequence[Folding]) -> SearchResult:
     """The best set of named effects: with those of the session only where these predict rows left out clearly better.
 
     What stands still for a while, or bends with the place in the room, imitates much that has another cause.
     """
-    lasting = _selected(start, foldings, _persistent)
+    lasting = _selected(start, foldings, lambda c: c.persistent)
     last = foldings[-1:]
     every = _selected(start, last, lambda c: c.named)
-    if all(map(_persistent, every.considered)):
+    if all(s.persistent for s in every.considered):
         return lasting
     alone = NestedSelections(lasting.nested.each[-1:])
     enough = alone.explained >= levels.LASTING_EXPLAIN_ENOUGH * every.nested.explained
