@@ -11,6 +11,7 @@ from posture_opt.numerics import Array, Codes, Mask
 
 NEAR = 1e-3  # rad: commands that differ by less lead to one posture
 _SLIDE = 1e-4  # m: the same of a slide
+_MANY = 20_000  # rows from which on not all pairs are looked at
 _APART = 1e6  # so far apart are rows whose codes differ, in units of nearness
 
 
@@ -23,15 +24,8 @@ def repeat_groups(data: Measurements, slides: Mask) -> Codes:
     Args:
         slides: (n,) which joints are prismatic.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
     posture = np.column_stack([data.q / np.where(slides, _SLIDE, NEAR), data.target * _APART, data.robot * _APART])
-    pairs = cKDTree(posture).query_pairs(1.0, p=np.inf, output_type="ndarray")
-    n = len(data)
-    near = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    code = np.asarray(connected_components(near, directed=False)[1], dtype=np.intp)
+    n, code = len(data), _linked(posture) if len(data) <= _MANY else _linked_cells(posture)
     own = np.unique(np.column_stack([data.pose, data.target, data.robot]), axis=0, return_inverse=True)[1].ravel()
     strung = np.array([np.ptp(posture[rows], axis=0).max() > 1.0 for rows in rows_of(code)])
     merged = np.where(strung[code], own + n, code)
@@ -39,6 +33,24 @@ def repeat_groups(data: Measurements, slides: Mask) -> Codes:
     first = np.full(own.max() + 1, -1)
     first[own[::-1]] = merged[::-1]
     return np.asarray(np.unique(first[own], return_inverse=True)[1], dtype=np.intp)
+
+
+def _linked(posture: Array) -> Codes:
+    """(N,) codes of rows (N, d) that steps of at most 1 in every coordinate lead from one to the other."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(posture).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    near = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(posture),) * 2)
+    return np.asarray(connected_components(near, directed=False)[1], dtype=np.intp)
+
+
+def _linked_cells(posture: Array) -> Codes:
+    """The same, with rows of one cell of side 1 by their mean: n readings of one posture have n² / 2 pairs."""
+    _, cell = np.unique(np.floor(posture), axis=0, return_inverse=True)
+    cell = cell.ravel()
+    return np.asarray(_linked(group_means(posture, cell))[cell], dtype=np.intp)
 
 
 def repeat_of_row(data: Measurements) -> Codes:

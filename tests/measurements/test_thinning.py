@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from posture_opt.measurements import repeats
 from posture_opt.measurements.measurements import Measurements, inputs_of
 from posture_opt.measurements.repeats import repeat_of_row
 from posture_opt.measurements.thinning import thin, thin_each_robot
@@ -80,3 +81,14 @@ def test_every_touched_point_and_every_robot_gives_rows() -> None:
     robots = np.r_[np.zeros(1000), np.ones(10), np.full(1000, 2)].astype(np.intp)
     data = table(np.arange(2010), robot=robots, robot_names=("a", "b", "c"))
     assert np.bincount(thin_each_robot(data, 300).robot).tolist() == [100, 10, 100]
+
+
+def test_many_readings_of_one_posture_are_linked_without_looking_at_all_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(2)
+    poses = np.repeat(np.arange(40), 30)
+    data = table(poses)
+    data = replace(data, q=data.q + rng.normal(0, 1e-4, data.q.shape), pose=np.arange(len(poses)), pose_given=False)
+    slides = np.zeros(2, dtype=bool)
+    monkeypatch.setattr(repeats, "_MANY", 100)
+    found = repeats.repeat_groups(data, slides)
+    assert len(np.unique(found)) == len(np.unique(np.column_stack([found, poses]), axis=0)) == 40
