@@ -18,9 +18,8 @@ TEXT = (
 )
 HEADERS = ("way", "wall ms", "CPU ms", "to ours", "feasible %", "within 1 % of best %", "worst gap %")
 LEFT_OUT = {
-    "pytracik": "finds one inverse kinematics solution a call, as roboticstoolbox does, and cannot leave the yaw free; "
-    "it is no way of its own",
-    "pyroki": "not on the package index that this ran with; from its repository it needs JAX",
+    "pytracik": "one inverse kinematics solution a call, without an objective: no way of its own here",
+    "pyroki": "the package index has none; from its repository it needs JAX",
 }
 
 
