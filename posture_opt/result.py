@@ -16,10 +16,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from posture_opt.numerics import Progress
+from posture_opt.numerics import DerivedAgain, Progress
 
 
-class Summarised:
+class Summarised(DerivedAgain):
     """Prints in a few lines, in a terminal as in a notebook; a dataclass among these has ``repr=False``."""
 
     def summary(self) -> str:

@@ -6,9 +6,11 @@ import copy
 import json
 import pickle
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
@@ -64,6 +66,42 @@ def test_the_table_has_columns_and_rows(result: Result) -> None:
     table = result.to_dataframe()
     assert len(table.columns) >= 2
     assert len(table) > 0
+
+
+def test_it_pickles_and_copies_whole(result: Result) -> None:
+    wanted = finite(result.to_json())
+    for again in (pickle.loads(pickle.dumps(result)), copy.deepcopy(result)):
+        assert finite(again.to_json()) == wanted
+        assert again.summary() == result.summary()
+
+
+def test_what_solves_again_and_again_pickles_too() -> None:
+    problem = po.load_problem("insert_planar_2r_fixed_hole")
+    selector, spread = po.PostureSelector(problem), po.SpreadFunction(problem)
+    wanted, Q = selector.solve((1.2, 0.4, 0.0)), np.array([[0.1, 0.2], [0.3, -0.4]])
+    with pytest.raises(po.errors.NoSolutionError) as refused:
+        selector.solve((3.0, 0.0, 0.0))
+    for copied in (lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy):
+        again, refusal = copied(selector).solve((1.2, 0.4, 0.0)), copied(refused.value)
+        assert again.posture == wanted.posture
+        np.testing.assert_array_equal(copied(spread)(Q), spread(Q))
+        assert str(refusal) == str(refused.value)
+        assert refusal.solution.to_json()["posture"] == refused.value.solution.to_json()["posture"]
+
+
+def test_threads_share_what_solves_and_get_what_one_gets() -> None:
+    selector = po.PostureSelector(po.load_problem("insert_planar_2r_fixed_hole"))
+    targets = [(x, 0.3, 0.0) for x in (0.4, 0.9, 1.4, 1.9, 2.4, 2.9)]  # the last are out of reach
+
+    def answer(target: tuple[float, float, float]) -> str:
+        try:
+            return repr(selector.solve(target).posture)
+        except po.errors.NoSolutionError as error:
+            return str(error)
+
+    with ThreadPoolExecutor(4) as pool:
+        answers = list(pool.map(answer, [target for target in targets for _ in range(4)]))
+    assert answers == [alone for target in targets for alone in [answer(target)] * 4]
 
 
 @pytest.mark.parametrize("name", ["insert_panda", "insert_ur10_plate", "insert_ur10_extended", "trace_scara", MEASURED])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.model.compiled import BatchFunction
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, DerivedAgain
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.clusters import clusters
 from posture_opt.selection.elastic_problem import ElasticProblem
@@ -52,7 +52,7 @@ _LAST_WORDS = 4  # of the solver, in one search
 
 
 @dataclass(frozen=True)
-class Engine:
+class Engine(DerivedAgain):
     """The functions that solve one optimisation problem again and again, built once."""
 
     optimisation_problem: OptimisationProblem

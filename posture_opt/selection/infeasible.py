@@ -54,7 +54,16 @@ def infeasible(problem: HasTask, engine: Engine, found: MultistartResult, why: E
     asked, target = engine.optimisation_problem, found.target
     notes = (*problem.notes, asked.axis_note(target))
     return Solution(
-        problem, asked, target, "infeasible", why.q, statistics, lambda: (), notes, why.reasons, why.relaxations
+        problem,
+        asked,
+        target,
+        "infeasible",
+        why.q,
+        statistics,
+        np.zeros((0, len(why.q))),
+        notes,
+        why.reasons,
+        why.relaxations,
     )
 
 

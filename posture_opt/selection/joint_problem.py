@@ -15,7 +15,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, DerivedAgain
 from posture_opt.selection.nlp import Row
 from posture_opt.selection.nonlinear_solver import NonlinearSolver
 from posture_opt.selection.optimisation_problem import OptimisationProblem
@@ -61,7 +61,7 @@ class JointOutcome:
 
 
 @dataclass(frozen=True, eq=False)
-class JointProblem:
+class JointProblem(DerivedAgain):
     """``min over w, q_1 … q_K`` of the stations' objectives taken together, subject to the rows of all of them.
 
     Args:

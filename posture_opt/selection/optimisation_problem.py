@@ -15,6 +15,7 @@ from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue
 from posture_opt.model.arm import Arm
 from posture_opt.model.chain import Walk, stack
+from posture_opt.numerics import DerivedAgain
 from posture_opt.robot.robot import Robot
 from posture_opt.selection import criteria
 from posture_opt.selection.nlp import Nlp, Row, Variable
@@ -28,7 +29,7 @@ Alignment = Literal["exact", "loose", "free"]
 
 
 @dataclass(frozen=True)
-class OptimisationProblem:
+class OptimisationProblem(DerivedAgain):
     """Everything symbolic about selecting a posture for ``task`` with one kind of target.
 
     ``kind`` is ``point``, ``region`` or ``anywhere``; ``alignment`` says whether the tool axis is held along the

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, DerivedAgain
 from posture_opt.selection.engine import STEPS, Engine
 from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
 from posture_opt.selection.inverse_kinematics import STEPS as IK_STEPS
@@ -70,7 +70,7 @@ class Postures:
 
 
 @dataclass(frozen=True)
-class PlacedStations:
+class PlacedStations(DerivedAgain):
     """K stations on one workpiece.
 
     Args:

@@ -12,10 +12,8 @@ import numpy as np
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Array, Progress
-from posture_opt.robot.posture import Posture
 from posture_opt.selection.aligner import Aligner
 from posture_opt.selection.batches import until_found_often, until_recurrence
-from posture_opt.selection.end_moments import end_moments
 from posture_opt.selection.engine import CandidatePosture, Engine
 from posture_opt.selection.has_task import HasTask
 from posture_opt.selection.held_joints import explain_held, held_joints, released, with_held_joints
@@ -24,7 +22,7 @@ from posture_opt.selection.multistart import MultistartResult, distinct, multist
 from posture_opt.selection.optimisation_problem import Alignment, OptimisationProblem
 from posture_opt.selection.search_outcome import SearchOutcome, Seek, searched
 from posture_opt.selection.search_statistics import SearchStatistics, Sweep, sweep
-from posture_opt.selection.solution import Alternative, Solution, Status, critical_basis
+from posture_opt.selection.solution import Solution, Status
 from posture_opt.selection.task_target import PLANE_TOLERANCE, Reach, TaskTarget
 from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.sources import Sources
@@ -186,9 +184,7 @@ class PostureSelector:
         seconds = time.perf_counter() - began
         statistics = SearchStatistics.of(found, outcome.swept, by_starts, best, len(optima), seconds)
 
-        def ranked() -> tuple[Alternative, ...]:
-            return self._alternatives(problem, found.target, optima)
-
+        ranked = np.array([c.q for c in optima[:_MOST_ALTERNATIVES]])
         notes = (*self._problem.notes, problem.axis_note(found.target), *self.remarks())
         if not by_starts and not by_sweep:
             notes = (*notes, _ONE_ONLY)
@@ -251,16 +247,6 @@ class PostureSelector:
         tipped = any(f.kind == "rotate" and f.axis != 2 and abs(f.nominal) > 1e-6 for f in self._problem.robot.base)
         asked = any(term.keeps_clear for term in self.task.subject_to)
         return (_UNCHECKED + ("" if tipped or asked else _LINK_HEIGHT),)
-
-    def _alternatives(
-        self, problem: OptimisationProblem, target: TaskTarget, optima: Sequence[CandidatePosture]
-    ) -> tuple[Alternative, ...]:
-        Q = np.array([c.q for c in optima[:_MOST_ALTERNATIVES]])
-        moments = end_moments(problem, Q, critical_basis(problem, target))
-        return tuple(
-            Alternative(Posture(self._problem.robot, q), x, float(s))
-            for q, x, s in zip(Q, moments.position, moments.sigma, strict=True)
-        )
 
 
 def task_of(problem: HasTask) -> Task:

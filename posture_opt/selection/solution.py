@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -13,6 +12,7 @@ from posture_opt.collision.scene import Clearance
 from posture_opt.numerics import Array, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
+from posture_opt.selection.end_moments import end_moments
 from posture_opt.selection.engine import Engine
 from posture_opt.selection.improvements import Improvement, improvements
 from posture_opt.selection.lower_bound import LowerBound, lower_bound
@@ -53,7 +53,7 @@ class Solution(Result):
         q: (n,) the posture [rad or m].
         reasons: why there is no solution; empty where there is one.
         relaxations: changes that would each make one possible, cheapest first.
-        ranked: builds the alternatives when they are asked for.
+        ranked: (k, n) distinct local optima, best first; the alternatives.
         feasible: (N, n) postures of the search that do the task, none where they are not kept.
         engine: the functions that found it; None where they are not kept.
     """
@@ -64,7 +64,7 @@ class Solution(Result):
     status: Status
     q: Array
     statistics: SearchStatistics
-    ranked: Callable[[], tuple[Alternative, ...]]
+    ranked: Array
     notes: tuple[str, ...] = ()
     reasons: tuple[Reason, ...] = ()
     relaxations: tuple[Relaxation, ...] = ()
@@ -103,7 +103,14 @@ class Solution(Result):
 
     @cached_property
     def _alternatives(self) -> tuple[Alternative, ...]:
-        return self.ranked()
+        if not len(self.ranked):
+            return ()
+        moments = end_moments(self.optimisation_problem, self.ranked, self.basis)
+        robot = self.problem.robot
+        return tuple(
+            Alternative(Posture(robot, q), x, float(s))
+            for q, x, s in zip(self.ranked, moments.position, moments.sigma, strict=True)
+        )
 
     @property
     def basis(self) -> Array:

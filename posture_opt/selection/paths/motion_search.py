@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.collision.scene import Scene
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, DerivedAgain
 from posture_opt.selection.engine import Engine
 from posture_opt.selection.joint_problem import JointOutcome, JointPoint
 from posture_opt.selection.multistart import as_good
@@ -32,7 +32,7 @@ OVER = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class MotionSearch:
+class MotionSearch(DerivedAgain):
     """The search among the candidates of one path.
 
     Args:

@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from posture_opt.numerics import Array, Codes
+from posture_opt.numerics import Array, Codes, DerivedAgain
 from posture_opt.selection.joint_problem import JointOutcome, JointPoint, StationFunction
 from posture_opt.selection.nonlinear_solver import NonlinearSolver
 from posture_opt.selection.optimisation_problem import OptimisationProblem
@@ -36,7 +36,7 @@ _OPTIONS = {
 
 
 @dataclass(frozen=True, eq=False)
-class PathProblem:
+class PathProblem(DerivedAgain):
     """``min t`` with ``f(q_k) ≤ t`` at all points, or ``min s`` with ``parts |q_{k+1} − q_k| ≤ s`` at all steps.
 
     Args:

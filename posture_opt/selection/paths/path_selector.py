@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from posture_opt.errors import NoSolutionError
-from posture_opt.numerics import Array
+from posture_opt.numerics import Array, DerivedAgain
 from posture_opt.selection.batches import usual_starts
 from posture_opt.selection.engine import Engine
 from posture_opt.selection.has_task import HasTask
@@ -39,7 +39,7 @@ _TIMES = 3.0  # the smallest step that is possible: what is allowed where nothin
 
 
 @dataclass(frozen=True, eq=False)
-class PathSelector:
+class PathSelector(DerivedAgain):
     """The search for the postures along the path of one problem; ``selector`` builds what every point needs."""
 
     problem: HasTask

@@ -82,7 +82,7 @@ class PathSolution(Result):
         statistics = SearchStatistics(count, count, 0, 0, 0, 0, sampled, None, float("nan"), 1, 0, self.seconds)
         return Solution(
             self.problem, self.optimisation_problem, self.targets[k], self.status, self.motion.Q[k], statistics,
-            lambda: (), self.notes, self.reasons, self.relaxations,
+            np.zeros((0, self.motion.Q.shape[1])), self.notes, self.reasons, self.relaxations,
         )  # fmt: skip
 
     @property
