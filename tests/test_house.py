@@ -47,7 +47,7 @@ LAZY = {
     "result": "how a result is told, when it is first looked at",
     "model": "an effect, when its kind is asked for",
     "selection": "a task, when its kind is asked for, what several targets need, and what other packages register",
-    "workers": "Dask, when a scheduler is asked for",
+    "workers": "Dask, executors and processes, when they are asked for",
     "report": "figures, when one is drawn, and pandas, when a table is asked for",
 }
 """Where modules may be imported by name, and what for."""

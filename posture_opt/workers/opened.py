@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor as FuturesExecutor
-from typing import Any, Protocol, runtime_checkable
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast, runtime_checkable
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.workers.executors import ExecutorWorkers
-from posture_opt.workers.processes import ProcessWorkers
 from posture_opt.workers.serial import Serial
 from posture_opt.workers.workers import Workers
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor as FuturesExecutor
 
 
 @runtime_checkable
@@ -20,7 +21,7 @@ class DaskClient(Protocol):
         """Its face as an executor of `concurrent.futures`."""
 
 
-Executor = FuturesExecutor | DaskClient | Workers
+Executor: TypeAlias = "FuturesExecutor | DaskClient | Workers"
 """What can be given as ``executor``: one of `concurrent.futures`, a ``distributed.Client``, or workers of this room."""
 
 
@@ -34,13 +35,18 @@ def opened(workers: int = 1, executor: Executor | None = None) -> Workers:
     Raises:
         InputError: an executor that is none.
     """
+    # What a solve in one process can do without is imported when it is asked for.
     if executor is None:
-        return Serial() if workers == 1 else ProcessWorkers(workers)
+        return Serial() if workers == 1 else _made("processes", "ProcessWorkers", workers)
     if isinstance(executor, Workers):
         return executor
-    if isinstance(executor, FuturesExecutor):
-        return ExecutorWorkers(executor)
+    if isinstance(executor, import_module("concurrent.futures").Executor):
+        return _made("executors", "ExecutorWorkers", executor)
     if isinstance(executor, DaskClient):
-        return ExecutorWorkers(executor.get_executor(pure=False))
+        return _made("executors", "ExecutorWorkers", executor.get_executor(pure=False))
     mend = "give one of concurrent.futures, or a dask.distributed Client"
     raise InputError(Issue(f"{type(executor).__name__} is no executor", ("executor",), mend=mend))
+
+
+def _made(file: str, name: str, argument: Any) -> Workers:
+    return cast(Workers, getattr(import_module(f"posture_opt.workers.{file}"), name)(argument))

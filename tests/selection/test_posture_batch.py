@@ -10,7 +10,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import InputError
-from posture_opt.workers import ProcessWorkers
+from posture_opt.workers.processes import ProcessWorkers
 from tests.helpers.command_line import invoke
 
 NAMES = ("insert_planar_2r", "insert_planar_2r_fixed_hole", "drill_planar_2r")

@@ -17,7 +17,8 @@ import pytest
 from posture_opt.errors import InputError
 from posture_opt.problem.load import load_builtin
 from posture_opt.selection.target_map import map_targets
-from posture_opt.workers import ProcessWorkers, Serial, Workers, opened
+from posture_opt.workers import Serial, Workers, opened
+from posture_opt.workers.processes import ProcessWorkers
 from tests.helpers.fresh import ROOT
 from tests.workers.parts import always_deadly, deadly, failing, slow, squared
 
@@ -95,7 +96,7 @@ def test_no_worker_is_left_when_work_is_given_up() -> None:
 
 PARENT = """
 import sys, time
-from posture_opt.workers import ProcessWorkers
+from posture_opt.workers.processes import ProcessWorkers
 from tests.workers.parts import slow
 if __name__ == "__main__":
     with ProcessWorkers(2) as workers:
