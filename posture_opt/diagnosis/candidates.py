@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.calibration.effect_sensitivities import EffectSensitivities
 from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.column_blocks import ColumnStore, Place
+from posture_opt.diagnosis.column_blocks import ColumnPlace, ColumnStore
 from posture_opt.diagnosis.score_tests import (
     NullDistribution,
     ProjectedBaseline,
@@ -42,7 +42,7 @@ class Candidate:
     what: Effect | UnnamedComponent
     Z: Array
     searched: float = 1.0
-    place: Place | None = None
+    place: ColumnPlace | None = None
 
     @property
     def named(self) -> bool:

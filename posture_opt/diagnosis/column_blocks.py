@@ -15,7 +15,7 @@ _GATHERED = 16  # candidates whose columns at some rows are copied at a time
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class ColumnPlace:
     """Where the columns of a candidate stand: ``block`` (candidates, k, m), and which of its candidates it is."""
 
     block: Array
@@ -36,7 +36,7 @@ class ColumnStore:
 
     _open: dict[object, tuple[Array, int]] = field(default_factory=dict)
 
-    def keep(self, key: object, Z: Array) -> Place:
+    def keep(self, key: object, Z: Array) -> ColumnPlace:
         """A copy of the columns, beside those of the same key."""
         key = key, Z.shape[1]
         # Memory that is set aside and never written to costs nothing.
@@ -45,7 +45,7 @@ class ColumnStore:
             block, count = np.empty((_TOGETHER, Z.shape[1], len(Z)), dtype=np.float32), 0
         block[count] = Z.T
         self._open[key] = block, count + 1
-        return Place(block, count)
+        return ColumnPlace(block, count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class ColumnBlocks:
     blocks: tuple[Array, ...]
 
     @classmethod
-    def of(cls, columns: Sequence[Array], places: Sequence[Place | None]) -> ColumnBlocks:
+    def of(cls, columns: Sequence[Array], places: Sequence[ColumnPlace | None]) -> ColumnBlocks:
         """Of columns (m, k) each; those that stand in blocks already, in their order, are not copied."""
         found, at = list[Array](), 0
         for _, run in groupby(places, lambda place: None if place is None else id(place.block)):
