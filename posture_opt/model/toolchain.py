@@ -112,9 +112,9 @@ def _is_whole(path: Path) -> bool:
 def _compile(folder: Path, compiler: tuple[str, ...], text: str, level: str) -> Path:
     code, library = folder / "code.c", folder / "code.so"
     code.write_text(text, encoding="utf-8")
-    result = _run(
-        *compiler, level if len(text) <= OPTIMISED_TEXT else "-O0", *FLAGS, str(code), "-o", str(library), "-lm"
-    )
+    level = level if len(text) <= OPTIMISED_TEXT else "-O0"
+    # What the compiler puts down for the time being goes with the folder, also where it is killed.
+    result = _run(*compiler, level, *FLAGS, str(code), "-o", str(library), "-lm", TMPDIR=str(folder))
     if result.returncode or not library.is_file():
         raise BuildError(f"{' '.join(compiler)} failed: {result.stderr.strip()[:500]}")
     return library

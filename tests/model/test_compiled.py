@@ -461,10 +461,12 @@ def test_an_interrupt_ends_the_compiler_and_all_it_started(
     cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     compiler, begun = tmp_path / "slow", tmp_path / "begun"
-    script = f'sleep 50 &\necho $! > "{begun}.new"; mv "{begun}.new" "{begun}"\nwait\n'
+    script = f'touch "$TMPDIR/part.s"; sleep 50 &\necho $! > "{begun}.new"; mv "{begun}.new" "{begun}"\nwait\n'
     compiler.write_text(f'#!/bin/sh\n[ "$1" = --version ] && exit 0\n{script}')
     compiler.chmod(0o755)
     monkeypatch.setenv("CC", str(compiler))
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
 
     def interrupt() -> None:
         while not begun.exists():
@@ -486,7 +488,7 @@ def test_an_interrupt_ends_the_compiler_and_all_it_started(
         time.sleep(0.02)
     else:
         pytest.fail("a part of the compiler lives")
-    assert list(cache.iterdir()) == []
+    assert list(cache.iterdir()) == list((tmp_path / "tmp").iterdir()) == []
 
 
 @both_ways
