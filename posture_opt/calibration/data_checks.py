@@ -51,7 +51,7 @@ def check_amount(residuals: Residuals, known: FitSetup, groups: int) -> None:
         InsufficientDataError: too few rows, or all of them alike.
     """
     data, block = residuals.data, residuals.block
-    counted, measure = _counted(residuals), _measure(residuals)
+    counted, measure = _counted(residuals), spread_poses(residuals)
     if groups < 2 and len(data) > 1:
         still = len(still_joints(residuals.robot, data)) == residuals.robot.n
         alike = "all rows are alike" if still else "all rows belong to one group"
@@ -94,7 +94,7 @@ def check_kept(residuals: Residuals, groups: Codes, kept: Mask) -> None:
         return
     raise InsufficientDataError(
         f"{int(np.sum(~kept))} of {len(kept)} rows are outliers, and the rest belongs to one group: it "
-        f"cannot determine how the arm errs elsewhere; {_measure(residuals)}"
+        f"cannot determine how the arm errs elsewhere; {spread_poses(residuals)}"
     )
 
 
@@ -115,7 +115,7 @@ def check_geometry(residuals: Residuals, known: FitSetup, x: Array) -> None:
     still = still_joints(residuals.robot, residuals.data)
     stood = f", as these joints stood still: {', '.join(still)}" if still else ""
     raise InsufficientDataError(
-        f"{_counted(residuals)} determine no parameter of the arm itself{stood}; {_measure(residuals)}"
+        f"{_counted(residuals)} determine no parameter of the arm itself{stood}; {spread_poses(residuals)}"
     )
 
 
@@ -124,7 +124,8 @@ def _counted(residuals: Residuals) -> str:
     return f"{len(residuals.data) * residuals.block} measured coordinates in {poses} pose{'s' * (poses != 1)}"
 
 
-def _measure(residuals: Residuals) -> str:
+def spread_poses(residuals: Residuals) -> str:
+    """How many poses to measure at least, and how to choose them."""
     need = math.ceil(len(residuals.parameters) / residuals.block) + _SPARE
     return f"measure at least {need} poses spread over the workspace, with every joint moving: {_PLAN}"
 

@@ -37,6 +37,8 @@ def extended_arm(
     fitted = _calibration(calibration, delivered, delivery.held.errors)
     noises = [f.noise for f in findings if f.noise is not None and f.noise.of_arm]
     rows = delivered.whitened.reshape(-1, delivered.residuals.block)[:, : len(delivered.residuals.axes)]
+    if len(rows) == len(calibration.residuals.data):  # where no effect is delivered, outliers are among them
+        rows = rows[calibration.kept_rows]
     scatter = residual_scatter(problem, fitted, noises, rows * delivered.residuals.sigma)
     places = places_in_robot(calibration.parameters)
     deviations = {name: float(delivered.x[i]) for name, i in places.items()}

@@ -52,7 +52,7 @@ def pursue(dictionary: Dictionary, most: int, held_out: Codes | None = None) -> 
     states = [_State(atoms, Q, e, held_out) for atoms in dictionary.atoms]
     chosen, runners_up, rss = list[Candidate](), list[Candidate](), float(e @ e)
     together = levels.EXCHANGED_EFFECTS if len(learn) <= levels.FITTED_TOGETHER else 0
-    while len(chosen) < most:
+    while len(chosen) < most and freedom >= 1 and rss > 0:  # else there is nothing left to explain
         drops = [state.drops(rss, freedom) for state in states]
         most_of_all = max((float(d.max(initial=0.0)) for d in drops), default=0.0)
         if most_of_all <= 0.0:

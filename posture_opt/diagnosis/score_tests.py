@@ -172,7 +172,7 @@ def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Arra
     from scipy.special import fdtrc
 
     size = np.asarray(size, dtype=float)
-    left = np.maximum(rss - explained, 1e-300)
+    left = np.maximum(rss - explained, 1e-30 * explained + 1e-300)  # less than rounding leaves
     nu = np.maximum(freedom - size, 1.0)
     F = (explained / size) / (left / nu)
     with np.errstate(divide="ignore"):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from posture_opt.calibration.data_checks import spread_poses
 from posture_opt.diagnosis import levels
 from posture_opt.diagnosis.aliases import aliases
 from posture_opt.diagnosis.candidates import Candidate, ScoredCandidate, absorbed, list_candidates
@@ -27,6 +28,7 @@ from posture_opt.diagnosis.selection_criterion import (
 )
 from posture_opt.diagnosis.shape_refinement import apart, refine_shape
 from posture_opt.diagnosis.subset_selection import exchanged
+from posture_opt.errors import InsufficientDataError
 from posture_opt.model.effects import CyclicError
 
 Tell = Callable[[], None]
@@ -107,6 +109,9 @@ def _searched(linearised: LinearisedData, foldings: Sequence[Folding], tell: Tel
     """The search itself."""
     start = InitialScores.of(linearised, list_candidates(linearised.sensitivities, linearised.excitation)).decided()
     tell()
+    if start.baseline.freedom < 1:
+        rows = linearised.sensitivities.residuals
+        raise InsufficientDataError(f"the parameters take up all that was measured; {spread_poses(rows)}")
     if start.best_p_value >= levels.FIRST_EFFECT:
         return _result(start, NestedSelections.of(Dictionary(linearised, ()), 0, foldings), (), ())
     # What is only compared is judged by the strictest way to leave rows out, for time.

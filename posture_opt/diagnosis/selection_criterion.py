@@ -58,8 +58,9 @@ def price_of_parameters(count: Array, evidence: Array, freedom: float) -> Array:
 
 def _penalty(baseline: ProjectedBaseline, candidate: Candidate, size: int, gain: float) -> float:
     """What a candidate of so many directions that explain so much costs in the criterion."""
-    evidence = np.array(gain / (float(baseline.rss[0]) / baseline.freedom))
-    return float(price_of_parameters(np.array(size), evidence, baseline.freedom)) + price_of_choice(candidate)
+    freedom = max(baseline.freedom, 1)
+    evidence = np.array(gain / max(float(baseline.rss[0]) / freedom, 1e-300))
+    return float(price_of_parameters(np.array(size), evidence, freedom)) + price_of_choice(candidate)
 
 
 def member_weight(
@@ -71,7 +72,7 @@ def member_weight(
     basis, _ = projected_basis(baseline, member.Z)
     if not basis.shape[1]:
         return 0.0, 0.0
-    gain, rss = float(np.sum((basis.T @ baseline.e) ** 2)), float(baseline.rss[0])
+    gain, rss = float(np.sum((basis.T @ baseline.e) ** 2)), max(float(baseline.rss[0]), 1e-300)
     p = float(log_p(np.array([gain]), np.array([rss]), basis.shape[1], baseline.freedom)[0])
     m = baseline.freedom
     rise = -m * np.log(max(1 - gain / rss, 1e-300)) - _penalty(baseline, member, basis.shape[1], gain)
@@ -91,6 +92,8 @@ def member_weights(linearised: LinearisedData, members: Sequence[Candidate]) -> 
     theta = C @ (A.T @ small.r)
     rss = max(float(small.r @ small.r - theta @ (A.T @ small.r)), 1e-300)
     freedom = float(small.count - np.linalg.matrix_rank(A))
+    if freedom < 1:  # together they explain whatever was measured: none of them is shown
+        return [(0.0, -np.inf)] * len(members)
     edges = np.cumsum([small.G.shape[1], *sizes])
     found = []
     for member, a, b in zip(reduced, edges[:-1], edges[1:], strict=True):

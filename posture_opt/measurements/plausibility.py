@@ -24,6 +24,7 @@ _POOR = 0.03  # unexplained share of the motion from which a wrong column is loo
 _GOOD = 0.05  # what a guess must leave at most,
 _BETTER = 5.0  # and how many times less than the columns as given
 _UNLIKE = 0.1  # unexplained share from which it is said that another robot may have been measured
+_FAR = 1e4  # lengths of the arm from the middle of all points: a wrong unit makes a thousand of one
 _TRUSTED = 0.2  # unexplained share up to which scale and sign of the fitted map mean something
 
 
@@ -46,6 +47,8 @@ def plausibility_checks(data: Measurements, robot: Robot, columns: dict[str, Col
         misfit = touch_misfit(robot, q, point)
         guessed = _guess(lambda other: touch_misfit(robot, other, point), misfit, q, robot, columns, faults)
         return [] if guessed else _unlike(misfit, None, "how far the touches of one point lie apart")
+    if _far_off(data, data.position[:, data.measured_axes], robot, faults):
+        return []
     measured = data.position[rows][:, data.measured_axes]
     found = affine_fit(robot, q, measured)
     named = [axis for axis in AXES if axis in columns]
@@ -56,6 +59,17 @@ def plausibility_checks(data: Measurements, robot: Robot, columns: dict[str, Col
     if _mirrored(found, robot, named, faults):
         return []
     return [*_unlike(found.misfit, _scale(found), "of the measured motion"), *_turned(found, robot, named)]
+
+
+def _far_off(data: Measurements, position: Array, robot: Robot, faults: Faults) -> bool:
+    """Whether rows were measured where nobody could have seen the tool: no outlier of an instrument."""
+    size = max(reach(robot), 1.0)
+    off = np.linalg.norm(position - np.median(position, axis=0), axis=1)
+    far = np.flatnonzero(off > _FAR * size)
+    for row in map(int, far):
+        message = f"the point lies {off[row]:.3g} m from the middle of all, and the arm is {size:.3g} m long"
+        faults.add(message, mend="leave out the row", line=int(data.line[row]))
+    return bool(len(far))
 
 
 def _scale(found: AffineFit) -> float | None:

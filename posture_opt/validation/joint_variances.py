@@ -107,6 +107,8 @@ def fit_joint_variances(
             f"{need} more repeats, at different postures"
         )
     theta, best = model.maximise(model.start())
+    if not np.isfinite(best):
+        raise InsufficientDataError("errors of such different sizes do not tell the scatter of the joints")
     error = model.errors(theta)
     search = range(model.size) if intervals else ()
     ends = np.array([model.interval(theta, best, k, error[k]) for k in search] or [(0.0, np.inf)] * model.size)

@@ -51,11 +51,14 @@ class Scatter:
         return Scatter(self.columns[cases], self.squares[cases], self.freedom[cases], known)
 
     def log_likelihoods(self, covariance: Array) -> Array:
-        """(G,) log-likelihoods of normal scatter with covariances (G, d, d) or (d, d) [m²]."""
+        """(G,) log-likelihoods of normal scatter, covariances (G, d, d) or (d, d) [m²]; −∞ of singular ones."""
         d = self.squares.shape[-1]
-        sizes = np.linalg.slogdet(covariance)[1] + d * np.log(2 * np.pi)
-        distance = np.sum(np.linalg.inv(covariance) * self.squares, axis=(-2, -1))
-        return np.asarray(-0.5 * (self.freedom * sizes + distance))
+        sign, size = np.linalg.slogdet(covariance)
+        sound = (sign > 0) & np.isfinite(size)
+        inverse = np.linalg.inv(np.where(sound[..., None, None], covariance, np.eye(d)))
+        distance = np.sum(inverse * self.squares, axis=(-2, -1))
+        found = -0.5 * (self.freedom * (size + d * np.log(2 * np.pi)) + distance)
+        return np.where(sound, found, -np.inf)
 
 
 def covariances(columns: Array, sigma: Array, instrument: float) -> Array:

@@ -99,6 +99,8 @@ class Components:
     def maximise(self, theta: Array, held: int | None = None) -> tuple[Array, float]:
         """The likeliest variances, and their log-likelihood; the component ``held`` keeps its value."""
         value = self.log_likelihood(theta)
+        if not np.isfinite(value):  # a covariance that is singular in floats
+            return theta, value
         free = np.arange(self.size) != (-1 if held is None else held)
         for _ in range(_STEPS):
             step = self._scoring(theta, free) - theta
@@ -106,7 +108,7 @@ class Components:
             while size > 1e-6:
                 tried = np.maximum(theta + size * step, 0.0)
                 value = self.log_likelihood(tried)
-                if value >= before:
+                if value >= before and np.isfinite(value):
                     theta = tried
                     break
                 size /= 2

@@ -61,10 +61,10 @@ def _words(rng: random.Random, robot: ET.Element) -> tuple[tuple[str, ...], tupl
     choice = rng.random()
     if choice < 0.6:
         return ("uncertainty", "--robot", FILE, *links, *sigma, "--posture", posture or "0", *manner), ()
-    if choice < 0.75:
+    if choice < 0.64:
         return ("new", FILE, *links), ()
     if choice < 0.9:
-        to = rng.choice(("urdf", "dh", "python", "c"))
+        to = rng.choice(("urdf", "dh", "urdf", "dh", "urdf", "dh", "python", "c"))
         return ("export", "--to", to, "--robot", FILE, *links, *sigma, "--out", "o"), ("o",)
     if choice < 0.93:
         target = ("--task", "probe", "--position", "0.3 m, 0 m, 0.3 m")

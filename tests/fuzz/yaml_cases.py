@@ -58,7 +58,7 @@ def _words(rng: random.Random, base: Base) -> tuple[tuple[str, ...], tuple[str, 
     if choice < 0.6:
         return ("uncertainty", *problem, *posture, *_manner(rng)), ()
     if choice < 0.78:
-        to = rng.choice(("dh", "dh", "urdf", "python", "c", "urscript", "krl", "rapid", "jointstate"))
+        to = rng.choice((*("dh", "urdf", "urscript", "krl", "rapid", "jointstate") * 3, "python", "c"))
         placed = posture if to in ("urscript", "krl", "rapid", "jointstate") else ()
         return ("export", "--to", to, *problem, *placed, "--out", "o"), ("o",)
     if choice < 0.82:
@@ -71,7 +71,7 @@ def _words(rng: random.Random, base: Base) -> tuple[tuple[str, ...], tuple[str, 
         return ("map", *problem, "--grid", "2x2", *_manner(rng)), ()
     if choice < 0.865 and base.is_quick:
         return ("compare", FILE, "insert_planar_2r", *_manner(rng)), ()
-    if choice < 0.868:
+    if choice < 0.8655:
         return ("uncertainty", *problem, *posture, "--out", "o"), ("o",)
     if choice < 0.9 and base.is_quick:
         return (*problem, *_manner(rng)), ()
