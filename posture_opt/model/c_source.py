@@ -38,7 +38,7 @@ def c_source(
         InputError: a name is no C identifier, or one that C keeps for itself.
     """
     _check_names(function, name)
-    steps = Steps.of(row_function(function, name))
+    steps = Steps.of(row_function(function, _ANY))
     inputs = [(function.name_in(i), function.size_in(i)) for i in range(function.n_in())]
     outputs = [(function.name_out(i), function.size_out(i)) for i in range(function.n_out())]
     shape = CFunction(name, tuple(_sizes(inputs)), tuple(_sizes(outputs)))
@@ -59,6 +59,7 @@ def _sizes(arguments: list[tuple[str, tuple[int, int]]]) -> list[tuple[str, int]
     return [(key, rows * columns) for key, (rows, columns) in arguments]
 
 
+_ANY = "f"  # CasADi refuses names that C takes: of a leading or a double underscore, and some words
 _HEAD = "/* Written by posture_opt: C99, to be linked with -lm. */\n#include <float.h>\n#include <math.h>\n"
 _ROWS = """ * {name}_rows does the same for many: every array has that many rows, one after another.
  * The digits are the same; compiled with -O3 it takes a third of the time.

@@ -396,6 +396,11 @@ def test_names_that_are_not_free_in_c(name: str) -> None:
         c_source(planar(), name)
 
 
+@pytest.mark.parametrize("name", ["_x", "a__b", "jac", "null"])
+def test_names_that_are_free_in_c_need_not_be_free_in_casadi(name: str) -> None:
+    assert f"int {name}(" in "".join(c_source(planar(), name))
+
+
 @needs_compiler
 def test_exported_arguments_may_be_called_like_casadi_s_own(tmp_path: Path) -> None:
     w, arg = casadi.SX.sym("w"), casadi.SX.sym("arg")
