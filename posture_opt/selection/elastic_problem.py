@@ -7,6 +7,7 @@ nonlinear program serves every choice of what may give: slacks that may not are 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,6 +27,8 @@ _HELD = 1e-10  # slack of what may not give: as a variable that is free it keeps
 _ROUND = 1e-7  # m or rad, squared: where the norm of a slack near zero is rounded off
 _ITERATIONS = 100
 _PATIENCE = 7  # starts: where none of them leads to a compromise, others seldom do
+_AGREEING = 3  # starts that come to the same least: others would too
+_ALIKE = 1e-3  # of the cost
 _HARD = 3.0  # times the cost: limits of joints are built in
 _FAR = 4 * np.pi  # rad or m: of a joint without its limits
 _NO_BOUND = 0.1  # of a term whose bound is zero: the scale that its cost is measured in
@@ -84,16 +87,17 @@ class ElasticProblem:
             parameters: (p,) of the target.
             starts: (k, n) postures; the first that leads to one where nothing is missing ends the search.
         """
-        best: Compromise | None = None
+        found: list[Compromise] = []
         for k, start in enumerate(starts):
-            if best is None and k == _PATIENCE:
+            if not found and k == _PATIENCE:
                 break
-            found = self._compromise(start, parameters, given)
-            if found is not None and (best is None or found.cost < best.cost):
-                best = found
-                if best.met:
-                    break
-        return best
+            one = self._compromise(start, parameters, given)
+            found += [] if one is None else [one]
+            least = min((other.cost for other in found), default=math.inf)
+            alike = sum(other.cost <= least * (1 + _ALIKE) for other in found)
+            if alike == _AGREEING or any(other.met for other in found):
+                break
+        return min(found, key=lambda other: other.cost, default=None)
 
     def _compromise(self, start: Array, parameters: Array, given: Collection[str]) -> Compromise | None:
         may = np.array([name in given for name in self.requirements])

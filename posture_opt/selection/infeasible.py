@@ -26,6 +26,7 @@ from posture_opt.selection.solution import Solution
 from posture_opt.selection.task_target import TaskTarget
 
 _LED = 200  # random postures that are led towards the target: so many that of a reachable one some arrive
+_NEAR = 0.01  # of the arm's reach, by which a target may be missed that is not clearly out of it
 _FEWER_STARTS = 3  # beside postures that are near already
 _STARTS = 6  # of them, for a requirement that gives: those that lack least, and as many that lack least of the others
 
@@ -102,6 +103,8 @@ class _Infeasibility:
     def _ways(self) -> list[tuple[tuple[str, ...], Compromise]]:
         """The requirements that suffice when they give, each way with the compromise that they come to."""
         names = [name for name in self.elastic.requirements if self._may_give(name)]
+        if TARGET in names and not self._in_reach:
+            names = [TARGET]
         alone: dict[str, Compromise] = {}
         for name in reversed(names):  # a term that gives shows postures near the target: where the others may start
             way = self._least((name,), [other.q for other in alone.values()])
@@ -145,11 +148,25 @@ class _Infeasibility:
     @cached_property
     def _pool(self) -> Array:
         """(N, n) where searches ended, and postures led towards the target: with its axis, without, without limits."""
-        engine, task, reach = self.engine, self.problem.task, self.problem.reach
-        free = InverseKinematics(unlimited(self.problem.arm), task.tool_axis, reach.directions, engine.compiled)
+        engine = self.engine
         ended = [np.array([candidate.q for candidate in self.found.found])] if self.found.found else []
-        led = [self._led(engine.ik, True), self._led(engine.ik, False), self._led(free, True)]
+        led = [self._led(engine.ik, True), self._led(engine.ik, False), self._led(self._free, True)]
         return np.concatenate([*ended, *led])
+
+    @cached_property
+    def _free(self) -> InverseKinematics:
+        """That of the arm without its limits."""
+        task, reach = self.problem.task, self.problem.reach
+        return InverseKinematics(unlimited(self.problem.arm), task.tool_axis, reach.directions, self.engine.compiled)
+
+    @cached_property
+    def _in_reach(self) -> bool:
+        """Whether the tool comes to the target with any axis, beyond limits and through obstacles; else it has to give.
+
+        A position alone is missed by none of so many postures that are led there, unless it is out of reach.
+        """
+        misses = self.elastic.lacking(self._led(self._free, False), self.target.parameters)[:, 0]
+        return bool(np.nanmin(misses) < _NEAR * self.problem.reach.radius)
 
     def _led(self, ik: InverseKinematics, with_axis: bool) -> Array:
         rng = np.random.default_rng(1)

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import yaml
 
-from tests.helpers.command_server import ROOT, CommandServer
+from tests.helpers.command_server import CPU, ROOT, CommandServer
 
 HERE = Path(__file__).parent
 CASES: list[dict[str, Any]] = yaml.safe_load((HERE / "cases.yaml").read_text(encoding="utf-8"))
@@ -43,6 +43,7 @@ def test_it_gets_its_answer(case: dict[str, Any], server: CommandServer, tmp_pat
     answer = server.call(words_of(case), folder)
     assert not answer.defects(folder), answer.err
     assert answer.code == case["code"], answer.err
+    assert answer.cpu < case.get("cpu", CPU)
     said = answer.err if answer.code else answer.out
     assert not [text for text in case["says"] if text not in said], said
 
