@@ -28,7 +28,8 @@ def faults(case: Case, run: Run) -> Iterator[str]:
         yield f"memory {run.memory:.0f} MB"
     if run.code not in CODES:
         yield f"exit {run.code}: {_last(run.err)}"
-    if "Traceback" in run.err or "defect of this program" in run.err:
+    told = "defect of this program" if "--debug" in case.words else "Traceback"  # which is what --debug shows
+    if told in run.err or "defect of this program" in run.err:
         yield f"defect: {_last(run.err)}"
     if found := _WARNING.search(run.err):
         yield f"warning: {found[0].split(': ', 1)[1][:100]}"
