@@ -102,9 +102,12 @@ def calibrate(
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     found = _assembled(request, given, chart, fitted, (nominal, calibrated), groups, by, seen, notes)
     left = Disagreement.of(given, found.errors_fitted[found.kept_rows])
-    large = None if thinning is None else LargeFile.of(thinning, models, fitted.found)
+    found = replace(found, contradictions=refuted.told(found.fit), disagreement=left)
+    if thinning is None:
+        return found
+    large = LargeFile.of(thinning, models, fitted.found)
     tell()
-    return replace(found, contradictions=refuted.told(found.fit), disagreement=left, large=large)
+    return replace(found, large=large)
 
 
 def stated_errors(
