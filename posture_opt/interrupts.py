@@ -101,15 +101,25 @@ class interruptible(ContextDecorator):  # noqa: N801 # it reads as what it makes
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Requests to end wait until the block, a short one, has ended."""
-    if not hasattr(signal, "pthread_sigmask"):
+    """Handlers of signals wait until the block, a short one, has ended.
+
+    A mask of the main thread would not do: another thread takes the signal then, and the main one runs its handler.
+    """
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, _numbers())
+    waiting: list[int] = []
+    handlers = {number: signal.getsignal(number) for number in _numbers()}
+    former = {number: handler for number, handler in handlers.items() if callable(handler)}
+    for number in former:
+        signal.signal(number, lambda number, frame: waiting.append(number))
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, former)
+        for number, handler in former.items():
+            signal.signal(number, handler)
+        for number in waiting:
+            former[number](number, None)
 
 
 def _numbers() -> list[int]:

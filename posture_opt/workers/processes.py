@@ -16,13 +16,13 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
 from posture_opt.errors import InputError, Issue
+from posture_opt.interrupts import undisturbed
 from posture_opt.workers.workers import Part, Workers, worked
 
 _MOST_LOST = 3  # workers that may be lost over one part, before it is to blame
@@ -41,7 +41,7 @@ class ProcessWorker:
         """A new one."""
         here, there = multiprocessing.Pipe()
         process = multiprocessing.Process(target=_serve, args=(there, os.getpid()), daemon=True)
-        with undisturbed():
+        with undisturbed():  # among what Python does at a fork an interrupt would be swallowed
             process.start()
         there.close()
         return cls(process, here)
@@ -102,19 +102,6 @@ class ProcessWorkers(Workers):
             self._idle.pop().end()
 
 
-@contextmanager
-def undisturbed() -> Iterator[None]:
-    """An interrupt waits until the block has ended: among what Python does at a fork it would be swallowed."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, former)
-
-
 def _send(worker: ProcessWorker, message: Any) -> None:
     try:
         worker.pipe.send(message)
@@ -136,8 +123,6 @@ def _serve(pipe: Connection, parent: int) -> None:
     for name in ("SIGTERM", "SIGHUP", "SIGALRM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_DFL)
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     _end_with(parent)
     while True:
         try:
