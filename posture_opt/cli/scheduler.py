@@ -14,6 +14,7 @@ import click
 import numpy as np
 
 from posture_opt.cli.options import Command, Common, add_options
+from posture_opt.files import located
 from posture_opt.problem.problem import Problem
 from posture_opt.workers import Workers, opened
 from posture_opt.workers.checkpoint import Checkpoint
@@ -44,7 +45,7 @@ def working(common: Common, scheduler: str | None, checkpoint: Path | None = Non
         if checkpoint is None:
             yield workers
         else:
-            with Checkpoint(checkpoint.expanduser(), asked, workers) as kept:
+            with Checkpoint(located(Path(), str(checkpoint)), asked, workers) as kept:
                 yield kept
 
 

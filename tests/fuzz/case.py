@@ -29,13 +29,19 @@ Entry = bytes | Link | Folder | Pipe
 
 @dataclass(frozen=True)
 class Case:
-    """One call: ``words`` after the program's name, in a folder that holds ``files``; ``out`` is what it may make."""
+    """One call: ``words`` after the program's name, in a folder that holds ``files``.
+
+    Args:
+        out: what it may make.
+        kept: what may be there however it ends: a checkpoint.
+    """
 
     kind: str
     number: int
     words: tuple[str, ...]
     files: dict[str, Entry] = field(default_factory=dict)
     out: tuple[str, ...] = ()
+    kept: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:

@@ -71,7 +71,7 @@ def cli_case(rng: random.Random, number: int) -> Case:
         rng.shuffle(words)
     texts = tuple(text.replace("\x00", "").encode("utf-8", "replace").decode() for text in map(str, words))
     files = {**_FILES, **{name: problem_file(name).read_bytes() for name in _TABLES if name in texts}}
-    return Case("cli", number, _harmless(texts), files, _outputs(texts))
+    return Case("cli", number, _harmless(texts), files, _outputs(texts), _named(texts, "--checkpoint"))
 
 
 def _usual(rng: random.Random, command: CommandLine) -> list[str]:
@@ -130,8 +130,13 @@ def _harmless(words: tuple[str, ...]) -> tuple[str, ...]:
     )
 
 
+def _named(words: tuple[str, ...], option: str) -> tuple[str, ...]:
+    """The values of an option."""
+    behind = (words[at + 1] for at, word in enumerate(words[:-1]) if word == option)
+    return (*behind, *(word.partition("=")[2] for word in words if word.startswith(f"{option}=")))
+
+
 def _outputs(words: tuple[str, ...]) -> tuple[str, ...]:
-    named = [words[at + 1] for at, word in enumerate(words[:-1]) if word == "--out"]
-    named += [word.partition("=")[2] for word in words if word.startswith("--out=")]
+    named = _named(words, "--out")
     starters = [f"{word.rsplit('.', 1)[0].rsplit('/', 1)[-1]}_problem.yaml" for word in words if word]
     return tuple(name.strip("/").split("/")[0] for name in (*named, *starters, *["o"] * bool(named)) if name.strip("/"))

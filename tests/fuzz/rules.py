@@ -58,8 +58,9 @@ def _answer(case: Case, run: Run) -> Iterator[str]:
 def _refusal(case: Case, run: Run) -> Iterator[str]:
     if run.code > 0 and not run.err.strip():
         yield f"exit {run.code} without a message"
-    if run.code > 0 and run.made:
-        yield f"exit {run.code}, and left {sorted(run.made)[:3]}"
+    left = sorted({*run.made} - {*case.kept})
+    if run.code > 0 and left:
+        yield f"exit {run.code}, and left {left[:3]}"
     if run.code == 2 and not _names_input(case, run.err):
         yield f"a message that names nothing of the input: {run.err.strip()[:120]}"
 

@@ -39,7 +39,9 @@ class Run:
 
 def allowed(name: str, case: Case) -> bool:
     """Whether a case may make a file of this name."""
-    return ".posture_opt-" not in name and any(name == out or name.startswith(f"{out}/") for out in case.out)
+    if ".posture_opt-" in name:
+        return False
+    return any(name == made or name.startswith(f"{made}/") for made in (*case.out, *case.kept))
 
 
 def not_finite(value: Any, key: str = "") -> Iterator[str]:
