@@ -86,7 +86,8 @@ def least_squares(
             return _minimum(x, r, R, step, True)
         move, r_new, J_new, damping = lower
         expected = np.sum(projected**2) - np.sum((projected + R @ move) ** 2)
-        ratio = min(float((r @ r - r_new @ r_new) / max(expected, 1e-300)), 1.0)
+        gained = float(r @ r - r_new @ r_new)
+        ratio = 1.0 if gained >= expected else gained / float(expected)
         damping = max(damping * max(1 / 3, 1 - float(2 * ratio - 1) ** 3), 1e-15)
         x, r, J = x + move, r_new, J_new
     return _minimum(x, r, triangular(J), max_steps, False)

@@ -10,6 +10,7 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from dataclasses import fields
 from importlib import import_module
 from typing import Any, NoReturn, cast
 
@@ -181,6 +182,8 @@ def main(ctx: click.Context, /, common: Common, explain: bool, **given: Any) -> 
     """
     if ctx.invoked_subcommand is not None:
         stated = [name for name, value in given.items() if value] + ["explain"] * explain
+        names = {f.name: f.default for f in fields(Common) if f.name != "debug"}  # --debug counts anywhere
+        stated += [{"plots": "no-plots"}.get(n, n) for n, usual in names.items() if getattr(common, n) != usual]
         if stated:
             raise click.UsageError(f"Write --{stated[0].replace('_', '-')} after '{ctx.invoked_subcommand}'.", ctx)
         return

@@ -143,7 +143,7 @@ def _check(joint: UrdfJoint) -> None:
     if joint.type not in MOVING:
         raise BadValueError(f"{name} {f'is {joint.type}' if joint.type else 'has no type'}", chain)
     check_joint_name(joint.name)
-    if not np.linalg.norm(joint.axis) > 0:
+    if not np.any(joint.axis):
         raise BadValueError(f"{name} has an axis of length zero", 'write for example <axis xyz="0 0 1"/>')
     if joint.type == "prismatic" and (joint.lower is None or joint.upper is None):
         raise BadValueError(f"{name} is prismatic and has no limits", 'write <limit lower="0" upper="0.2" …/>')

@@ -94,7 +94,8 @@ def _motion(joint: UrdfJoint, index: int) -> tuple[Factor, ...]:
     """The joint variable about or along its axis; any but +x, +y, +z is turned onto z by constants and back."""
     kind: Literal["translate", "rotate"] = "translate" if joint.type == "prismatic" else "rotate"
     parameter = f"{joint.name}.{'d' if kind == 'translate' else 'theta'}"
-    x, y, z = unit = joint.axis / np.linalg.norm(joint.axis)
+    axis = joint.axis / np.max(np.abs(joint.axis))  # whose square no float may hold
+    x, y, z = unit = axis / np.linalg.norm(axis)
     axes: tuple[Axis, ...] = (0, 1, 2)
     for axis in axes:
         if unit[axis] > 0 and np.abs(np.delete(unit, axis)).max() < _ON_AXIS:
