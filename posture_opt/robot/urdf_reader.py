@@ -88,6 +88,7 @@ class _ElementReader:
         raise InputError(Issue(message, mend=mend, line=self.parser.CurrentLineNumber))
 
 
+_LARGEST = 1e18  # limits of 1e16 mean that there is none; squares of squares are still numbers
 _SIZES = {
     # geometry -> its attributes, and how many numbers each holds
     "box": (("size", 3),),
@@ -247,11 +248,13 @@ class _UrdfReader:
     def _numbers(self, element: Element, key: str, words: list[str], count: int, owner: str) -> list[float]:
         """``count`` finite numbers; zeros and an issue where the words are none."""
         numbers = [_float(word) for word in words]
-        if len(numbers) == count and all(map(math.isfinite, numbers)):
+        finite = len(numbers) == count and all(map(math.isfinite, numbers))
+        if finite and all(abs(number) < _LARGEST for number in numbers):
             return numbers
         given, wanted = element.attributes[key], "one finite number" if count == 1 else f"{count} finite numbers"
-        message = f'{owner}: <{element.tag} {key}="{given}"> does not hold {wanted}'
-        self.issues.append(Issue(message, value=given, line=element.line))
+        fault = "is not plausible" if finite else f"does not hold {wanted}"
+        message = f'{owner}: <{element.tag} {key}="{given}"> {fault}'
+        self.issues.append(Issue(message, value=given, mend="is the exponent right?" * finite, line=element.line))
         return [0.0] * count
 
 
