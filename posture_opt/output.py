@@ -79,12 +79,18 @@ def write_file(path: Path, content: bytes, key: KeyPath = ()) -> None:
     Raises:
         InputError: it cannot be written.
     """
-    with _writing(path, key), staging(path.absolute().parent) as prepared:
-        write_through(prepared, {"file": content})
-        if path.is_dir():
-            raise IsADirectoryError(21, "this is a folder")
-        (prepared / "file").replace(path)
-        settle(path.absolute().parent)
+    folder, made = path.absolute().parent, _missing_parents(path)
+    try:
+        with _writing(path, key):
+            folder.mkdir(parents=True, exist_ok=True)
+            with staging(folder) as prepared:
+                write_through(prepared, {"file": content})
+                if path.is_dir():
+                    raise IsADirectoryError(21, "this is a folder")
+                (prepared / "file").replace(path)
+                settle(folder)
+    finally:
+        _remove_empty(made)
 
 
 @contextmanager
