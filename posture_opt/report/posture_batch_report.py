@@ -62,7 +62,7 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
 
 def solved_sentence(found: PostureBatch) -> str:
     """How many have a solution, and what the others lack."""
-    lacking = {2: "bad input", 3: "no solution", 4: "too few data", 1: "defects"}
+    lacking = {2: "with bad input", 3: "without a solution", 4: "with too few data", 1: "stopped by a defect"}
     codes = [answer.code for answer in found.answers]
     others = [f"{codes.count(code)} {what}" for code, what in lacking.items() if code in codes]
     text = f"{len(found.solved)} of {count(len(codes), 'problem')} solved"

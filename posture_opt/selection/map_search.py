@@ -27,8 +27,8 @@ from posture_opt.selection.task_target import TaskTarget
 from posture_opt.workers import Workers
 
 _FIRST: Effort = (48, 48, 48)  # of every target of a small map
-_FINE: Effort = (24, 24, 24)  # of every target of a larger one, where neighbours know more of each other: of eight arms
-# at 26 x 26 targets 3 of 5408 fell short of the best known by 0.5 % with either; at 10 x 9, one of a Panda's 90 more
+_FINE: Effort = (24, 24, 24)  # of every target of a larger one, where neighbours know more of each other: of seven arms
+# at 26 x 26 targets 3 of 4732 fell short of the best known by 0.5 % with either; at 10 x 9, one of a Panda's 90 more
 _FEW = 256  # targets: up to here a map is small
 _SECOND: Effort = (144, 144, 144)  # of those at the edge of the reach, and of a share of the others
 _THIRD: Effort = (96, 288, 288)  # of those that stand out
