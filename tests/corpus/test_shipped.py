@@ -1,6 +1,7 @@
 """Every problem and every data file that is shipped, through every command that fits it, with ``--out``.
 
-In every run of the tests: all that is answered in a second or two. The rest, which searches and draws, by the campaign.
+In every run of the tests: all that is answered in a second or two. The rest, which searches, by the campaign, and
+figures of one problem of each kind.
 """
 
 from __future__ import annotations
@@ -22,16 +23,17 @@ QUICK = {
     "urdf": "export --problem NAME --to urdf --out out --json",
 }
 SLOW = {
-    "solve": "--problem NAME --out out --json",
-    "figures": "uncertainty --problem NAME --posture POSTURE --out out --json",
-    "cloud": "simulate --problem NAME --posture POSTURE -n 200 --out out --json",
-    "map": "map --problem NAME --grid 3x3 --out out --json",
-    "accuracy": "map --problem NAME --grid 3x3 --quantity accuracy --out out --json",
-    "plan": "plan-measurements --problem NAME --count 30 --candidates 300 --out out --json",
-    "compare": "compare NAME insert_planar_2r_calibrated --out out --json",
+    "solve": "--problem NAME --out out --no-plots --json",
+    "map": "map --problem NAME --grid 3x3 --out out --no-plots --json",
+    "accuracy": "map --problem NAME --grid 3x3 --quantity accuracy --out out --no-plots --json",
+    "plan": "plan-measurements --problem NAME --count 30 --candidates 300 --out out --no-plots --json",
+    "compare": "compare NAME insert_planar_2r_calibrated --out out --no-plots --json",
     "c": "export --problem NAME --to c --out out --json",
     "krl": "export --problem NAME --to krl --out out --json",
 }
+DRAWN = {what: words.replace(" --no-plots", "") for what, words in {**QUICK, **SLOW}.items() if "--no-plots" in words}
+OF_EACH_KIND = ("insert_planar_2r", "insert_scara_tray", "trace_scara", "insert_urdf_arm", "insert_ur10_extended")
+"""In the plane and in space, of one hole, of several and along a path: their figures are drawn, too."""
 """What can be asked of a problem -> the words; NAME is its name, POSTURE the middle of its joints."""
 MEASURED = {
     # shipped measurements -> the problems that they are of
@@ -93,8 +95,14 @@ def test_a_shipped_problem_is_answered(name: str, server: CommandServer, tmp_pat
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", builtin_names())
-def test_a_shipped_problem_is_searched_and_drawn(name: str, server: CommandServer, tmp_path: Path) -> None:
+def test_a_shipped_problem_is_searched(name: str, server: CommandServer, tmp_path: Path) -> None:
     check_problem(server, name, SLOW, tmp_path)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", OF_EACH_KIND)
+def test_what_is_answered_is_drawn(name: str, server: CommandServer, tmp_path: Path) -> None:
+    check_problem(server, name, DRAWN, tmp_path)
 
 
 def check_data(server: CommandServer, file: str, folder: Path, further: str, whats: Iterable[str] = OF_DATA) -> None:
@@ -114,8 +122,14 @@ def test_shipped_data_are_answered(file: str, server: CommandServer, tmp_path: P
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("file", MEASURED)
-def test_shipped_data_are_answered_and_drawn(file: str, server: CommandServer, tmp_path: Path) -> None:
-    check_data(server, file, tmp_path, "")
+def test_shipped_data_are_answered_by_every_command(file: str, server: CommandServer, tmp_path: Path) -> None:
+    check_data(server, file, tmp_path, "--no-plots")
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("file", ["kuka_iiwa14_sockets.csv", "planar_2r_batch.csv", "ur10_measured.csv"])
+def test_shipped_data_are_drawn(file: str, server: CommandServer, tmp_path: Path) -> None:
+    check_data(server, file, tmp_path, "", ("calibrate", "diagnose"))
 
 
 def test_every_shipped_file_is_asked_about() -> None:
