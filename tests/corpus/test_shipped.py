@@ -1,7 +1,7 @@
 """Every problem and every data file that is shipped, through every command that fits it, with ``--out``.
 
-In every run of the tests: all that is answered in a second or two. The rest, which searches, by the campaign, and
-figures of one problem of each kind.
+In every run of the tests: all that is answered in a second or two. The rest, which searches, and figures of
+one problem of each kind by ``pytest -m exhaustive``, some ten minutes of processor time.
 """
 
 from __future__ import annotations
@@ -93,13 +93,13 @@ def test_a_shipped_problem_is_answered(name: str, server: CommandServer, tmp_pat
     check_problem(server, name, QUICK, tmp_path)
 
 
-@pytest.mark.campaign
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", builtin_names())
 def test_a_shipped_problem_is_searched(name: str, server: CommandServer, tmp_path: Path) -> None:
     check_problem(server, name, SLOW, tmp_path)
 
 
-@pytest.mark.campaign
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", OF_EACH_KIND)
 def test_what_is_answered_is_drawn(name: str, server: CommandServer, tmp_path: Path) -> None:
     check_problem(server, name, DRAWN, tmp_path)
@@ -120,13 +120,13 @@ def test_shipped_data_are_answered(file: str, server: CommandServer, tmp_path: P
     check_data(server, file, tmp_path, "--no-plots", ("calibrate", "diagnose", "diagnose by block", "compensate"))
 
 
-@pytest.mark.campaign
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("file", MEASURED)
 def test_shipped_data_are_answered_by_every_command(file: str, server: CommandServer, tmp_path: Path) -> None:
     check_data(server, file, tmp_path, "--no-plots")
 
 
-@pytest.mark.campaign
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("file", ["kuka_iiwa14_sockets.csv", "planar_2r_batch.csv", "ur10_measured.csv"])
 def test_shipped_data_are_drawn(file: str, server: CommandServer, tmp_path: Path) -> None:
     check_data(server, file, tmp_path, "", ("calibrate", "diagnose"))
