@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import logging
-import os
-import signal
 import socket
+from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from importlib import import_module
-from types import TracebackType
+from itertools import islice
 from typing import Any
 from urllib.parse import urlsplit
 
 from posture_opt import __version__
 from posture_opt.errors import InputError, Issue
-from posture_opt.workers.executors import ExecutorWorkers
+from posture_opt.workers.workers import AHEAD, Part, Workers, worked
 
 LOCAL = "local"
 """In place of an address: a scheduler and workers of this machine, for as long as they are needed."""
@@ -25,34 +25,53 @@ _ANSWER = 3  # s to wait for a connection
 _OPTION = ("--scheduler",)
 
 
-class DaskWorkers(ExecutorWorkers):
-    """Works on parts wherever a Dask scheduler sends them; connection and own cluster are closed at the end."""
+class DaskWorkers(Workers):
+    """Works on parts wherever a Dask scheduler sends them.
 
-    def __init__(self, client: Any, cluster: Any = None) -> None:
-        super().__init__(client.get_executor(pure=False))
-        self._client, self._cluster = client, cluster
+    Not by ``client.get_executor()``: its futures fail where a worker is lost just after it has answered.
+
+    Args:
+        client: a ``distributed.Client``.
+        own: what was opened for this and is closed with it, the client first.
+    """
+
+    def __init__(self, client: Any, own: tuple[Any, ...] = ()) -> None:
+        self._client = client
+        self._own = list(own)
+
+    def run(self, part: Part, shared: Any, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """As of `Workers`.
+
+        Raises:
+            InputError: the scheduler was lost, or too many workers over one part.
+        """
+        dask = import_module("distributed")
+        numbers, running = iter(range(len(items))), dict[Any, int]()
+        done = dask.as_completed(loop=self._client.loop)
+        try:
+            for k in islice(numbers, AHEAD):
+                done.add(self._submitted(running, part, shared, items[k], k))
+            for future in done:
+                yield running.pop(future), future.result()
+                for k in islice(numbers, 1):
+                    done.add(self._submitted(running, part, shared, items[k], k))
+        except (dask.scheduler.KilledWorker, dask.comm.CommClosedError, CancelledError) as error:
+            mend = "start it again; what a --checkpoint holds is not lost"
+            raise InputError(Issue(f"the workers were lost ({type(error).__name__})", _OPTION, mend=mend)) from error
+        finally:
+            self._client.cancel(list(running))
+
+    def _submitted(self, running: dict[Any, int], part: Part, shared: Any, item: Any, k: int) -> Any:
+        future = self._client.submit(worked, part, shared, item, pure=False)
+        running[future] = k
+        return future
 
     def close(self) -> None:
         """Close the connection, and end the workers that were started for it."""
-        self._close(_SECONDS)
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if error is not None and self._cluster is not None:
-            # Nobody waits for what they do.
-            for nanny in self._cluster.workers.values():
-                nanny.auto_restart = False
-                with suppress(OSError, TypeError):
-                    os.kill(nanny.pid, signal.SIGKILL)
-        self._close(_SECONDS if error is None else _HASTE)
-
-    def _close(self, seconds: float) -> None:
-        for each in (self._client, self._cluster):
+        while self._own:
             # Workers that are slow to end do so with this process.
             with suppress(TimeoutError):
-                if each is not None:
-                    each.close(timeout=seconds)
+                self._own.pop(0).close(timeout=_SECONDS)
 
 
 def scheduled(address: str, workers: int = 1) -> DaskWorkers:
@@ -79,14 +98,15 @@ def scheduled(address: str, workers: int = 1) -> DaskWorkers:
             dashboard_address=None,
             silence_logs=logging.CRITICAL,
         )
-        return DaskWorkers(dask.Client(cluster, set_as_default=False), cluster)
+        client = dask.Client(cluster, set_as_default=False)
+        return DaskWorkers(client, (client, cluster))
     _check_answer(address)
     try:
         client = dask.Client(address, timeout=_SECONDS, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         mend = "is it a scheduler of Dask, of a like version? start one: dask scheduler"
         raise InputError(Issue(f"what answers is no scheduler ({error})", _OPTION, address, mend)) from error
-    found = DaskWorkers(client)
+    found = DaskWorkers(client, (client,))
     try:
         _check_workers(client, address)
     except BaseException:

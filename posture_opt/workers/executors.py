@@ -1,4 +1,4 @@
-"""``ExecutorWorkers``: any executor of `concurrent.futures`; that of a Dask client is one."""
+"""``ExecutorWorkers``: any executor of `concurrent.futures`."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from itertools import islice
 from typing import Any
 
 from posture_opt.errors import InputError, Issue
-from posture_opt.workers.workers import Part, Workers, worked
-
-_AHEAD = 64  # parts that an executor has at once: enough for any cluster, and memory does not grow with the work
+from posture_opt.workers.workers import AHEAD, Part, Workers, worked
 
 
 class ExecutorWorkers(Workers):
@@ -29,7 +27,7 @@ class ExecutorWorkers(Workers):
         numbers, running = iter(range(len(items))), dict[Future[Any], int]()
         try:
             while True:
-                for k in islice(numbers, _AHEAD - len(running)):
+                for k in islice(numbers, AHEAD - len(running)):
                     running[self._executor.submit(worked, part, shared, items[k])] = k
                 if not running:
                     return

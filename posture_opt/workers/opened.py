@@ -17,8 +17,14 @@ if TYPE_CHECKING:
 class DaskClient(Protocol):
     """What a ``distributed.Client`` has and this needs."""
 
+    def submit(self, function: Any, *arguments: Any, **options: Any) -> Any:
+        """A future of what the function gives on a worker."""
+
+    def cancel(self, futures: Any) -> Any:
+        """Futures that nobody waits for."""
+
     def get_executor(self, **options: Any) -> FuturesExecutor:
-        """Its face as an executor of `concurrent.futures`."""
+        """Executors of `concurrent.futures` lack this."""
 
 
 Executor: TypeAlias = "FuturesExecutor | DaskClient | Workers"
@@ -43,7 +49,7 @@ def opened(workers: int = 1, executor: Executor | None = None) -> Workers:
     if isinstance(executor, import_module("concurrent.futures").Executor):
         return _made("executors", "ExecutorWorkers", executor)
     if isinstance(executor, DaskClient):
-        return _made("executors", "ExecutorWorkers", executor.get_executor(pure=False))
+        return _made("dask_cluster", "DaskWorkers", executor)
     mend = "give one of concurrent.futures, or a dask.distributed Client"
     raise InputError(Issue(f"{type(executor).__name__} is no executor", ("executor",), mend=mend))
 

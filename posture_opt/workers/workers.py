@@ -16,6 +16,8 @@ from typing import Any, Self
 Part = Callable[[Any, Any], Any]
 """``(shared, item) -> result``, a function of a module: other processes import it by its name."""
 
+AHEAD = 64
+"""Parts that other machines have at once: enough for any cluster, and memory does not grow with the work."""
 _ONE_AT_A_TIME = threading.RLock()  # a part may have parts of its own
 
 
