@@ -31,10 +31,9 @@ def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals,
         InputError: measurements of several robots, or distances between points that no row touches.
     """
     if len(data.robot_names) > 1:
-        names = ", ".join(data.robot_names)
-        raise InputError(
-            Issue(f"measurements of several robots: {names}", mend="calibrate the batch, or one robot at a time")
-        )
+        names = ", ".join(f"'{name}'" for name in data.robot_names)
+        mend = "calibrate the batch, or one robot at a time"
+        raise InputError(Issue(f"measurements of several robots: {names}", ("column robot",), mend=mend))
     notes = []
     sigma = position_sigma(problem, data)
     if not sigma:
