@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 import posture_opt as po
+from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Common, common_options, problem_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar
@@ -18,7 +19,7 @@ from posture_opt.export.known_programs import compensated_program
 
 
 @click.command("compensate")
-@click.argument("targets", type=click.Path(path_type=Path), metavar="TARGETS.csv")
+@click.argument("targets", type=PATH, metavar="TARGETS.csv")
 @problem_options
 @program_options(0.0)
 @common_options

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 import posture_opt as po
+from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar, tell_rate
@@ -31,7 +32,7 @@ from posture_opt.problem.problem import Problem
 )
 @click.option(
     "--data",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="DATA.csv",
     help="Measurements to compare with the predicted accuracy.",
 )

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 import posture_opt as po
+from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Command, Common, add_options, common_options, problem_options
 from posture_opt.cli.output import output, save_result, show, show_result, write_text
 from posture_opt.cli.progress import progress_bar
@@ -55,10 +56,10 @@ def measured_options(command: Command) -> Command:
 
     own = add_options(
         with_session,
-        click.argument("data", type=click.Path(path_type=Path), metavar="DATA.csv"),
+        click.argument("data", type=PATH, metavar="DATA.csv"),
         click.option(
             "--test",
-            type=click.Path(path_type=Path),
+            type=PATH,
             metavar="OTHER.csv",
             help="Measurements of another session, used as a test set.",
         ),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 import click
@@ -51,3 +52,20 @@ def _tasks() -> Iterable[str]:
 PROBLEM = Named(_problems, (".yaml", ".yml"))
 ROBOT = Named(_presets, (".urdf", ".xml", ".yaml", ".yml"))
 TASK = Named(_tasks)
+
+
+class NamedPath(click.Path):
+    """A path with a name: without one, of a shell variable that is not set, it would be the working folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path.
+
+        Raises:
+            click.BadParameter: the name is empty.
+        """
+        if not str(value).strip():
+            self.fail("the name is empty; write . for this folder", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH = NamedPath(path_type=Path)

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from posture_opt.cli.named import PROBLEM, ROBOT, TASK
+from posture_opt.cli.named import PATH, PROBLEM, ROBOT, TASK
 
 Command = Callable[..., Any]
 FRAME_HELP = '"0, 0, 150 mm" or, with roll, pitch, yaw, "0, 0, 150 mm, 0, 0, 90 deg".'
@@ -41,9 +41,7 @@ def common_options(command: Command) -> Command:
 
     return add_options(
         with_common,
-        click.option(
-            "--out", type=click.Path(path_type=Path), metavar="DIR", help="Write JSON, figures and a report here."
-        ),
+        click.option("--out", type=PATH, metavar="DIR", help="Write JSON, figures and a report here."),
         click.option("--json", "as_json", is_flag=True, help="Print the JSON document and nothing else."),
         click.option("--seed", type=click.IntRange(min=0), help="Random seed; the same seed gives the same result."),
         click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes to use."),

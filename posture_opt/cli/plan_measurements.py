@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 import posture_opt as po
+from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import output, save_result, show_result
 from posture_opt.cli.progress import progress_bar
@@ -28,7 +29,7 @@ Box = tuple[Corner, Corner]
 @problem_options
 @task_options
 @click.option("--count", type=click.IntRange(min=1), default=30, show_default=True, help="Postures to measure.")
-@click.option("--given", "data", type=click.Path(path_type=Path), metavar="DATA.csv", help="Measurements made already.")
+@click.option("--given", "data", type=PATH, metavar="DATA.csv", help="Measurements made already.")
 @click.option(
     "--for",
     "purpose",

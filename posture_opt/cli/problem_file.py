@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 import click
 
-from posture_opt.cli.named import ROBOT
+from posture_opt.cli.named import PATH, ROBOT
 from posture_opt.cli.output import write_text
 from posture_opt.cli.robot_options import RobotOptions
 from posture_opt.collision.obstacles import OBSTACLES
@@ -101,7 +101,7 @@ TABLES: dict[str, Callable[[], list[Row]]] = {
 @click.argument("robot", required=False, type=ROBOT, metavar="PRESET|URDF")
 @click.option("--base-link", metavar="LINK", help="First link of the chain in the URDF file.")
 @click.option("--tip-link", metavar="LINK", help="Last link of the chain in the URDF file.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write it to a file.")
+@click.option("--out", type=PATH, metavar="FILE", help="Write it to a file.")
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
 @click.option("--debug", is_flag=True, hidden=True)
 def new_command(
@@ -133,7 +133,7 @@ def _starter(options: RobotOptions, folder: Path) -> str:
 
 
 @click.command("schema")
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write it to a file.")
+@click.option("--out", type=PATH, metavar="FILE", help="Write it to a file.")
 @click.option("--debug", is_flag=True, hidden=True)
 def schema_command(out: Path | None, debug: bool) -> None:
     """Print the JSON Schema of the problem file.

@@ -13,6 +13,7 @@ from typing import Any
 import click
 import numpy as np
 
+from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Command, Common, add_options
 from posture_opt.files import located
 from posture_opt.problem.problem import Problem
@@ -30,7 +31,7 @@ def scheduler_option(command: Command) -> Command:
 def checkpoint_option(command: Command) -> Command:
     """Adds the option that names a file for what is done."""
     help_text = "Keep there what is done: the same command goes on where it was ended."
-    kind = click.Path(path_type=Path)
+    kind = PATH
     return add_options(command, click.option("--checkpoint", type=kind, metavar="FILE", help=help_text))
 
 
