@@ -19,9 +19,9 @@ import numpy as np
 
 import posture_opt as po
 from benchmarks.machine import machine_line
-from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
-from posture_opt.diagnosis.search import SearchResult, remaining_unnamed, search
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise
+from posture_opt.diagnosis.search.search import SearchResult, remaining_unnamed, search
 from tests.hidden.draw import OutOfReach, draw
 from tests.hidden.files import write
 

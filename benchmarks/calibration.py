@@ -19,9 +19,9 @@ import posture_opt as po
 from benchmarks.arms import Array
 from benchmarks.machine import machine_line
 from benchmarks.tables import table
-from posture_opt.calibration.fit import estimate
-from posture_opt.calibration.fit_setup import determine
-from posture_opt.calibration.frames import compare, fit_frames
+from posture_opt.calibration.assumptions.frames import compare, fit_frames
+from posture_opt.calibration.estimation.fit import estimate
+from posture_opt.calibration.estimation.fit_setup import determine
 
 # d, a, alpha of the UR10 (Universal Robots, "DH parameters for calculations of kinematics and dynamics")
 TABLE = [

@@ -51,19 +51,19 @@ if TYPE_CHECKING:
     from posture_opt.model.arm import Arm
     from posture_opt.problem.fitted_problem import calibrated_problem, extended_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
-    from posture_opt.selection.arm_comparison import ArmComparison, compare
-    from posture_opt.selection.features_solution import FeaturesSolution
+    from posture_opt.selection.answer.selector import PostureSelector
+    from posture_opt.selection.answer.solution import Solution
+    from posture_opt.selection.comparison.arm_comparison import ArmComparison, compare
+    from posture_opt.selection.comparison.plan_comparison import Comparison, compare_plans
+    from posture_opt.selection.maps.target_map import TargetMap, map_targets
     from posture_opt.selection.paths.path_solution import PathSolution
-    from posture_opt.selection.plan_comparison import Comparison, compare_plans
     from posture_opt.selection.posture_batch import PostureBatch, select_postures
     from posture_opt.selection.select_posture import select_posture
-    from posture_opt.selection.selector import PostureSelector
-    from posture_opt.selection.solution import Solution
-    from posture_opt.selection.target_map import TargetMap, map_targets
+    from posture_opt.selection.stations.features_solution import FeaturesSolution
     from posture_opt.selection.tasks.task import Task
-    from posture_opt.uncertainty.cloud import Cloud, simulate
-    from posture_opt.uncertainty.spread import Spread, propagate
-    from posture_opt.uncertainty.spread_function import SpreadFunction
+    from posture_opt.uncertainty.simulation.cloud import Cloud, simulate
+    from posture_opt.uncertainty.spread.spread import Spread, propagate
+    from posture_opt.uncertainty.spread.spread_function import SpreadFunction
     from posture_opt.validation.accuracy_map import AccuracyMap, map_accuracy
     from posture_opt.validation.assessment import Assessment, assess
     from posture_opt.validation.spread_check import SpreadCheck, check_spread
@@ -125,35 +125,35 @@ _HOMES = {
     # A name is imported when it is first used: `import posture_opt` and `--help` need none of CasADi.
     "AccuracyMap": "validation.accuracy_map",
     "Arm": "model.arm",
-    "ArmComparison": "selection.arm_comparison",
+    "ArmComparison": "selection.comparison.arm_comparison",
     "Assessment": "validation.assessment",
     "Batch": "batch.batch_calibration",
     "BatchDiagnosis": "batch.batch_diagnosis",
     "Calibration": "calibration.calibration",
-    "Cloud": "uncertainty.cloud",
+    "Cloud": "uncertainty.simulation.cloud",
     "Compensation": "compensation.compensation",
-    "Comparison": "selection.plan_comparison",
+    "Comparison": "selection.comparison.plan_comparison",
     "Diagnosis": "diagnosis.diagnosis",
     "Exported": "export.export_format",
-    "FeaturesSolution": "selection.features_solution",
+    "FeaturesSolution": "selection.stations.features_solution",
     "MeasurementPlan": "experiments.measurement_plan",
     "Measurements": "measurements.measurements",
     "PathSolution": "selection.paths.path_solution",
     "PostureBatch": "selection.posture_batch",
-    "PostureSelector": "selection.selector",
-    "Solution": "selection.solution",
-    "Spread": "uncertainty.spread",
+    "PostureSelector": "selection.answer.selector",
+    "Solution": "selection.answer.solution",
+    "Spread": "uncertainty.spread.spread",
     "SpreadCheck": "validation.spread_check",
-    "SpreadFunction": "uncertainty.spread_function",
-    "TargetMap": "selection.target_map",
+    "SpreadFunction": "uncertainty.spread.spread_function",
+    "TargetMap": "selection.maps.target_map",
     "Task": "selection.tasks.task",
     "assess": "validation.assessment",
     "calibrate": "calibration.calibrate",
     "calibrate_batch": "batch.batch_calibration",
     "calibrated_problem": "problem.fitted_problem",
     "check_spread": "validation.spread_check",
-    "compare": "selection.arm_comparison",
-    "compare_plans": "selection.plan_comparison",
+    "compare": "selection.comparison.arm_comparison",
+    "compare_plans": "selection.comparison.plan_comparison",
     "compensate": "compensation.compensate",
     "diagnose": "diagnosis.diagnose",
     "diagnose_batch": "batch.batch_diagnosis",
@@ -161,14 +161,14 @@ _HOMES = {
     "extended_problem": "problem.fitted_problem",
     "load_problem": "problem.load",
     "map_accuracy": "validation.accuracy_map",
-    "map_targets": "selection.target_map",
+    "map_targets": "selection.maps.target_map",
     "plan_measurements": "experiments.plan_measurements",
     "problem_from_dict": "problem.load",
-    "propagate": "uncertainty.spread",
+    "propagate": "uncertainty.spread.spread",
     "read_measurements": "measurements.reading",
     "select_posture": "selection.select_posture",
     "select_postures": "selection.posture_batch",
-    "simulate": "uncertainty.cloud",
+    "simulate": "uncertainty.simulation.cloud",
 }
 
 

@@ -36,7 +36,7 @@ class Summarised(DerivedAgain):
     def _presenter(self) -> Any:
         """How this is told; the only way from the rooms below to the reports above."""
         name = type(self).__name__
-        module = import_module(f"posture_opt.report.{snake_case(name)}_report")
+        module = import_module(f"posture_opt.report.results.{snake_case(name)}_report")
         return getattr(module, f"{name}Presenter")(self)
 
 

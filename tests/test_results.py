@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 import posture_opt as po
 from posture_opt.errors import InputError
 from posture_opt.output import finite
-from posture_opt.report.save import OWN_FILES
+from posture_opt.report.page.save import OWN_FILES
 from posture_opt.result import Result
 from tests.helpers.every_result import MADE, MEASURED, measured
 from tests.helpers.folders import names as names_in

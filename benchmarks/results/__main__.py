@@ -12,7 +12,7 @@ from benchmarks.machine import load, machine_line
 from benchmarks.results import PARTS
 from benchmarks.results.figure import drawn
 from benchmarks.results.parts import BEGIN, Outcome, measured, run
-from posture_opt.report.style import image
+from posture_opt.report.page.style import image
 
 FOLDER = Path(__file__).parents[1]
 PICTURES = "results/figures"

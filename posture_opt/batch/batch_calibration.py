@@ -18,16 +18,16 @@ from posture_opt.batch.batch_covariance import (
 from posture_opt.calibration.calibrate import MOST_ROWS, calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.data_checks import state_a_distance
-from posture_opt.calibration.error_statistics import By, Statistics
-from posture_opt.calibration.parameters import CalibrationProblem, Parameter
+from posture_opt.calibration.estimation.error_statistics import By, Statistics
+from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.thinning import thin_each_robot
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.result import Result
-from posture_opt.uncertainty.regions import coverage_factor
-from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.regions.regions import coverage_factor
+from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.validation.coverage import P, distances, share_interval
 from posture_opt.validation.spread_check import predictions
 

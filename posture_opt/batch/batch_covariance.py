@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.calibration.parameters import CalibrationProblem, Parameter
+from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter
 from posture_opt.numerics import Array
-from posture_opt.uncertainty.regions import NORMAL95
-from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.regions.regions import NORMAL95
+from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.validation.model_errors import holm
 
 _STEPS = 1000  # of EM; a batch that varies less than its members are known to needs the most

@@ -7,14 +7,14 @@ from typing import Any
 
 from posture_opt.batch.batch_calibration import Batch, calibrate_batch
 from posture_opt.batch.batch_covariance import CorrelatedPair
-from posture_opt.calibration.error_statistics import By
-from posture_opt.calibration.parameters import CalibrationProblem
-from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.causes import Finding, noise_finding
+from posture_opt.calibration.estimation.error_statistics import By
+from posture_opt.calibration.estimation.parameters import CalibrationProblem
+from posture_opt.diagnosis.causes.causes import Finding, noise_finding
 from posture_opt.diagnosis.diagnosis import Outcome
-from posture_opt.diagnosis.linearised_data import linearise
-from posture_opt.diagnosis.noise_causes import noise_samples
-from posture_opt.diagnosis.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
+from posture_opt.diagnosis.noise.noise_causes import noise_samples
+from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.search.linearised_data import linearise
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import CorrelatedLengths

@@ -8,6 +8,9 @@ from itertools import count
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.frame_chart import Chart
+from posture_opt.calibration.assumptions.frames import compare, fit_frames, held_length
+from posture_opt.calibration.assumptions.stated_knowledge import consistent
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, position_errors, refitted
 from posture_opt.calibration.data_checks import (
@@ -19,17 +22,14 @@ from posture_opt.calibration.data_checks import (
     check_size,
     still_notes,
 )
-from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
-from posture_opt.calibration.fit import Fit, clustered, estimate
-from posture_opt.calibration.fit_setup import FitSetup, determine, unseen
-from posture_opt.calibration.fitted_arm import FitRequest
-from posture_opt.calibration.frame_chart import Chart
-from posture_opt.calibration.frames import compare, fit_frames, held_length
+from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
+from posture_opt.calibration.estimation.fit import Fit, clustered, estimate
+from posture_opt.calibration.estimation.fit_setup import FitSetup, determine, unseen
+from posture_opt.calibration.estimation.fitted_arm import FitRequest
+from posture_opt.calibration.estimation.parameters import CalibrationProblem
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.other_file import OtherFile, predicted
-from posture_opt.calibration.parameters import CalibrationProblem
-from posture_opt.calibration.residuals import Residuals
-from posture_opt.calibration.stated_knowledge import consistent
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.thinning import thin

@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.frames import far_frames
 from posture_opt.calibration.cross_validation import HeldOut
-from posture_opt.calibration.error_statistics import By, Statistics
-from posture_opt.calibration.fit import Fit, fit_with_effects
-from posture_opt.calibration.fitted_arm import FitRequest
-from posture_opt.calibration.frames import far_frames
-from posture_opt.calibration.identifiability import ANGLE, LENGTH, Identifiability
+from posture_opt.calibration.estimation.error_statistics import By, Statistics
+from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
+from posture_opt.calibration.estimation.fitted_arm import FitRequest
+from posture_opt.calibration.estimation.identifiability import ANGLE, LENGTH, Identifiability
+from posture_opt.calibration.estimation.parameters import Parameter
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.other_file import OtherFile
-from posture_opt.calibration.parameters import Parameter
-from posture_opt.calibration.residuals import Residuals
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Result
 
 if TYPE_CHECKING:
+    from posture_opt.calibration.assumptions.stated_knowledge import Contradiction
     from posture_opt.calibration.data_checks import Disagreement
     from posture_opt.calibration.large_file import LargeFile
-    from posture_opt.calibration.stated_knowledge import Contradiction
     from posture_opt.model.effects import Effect
 
 _NEVER = 5.0  # times its tolerance, or its standard error

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posture_opt.calibration.fit import Fit, estimate
-from posture_opt.calibration.frames import fit_frames
-from posture_opt.calibration.linear_model import LinearModel
-from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.assumptions.frames import fit_frames
+from posture_opt.calibration.estimation.fit import Fit, estimate
+from posture_opt.calibration.estimation.linear_model import LinearModel
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.numerics import Array, Codes, Mask
 
 Folds = Sequence[Codes]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.calibration.fit_setup import FitSetup, tolerances
-from posture_opt.calibration.identifiability import identify
-from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.estimation.fit_setup import FitSetup, tolerances
+from posture_opt.calibration.estimation.identifiability import identify
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from posture_opt.calibration.cross_validation import position_errors
-from posture_opt.calibration.error_statistics import Statistics
-from posture_opt.calibration.fit import Fit
-from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.estimation.error_statistics import Statistics
+from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.thinning import Thinning
 from posture_opt.numerics import Array
 

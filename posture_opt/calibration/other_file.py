@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.frames import frames_again
 from posture_opt.calibration.cross_validation import position_errors
-from posture_opt.calibration.error_statistics import Statistics
-from posture_opt.calibration.frames import frames_again
-from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.estimation.error_statistics import Statistics
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InputError, Issue, one_of
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Mask

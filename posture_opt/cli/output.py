@@ -50,7 +50,7 @@ def output(common: Common) -> Iterator[None]:
     if common.out is None:
         yield
         return
-    with writable_folder(common.out, OUT, import_module("posture_opt.report.save").ALWAYS):
+    with writable_folder(common.out, OUT, import_module("posture_opt.report.page.save").ALWAYS):
         yield
 
 

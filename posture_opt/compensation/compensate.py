@@ -20,8 +20,8 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.stretched import stretched
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
-from posture_opt.uncertainty.joint_digits import JointDigits, joint_digits
-from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
 from posture_opt.units import number
 
 _ROUNDS = 40  # of effects and chain in turn; effects of a thousandth of a joint's motion converge in five

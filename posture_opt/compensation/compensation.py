@@ -16,7 +16,7 @@ from posture_opt.compensation.targets import Targets
 from posture_opt.numerics import Array, Mask
 from posture_opt.result import Result
 from posture_opt.robot.robot import Joint
-from posture_opt.uncertainty.joint_digits import JointDigits
+from posture_opt.uncertainty.spread.joint_digits import JointDigits
 from posture_opt.units import fixed
 
 _DECIMALS = 5  # of a mm: off and left to 10 nm

@@ -12,8 +12,8 @@ from posture_opt.compensation.nearest_postures import Poses, pose_misses
 from posture_opt.compensation.targets import Targets
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
-from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.sources.sources import Sources
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from posture_opt.model.stretched import stretched
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.task_target import Reach
+from posture_opt.selection.program.task_target import Reach
 
 REACHED = 1e-7
 """m and rad: what a posture leaves of a pose that it reaches; steps that converge leave 1e-12."""

@@ -9,9 +9,9 @@ from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.joint_ranges import drawn_between
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.inverse_kinematics import InverseKinematics
-from posture_opt.selection.pose_request import PoseRequest
-from posture_opt.selection.task_target import spin_axis
+from posture_opt.selection.program.pose_request import PoseRequest
+from posture_opt.selection.program.task_target import spin_axis
+from posture_opt.selection.search.inverse_kinematics import InverseKinematics
 
 _AXIS = (0.0, 0.0, 1.0)
 _STARTS = 200  # random postures that are led to a target which the posture before it does not lead to

@@ -11,31 +11,31 @@ import numpy as np
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, held_out
-from posture_opt.calibration.error_statistics import By, Statistics, folds_of, groups_of
-from posture_opt.calibration.fit import Fit, fit_with_effects
-from posture_opt.calibration.fitted_arm import FitRequest, FittableProblem
+from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
+from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
+from posture_opt.calibration.estimation.fitted_arm import FitRequest, FittableProblem
+from posture_opt.calibration.estimation.progress import Stages
 from posture_opt.calibration.large_file import LargeFile
-from posture_opt.calibration.progress import Stages
-from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.causes import (
+from posture_opt.diagnosis.causes.causes import (
     Finding,
     contradiction_findings,
     effect_findings,
     geometry_finding,
     noise_finding,
 )
-from posture_opt.diagnosis.delivery import Delivery, deliver
+from posture_opt.diagnosis.causes.delivery import Delivery, deliver
+from posture_opt.diagnosis.causes.geometry_causes import geometry_causes
+from posture_opt.diagnosis.causes.sessions import SecondSession, second_session
 from posture_opt.diagnosis.diagnosis import Diagnosis, Outcome
-from posture_opt.diagnosis.geometry_causes import geometry_causes
-from posture_opt.diagnosis.lack_of_fit import Adequacy, assess_adequacy
-from posture_opt.diagnosis.linearised_data import LinearisedData, frame_directions, linearise, tool_points
-from posture_opt.diagnosis.nested_selection import Folding
-from posture_opt.diagnosis.noise_causes import noise_causes, noise_shape
-from posture_opt.diagnosis.outlier_reinclusion import reinclude_outliers
-from posture_opt.diagnosis.search import SearchResult, remaining_unnamed, search
-from posture_opt.diagnosis.sessions import SecondSession, second_session
-from posture_opt.diagnosis.uneven_noise import NoiseCause, UnevenErrors
-from posture_opt.diagnosis.unnamed_components import UnnamedComponent
+from posture_opt.diagnosis.noise.noise_causes import noise_causes, noise_shape
+from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, UnevenErrors
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.lack_of_fit import Adequacy, assess_adequacy
+from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
+from posture_opt.diagnosis.search.linearised_data import LinearisedData, frame_directions, linearise, tool_points
+from posture_opt.diagnosis.search.nested_selection import Folding
+from posture_opt.diagnosis.search.outlier_reinclusion import reinclude_outliers
+from posture_opt.diagnosis.search.search import SearchResult, remaining_unnamed, search
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups

@@ -12,27 +12,27 @@ import numpy as np
 from posture_opt.calibration.calibrate import stated_errors
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut
-from posture_opt.calibration.error_statistics import By, Statistics
-from posture_opt.calibration.fit import Fit
-from posture_opt.calibration.fitted_arm import FitRequest, FittableProblem, FittedArm
+from posture_opt.calibration.estimation.error_statistics import By, Statistics
+from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.calibration.estimation.fitted_arm import FitRequest, FittableProblem, FittedArm
 from posture_opt.calibration.large_file import LargeFile
-from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.causes import (
+from posture_opt.diagnosis.causes.causes import (
     Finding,
     tool_shifts,
     unknowable,
 )
-from posture_opt.diagnosis.delivery import Delivery
-from posture_opt.diagnosis.discrimination_plan import DiscriminationPlan, plan_discrimination
-from posture_opt.diagnosis.extended_arm import extended_arm
-from posture_opt.diagnosis.lack_of_fit import Adequacy
-from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
-from posture_opt.diagnosis.repeat_plan import RepeatPlan, plan_repeats
-from posture_opt.diagnosis.search import SearchResult
-from posture_opt.diagnosis.sessions import Gain, SecondSession
-from posture_opt.diagnosis.uneven_noise import UnevenErrors
-from posture_opt.diagnosis.unnamed_components import UnnamedComponent
+from posture_opt.diagnosis.causes.delivery import Delivery
+from posture_opt.diagnosis.causes.extended_arm import extended_arm
+from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
+from posture_opt.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, plan_discrimination
+from posture_opt.diagnosis.noise.repeat_plan import RepeatPlan, plan_repeats
+from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.lack_of_fit import Adequacy
+from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
+from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise
+from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
 from posture_opt.numerics import Codes
 from posture_opt.result import Result

@@ -10,10 +10,10 @@ import numpy as np
 
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.measurements.measurements import Measurements, arm_for, rows_of
-from posture_opt.selection.has_task import HasTask
-from posture_opt.selection.task_target import Reach, TaskTarget
-from posture_opt.uncertainty.coverage_radius import central_radii
-from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.selection.program.task_target import Reach, TaskTarget
+from posture_opt.selection.search.has_task import HasTask
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.regions.coverage_radius import central_radii
 
 Floats = np.ndarray
 Postures = Sequence[np.ndarray]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue, NoSolutionError

@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from posture_opt.calibration.fit import Prior
-from posture_opt.calibration.fit_setup import full_prior, tolerances
-from posture_opt.calibration.identifiability import Identifiability, identify, observability
-from posture_opt.calibration.parameters import CalibrationProblem, Parameter, prior_covariance
+from posture_opt.calibration.estimation.fit import Prior
+from posture_opt.calibration.estimation.fit_setup import full_prior, tolerances
+from posture_opt.calibration.estimation.identifiability import Identifiability, identify, observability
+from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter, prior_covariance
 from posture_opt.experiments.exchange import Criterion, Determinant, Variance, normalisation, variances
 from posture_opt.experiments.information import GivenInformation
 from posture_opt.numerics import Array, Mask

@@ -6,19 +6,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posture_opt.calibration.fit import estimate
-from posture_opt.calibration.fit_setup import determine
-from posture_opt.calibration.frames import SIGMA, compare, fit_frames, held_length, unknowns
-from posture_opt.calibration.instrument import planned_sigma, position_sigma, readings, rotation_sigma, usable
-from posture_opt.calibration.least_squares import triangular
-from posture_opt.calibration.parameters import CalibrationProblem, Parameter
-from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.assumptions.frames import SIGMA, compare, fit_frames, held_length, unknowns
+from posture_opt.calibration.assumptions.instrument import (
+    planned_sigma,
+    position_sigma,
+    readings,
+    rotation_sigma,
+    usable,
+)
+from posture_opt.calibration.estimation.fit import estimate
+from posture_opt.calibration.estimation.fit_setup import determine
+from posture_opt.calibration.estimation.least_squares import triangular
+from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements, nominal_poses, reach_of, still_axes
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
-from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.sources.sources import Sources
 
 _TRUSTED = 20  # degrees of freedom from which on the residual variance, not the instrument's, is believed
 

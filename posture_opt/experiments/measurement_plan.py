@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from posture_opt.calibration.parameters import CalibrationProblem, Parameter
+from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter
 from posture_opt.experiments.candidate_postures import Workspace
 from posture_opt.experiments.expected_errors import ExpectedErrors
 from posture_opt.experiments.plan_search import Tour

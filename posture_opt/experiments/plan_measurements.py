@@ -7,7 +7,7 @@ from typing import Protocol, get_args
 
 import numpy as np
 
-from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.collision.cell import CellSpec
 from posture_opt.errors import InputError, InsufficientDataError, Issue, NoSolutionError
 from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Workspace
@@ -25,7 +25,7 @@ from posture_opt.experiments.plan_search import PlanSearch, tour
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.has_task import HasTask
+from posture_opt.selection.search.has_task import HasTask
 from posture_opt.selection.select_posture import planned_posture
 from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.link_height import LinkHeight

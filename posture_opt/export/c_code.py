@@ -8,7 +8,7 @@ from posture_opt.export.c_check import CheckedFunction, check_text
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
 from posture_opt.export.objective_note import objective_or_note
 from posture_opt.model.c_source import c_source
-from posture_opt.uncertainty.spread_function import spread_expressions
+from posture_opt.uncertainty.spread.spread_function import spread_expressions
 
 
 class CCode(ExportFormat):

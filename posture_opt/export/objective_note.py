@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from posture_opt.selection.task_objective import task_objective
+from posture_opt.selection.answer.task_objective import task_objective
 
 _NO_TASK = "the problem has no task: there is no objective to export"
 _SEVERAL = "the task has several targets, so no single objective is exported: write one for one of them with --position"

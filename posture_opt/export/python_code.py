@@ -9,7 +9,7 @@ from posture_opt import __version__
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
 from posture_opt.export.objective_note import objective_or_note
 from posture_opt.model.python_source import python_source
-from posture_opt.uncertainty.spread_function import spread_expressions
+from posture_opt.uncertainty.spread.spread_function import spread_expressions
 
 _HEAD = '''"""{title}
 

@@ -14,11 +14,11 @@ from posture_opt import __version__
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.features_solution import FeaturesSolution
+from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.select_posture import Answer, select_posture
-from posture_opt.selection.solution import Solution
-from posture_opt.uncertainty.joint_digits import JointDigits, joint_digits
+from posture_opt.selection.stations.features_solution import FeaturesSolution
+from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
 
 CONVENTION = (
     "Joint values are those of the joints of the model: its zeros and senses.",

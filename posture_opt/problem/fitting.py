@@ -7,15 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from posture_opt.calibration.fitted_arm import NEGLIGIBLE, FittedArm
+from posture_opt.calibration.estimation.fitted_arm import NEGLIGIBLE, FittedArm
 from posture_opt.errors import InputError
 from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
 from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.yaml_source import dump_yaml
 from posture_opt.robot.corrections import deviated, name_issues
 from posture_opt.robot.robot import Factor, Robot
-from posture_opt.uncertainty.covariance_file import covariance_text
-from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.sources.covariance_file import covariance_text
+from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.units import DIMENSIONS
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")

@@ -25,9 +25,9 @@ from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.corrections import corrected
 from posture_opt.robot.robot import Repeatability, Robot
 from posture_opt.robot.urdf import pitched_rolls
-from posture_opt.uncertainty.repeatability import joint_sigmas
-from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.uncertainty_section import UncertaintySpec
+from posture_opt.uncertainty.sources.repeatability import joint_sigmas
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
 
 T = TypeVar("T")
 FAR = 20.0

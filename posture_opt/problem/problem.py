@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from posture_opt.calibration.fitted_arm import FittedArm
+from posture_opt.calibration.estimation.fitted_arm import FittedArm
 from posture_opt.collision.cell import CellSpec
 from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue, KeyPath
@@ -39,8 +39,8 @@ from posture_opt.robot.robot import Robot
 from posture_opt.robot.urdf_reader import MAX_BYTES
 from posture_opt.selection.solvers import Solver
 from posture_opt.selection.tasks import Task
-from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.uncertainty_section import MeasurementSpec, UncertaintySpec
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources.uncertainty_section import MeasurementSpec, UncertaintySpec
 
 _OF_ROBOT = ("name", "robot", "uncertainty", "effects", "data")
 """Sections that speak of the robot and its measurements, wherever it stands and whatever it does."""

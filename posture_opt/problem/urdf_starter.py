@@ -18,7 +18,7 @@ from posture_opt.problem.starter import StarterTarget, filled_starter, sensible_
 from posture_opt.problem.yaml_source import dump_scalar, parse_yaml
 from posture_opt.robot.robot import Joint, Robot
 from posture_opt.robot.urdf import UrdfRobot
-from posture_opt.selection.selector import PostureSelector
+from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.units import joint_text
 
 _DRAWN = 20_000  # postures, among which one that holds the tool along the direction is looked for

@@ -13,7 +13,7 @@ from posture_opt.errors import InputError, Issue, NoSolutionError, PostureOptErr
 from posture_opt.numerics import Progress, finite_or_none
 from posture_opt.output import finite
 from posture_opt.result import Result
-from posture_opt.selection.has_task import HasTask
+from posture_opt.selection.search.has_task import HasTask
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.workers import Executor, opened
 

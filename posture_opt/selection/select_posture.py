@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Progress
-from posture_opt.selection.has_task import HasTask
-from posture_opt.selection.selector import PostureSelector, task_of
-from posture_opt.selection.solution import Solution
+from posture_opt.selection.answer.selector import PostureSelector, task_of
+from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.search.has_task import HasTask
 
 if TYPE_CHECKING:
-    from posture_opt.selection.features_solution import FeaturesSolution
     from posture_opt.selection.paths.path_solution import PathSolution
+    from posture_opt.selection.stations.features_solution import FeaturesSolution
 
 Answer: TypeAlias = "Solution | FeaturesSolution | PathSolution"
-_FEATURES, _PATHS = "posture_opt.selection.features_selection", "posture_opt.selection.paths.path_selector"
+_FEATURES, _PATHS = "posture_opt.selection.stations.features_selection", "posture_opt.selection.paths.path_selector"
 """Imported where a task needs them: one target is answered without."""
 
 

@@ -9,20 +9,20 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
-from posture_opt.calibration.parameters import CalibrationProblem
-from posture_opt.calibration.starting_values import kabsch
+from posture_opt.calibration.estimation.parameters import CalibrationProblem
+from posture_opt.calibration.estimation.starting_values import kabsch
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress, finite_or_none
 from posture_opt.result import Result
-from posture_opt.selection.grid_layout import Plane
-from posture_opt.selection.has_task import HasTask
-from posture_opt.selection.map_points import Grid, MapPoint
-from posture_opt.selection.target_map import TargetMap, map_targets
-from posture_opt.uncertainty.coverage_radius import central_radii
-from posture_opt.uncertainty.regions import coverage_factor
-from posture_opt.uncertainty.spread import ellipse_basis
-from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.selection.maps.grid_layout import Plane
+from posture_opt.selection.maps.map_points import Grid, MapPoint
+from posture_opt.selection.maps.target_map import TargetMap, map_targets
+from posture_opt.selection.search.has_task import HasTask
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.regions.coverage_radius import central_radii
+from posture_opt.uncertainty.regions.regions import coverage_factor
+from posture_opt.uncertainty.spread.spread import ellipse_basis
 from posture_opt.validation.measured_errors import MeasuredErrors, measured_errors
 from posture_opt.workers import Executor
 

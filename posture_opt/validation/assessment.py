@@ -7,16 +7,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.instrument import position_sigma
-from posture_opt.calibration.parameters import CalibrationProblem
-from posture_opt.calibration.residuals import Residuals, matrices, rotation_vectors
+from posture_opt.calibration.estimation.parameters import CalibrationProblem
+from posture_opt.calibration.estimation.residuals import Residuals, matrices, rotation_vectors
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes
 from posture_opt.result import Result
-from posture_opt.uncertainty.regions import Ellipsoid, hotelling_factor
+from posture_opt.uncertainty.regions.regions import Ellipsoid, hotelling_factor
 from posture_opt.validation.model_errors import ModelErrors, model_errors, told
 from posture_opt.validation.repeat_scatter import slides
 from posture_opt.validation.repeatability_tests import Goals, Repeats, goals_of, repeats_of

@@ -9,12 +9,17 @@ from typing import Any
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.fitted_arm import FittableProblem, FittedArm, persistent_sources, places_in_robot
-from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.calibration.estimation.fitted_arm import (
+    FittableProblem,
+    FittedArm,
+    persistent_sources,
+    places_in_robot,
+)
+from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.has_task import HasTask
-from posture_opt.selection.plan_comparison import Comparison, compare_plans
+from posture_opt.selection.comparison.plan_comparison import Comparison, compare_plans
+from posture_opt.selection.search.has_task import HasTask
 from posture_opt.validation.prediction import JointScatter
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
 

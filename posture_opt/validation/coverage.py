@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.uncertainty.regions import coverage_factor
+from posture_opt.uncertainty.regions.regions import coverage_factor
 from posture_opt.validation.prediction import Prediction
 
 Verdict = Literal["right", "understated", "overstated"]

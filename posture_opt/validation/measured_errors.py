@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.frames import compare, fit_frames
+from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.cross_validation import position_errors
-from posture_opt.calibration.frames import compare, fit_frames
-from posture_opt.calibration.instrument import position_sigma
-from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Codes, Mask, finite_or_none
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.target_map import TargetMap
-from posture_opt.uncertainty.coverage_radius import central_radii
-from posture_opt.uncertainty.regions import coverage_factor
-from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.selection.maps.target_map import TargetMap
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.regions.coverage_radius import central_radii
+from posture_opt.uncertainty.regions.regions import coverage_factor
 from posture_opt.validation.coverage import distances
 
 _ELSEWHERE = 20  # times the predicted distance: no spread is that much understated

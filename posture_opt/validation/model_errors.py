@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.measurements.measurements import Measurements, group_means
 from posture_opt.numerics import Array, Codes
-from posture_opt.uncertainty.regions import RANK_TOLERANCE
+from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE
 
 SIZE = 0.05  # of the tests: so often a mean that is zero is called not zero
 _FEWEST = 8  # groups of rows in a block: with fewer in space, Hotelling's test sees next to nothing

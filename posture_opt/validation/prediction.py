@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from posture_opt.calibration.parameters import CalibrationProblem
-from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.estimation.parameters import CalibrationProblem
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.robot.robot import Robot
-from posture_opt.uncertainty.repeatability import joint_sigmas
-from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.sources.repeatability import joint_sigmas
+from posture_opt.uncertainty.sources.sources import Sources
 
 _ROUNDING = 1e-6  # of a variance
 _LEAST = 1e-8  # m: no instrument is better, and a region without thickness holds nothing

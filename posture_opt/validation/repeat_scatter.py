@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.measurements import outlying_groups, rows_of
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes, Mask

@@ -11,7 +11,8 @@ import numpy as np
 
 from posture_opt.measurements.measurements import Measurements, outlying_groups, rows_of
 from posture_opt.numerics import Array, Codes
-from posture_opt.uncertainty.iso9283 import (
+from posture_opt.uncertainty.regions.regions import standard_deviation_interval
+from posture_opt.uncertainty.sources.iso9283 import (
     OrientationPerformance,
     PositionPerformance,
     orientation_performance,
@@ -19,7 +20,6 @@ from posture_opt.uncertainty.iso9283 import (
     position_performance,
     repeatability_from_covariance,
 )
-from posture_opt.uncertainty.regions import standard_deviation_interval
 
 CYCLES = 30  # of the standard
 _POSTURES = 20  # of one goal, 190 pairs

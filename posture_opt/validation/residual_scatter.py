@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.instrument import position_sigma
-from posture_opt.calibration.parameters import CalibrationProblem
-from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.estimation.parameters import CalibrationProblem
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array, Codes
 from posture_opt.validation.joint_variances import JointVariances

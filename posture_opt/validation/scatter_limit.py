@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.instrument import position_sigma
-from posture_opt.calibration.parameters import CalibrationProblem
+from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.measurements.repeated_readings import ENOUGH
 from posture_opt.measurements.repeats import Contrasts
 from posture_opt.numerics import Array
-from posture_opt.uncertainty.repeatability import joint_sigmas
+from posture_opt.uncertainty.sources.repeatability import joint_sigmas
 from posture_opt.validation.likeliest_variances import likeliest_variances
 from posture_opt.validation.prediction import joint_columns, joint_errors
 from posture_opt.validation.repeat_scatter import slides

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.errors import InsufficientDataError
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.validation.joint_variances import JointVariances, fit_joint_variances

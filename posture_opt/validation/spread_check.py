@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.error_statistics import folds_of, groups_of
-from posture_opt.calibration.parameters import CalibrationProblem
-from posture_opt.calibration.residuals import Residuals
+from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
+from posture_opt.calibration.estimation.parameters import CalibrationProblem
+from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.numerics import Array, Mask
-from posture_opt.uncertainty.regions import NORMAL95
+from posture_opt.uncertainty.regions.regions import NORMAL95
 from posture_opt.validation.scatter_model import Scatter
 
 _STEPS = 200  # of Fisher scoring; five to twenty settle it

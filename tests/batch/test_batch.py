@@ -21,8 +21,8 @@ from posture_opt.measurements.reading import read_measurements
 from posture_opt.model.effects import JointNoise
 from posture_opt.problem.fitted_problem import batch_uncertainty, batch_yaml
 from posture_opt.problem.load import load_builtin, problems_folder
-from posture_opt.report.batch_diagnosis_report import batch_diagnosis_report
-from posture_opt.report.text import render
+from posture_opt.report.results.batch_diagnosis_report import batch_diagnosis_report
+from posture_opt.report.text.text import render
 from tests.helpers import batch_planar_2r as shop
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.calibration.assumptions.frames import compare, fit_frames
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.error_statistics import groups_of
-from posture_opt.calibration.frames import compare, fit_frames
-from posture_opt.calibration.least_squares import least_squares, outlying
+from posture_opt.calibration.estimation.error_statistics import groups_of
+from posture_opt.calibration.estimation.least_squares import least_squares, outlying
 from posture_opt.errors import InputError, InsufficientDataError
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.reading import read_measurements

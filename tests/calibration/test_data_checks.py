@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import posture_opt as po
+from posture_opt.calibration.assumptions.frames import compare
 from posture_opt.calibration.calibrate import calibrate
 from posture_opt.calibration.data_checks import check_kept
-from posture_opt.calibration.frames import compare
 from posture_opt.errors import InputError, InsufficientDataError
 from tests.helpers.free_arms import BASE, SIX, TOOL, hidden_errors, problem_of, rows, simulated_points
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration import residuals as of_rows
-from posture_opt.calibration.error_statistics import Statistics, resampled_groups
+from posture_opt.calibration.estimation import residuals as of_rows
+from posture_opt.calibration.estimation.error_statistics import Statistics, resampled_groups
 from tests.helpers.free_arms import BASE, SIX, TOOL, hidden_errors, problem_of, rows, simulated_points
 
 COUNT, USED = 900, 150

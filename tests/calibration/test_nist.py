@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posture_opt.calibration.least_squares import Minimum, least_squares
+from posture_opt.calibration.estimation.least_squares import Minimum, least_squares
 
 Values = Any  # np.ndarray of the precision asked for
 Model = Callable[[Values, Values], Values]

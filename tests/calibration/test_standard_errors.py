@@ -10,10 +10,10 @@ import pinocchio as pin
 import pytest
 
 import posture_opt as po
+from posture_opt.calibration.assumptions.frames import compare, fit_frames
 from posture_opt.calibration.calibrate import calibrate
-from posture_opt.calibration.fit import clustered, estimate
-from posture_opt.calibration.fit_setup import determine
-from posture_opt.calibration.frames import compare, fit_frames
+from posture_opt.calibration.estimation.fit import clustered, estimate
+from posture_opt.calibration.estimation.fit_setup import determine
 from tests.helpers.free_arms import BASE, TOOL, TWO, problem_of, rows, simulated_points
 from tests.helpers.pin import robots_folder
 from tests.helpers.simulated_arm import SimulatedArm

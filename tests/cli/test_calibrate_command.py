@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from posture_opt.report.screen import SCREEN
+from posture_opt.report.text.screen import SCREEN
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write

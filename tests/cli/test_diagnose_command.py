@@ -12,11 +12,11 @@ import pytest
 from click.testing import Result
 
 import posture_opt as po
-from posture_opt.calibration.fit import fit_with_effects
-from posture_opt.calibration.progress import Stages
-from posture_opt.diagnosis.causes import missing_inputs
-from posture_opt.diagnosis.linearised_data import linearise
-from posture_opt.diagnosis.sessions import Gain
+from posture_opt.calibration.estimation.fit import fit_with_effects
+from posture_opt.calibration.estimation.progress import Stages
+from posture_opt.diagnosis.causes.causes import missing_inputs
+from posture_opt.diagnosis.causes.sessions import Gain
+from posture_opt.diagnosis.search.linearised_data import linearise
 from posture_opt.model.effects import Effect, FittedSizes
 from posture_opt.model.effects.backlash import Backlash
 from posture_opt.model.effects.cause import amplitude
@@ -26,7 +26,7 @@ from posture_opt.model.effects.hysteresis import Hysteresis
 from posture_opt.model.effects.joint_compliance import JointCompliance
 from posture_opt.model.effects.quantisation import Quantisation
 from posture_opt.model.effects.slip import Slip
-from posture_opt.report.words import p_words
+from posture_opt.report.text.words import p_words
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write

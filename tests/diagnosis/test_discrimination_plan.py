@@ -12,9 +12,13 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.discrimination_design import DiscriminationDesign, OrderedPair, detection_probability
-from posture_opt.diagnosis.levels import DISCRIMINATED
-from posture_opt.diagnosis.model_discrimination import ModelDiscrimination, RivalExplanation
+from posture_opt.diagnosis.discrimination.discrimination_design import (
+    DiscriminationDesign,
+    OrderedPair,
+    detection_probability,
+)
+from posture_opt.diagnosis.discrimination.model_discrimination import ModelDiscrimination, RivalExplanation
+from posture_opt.diagnosis.scores.levels import DISCRIMINATED
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.fit import Fit
-from posture_opt.diagnosis.linearised_data import linearise
+from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.diagnosis.search.linearised_data import linearise
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
 
 LENGTHS = (0.5, 0.4)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from posture_opt.diagnosis.score_tests import ProjectedColumns
-from posture_opt.diagnosis.subset_selection import Pool
+from posture_opt.diagnosis.scores.score_tests import ProjectedColumns
+from posture_opt.diagnosis.scores.subset_selection import Pool
 
 
 def test_nothing_is_added_from_an_empty_pool() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.noise_candidates import score_stated_sigma
+from posture_opt.diagnosis.noise.noise_candidates import score_stated_sigma
 from posture_opt.problem.measured_robot import problem_of_measured_robot
 
 REPEATS, FREE, DRAWS = 30, 150, 4000

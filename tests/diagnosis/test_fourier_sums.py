@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from posture_opt.diagnosis.fourier_sums import FourierSums, squares
+from posture_opt.diagnosis.scores.fourier_sums import FourierSums, squares
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,10 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.cross_validation import held_out
-from posture_opt.calibration.error_statistics import folds_of
-from posture_opt.calibration.fit import fit_with_effects
-from posture_opt.calibration.linear_model import LinearModel
-from posture_opt.diagnosis.linearised_data import linearise
+from posture_opt.calibration.estimation.error_statistics import folds_of
+from posture_opt.calibration.estimation.fit import fit_with_effects
+from posture_opt.calibration.estimation.linear_model import LinearModel
+from posture_opt.diagnosis.search.linearised_data import linearise
 from tests.helpers.planar_2r import position
 
 ROWS, DRAWS, NOISE = 12, 150, 2e-5  # m

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import posture_opt as po
-from posture_opt.diagnosis.linearised_data import linearise
+from posture_opt.diagnosis.search.linearised_data import linearise
 from tests.helpers.real_arms import DATA, needs_real_arms
 
 

@@ -9,13 +9,13 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.cross_validation import held_out
-from posture_opt.calibration.fit import Fit, fit_with_effects
-from posture_opt.calibration.linear_model import LinearModel
-from posture_opt.diagnosis.candidates import Candidate, list_candidates
-from posture_opt.diagnosis.levels import SURVIVING_SHARE
-from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
-from posture_opt.diagnosis.score_tests import explained
-from posture_opt.diagnosis.selection_criterion import rank_members
+from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
+from posture_opt.calibration.estimation.linear_model import LinearModel
+from posture_opt.diagnosis.scores.candidates import Candidate, list_candidates
+from posture_opt.diagnosis.scores.levels import SURVIVING_SHARE
+from posture_opt.diagnosis.scores.score_tests import explained
+from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise
+from posture_opt.diagnosis.search.selection_criterion import rank_members
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 

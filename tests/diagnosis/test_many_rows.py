@@ -8,9 +8,9 @@ import sys
 import numpy as np
 import pytest
 
-from posture_opt.diagnosis import score_tests
-from posture_opt.diagnosis.column_blocks import ColumnBlocks, ColumnStore
-from posture_opt.diagnosis.score_tests import ProjectedBaseline, ProjectedColumns
+from posture_opt.diagnosis.scores import score_tests
+from posture_opt.diagnosis.scores.column_blocks import ColumnBlocks, ColumnStore
+from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, ProjectedColumns
 
 ROWS, WIDTHS = 300, (1, 3, 2, 1)
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.candidates import list_candidates
-from posture_opt.diagnosis.dictionary import Dictionary
-from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
-from posture_opt.diagnosis.matching_pursuit import nested_subsets, pursue
-from posture_opt.diagnosis.nested_selection import Folding, NestedSelection, clearly_less
-from posture_opt.diagnosis.search import search
+from posture_opt.diagnosis.scores.candidates import list_candidates
+from posture_opt.diagnosis.search.dictionary import Dictionary
+from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise
+from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue
+from posture_opt.diagnosis.search.nested_selection import Folding, NestedSelection, clearly_less
+from posture_opt.diagnosis.search.search import search
 from posture_opt.model.effects.cyclic_error import CyclicError
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write

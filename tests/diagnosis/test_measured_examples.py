@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.linearised_data import linearise
-from posture_opt.diagnosis.search import search
+from posture_opt.diagnosis.search.linearised_data import linearise
+from posture_opt.diagnosis.search.search import search
 from posture_opt.problem.load import load_builtin, problems_folder
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
 from tests.helpers import measured_planar_2r as shop

@@ -10,11 +10,11 @@ from scipy.optimize import least_squares
 
 import posture_opt as po
 from posture_opt.calibration.cross_validation import held_out
-from posture_opt.calibration.error_statistics import folds_of, groups_of
-from posture_opt.calibration.fit import Fit, fit_with_effects
-from posture_opt.diagnosis.causes import _estimate
-from posture_opt.diagnosis.delivery import Delivery, deliver
-from posture_opt.diagnosis.linearised_data import linearise
+from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
+from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
+from posture_opt.diagnosis.causes.causes import _estimate
+from posture_opt.diagnosis.causes.delivery import Delivery, deliver
+from posture_opt.diagnosis.search.linearised_data import linearise
 from posture_opt.model.effects import Effect
 from posture_opt.model.effects.drift import Drift
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity

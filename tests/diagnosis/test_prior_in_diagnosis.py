@@ -10,9 +10,9 @@ import numpy as np
 import posture_opt as po
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import held_out
-from posture_opt.calibration.error_statistics import folds_of, groups_of
-from posture_opt.calibration.fit import Fit
-from posture_opt.diagnosis.linearised_data import linearise
+from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
+from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.diagnosis.search.linearised_data import linearise
 from posture_opt.model.effects.gear_eccentricity import GearEccentricity
 
 LENGTHS = (0.5, 0.4)

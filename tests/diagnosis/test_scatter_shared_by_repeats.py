@@ -8,13 +8,14 @@ import yaml
 
 import posture_opt as po
 from posture_opt.calibration.calibrate import calibrate
-from posture_opt.calibration.fit import fit_with_effects
-from posture_opt.diagnosis import levels, noise_causes
-from posture_opt.diagnosis.lack_of_fit import assess_adequacy
-from posture_opt.diagnosis.linearised_data import linearise
-from posture_opt.diagnosis.noise_candidates import score_stated_sigma, score_uneven_noise
-from posture_opt.diagnosis.score_tests import ProjectedBaseline
-from posture_opt.diagnosis.uneven_noise import NoiseSample, find_uneven_noise
+from posture_opt.calibration.estimation.fit import fit_with_effects
+from posture_opt.diagnosis.noise import noise_causes
+from posture_opt.diagnosis.noise.noise_candidates import score_stated_sigma, score_uneven_noise
+from posture_opt.diagnosis.noise.uneven_noise import NoiseSample, find_uneven_noise
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.lack_of_fit import assess_adequacy
+from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
+from posture_opt.diagnosis.search.linearised_data import linearise
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
 from posture_opt.model.effects import Rows
 from posture_opt.validation.scatter_model import whitened

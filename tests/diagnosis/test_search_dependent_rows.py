@@ -9,8 +9,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.diagnosis.linearised_data import linearise
-from posture_opt.diagnosis.search import search
+from posture_opt.diagnosis.search.linearised_data import linearise
+from posture_opt.diagnosis.search.search import search
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write
 from tests.helpers.real_arms import DATA, needs_real_arms

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 import posture_opt as po
-from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.linearised_data import linearise
-from posture_opt.diagnosis.score_tests import explained
-from posture_opt.diagnosis.shape_refinement import refine_shape
+from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.score_tests import explained
+from posture_opt.diagnosis.search.linearised_data import linearise
+from posture_opt.diagnosis.search.shape_refinement import refine_shape
 from posture_opt.model.effects.slip import Slip
 from tests.helpers.planar_2r import position
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.causes import determined
+from posture_opt.diagnosis.causes.causes import determined
 from posture_opt.diagnosis.diagnose import _determined_first
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write

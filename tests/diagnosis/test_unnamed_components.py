@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.linearised_data import LinearisedData, linearise
-from posture_opt.diagnosis.search import SearchResult, remaining_unnamed, search
-from posture_opt.diagnosis.unnamed_components import UnnamedComponent
+from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent
+from posture_opt.diagnosis.search.linearised_data import LinearisedData, linearise
+from posture_opt.diagnosis.search.search import SearchResult, remaining_unnamed, search
 from posture_opt.model.effects.cyclic_error import CyclicError
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PROBLEM, write

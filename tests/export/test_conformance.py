@@ -16,7 +16,7 @@ from posture_opt.errors import InputError
 from posture_opt.export import EXPORTS
 from posture_opt.export.export_files import export_kinds, kind_of_export, program_files
 from posture_opt.export.robot_program import answer_program
-from posture_opt.uncertainty.joint_digits import scatter
+from posture_opt.uncertainty.spread.joint_digits import scatter
 from tests.export.programs import READERS
 from tests.helpers.command_line import invoke
 from tests.helpers.folders import names as names_in

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from posture_opt.robot.preset import load_preset
-from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.stated import stated
 
 

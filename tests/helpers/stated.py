@@ -7,7 +7,7 @@ from typing import Any
 
 from posture_opt.model.arm import Arm
 from posture_opt.robot.robot import Robot
-from posture_opt.uncertainty.sources import Sources
+from posture_opt.uncertainty.sources.sources import Sources
 
 
 def stated(robot: Robot, sources: Sources) -> Any:

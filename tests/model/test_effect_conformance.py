@@ -19,15 +19,15 @@ import pytest
 import yaml
 
 import posture_opt as po
-from posture_opt.diagnosis.causes import Finding
+from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm import Arm
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.effects import CATALOGUE, EFFECTS, NOISES, CatalogueEntry, Effect, FittedSizes
 from posture_opt.problem.schema import json_schema
-from posture_opt.report.diagnosis_sizes import fitted_effects
 from posture_opt.report.figures.diagnosis_curves import plot_curves
+from posture_opt.report.parts.diagnosis_sizes import fitted_effects
 from tests.helpers.effect_cases import SHAPES, excitation, instances, one_row, read, sized, with_effects
 from tests.hidden.draw import draw
 from tests.hidden.families import FAMILIES

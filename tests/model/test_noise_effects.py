@@ -12,10 +12,10 @@ import yaml
 from scipy.stats import multivariate_normal
 
 import posture_opt as po
-from posture_opt.calibration.frames import compare
-from posture_opt.calibration.instrument import readings
-from posture_opt.diagnosis import levels
-from posture_opt.diagnosis.noise_candidates import score_uneven_noise
+from posture_opt.calibration.assumptions.frames import compare
+from posture_opt.calibration.assumptions.instrument import readings
+from posture_opt.diagnosis.noise.noise_candidates import score_uneven_noise
+from posture_opt.diagnosis.scores import levels
 from posture_opt.errors import InputError
 from posture_opt.model import effects
 from posture_opt.model.effects import CATALOGUE, NOISES, Evidence, NoiseEffect, Rows

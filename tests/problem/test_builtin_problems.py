@@ -13,7 +13,7 @@ import pytest
 from posture_opt.model.arm import Arm
 from posture_opt.problem.load import builtin_problem, load_problem, problems_folder
 from posture_opt.problem.parts import parse_spec
-from posture_opt.selection.selector import PostureSelector
+from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.tasks import TASKS
 from tests.helpers import factors
 from tests.helpers.pin import PinArm

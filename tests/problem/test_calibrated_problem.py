@@ -20,8 +20,8 @@ from posture_opt.problem.fitting import quantity
 from posture_opt.problem.problem import Problem
 from posture_opt.report.figures.comparison import plot_landing
 from posture_opt.robot.robot import Factor
-from posture_opt.selection.plan_comparison import Comparison
-from posture_opt.selection.selector import PostureSelector
+from posture_opt.selection.answer.selector import PostureSelector
+from posture_opt.selection.comparison.plan_comparison import Comparison
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models, nominal_arm
 from posture_opt.validation.prediction import stated_scatter
 from posture_opt.validation.residual_scatter import residual_scatter

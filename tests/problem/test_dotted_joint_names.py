@@ -15,7 +15,7 @@ import posture_opt as po
 from posture_opt.errors import InputError
 from posture_opt.problem.load import problems_folder
 from posture_opt.robot import UrdfRobot
-from posture_opt.uncertainty.spread_function import covariance_c
+from posture_opt.uncertainty.spread.spread_function import covariance_c
 from tests.helpers.urdfs import urdf_text
 
 DOTTED = {"joint1": "arm.joint_1", "joint2": "base.j.2"}  # the second one begins like a parameter of the base

@@ -24,11 +24,11 @@ from posture_opt.errors import InputError
 from posture_opt.model.toolchain import find_compiler
 from posture_opt.problem.fitted_problem import calibrated_problem, extended_problem
 from posture_opt.problem.problem import Problem
-from posture_opt.selection.selector import PostureSelector
-from posture_opt.selection.solution import Solution
-from posture_opt.uncertainty.covariance_file import covariance_text
-from posture_opt.uncertainty.spread_function import SpreadFunction
-from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.selection.answer.selector import PostureSelector
+from posture_opt.selection.answer.solution import Solution
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.sources.covariance_file import covariance_text
+from posture_opt.uncertainty.spread.spread_function import SpreadFunction
 from tests.helpers.command_line import invoke
 from tests.hidden.arms import ARMS
 from tests.hidden.designs import Plan, Session, draw_session

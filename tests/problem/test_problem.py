@@ -15,7 +15,7 @@ from posture_opt.problem.load import builtin_names, builtin_problem, load_proble
 from posture_opt.problem.parts import parse_spec
 from posture_opt.problem.schema import json_schema
 from posture_opt.problem.yaml_source import Document, dump_yaml, parse_yaml
-from posture_opt.uncertainty.sources import Sources, covariance_issues
+from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
 
 DEG = math.pi / 180
 

@@ -12,15 +12,15 @@ import posture_opt as po
 from posture_opt.collision.facets import capsule_facets
 from posture_opt.numerics import Array
 from posture_opt.problem.load import load_builtin
-from posture_opt.report.figures import scene_image
-from posture_opt.report.figures.arm_geometry import ArmGeometry
-from posture_opt.report.figures.arm_in_plane import hull
-from posture_opt.report.figures.arm_in_space import draw_in_space, label_boxes
-from posture_opt.report.figures.camera import Camera, best_camera
-from posture_opt.report.figures.depth_image import DepthImage
-from posture_opt.report.figures.label_placement import overlap
-from posture_opt.report.figures.shading import corner_normals
-from posture_opt.report.style import WIDTH
+from posture_opt.report.page.style import WIDTH
+from posture_opt.report.scene import scene_image
+from posture_opt.report.scene.arm_geometry import ArmGeometry
+from posture_opt.report.scene.arm_in_plane import hull
+from posture_opt.report.scene.arm_in_space import draw_in_space, label_boxes
+from posture_opt.report.scene.camera import Camera, best_camera
+from posture_opt.report.scene.depth_image import DepthImage
+from posture_opt.report.scene.label_placement import overlap
+from posture_opt.report.scene.shading import corner_normals
 
 CELL = {"obstacles": [
     {"name": "table", "kind": "box", "size": ["1.6 m", "1.2 m", "40 mm"], "xyz": ["0.5 m", "0 m", "-20 mm"]},

@@ -13,8 +13,6 @@ from matplotlib.quiver import Quiver
 
 import posture_opt as po
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.report.assessment_report import assessment_blocks
-from posture_opt.report.blocks import Report
 from posture_opt.report.figures.residual_trends import Binned, plot_residuals_over_joints
 from posture_opt.report.figures.residuals import (
     Shown,
@@ -22,8 +20,10 @@ from posture_opt.report.figures.residuals import (
     exaggeration,
     plot_residual_vectors,
 )
-from posture_opt.report.save import OWN_FILES
-from posture_opt.report.text import render
+from posture_opt.report.page.save import OWN_FILES
+from posture_opt.report.results.assessment_report import assessment_blocks
+from posture_opt.report.text.blocks import Report
+from posture_opt.report.text.text import render
 from tests.helpers.command_line import invoke
 from tests.helpers.folders import names as names_in
 from tests.helpers.planar_2r import first_order, position

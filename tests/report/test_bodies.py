@@ -7,7 +7,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.collision.facets import capsule_facets
-from posture_opt.report.figures.arm_geometry import obstacles_near
+from posture_opt.report.scene.arm_geometry import obstacles_near
 from tests.helpers.capsules import from_segment
 
 CELL = {"obstacles": [

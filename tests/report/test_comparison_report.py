@@ -8,10 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.report.comparison_report import comparison_blocks, comparison_lead, comparison_table, distinct_columns
-from posture_opt.selection.plan_comparison import Comparison, Landing, PlannedPosture
-from posture_opt.selection.posture_distance import PostureDistance
-from posture_opt.uncertainty.spread_parts import SpreadParts
+from posture_opt.report.results.comparison_report import (
+    comparison_blocks,
+    comparison_lead,
+    comparison_table,
+    distinct_columns,
+)
+from posture_opt.selection.comparison.plan_comparison import Comparison, Landing, PlannedPosture
+from posture_opt.selection.comparison.posture_distance import PostureDistance
+from posture_opt.uncertainty.spread.spread_parts import SpreadParts
 
 
 def planned(degrees: float, sigma: float, error: float, odds: float | None = None) -> PlannedPosture:

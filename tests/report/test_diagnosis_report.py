@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.calibration.fit import Fit
-from posture_opt.report.blocks import Table
-from posture_opt.report.diagnosis_errors import _beside, errors_block
-from posture_opt.report.diagnosis_open import split_csv
-from posture_opt.report.diagnosis_report import diagnosis_report
-from posture_opt.report.diagnosis_sizes import NoiseFloor, noise_floor
-from posture_opt.report.text import render
+from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.report.parts.diagnosis_errors import _beside, errors_block
+from posture_opt.report.parts.diagnosis_open import split_csv
+from posture_opt.report.parts.diagnosis_sizes import NoiseFloor, noise_floor
+from posture_opt.report.results.diagnosis_report import diagnosis_report
+from posture_opt.report.text.blocks import Table
+from posture_opt.report.text.text import render
 from tests.helpers.planar_2r import position
 from tests.helpers.planar_files import PLANAR, write
 

@@ -11,7 +11,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
-from posture_opt.report.screen import SCREEN
+from posture_opt.report.text.screen import SCREEN
 from posture_opt.result import Result
 from tests.helpers.every_result import MADE
 

@@ -15,8 +15,8 @@ from matplotlib.text import Text
 
 import posture_opt as po
 from posture_opt.problem.load import load_builtin, problems_folder
-from posture_opt.report.figures import scene_image
-from posture_opt.report.style import FONT, WIDTH
+from posture_opt.report.page.style import FONT, WIDTH
+from posture_opt.report.scene import scene_image
 from posture_opt.result import Result
 
 _TELLS = 0.15  # of the way from black to white: what grey print tells apart

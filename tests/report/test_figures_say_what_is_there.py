@@ -10,12 +10,12 @@ from matplotlib.text import Text
 
 import posture_opt as po
 from posture_opt.problem.load import load_builtin, problems_folder
-from posture_opt.report.blocks import Table
-from posture_opt.report.budget_parts import budget_block
 from posture_opt.report.figures.accuracy_map import plot_spread_map
 from posture_opt.report.figures.spread_check import plot_reliability
-from posture_opt.report.style import image
-from posture_opt.uncertainty.budget_groups import ShareGroup
+from posture_opt.report.page.style import image
+from posture_opt.report.parts.budget_parts import budget_block
+from posture_opt.report.text.blocks import Table
+from posture_opt.uncertainty.spread.budget_groups import ShareGroup
 
 
 @pytest.fixture(scope="module")

@@ -16,10 +16,9 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.report import presenter
-from posture_opt.report.blocks import Block, Facts, Report, Table
-from posture_opt.report.interactive import library
-from posture_opt.report.page import Page
+from posture_opt.report.page import library, presenter
+from posture_opt.report.page.page import Page
+from posture_opt.report.text.blocks import Block, Facts, Report, Table
 from tests.helpers.browser import Browser, browser
 
 EVIL = "</script><img src=x onerror=alert(1)> \" ' {{ 7*7 }}"

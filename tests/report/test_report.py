@@ -16,12 +16,13 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
-from posture_opt.report import figures, units_text
-from posture_opt.report.figures.arm_geometry import ErrorRegion, enlargement
-from posture_opt.report.save import OWN_FILES
-from posture_opt.report.style import image
-from posture_opt.report.words import roll_pitch_yaw, source_words
-from posture_opt.uncertainty.cloud import cloud_of
+from posture_opt.report import figures
+from posture_opt.report.page.save import OWN_FILES
+from posture_opt.report.page.style import image
+from posture_opt.report.scene.arm_geometry import ErrorRegion, enlargement
+from posture_opt.report.text import units_text
+from posture_opt.report.text.words import roll_pitch_yaw, source_words
+from posture_opt.uncertainty.simulation.cloud import cloud_of
 from tests.helpers import factors
 from tests.helpers.folders import names as names_in
 from tests.helpers.fresh import loaded_by

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from posture_opt.report.blocks import Block, Facts, Report, Table
-from posture_opt.report.screen import SCREEN, on_a_screen
-from posture_opt.report.text import render
+from posture_opt.report.text.blocks import Block, Facts, Report, Table
+from posture_opt.report.text.screen import SCREEN, on_a_screen
+from posture_opt.report.text.text import render
 
 LONG = "This sentence is as long as those that a report begins with, and takes more than one line of a hundred columns."
 NUMBERS = Table(("no.", "x [mm]"), tuple((str(k), f"{k}.0") for k in range(100)), 0)

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from posture_opt.report.blocks import Report
-from posture_opt.report.spread_check_report import spread_check_blocks, spread_check_lead
-from posture_opt.report.style import image
-from posture_opt.report.text import render
+from posture_opt.report.page.style import image
+from posture_opt.report.results.spread_check_report import spread_check_blocks, spread_check_lead
+from posture_opt.report.text.blocks import Report
+from posture_opt.report.text.text import render
 from posture_opt.validation.spread_check import SpreadCheck
 from tests.helpers.command_line import invoke
 from tests.helpers.planar_2r import position

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posture_opt.calibration.parameters import Parameter, prior_covariance
+from posture_opt.calibration.estimation.parameters import Parameter, prior_covariance
 from posture_opt.errors import InputError
 from posture_opt.problem.load import problem_from_dict
 from posture_opt.problem.problem import Problem

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from posture_opt.selection import criteria
-from posture_opt.uncertainty.clearance import log_miss_probability
+from posture_opt.selection.terms import criteria
+from posture_opt.uncertainty.regions.clearance import log_miss_probability
 
 ROUNDED = 2e-4  # of the trace: the corner where eigenvalues meet is rounded off by 1e-4 of it, in 3D by some more
 

@@ -14,10 +14,10 @@ import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.problem.load import load_problem, problems_folder
 from posture_opt.problem.problem import Problem
-from posture_opt.selection.features_solution import FeaturesSolution
-from posture_opt.selection.placement_relaxation import nearest_feasible, outside, turned_feasible
-from posture_opt.selection.plan_comparison import compare_plans
+from posture_opt.selection.comparison.plan_comparison import compare_plans
 from posture_opt.selection.select_posture import planned_posture
+from posture_opt.selection.stations.features_solution import FeaturesSolution
+from posture_opt.selection.stations.placement_relaxation import nearest_feasible, outside, turned_feasible
 from tests.helpers import factors
 
 FILES = ("insert_ur10_plate", "insert_panda_block", "insert_scara_tray")

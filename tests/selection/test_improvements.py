@@ -9,8 +9,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
-from posture_opt.selection.improvements import CalibratedArm, HalvedSigma, MovedPart
-from posture_opt.selection.solution import Solution
+from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma, MovedPart
+from posture_opt.selection.answer.solution import Solution
 
 PLANAR = {
     "robot": {"kind": "preset", "name": "planar_2r"},

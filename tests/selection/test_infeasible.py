@@ -12,7 +12,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import NoSolutionError
-from posture_opt.selection.solution import Solution
+from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.terms import TERMS
 
 POINTS = {"ur10": [0.6, 0.2, 0.1], "panda": [0.45, 0.1, 0.2], "scara": [0.28, 0.15, -0.05]}

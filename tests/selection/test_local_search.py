@@ -13,8 +13,8 @@ import pytest
 
 import posture_opt as po
 from posture_opt.model.toolchain import find_compiler
-from posture_opt.selection.local_search import MET, LocalSearch
-from posture_opt.selection.nlp import Nlp, Row, Variable
+from posture_opt.selection.program.nlp import Nlp, Row, Variable
+from posture_opt.selection.search.local_search import MET, LocalSearch
 
 needs_compiler = pytest.mark.skipif(not find_compiler(), reason="no C compiler on this machine")
 ways = pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=needs_compiler)])

@@ -10,10 +10,10 @@ import pytest
 
 import posture_opt as po
 from posture_opt.problem.load import load_builtin
-from posture_opt.report.target_map_report import neighbours_sentence
-from posture_opt.selection.map_neighbours import BaseMotion, Neighbourhood
-from posture_opt.selection.map_points import NeighbourSolves
-from posture_opt.selection.target_map import TargetMap, map_targets
+from posture_opt.report.results.target_map_report import neighbours_sentence
+from posture_opt.selection.maps.map_neighbours import BaseMotion, Neighbourhood
+from posture_opt.selection.maps.map_points import NeighbourSolves
+from posture_opt.selection.maps.target_map import TargetMap, map_targets
 
 AGREES = 1.005  # times σ: what nobody sees in a map
 

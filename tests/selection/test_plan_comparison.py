@@ -11,8 +11,8 @@ import posture_opt as po
 from posture_opt.model.arm import Arm
 from posture_opt.problem.problem import Problem
 from posture_opt.robot.corrections import deviated
-from posture_opt.selection.plan_comparison import compare_plans
-from posture_opt.uncertainty.sources import Sources
+from posture_opt.selection.comparison.plan_comparison import compare_plans
+from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.planar_2r import position
 
 LONGER = 3e-4  # m of the second link

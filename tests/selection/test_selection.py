@@ -128,7 +128,7 @@ def test_no_sampled_posture_beats_the_answer(criterion: str) -> None:
 
     selector = po.PostureSelector(given, compiled=False)
     engine = selector.engine(selector.target)
-    from posture_opt.selection.multistart import feasible_starts
+    from posture_opt.selection.search.multistart import feasible_starts
 
     Q, _ = feasible_starts(engine, selector.target, 300, np.random.default_rng(3))
     best = value(np.array(list(solution.posture.values())))

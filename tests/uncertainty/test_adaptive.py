@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from posture_opt.errors import InputError
-from posture_opt.uncertainty.adaptive import (
+from posture_opt.uncertainty.simulation.adaptive import (
     adaptive,
     correlation_matrix,
     covariance_standard_error,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.uncertainty.budget import budgets
-from posture_opt.uncertainty.budget_groups import NO_SHARE, share_groups
-from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.spread import propagate
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.spread.budget import budgets
+from posture_opt.uncertainty.spread.budget_groups import NO_SHARE, share_groups
+from posture_opt.uncertainty.spread.spread import propagate
 from tests.helpers.stated import stated
 
 Q6 = (0.3, -1.0, 1.2, 0.4, 0.7, 0.0)

@@ -12,7 +12,7 @@ from scipy.special import log_ndtr, ndtr
 from scipy.stats import ncx2
 
 from posture_opt.errors import InputError
-from posture_opt.uncertainty.clearance import (
+from posture_opt.uncertainty.regions.clearance import (
     log_miss_probability,
     miss_probability,
     radius_for,
@@ -208,5 +208,7 @@ def test_impossible_questions_are_refused(call):
 
 
 def test_it_does_not_import_scipy():
-    code = "from posture_opt.uncertainty.clearance import *; radius_for(0.95, [[1.0, 0.2], [0.2, 1.0]], [0.1, 0.2])"
+    code = (
+        "from posture_opt.uncertainty.regions.clearance import *;radius_for(0.95, [[1.0, 0.2], [0.2, 1.0]], [0.1, 0.2])"
+    )
     assert loaded_by(code, "scipy") == []

@@ -11,13 +11,13 @@ from scipy.stats import binomtest
 
 from posture_opt.errors import InputError
 from posture_opt.robot.preset import load_preset
-from posture_opt.uncertainty import cloud as cloud_module
-from posture_opt.uncertainty.cloud import simulate
-from posture_opt.uncertainty.pose_covariance import covariance_root
-from posture_opt.uncertainty.sampler import Sampler
-from posture_opt.uncertainty.sampling_errors import wilson_interval
-from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.spread import propagate
+from posture_opt.uncertainty.moments.pose_covariance import covariance_root
+from posture_opt.uncertainty.simulation import cloud as cloud_module
+from posture_opt.uncertainty.simulation.cloud import simulate
+from posture_opt.uncertainty.simulation.sampler import Sampler
+from posture_opt.uncertainty.simulation.sampling_errors import wilson_interval
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.spread.spread import propagate
 from tests.helpers.factors import pose
 from tests.helpers.moments import correlated, errors_of, planar
 from tests.helpers.stated import stated

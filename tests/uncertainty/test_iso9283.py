@@ -9,7 +9,8 @@ import pytest
 from scipy.special import elliprg
 
 from posture_opt.errors import InputError, InsufficientDataError
-from posture_opt.uncertainty.iso9283 import (
+from posture_opt.uncertainty.regions.regions import coverage_probability
+from posture_opt.uncertainty.sources.iso9283 import (
     distance_moments,
     orientation_performance,
     position_accuracy,
@@ -18,7 +19,6 @@ from posture_opt.uncertainty.iso9283 import (
     repeatability_from_covariance,
     repeatability_sampling,
 )
-from posture_opt.uncertainty.regions import coverage_probability
 from tests.helpers.fresh import loaded_by
 
 
@@ -180,7 +180,7 @@ def test_impossible_input_is_refused(call, error):
 
 
 def test_prediction_does_not_import_scipy():
-    code = "from posture_opt.uncertainty.iso9283 import *; repeatability_from_covariance([[1.0, 0], [0, 1.0]])"
+    code = "from posture_opt.uncertainty.sources.iso9283 import *; repeatability_from_covariance([[1.0, 0], [0, 1.0]])"
     assert loaded_by(code, "scipy") == []
 
 

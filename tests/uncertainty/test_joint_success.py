@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from posture_opt.uncertainty.clearance import success_probability
-from posture_opt.uncertainty.joint_success import PlaceErrors, success_of_all, within_circle
+from posture_opt.uncertainty.regions.clearance import success_probability
+from posture_opt.uncertainty.spread.joint_success import PlaceErrors, success_of_all, within_circle
 
 
 def drawn(seed: int, K: int, rank: int, scatter: float) -> list[PlaceErrors]:

@@ -12,13 +12,13 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
-from posture_opt.uncertainty.cloud import simulate
-from posture_opt.uncertainty.node_plan import NodePlan
-from posture_opt.uncertainty.planar_moments import planar_moments, plane_of
-from posture_opt.uncertainty.regions import Ellipsoid
-from posture_opt.uncertainty.second_order import second_order
-from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.uncertainty.moments.node_plan import NodePlan
+from posture_opt.uncertainty.moments.planar_moments import planar_moments, plane_of
+from posture_opt.uncertainty.moments.second_order import second_order
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.regions.regions import Ellipsoid
+from posture_opt.uncertainty.simulation.cloud import simulate
+from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.moments import correlated, errors_of, planar, raw_moments, scaled
 from tests.helpers.stated import stated
 

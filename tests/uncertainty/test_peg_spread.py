@@ -10,7 +10,7 @@ import pytest
 
 import posture_opt as po
 from posture_opt.errors import InputError
-from posture_opt.uncertainty.two_points import both_within
+from posture_opt.uncertainty.moments.two_points import both_within
 from tests.helpers.sampled import poses
 
 DRAWN = 200_000

@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from posture_opt.robot.preset import load_preset
-from posture_opt.uncertainty.cloud import simulate
-from posture_opt.uncertainty.pose_covariance import turns
-from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.spread import propagate
-from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.uncertainty.moments.pose_covariance import turns
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.simulation.cloud import simulate
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.spread.spread import propagate
 from tests.helpers.factors import pose
 from tests.helpers.moments import correlated, errors_of, scaled
 from tests.helpers.sampled import sampled_pose

@@ -10,7 +10,7 @@ from scipy.special import chdtr, chdtri, fdtr, fdtri, stdtrit
 from scipy.stats import norm
 
 from posture_opt.errors import InputError
-from posture_opt.uncertainty.regions import (
+from posture_opt.uncertainty.regions.regions import (
     Ellipsoid,
     coverage_factor,
     coverage_probability,
@@ -210,7 +210,7 @@ def test_small_but_true_variances_are_kept():
 
 def test_factors_do_not_import_scipy():
     code = (
-        "from posture_opt.uncertainty.regions import *; "
+        "from posture_opt.uncertainty.regions.regions import *; "
         "[coverage_factor(0.95, m) for m in (1, 2, 3, 6)]; coverage_factor(0.95, 2, 30); interval_factor(0.95, 3)"
     )
     assert loaded_by(code, "scipy") == []

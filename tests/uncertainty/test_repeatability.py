@@ -12,10 +12,10 @@ import pytest
 from posture_opt.errors import InputError
 from posture_opt.robot.preset import load_preset, preset_names
 from posture_opt.robot.robot import Factor, Robot
-from posture_opt.uncertainty.cloud import simulate
-from posture_opt.uncertainty.iso9283 import repeatability_from_covariance
-from posture_opt.uncertainty.repeatability import joint_sigmas, matching_postures
-from posture_opt.uncertainty.spread import propagate
+from posture_opt.uncertainty.simulation.cloud import simulate
+from posture_opt.uncertainty.sources.iso9283 import repeatability_from_covariance
+from posture_opt.uncertainty.sources.repeatability import joint_sigmas, matching_postures
+from posture_opt.uncertainty.spread.spread import propagate
 from tests.helpers.factors import parameter_jacobian
 from tests.helpers.fresh import loaded_by
 from tests.helpers.stated import stated
@@ -140,6 +140,7 @@ def test_it_is_quick_and_needs_no_scipy():
     assert time.process_time() - start < 0.1  # 3 ms when nothing else runs
     code = (
         "from posture_opt.robot.preset import load_preset;"
-        "from posture_opt.uncertainty.repeatability import joint_sigmas; joint_sigmas(load_preset('ur10'), 1e-4)"
+        "from posture_opt.uncertainty.sources.repeatability import joint_sigmas;"
+        "joint_sigmas(load_preset('ur10'), 1e-4)"
     )
     assert loaded_by(code, "scipy") == []

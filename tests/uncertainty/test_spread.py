@@ -14,10 +14,10 @@ from posture_opt.errors import InputError
 from posture_opt.model.arm import Arm
 from posture_opt.robot.preset import load_preset
 from posture_opt.robot.robot import frame_factors
-from posture_opt.uncertainty.budget import budget, budgets
-from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.spread import propagate
-from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.spread.budget import budget, budgets
+from posture_opt.uncertainty.spread.spread import propagate
 from tests.helpers.factors import pose
 from tests.helpers.moments import correlated, errors_of, planar, scaled
 from tests.helpers.stated import stated

@@ -11,9 +11,9 @@ import pytest
 from posture_opt.errors import InputError
 from posture_opt.model.toolchain import find_compiler
 from posture_opt.robot.preset import load_preset, preset_names
-from posture_opt.uncertainty.sources import Sources
-from posture_opt.uncertainty.spread import propagate
-from posture_opt.uncertainty.spread_function import SpreadFunction
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.spread.spread import propagate
+from posture_opt.uncertainty.spread.spread_function import SpreadFunction
 from tests.helpers.factors import random_postures
 from tests.helpers.moments import correlated, errors_of, planar
 from tests.helpers.stated import stated

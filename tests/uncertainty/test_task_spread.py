@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import posture_opt as po
-from posture_opt.uncertainty.sampler import Sampler
-from posture_opt.uncertainty.task_spread import across_basis, task_basis
+from posture_opt.uncertainty.simulation.sampler import Sampler
+from posture_opt.uncertainty.spread.task_spread import across_basis, task_basis
 
 PLANAR = {
     "robot": {"kind": "preset", "name": "planar_2r"},

@@ -271,7 +271,7 @@ def test_what_remains_is_drawn_for_the_samples_there_are(assessed: Any) -> None:
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_the_region_of_a_second_moment_holds_the_next_point(d: int) -> None:
-    from posture_opt.uncertainty.regions import hotelling_factor
+    from posture_opt.uncertainty.regions.regions import hotelling_factor
 
     rng = np.random.default_rng(11)
     hits = 0

@@ -10,8 +10,8 @@ import pytest
 from scipy.stats import binom, chi2
 
 import posture_opt as po
+from posture_opt.calibration.assumptions.frames import compare, fit_frames
 from posture_opt.calibration.calibrate import calibrate
-from posture_opt.calibration.frames import compare, fit_frames
 from posture_opt.measurements.reading import read_measurements
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.validation.coverage import Coverage, share_interval
@@ -110,8 +110,8 @@ def test_predicted_regions_of_the_arm_as_it_stands_hold_95_percent_over_300_robo
 
 @pytest.mark.campaign
 def test_predicted_regions_of_the_calibrated_arm_hold_95_percent_over_300_draws() -> None:
-    from posture_opt.calibration.fit import estimate
-    from posture_opt.calibration.identifiability import identify
+    from posture_opt.calibration.estimation.fit import estimate
+    from posture_opt.calibration.estimation.identifiability import identify
 
     rng = np.random.default_rng(5)
     problem = arm({})

@@ -13,7 +13,7 @@ import pytest
 
 from posture_opt.errors import InputError
 from posture_opt.problem.load import load_builtin
-from posture_opt.selection.target_map import map_targets
+from posture_opt.selection.maps.target_map import map_targets
 from posture_opt.workers import Part, Serial, Workers
 from posture_opt.workers.checkpoint import Checkpoint
 from tests.helpers.command_line import invoke

@@ -16,7 +16,7 @@ import pytest
 
 from posture_opt.errors import InputError
 from posture_opt.problem.load import load_builtin
-from posture_opt.selection.target_map import map_targets
+from posture_opt.selection.maps.target_map import map_targets
 from posture_opt.workers import Serial, Workers, opened
 from posture_opt.workers.processes import ProcessWorkers
 from tests.helpers.fresh import ROOT

@@ -20,7 +20,7 @@ from posture_opt.report.figures.target_map import (
     new_panels,
     plot_line,
 )
-from posture_opt.report.style import COLOUR_MAP, styled
+from posture_opt.report.page.style import COLOUR_MAP, styled
 
 if TYPE_CHECKING:
     from posture_opt.validation.accuracy_map import AccuracyMap

@@ -9,18 +9,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
-from posture_opt.report.figures.arm_geometry import ArmGeometry
-from posture_opt.report.figures.arm_in_plane import draw_in_plane
-from posture_opt.report.figures.arm_in_space import draw_in_space
-from posture_opt.report.figures.arm_solids import ArmSolids, Solid
-from posture_opt.report.style import styled
-from posture_opt.report.units_text import joint_unit
+from posture_opt.report.page.style import styled
+from posture_opt.report.scene.arm_geometry import ArmGeometry
+from posture_opt.report.scene.arm_in_plane import draw_in_plane
+from posture_opt.report.scene.arm_in_space import draw_in_space
+from posture_opt.report.scene.arm_solids import ArmSolids, Solid
+from posture_opt.report.text.units_text import joint_unit
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
+    from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.paths.path_solution import PathSolution
-    from posture_opt.selection.solution import Solution
-    from posture_opt.uncertainty.spread import Spread
+    from posture_opt.uncertainty.spread.spread import Spread
 
 _GHOSTS = 4  # further postures of a motion
 

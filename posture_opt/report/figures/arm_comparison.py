@@ -9,15 +9,15 @@ from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
 from posture_opt.report.figures.cloud import clearance_lines, frame_target, mark_origin, view_basis
-from posture_opt.report.style import BLUE, GREEN, ORANGE, PURPLE, legend_below, new_figure, styled
-from posture_opt.report.units_text import length, length_unit
-from posture_opt.uncertainty.regions import Ellipsoid
+from posture_opt.report.page.style import BLUE, GREEN, ORANGE, PURPLE, legend_below, new_figure, styled
+from posture_opt.report.text.units_text import length, length_unit
+from posture_opt.uncertainty.regions.regions import Ellipsoid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from posture_opt.selection.arm_comparison import ArmComparison
-    from posture_opt.selection.plan_comparison import Landing
+    from posture_opt.selection.comparison.arm_comparison import ArmComparison
+    from posture_opt.selection.comparison.plan_comparison import Landing
 
 Look = tuple[str, str, str]
 _FAR = 30.0  # times the largest ellipse of an arm in its own posture: farther off, only the legend says so

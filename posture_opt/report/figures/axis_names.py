@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.words import PARTS, line_words
+from posture_opt.report.text.words import PARTS, line_words
 
 if TYPE_CHECKING:
-    from posture_opt.uncertainty.critical import Critical
+    from posture_opt.uncertainty.regions.critical import Critical
 
 _DECADES = 2.5  # more of them need no ticks between
 _SAME = 1e-6  # sine of the angle below which two lines are one

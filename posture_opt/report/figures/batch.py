@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from posture_opt.report.style import BLUE, GREY, ORANGE, VERMILLION, legend_below, legend_beside, new_figure, styled
-from posture_opt.report.words import source_words
-from posture_opt.uncertainty.regions import Ellipsoid
+from posture_opt.report.page.style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    VERMILLION,
+    legend_below,
+    legend_beside,
+    new_figure,
+    styled,
+)
+from posture_opt.report.text.words import source_words
+from posture_opt.uncertainty.regions.regions import Ellipsoid
 
 if TYPE_CHECKING:
     from posture_opt.batch.batch_calibration import Batch

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from posture_opt.report.style import COLOUR_MAP, GREY, VERMILLION, legend_beside, new_figure, styled
-from posture_opt.report.units_text import length_unit
+from posture_opt.report.page.style import COLOUR_MAP, GREY, VERMILLION, legend_beside, new_figure, styled
+from posture_opt.report.text.units_text import length_unit
 
 if TYPE_CHECKING:
-    from posture_opt.selection.bench_map import BenchMap
-    from posture_opt.selection.features_solution import FeaturesSolution
+    from posture_opt.selection.stations.bench_map import BenchMap
+    from posture_opt.selection.stations.features_solution import FeaturesSolution
 
 _NAMED = 6  # features that fit as names beside their points
 _UNITS = (1e3, 1e3, 1e3, math.degrees(1.0))

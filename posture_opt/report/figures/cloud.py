@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
 from posture_opt.report.figures.axis_names import axis_name, levelled
-from posture_opt.report.style import (
+from posture_opt.report.page.style import (
     BLUE,
     GREEN,
     GREY,
@@ -23,14 +23,14 @@ from posture_opt.report.style import (
     new_figure,
     styled,
 )
-from posture_opt.report.units_text import length, length_unit, stated_length
-from posture_opt.uncertainty.cloud import cloud_of
-from posture_opt.uncertainty.regions import Ellipsoid, coverage_factor
+from posture_opt.report.text.units_text import length, length_unit, stated_length
+from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor
+from posture_opt.uncertainty.simulation.cloud import cloud_of
 
 if TYPE_CHECKING:
-    from posture_opt.uncertainty.cloud import Cloud
-    from posture_opt.uncertainty.spread import Spread
-    from posture_opt.uncertainty.task_spread import TaskSpread
+    from posture_opt.uncertainty.simulation.cloud import Cloud
+    from posture_opt.uncertainty.spread.spread import Spread
+    from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
 _DRAWN = 5000
 _SAMPLES = 2000

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from posture_opt.report.comparison_report import distinct_columns
 from posture_opt.report.figures.cloud import clearance_lines, frame_target, mark_origin, view_basis
-from posture_opt.report.style import MODEL_COLOURS, MODEL_DASHES, legend_beside, new_figure, styled
-from posture_opt.report.units_text import length_unit
-from posture_opt.report.words import MODEL_NAMES
-from posture_opt.uncertainty.regions import Ellipsoid
+from posture_opt.report.page.style import MODEL_COLOURS, MODEL_DASHES, legend_beside, new_figure, styled
+from posture_opt.report.results.comparison_report import distinct_columns
+from posture_opt.report.text.units_text import length_unit
+from posture_opt.report.text.words import MODEL_NAMES
+from posture_opt.uncertainty.regions.regions import Ellipsoid
 
 if TYPE_CHECKING:
-    from posture_opt.selection.plan_comparison import Comparison
+    from posture_opt.selection.comparison.plan_comparison import Comparison
 
 _MARKS = {"nominal": "s", "calibrated": "o", "extended": "D", "delivered": "^"}
 _SEEN = 0.03  # of the picture: an ellipse that is smaller hides behind the mark of its centre

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from posture_opt.compensation.compensation import rms
 from posture_opt.report.figures.axis_names import decimals
-from posture_opt.report.style import BLUE, LIGHT, ORANGE, legend_below, new_figure, styled
-from posture_opt.report.units_text import length, length_unit
+from posture_opt.report.page.style import BLUE, LIGHT, ORANGE, legend_below, new_figure, styled
+from posture_opt.report.text.units_text import length, length_unit
 
 if TYPE_CHECKING:
     from posture_opt.compensation.compensation import Compensation

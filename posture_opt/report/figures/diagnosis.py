@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from posture_opt.diagnosis.candidates import Candidate
-from posture_opt.diagnosis.levels import FIRST_EFFECT
-from posture_opt.diagnosis.score_tests import log_p, scan_frequencies
+from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.levels import FIRST_EFFECT
+from posture_opt.diagnosis.scores.score_tests import log_p, scan_frequencies
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.numerics import Array
-from posture_opt.report.diagnosis_sizes import MODELS, fitted_effects, noise_floor, periodic_joints
 from posture_opt.report.figures.axis_names import decimals
 from posture_opt.report.figures.diagnosis_scores import critical_log_p
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
-from posture_opt.report.style import (
+from posture_opt.report.page.style import (
     BLUE,
     GREEN,
     GREY,
@@ -27,11 +26,12 @@ from posture_opt.report.style import (
     new_figure,
     styled,
 )
+from posture_opt.report.parts.diagnosis_sizes import MODELS, fitted_effects, noise_floor, periodic_joints
 from posture_opt.units import number
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.diagnosis import Diagnosis
-    from posture_opt.diagnosis.score_tests import ProjectedBaseline
+    from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 
 
 _DOTS = 1500

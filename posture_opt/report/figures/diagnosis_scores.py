@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
-from posture_opt.diagnosis.levels import FIRST_EFFECT
-from posture_opt.report.style import GREY, PURPLE, legend_below, new_figure, styled
-from posture_opt.report.words import p_words
+from posture_opt.diagnosis.scores.levels import FIRST_EFFECT
+from posture_opt.report.page.style import GREY, PURPLE, legend_below, new_figure, styled
+from posture_opt.report.text.words import p_words
 
 if TYPE_CHECKING:
-    from posture_opt.diagnosis.candidates import ScoredCandidate
     from posture_opt.diagnosis.diagnosis import Diagnosis
-    from posture_opt.diagnosis.score_tests import NullDistribution
+    from posture_opt.diagnosis.scores.candidates import ScoredCandidate
+    from posture_opt.diagnosis.scores.score_tests import NullDistribution
 
 _MOST = 22  # candidates
 _SAME = 0.3  # cycles per revolution

@@ -9,9 +9,20 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array, Codes
-from posture_opt.report.style import BLUE, GREEN, GREY, LIGHT, ORANGE, PURPLE, VERMILLION, label_of, new_figure, styled
-from posture_opt.report.units_text import joint_unit, length_unit
-from posture_opt.report.words import source_words
+from posture_opt.report.page.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    LIGHT,
+    ORANGE,
+    PURPLE,
+    VERMILLION,
+    label_of,
+    new_figure,
+    styled,
+)
+from posture_opt.report.text.units_text import joint_unit, length_unit
+from posture_opt.report.text.words import source_words
 
 if TYPE_CHECKING:
     from posture_opt.selection.paths.path_solution import PathSolution

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 
 from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.numerics import Array
-from posture_opt.report.measurement_plan_report import shown
-from posture_opt.report.style import (
+from posture_opt.report.page.style import (
     BLUE,
     GREY,
     LIGHT,
@@ -22,6 +21,7 @@ from posture_opt.report.style import (
     new_figure,
     styled,
 )
+from posture_opt.report.results.measurement_plan_report import shown
 
 if TYPE_CHECKING:
     from posture_opt.experiments.measurement_plan import MeasurementPlan

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
-from posture_opt.report.style import BLUE, new_figure, styled
-from posture_opt.report.units_text import length_unit
+from posture_opt.report.page.style import BLUE, new_figure, styled
+from posture_opt.report.text.units_text import length_unit
 
 if TYPE_CHECKING:
     from posture_opt.selection.posture_batch import PostureBatch

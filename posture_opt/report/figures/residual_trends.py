@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from posture_opt.measurements.measurements import group_means
 from posture_opt.numerics import Array
 from posture_opt.report.figures.residuals import TITLES, chosen_rows, dots_look
-from posture_opt.report.style import (
+from posture_opt.report.page.style import (
     BLUE,
     GREEN,
     GREY,

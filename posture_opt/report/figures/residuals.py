@@ -10,13 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array, Codes
-from posture_opt.report.style import MODEL_COLOURS, new_figure, styled
-from posture_opt.report.words import MODEL_NAMES
+from posture_opt.report.page.style import MODEL_COLOURS, new_figure, styled
+from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.units import number
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
-    from posture_opt.calibration.residuals import Residuals
+    from posture_opt.calibration.estimation.residuals import Residuals
     from posture_opt.measurements.measurements import Measurements
     from posture_opt.robot.robot import Robot
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, cast
 
-from posture_opt.report.diagnosis_sizes import fitted_effects, periodic_joints
 from posture_opt.report.figures import (
     plot_budget,
     plot_cloud,
@@ -33,30 +32,31 @@ from posture_opt.report.figures.residual_trends import plot_residuals_over_input
 from posture_opt.report.figures.residuals import Shown, plot_residual_vectors
 from posture_opt.report.figures.spread_check import plot_joint_scatter, plot_reliability
 from posture_opt.report.figures.target_map import plot_target_map
-from posture_opt.uncertainty.cloud import cloud_of
+from posture_opt.report.parts.diagnosis_sizes import fitted_effects, periodic_joints
+from posture_opt.uncertainty.simulation.cloud import cloud_of
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
-    from posture_opt.report.accuracy_map_report import AccuracyMapPresenter
-    from posture_opt.report.arm_comparison_report import ArmComparisonPresenter
-    from posture_opt.report.assessment_report import AssessmentPresenter
-    from posture_opt.report.batch_diagnosis_report import BatchDiagnosisPresenter
-    from posture_opt.report.batch_report import BatchPresenter
-    from posture_opt.report.calibration_report import CalibrationPresenter
-    from posture_opt.report.cloud_report import CloudPresenter
-    from posture_opt.report.comparison_report import ComparisonPresenter
-    from posture_opt.report.compensation_report import CompensationPresenter
-    from posture_opt.report.diagnosis_report import DiagnosisPresenter
-    from posture_opt.report.features_solution_report import FeaturesSolutionPresenter
-    from posture_opt.report.measurement_plan_report import MeasurementPlanPresenter
-    from posture_opt.report.path_solution_report import PathSolutionPresenter
-    from posture_opt.report.posture_batch_report import PostureBatchPresenter
-    from posture_opt.report.presenter import Drawings
-    from posture_opt.report.solution_report import SolutionPresenter
-    from posture_opt.report.spread_check_report import SpreadCheckPresenter
-    from posture_opt.report.spread_report import SpreadPresenter
-    from posture_opt.report.target_map_report import TargetMapPresenter
-    from posture_opt.selection.plan_comparison import Comparison
+    from posture_opt.report.page.presenter import Drawings
+    from posture_opt.report.results.accuracy_map_report import AccuracyMapPresenter
+    from posture_opt.report.results.arm_comparison_report import ArmComparisonPresenter
+    from posture_opt.report.results.assessment_report import AssessmentPresenter
+    from posture_opt.report.results.batch_diagnosis_report import BatchDiagnosisPresenter
+    from posture_opt.report.results.batch_report import BatchPresenter
+    from posture_opt.report.results.calibration_report import CalibrationPresenter
+    from posture_opt.report.results.cloud_report import CloudPresenter
+    from posture_opt.report.results.comparison_report import ComparisonPresenter
+    from posture_opt.report.results.compensation_report import CompensationPresenter
+    from posture_opt.report.results.diagnosis_report import DiagnosisPresenter
+    from posture_opt.report.results.features_solution_report import FeaturesSolutionPresenter
+    from posture_opt.report.results.measurement_plan_report import MeasurementPlanPresenter
+    from posture_opt.report.results.path_solution_report import PathSolutionPresenter
+    from posture_opt.report.results.posture_batch_report import PostureBatchPresenter
+    from posture_opt.report.results.solution_report import SolutionPresenter
+    from posture_opt.report.results.spread_check_report import SpreadCheckPresenter
+    from posture_opt.report.results.spread_report import SpreadPresenter
+    from posture_opt.report.results.target_map_report import TargetMapPresenter
+    from posture_opt.selection.comparison.plan_comparison import Comparison
     from posture_opt.validation.assessment import Assessment
     from posture_opt.validation.spread_check import SpreadCheck
 

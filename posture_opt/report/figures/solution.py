@@ -10,8 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
-from posture_opt.report.budget_parts import group_words, main_groups, others_words
-from posture_opt.report.style import (
+from posture_opt.report.page.style import (
     BLUE,
     COLOUR_MAP,
     GREY,
@@ -22,14 +21,15 @@ from posture_opt.report.style import (
     new_figure,
     styled,
 )
-from posture_opt.report.units_text import joint_unit, length_unit, percent
-from posture_opt.report.words import PARTS
+from posture_opt.report.parts.budget_parts import group_words, main_groups, others_words
+from posture_opt.report.text.units_text import joint_unit, length_unit, percent
+from posture_opt.report.text.words import PARTS
 
 if TYPE_CHECKING:
     from posture_opt.robot.robot import Joint
-    from posture_opt.selection.solution import Solution
-    from posture_opt.uncertainty.budget_groups import ShareGroup
-    from posture_opt.uncertainty.spread import Spread
+    from posture_opt.selection.answer.solution import Solution
+    from posture_opt.uncertainty.spread.budget_groups import ShareGroup
+    from posture_opt.uncertainty.spread.spread import Spread
 
 _GRID = 181
 

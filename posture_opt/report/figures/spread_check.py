@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from posture_opt.report.style import (
+from posture_opt.report.page.style import (
     BLUE,
     GREY,
     LIGHT,
@@ -20,7 +20,7 @@ from posture_opt.report.style import (
     new_figure,
     styled,
 )
-from posture_opt.report.words import MODEL_NAMES, REGIONS
+from posture_opt.report.text.words import MODEL_NAMES, REGIONS
 from posture_opt.validation.coverage import LEVELS
 
 if TYPE_CHECKING:

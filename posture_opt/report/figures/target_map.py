@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
-from posture_opt.report.style import (
+from posture_opt.report.page.style import (
     BLUE,
     COLOUR_MAP,
     LIGHT,
@@ -25,13 +25,13 @@ from posture_opt.report.style import (
     new_figure,
     styled,
 )
-from posture_opt.report.units_text import length_unit
-from posture_opt.report.words import PARTS, line_words
+from posture_opt.report.text.units_text import length_unit
+from posture_opt.report.text.words import PARTS, line_words
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
-    from posture_opt.selection.map_points import Grid
-    from posture_opt.selection.target_map import TargetMap
+    from posture_opt.selection.maps.map_points import Grid
+    from posture_opt.selection.maps.target_map import TargetMap
 
 _PANELS = WIDTH - 1.6  # the rest is the scale of colours with its numbers
 _MOST_LAYERS = 9

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.figures.arm_geometry import (
+from posture_opt.report.interactive.triangles import Triangles, arrow, ball, solids_document
+from posture_opt.report.scene.arm_geometry import (
     ErrorRegion,
     TargetGeometry,
     enlargement,
@@ -18,15 +19,14 @@ from posture_opt.report.figures.arm_geometry import (
     floor_under,
     obstacles_near,
 )
-from posture_opt.report.figures.arm_solids import ArmSolids, Solid
-from posture_opt.report.interactive.triangles import Triangles, arrow, ball, solids_document
-from posture_opt.report.units_text import joint_unit
+from posture_opt.report.scene.arm_solids import ArmSolids, Solid
+from posture_opt.report.text.units_text import joint_unit
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
     from posture_opt.collision.scene import Scene
     from posture_opt.robot.robot import Robot
-    from posture_opt.uncertainty.spread import Spread
+    from posture_opt.uncertainty.spread.spread import Spread
 
 _ARROW = 0.28  # of the extent: the direction of the task
 _LARGEST = 0.4  # of the extent: an enlarged region is no longer than this

@@ -7,26 +7,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.diagnosis_causes import finding_words, view_key
-from posture_opt.report.diagnosis_sizes import headline_of
 from posture_opt.report.figures.residuals import chosen_rows
 from posture_opt.report.interactive.arm_view import ArmView, Mark, ShownPosture
 from posture_opt.report.interactive.owners import owner_of
-from posture_opt.report.units_text import length, length_unit, place, quantity
+from posture_opt.report.parts.diagnosis_causes import finding_words, view_key
+from posture_opt.report.parts.diagnosis_sizes import headline_of
+from posture_opt.report.text.units_text import length, length_unit, place, quantity
 from posture_opt.robot.shape import BASE, TOOL
-from posture_opt.uncertainty.spread import propagate
+from posture_opt.uncertainty.spread.spread import propagate
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
-    from posture_opt.diagnosis.causes import Finding
+    from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.problem.problem import Problem
-    from posture_opt.report.calibration_report import CalibrationPresenter
-    from posture_opt.report.compensation_report import CompensationPresenter
-    from posture_opt.report.diagnosis_report import DiagnosisPresenter
-    from posture_opt.report.measurement_plan_report import MeasurementPlanPresenter
-    from posture_opt.selection.plan_comparison import Comparison
-    from posture_opt.uncertainty.spread import Spread
+    from posture_opt.report.results.calibration_report import CalibrationPresenter
+    from posture_opt.report.results.compensation_report import CompensationPresenter
+    from posture_opt.report.results.diagnosis_report import DiagnosisPresenter
+    from posture_opt.report.results.measurement_plan_report import MeasurementPlanPresenter
+    from posture_opt.selection.comparison.plan_comparison import Comparison
+    from posture_opt.uncertainty.spread.spread import Spread
 
 _ROWS = 200  # of measurements that are shown
 _CLEAR = 3.0  # standard errors: corrections that are marked on the arm

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from posture_opt.model.arm import Arm
 from posture_opt.robot.shape import BASE, TOOL
-from posture_opt.uncertainty.budget import Share
+from posture_opt.uncertainty.spread.budget import Share
 
 
 def owner_of(parameter: str, arm: Arm) -> str:

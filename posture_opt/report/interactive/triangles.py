@@ -10,7 +10,7 @@ import numpy as np
 
 from posture_opt.collision.facets import cylinder_facets, tapered_facets
 from posture_opt.numerics import Array, Codes
-from posture_opt.report.figures.arm_solids import Solid
+from posture_opt.report.scene.arm_solids import Solid
 
 _SAME = 1e-7  # m: corners nearer than this are one
 _SHAFT, _HEAD = 0.028, 0.075  # radii of an arrow of length 1

@@ -8,27 +8,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.figures.arm_geometry import TargetGeometry
 from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
 from posture_opt.report.interactive.measured_views import calibration, compensation, diagnosis, measurement_plan
 from posture_opt.report.interactive.owners import shares_by_owner
-from posture_opt.report.target_map_report import view_key
-from posture_opt.report.units_text import length, length_unit, place
-from posture_opt.report.words import PARTS
-from posture_opt.uncertainty.spread import propagate
+from posture_opt.report.results.target_map_report import view_key
+from posture_opt.report.scene.arm_geometry import TargetGeometry
+from posture_opt.report.text.units_text import length, length_unit, place
+from posture_opt.report.text.words import PARTS
+from posture_opt.uncertainty.spread.spread import propagate
 
 if TYPE_CHECKING:
-    from posture_opt.report.accuracy_map_report import AccuracyMapPresenter
-    from posture_opt.report.cloud_report import CloudPresenter
-    from posture_opt.report.features_solution_report import FeaturesSolutionPresenter
-    from posture_opt.report.path_solution_report import PathSolutionPresenter
-    from posture_opt.report.solution_report import SolutionPresenter
-    from posture_opt.report.spread_report import SpreadPresenter
-    from posture_opt.report.target_map_report import TargetMapPresenter
-    from posture_opt.selection.map_points import MapPoint
-    from posture_opt.selection.solution import Solution
-    from posture_opt.selection.target_map import TargetMap
-    from posture_opt.uncertainty.spread import Spread
+    from posture_opt.report.results.accuracy_map_report import AccuracyMapPresenter
+    from posture_opt.report.results.cloud_report import CloudPresenter
+    from posture_opt.report.results.features_solution_report import FeaturesSolutionPresenter
+    from posture_opt.report.results.path_solution_report import PathSolutionPresenter
+    from posture_opt.report.results.solution_report import SolutionPresenter
+    from posture_opt.report.results.spread_report import SpreadPresenter
+    from posture_opt.report.results.target_map_report import TargetMapPresenter
+    from posture_opt.selection.answer.solution import Solution
+    from posture_opt.selection.maps.map_points import MapPoint
+    from posture_opt.selection.maps.target_map import TargetMap
+    from posture_opt.uncertainty.spread.spread import Spread
 
 __all__ = [
     "accuracy_map",

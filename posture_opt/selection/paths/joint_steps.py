@@ -9,7 +9,7 @@ import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.robot.robot import Robot
-from posture_opt.selection.nlp import Nlp
+from posture_opt.selection.program.nlp import Nlp
 
 _TURN = 2 * np.pi
 _ROOM = 1e-9  # rad: limits a whole turn apart

@@ -11,11 +11,11 @@ import numpy as np
 from posture_opt.collision.scene import Scene
 from posture_opt.model.compiled import BatchFunction
 from posture_opt.numerics import Array
-from posture_opt.selection.engine import Engine
-from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE
 from posture_opt.selection.paths.task_path import stacked
-from posture_opt.selection.search_outcome import is_clear
-from posture_opt.selection.task_target import TaskTarget
+from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
+from posture_opt.selection.search.search_outcome import is_clear
 
 _BETWEEN = 7  # postures between two points that are looked at
 

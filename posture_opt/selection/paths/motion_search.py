@@ -11,16 +11,16 @@ import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array, Codes, DerivedAgain
-from posture_opt.selection.engine import Engine
-from posture_opt.selection.joint_problem import JointOutcome, JointPoint
-from posture_opt.selection.multistart import as_good
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion import Motion
 from posture_opt.selection.paths.path_candidates import PathCandidates, held
 from posture_opt.selection.paths.path_problem import PathProblem
 from posture_opt.selection.paths.step_graph import StepGraph
 from posture_opt.selection.paths.task_path import TaskPath, stacked
-from posture_opt.selection.relaxation import Reason
+from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.multistart import as_good
+from posture_opt.selection.search.relaxation import Reason
+from posture_opt.selection.stations.joint_problem import JointOutcome, JointPoint
 
 _PATIENCE = 2  # smooth problems in a row that bring nothing
 _SEEDS = 3  # ways that the smooth problem starts from

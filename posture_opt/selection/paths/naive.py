@@ -8,12 +8,12 @@ from itertools import pairwise
 import numpy as np
 
 from posture_opt.collision.scene import Scene
-from posture_opt.selection.engine import Engine
-from posture_opt.selection.inverse_kinematics import TOLERANCE
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion import Motion
 from posture_opt.selection.paths.path_candidates import PathCandidates, held
 from posture_opt.selection.paths.task_path import TaskPath
+from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.inverse_kinematics import TOLERANCE
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,14 @@ import numpy as np
 
 from posture_opt.collision.scene import Scene
 from posture_opt.numerics import Array
-from posture_opt.selection.engine import Engine
-from posture_opt.selection.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
-from posture_opt.selection.multistart import feasible_starts
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.task_path import stacked
-from posture_opt.selection.pose_request import PoseRequest, held_request
-from posture_opt.selection.search_outcome import is_clear
-from posture_opt.selection.task_target import TaskTarget
+from posture_opt.selection.program.pose_request import PoseRequest, held_request
+from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, TOLERANCE
+from posture_opt.selection.search.multistart import feasible_starts
+from posture_opt.selection.search.search_outcome import is_clear
 
 _ANCHORS = 6  # points that random postures are led to
 _STARTS = 48  # of them at each anchor, times the freedom that is left, and at most:

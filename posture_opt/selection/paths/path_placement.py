@@ -12,16 +12,16 @@ from dataclasses import replace
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.selection.engine import Engine
-from posture_opt.selection.joint_problem import JointPoint
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.path_problem import PathProblem
 from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.paths.task_path import stacked
-from posture_opt.selection.placed_stations import PlacedStations
-from posture_opt.selection.placement import PlacementRange
-from posture_opt.selection.placement_search import search_placement
-from posture_opt.selection.task_target import TaskTarget
+from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.stations.joint_problem import JointPoint
+from posture_opt.selection.stations.placed_stations import PlacedStations
+from posture_opt.selection.stations.placement import PlacementRange
+from posture_opt.selection.stations.placement_search import search_placement
 
 _POINTS = 6  # of the path that stand for all of it
 _TRIED = 3  # placements whose motions are searched

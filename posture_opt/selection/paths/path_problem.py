@@ -1,6 +1,6 @@
 """``PathProblem``: one smooth optimisation problem over the postures of all points of a path and its placement.
 
-It differs from :mod:`posture_opt.selection.joint_problem`, whose station functions it takes, by what holds the
+It differs from :mod:`posture_opt.selection.stations.joint_problem`, whose station functions it takes, by what holds the
 postures together: steps of joints between neighbours, whose bound may be the objective itself.
 """
 
@@ -15,10 +15,10 @@ import casadi as ca
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, DerivedAgain
-from posture_opt.selection.joint_problem import JointOutcome, JointPoint, StationFunction
-from posture_opt.selection.nonlinear_solver import NonlinearSolver
-from posture_opt.selection.optimisation_problem import OptimisationProblem
 from posture_opt.selection.paths.joint_steps import JointSteps
+from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
+from posture_opt.selection.program.optimisation_problem import OptimisationProblem
+from posture_opt.selection.stations.joint_problem import JointOutcome, JointPoint, StationFunction
 
 _MEAN = 1e-4  # of the mean objective: points that are not the worst one are good too, at no cost to it
 _SMOOTH = 1e-4  # of the mean squared step [rad²]: makes the motion the only one

@@ -13,11 +13,8 @@ import numpy as np
 
 from posture_opt.errors import NoSolutionError
 from posture_opt.numerics import Array, DerivedAgain
-from posture_opt.selection.batches import usual_starts
-from posture_opt.selection.engine import Engine
-from posture_opt.selection.has_task import HasTask
-from posture_opt.selection.infeasible import explain_infeasibility, infeasible
-from posture_opt.selection.multistart import multistart
+from posture_opt.selection.answer.infeasible import explain_infeasibility, infeasible
+from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.paths.joint_steps import JointSteps
 from posture_opt.selection.paths.motion import Motion, off_lines
 from posture_opt.selection.paths.motion_search import OVER, MotionSearch
@@ -26,10 +23,13 @@ from posture_opt.selection.paths.path_candidates import find_candidates
 from posture_opt.selection.paths.path_placement import moved_on, promising_placements
 from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.paths.task_path import TaskPath
-from posture_opt.selection.placement import PlacementRange
-from posture_opt.selection.relaxation import Reason
-from posture_opt.selection.selector import PostureSelector, task_of
-from posture_opt.selection.task_target import TaskTarget
+from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.batches import usual_starts
+from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.has_task import HasTask
+from posture_opt.selection.search.multistart import multistart
+from posture_opt.selection.search.relaxation import Reason
+from posture_opt.selection.stations.placement import PlacementRange
 from posture_opt.selection.tasks.path_task import PathTask
 
 _ASTRAY = 0.5  # of the distance between two points: off the line by more is no way along it

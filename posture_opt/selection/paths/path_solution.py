@@ -12,19 +12,19 @@ from posture_opt.collision.scene import Clearance
 from posture_opt.numerics import Array, finite_or_none
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
-from posture_opt.selection.improvements import Improvement, improvements
-from posture_opt.selection.multistart import Sampled
-from posture_opt.selection.optimisation_problem import OptimisationProblem
+from posture_opt.selection.answer.improvements import Improvement, improvements
+from posture_opt.selection.answer.solution import Solution, Status
 from posture_opt.selection.paths.motion import Motion
 from posture_opt.selection.paths.naive import Naive
 from posture_opt.selection.paths.task_path import TaskPath
-from posture_opt.selection.placement import placement_json
-from posture_opt.selection.relaxation import Reason, Relaxation
-from posture_opt.selection.search_statistics import SearchStatistics
-from posture_opt.selection.solution import Solution, Status
-from posture_opt.selection.task_target import TaskTarget
-from posture_opt.uncertainty.budget import Share
-from posture_opt.uncertainty.critical import Critical
+from posture_opt.selection.program.optimisation_problem import OptimisationProblem
+from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.multistart import Sampled
+from posture_opt.selection.search.relaxation import Reason, Relaxation
+from posture_opt.selection.search.search_statistics import SearchStatistics
+from posture_opt.selection.stations.placement import placement_json
+from posture_opt.uncertainty.regions.critical import Critical
+from posture_opt.uncertainty.spread.budget import Share
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from posture_opt.numerics import Array, Codes, Mask
-from posture_opt.selection.task_target import Reach, TaskTarget
+from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.selection.tasks.path_task import PathTask
-from posture_opt.uncertainty.task_spread import across_basis
+from posture_opt.uncertainty.spread.task_spread import across_basis
 
 _CLOSED = 1e-9  # m: first and last point of a closed path are one
 _OPPOSITE = 1e-9  # length of the sum of two unit vectors that point in opposite directions

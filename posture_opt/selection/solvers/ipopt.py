@@ -7,8 +7,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from posture_opt.selection.nlp import Nlp
-from posture_opt.selection.nonlinear_solver import NonlinearSolver
+from posture_opt.selection.program.nlp import Nlp
+from posture_opt.selection.program.nonlinear_solver import NonlinearSolver
 from posture_opt.selection.solvers.solver import Outcome, Polish, Solver
 
 

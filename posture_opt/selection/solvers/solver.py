@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from posture_opt.selection.nlp import Nlp
+from posture_opt.selection.program.nlp import Nlp
 from posture_opt.spec import Spec
 
 

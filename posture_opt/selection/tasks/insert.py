@@ -9,8 +9,8 @@ from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError
 from posture_opt.selection.tasks.task import Criterion, Task
-from posture_opt.uncertainty.critical import Within
-from posture_opt.uncertainty.held_part import HeldPart
+from posture_opt.uncertainty.regions.critical import Within
+from posture_opt.uncertainty.spread.held_part import HeldPart
 from posture_opt.units import Length
 
 Positive = Annotated[Length, Field(gt=0)]

@@ -9,9 +9,9 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from posture_opt.errors import BadValueError
-from posture_opt.selection.direction import Direction
+from posture_opt.selection.tasks.direction import Direction
 from posture_opt.selection.tasks.task import Task
-from posture_opt.selection.workpiece import Workpiece
+from posture_opt.selection.tasks.workpiece import Workpiece
 from posture_opt.units import Angle, Length
 
 Point = tuple[Length, Length, Length]

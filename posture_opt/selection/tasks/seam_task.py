@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError
 from posture_opt.selection.tasks.path_task import PathTask, Point
-from posture_opt.uncertainty.critical import Within
+from posture_opt.uncertainty.regions.critical import Within
 from posture_opt.units import Length
 
 

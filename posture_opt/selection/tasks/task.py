@@ -8,12 +8,12 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from posture_opt.errors import BadValueError
-from posture_opt.selection.direction import Direction
+from posture_opt.selection.tasks.direction import Direction
+from posture_opt.selection.tasks.workpiece import Combine, Features, Workpiece
 from posture_opt.selection.terms import TermSpec
-from posture_opt.selection.workpiece import Combine, Features, Workpiece
 from posture_opt.spec import Spec
-from posture_opt.uncertainty.critical import Within
-from posture_opt.uncertainty.held_part import HeldPart
+from posture_opt.uncertainty.regions.critical import Within
+from posture_opt.uncertainty.spread.held_part import HeldPart
 from posture_opt.units import Angle, Celsius, Length, Mass, Time
 
 Criterion = Literal["worst", "trace", "area", "miss", "none"]

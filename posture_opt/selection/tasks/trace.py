@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 
 from posture_opt.selection.tasks.path_task import PathTask
 from posture_opt.selection.tasks.task import Criterion
-from posture_opt.uncertainty.critical import Within
+from posture_opt.uncertainty.regions.critical import Within
 
 
 class Trace(PathTask):

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from posture_opt.selection import criteria
+from posture_opt.selection.terms import criteria
 from posture_opt.selection.terms.term import BoundedTerm, Quantities
 from posture_opt.units import Length
 

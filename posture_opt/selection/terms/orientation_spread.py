@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 import casadi as ca
 from pydantic import Field
 
-from posture_opt.selection import criteria
+from posture_opt.selection.terms import criteria
 from posture_opt.selection.terms.standard_deviation import StandardDeviationTerm
 from posture_opt.selection.terms.term import Quantities
 from posture_opt.units import Angle

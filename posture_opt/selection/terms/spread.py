@@ -6,10 +6,10 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from posture_opt.selection import criteria
+from posture_opt.selection.terms import criteria
 from posture_opt.selection.terms.standard_deviation import StandardDeviationTerm
 from posture_opt.selection.terms.term import Quantities
-from posture_opt.uncertainty.critical import Within
+from posture_opt.uncertainty.regions.critical import Within
 from posture_opt.units import Length
 
 

@@ -16,11 +16,11 @@ from posture_opt.errors import BadValueError, InputError, Issue
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Walk
 from posture_opt.robot.robot import Robot
-from posture_opt.selection import criteria
+from posture_opt.selection.terms import criteria
 from posture_opt.spec import Spec
-from posture_opt.uncertainty.critical import Within
-from posture_opt.uncertainty.held_part import HeldPart
-from posture_opt.uncertainty.tool_point import ToolPoint
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.regions.critical import Within
+from posture_opt.uncertainty.spread.held_part import HeldPart
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,77 @@
+"""A wrong geometric parameter or frame as a cause with its words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from posture_opt.calibration.estimation.parameters import Parameter
+from posture_opt.model.effects import Cause, FittedSizes, Size
+from posture_opt.units import plus_minus
+
+_KINDS = {
+    "theta": "joint_offset",
+    "yaw": "joint_offset",
+    "a": "link_length",
+    "x": "link_length",
+    "y": "link_length",
+    "d": "link_offset",
+    "z": "link_offset",
+    "alpha": "link_twist",
+    "roll": "link_twist",
+    "pitch": "link_twist",
+    "beta": "axis_tilt",
+}
+_WORDS = {
+    "joint_offset": "{target} has a zero offset",
+    "link_length": "the length of the link behind {target} differs from the file",
+    "link_offset": "the offset along the axis of {target} differs from the file",
+    "link_twist": "the twist of the link behind {target} differs from the file",
+    "axis_tilt": "the axis behind {target} is tilted from what the file states",
+    "base_frame": "the base frame differs from the file",
+    "tool_frame": "the tool frame differs from the file",
+    "geometry": "many geometric parameters differ from the file",
+}
+
+
+@dataclass(frozen=True)
+class GeometricDeviation(Cause):
+    """A wrong geometric parameter of a joint or link, a wrong frame, or many of them together."""
+
+    kind: str
+    target: str
+
+    @classmethod
+    def of(cls, parameter: Parameter) -> GeometricDeviation:
+        """The deviation of one parameter."""
+        prefix, _, last = parameter.name.rpartition(".")
+        if parameter.group in ("base", "tool"):
+            return cls(f"{parameter.group}_frame", parameter.group)
+        prismatic_value = last == "d" and parameter.unit == "rad"
+        return cls("joint_offset" if prismatic_value else _KINDS[last], prefix)
+
+    @classmethod
+    def of_all(cls) -> GeometricDeviation:
+        """Many parameters together, none of which stands out."""
+        return cls("geometry", "all")
+
+    @property
+    def single(self) -> bool:
+        """Whether it is one parameter, or one frame."""
+        return self.kind != "geometry"
+
+    @property
+    def words(self) -> str:
+        return _WORDS[self.kind].format(target=self.target)
+
+    @property
+    def moved_joint(self) -> str:
+        return self.target if self.kind == "joint_offset" else ""
+
+    def sizes(self, estimate: FittedSizes) -> tuple[Size, ...]:
+        units = {"rad": (math.degrees(1.0), "deg"), "m": (1e3, "mm")}
+        one = len(estimate.values) == 1
+        return tuple(
+            Size("deviation" if one else name, plus_minus(v, s, *units[unit]))
+            for name, (v, s, unit) in estimate.values.items()
+        )

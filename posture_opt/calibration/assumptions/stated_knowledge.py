@@ -1,0 +1,391 @@
+"""What a problem file states as known, tested against the data before anything else: frames and standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from posture_opt.calibration.assumptions.frame_chart import Chart
+from posture_opt.calibration.assumptions.frames import compare, fit_frames
+from posture_opt.calibration.assumptions.geometric_deviation import GeometricDeviation
+from posture_opt.calibration.assumptions.kinematic_coupling import fitted_ratio, full_coupling
+from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
+from posture_opt.calibration.estimation.fit import Fit, minimum_of
+from posture_opt.calibration.estimation.fit_setup import full_prior, tolerances
+from posture_opt.calibration.estimation.fitted_arm import NEGLIGIBLE
+from posture_opt.calibration.estimation.parameters import CalibrationProblem, prior_covariance, tool_unknown
+from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.measurements.affine_fit import reach
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.effects import EFFECTS, Cause, JointCoupling
+from posture_opt.numerics import Array
+
+FRAMES = ("base", "tool")
+_LARGE = 0.1  # evidence per residual: errors a tenth larger than without what is stated
+_SURE = 20.0  # evidence in all: odds of e²⁰
+_PRICE = 5.0  # of each statement that is set aside: the logarithm of how many there are (Chen, Chen 2008)
+_FREEDOM = 4.0  # of Student's t, by which a few gross errors decide nothing (Lange, Little, Taylor 1989)
+_FAR = 0.01  # of the reach: what a tangent leaves beyond that, only a fit of its own can judge
+_LEANS = {"m": 1e-3, "rad": 5e-3}  # farther off its drawing, a parameter of the first or last link stands for a frame
+_TOGETHER = 2  # so many of them: one alone is more likely wrong itself
+_CLEAR = 5.0  # standard errors that each of them is off
+_TOLD = 2.0  # σ of the data that a tolerance moves: more than a prior tells
+_SPARE = 6  # residuals beyond the unknowns: with fewer, anything would fit
+_ROWS = 400  # that decide whether an effect explains as much
+
+_P = TypeVar("_P", bound=CalibrationProblem)
+
+
+@dataclass(frozen=True, eq=False)
+class Contradiction:
+    """Something that the file states as known and the data refute; it was set aside and fitted.
+
+    Args:
+        cause: what differs from the file.
+        estimate: parameter -> (deviation from the file, standard error, SI unit).
+        sigma: the stated standard deviation of a parameter [SI]; 0 of a frame, which is stated as exact.
+        p_value: of the likelihood ratio.
+        rms_stated: RMS position error [m] of the arm calibrated as stated; ``rms`` with all contradictions set aside.
+    """
+
+    cause: Cause
+    estimate: Mapping[str, tuple[float, float, str]]
+    sigma: float
+    p_value: float
+    rms_stated: float
+    rms: float
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry of ``contradictions`` in ``calibration.json``."""
+        return {
+            "kind": self.cause.kind,
+            "target": self.cause.target,
+            "estimate": {name: {"value": v, "std": s, "unit": u} for name, (v, s, u) in self.estimate.items()},
+            "sigma": self.sigma,
+            "p_value": self.p_value,
+            "rms": {"as_stated": self.rms_stated, "set_aside": self.rms},
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Refuted:
+    """Statements that the data refute: frames, and names of parameters whose σ is wrong.
+
+    Args:
+        sigma: parameter -> its stated σ [SI]; none of frames.
+        evidence: logarithm of the likelihood ratio of all of them.
+        freedom: how many parameters they hold.
+        rms_stated, rms: RMS position error [m] of the arm calibrated with and without them.
+        coupling: of two joints, which the file does not state and without which the data make no sense.
+    """
+
+    names: tuple[str, ...] = ()
+    sigma: Mapping[str, float] | None = None
+    evidence: float = 0.0
+    freedom: int = 1
+    rms_stated: float = 0.0
+    rms: float = 0.0
+    coupling: JointCoupling | None = None
+
+    def told(self, fit: Fit) -> tuple[Contradiction, ...]:
+        """The contradictions with the sizes that the fit without them found."""
+        from scipy.special import gammaincc
+
+        p = float(gammaincc(self.freedom / 2, max(self.evidence, 0.0)))
+        found = []
+        if self.coupling is not None:
+            ratio = {"ratio": (*fitted_ratio(self.coupling, fit), "1")}
+            found.append(Contradiction(self.coupling, ratio, 0.0, p, self.rms_stated, self.rms))
+        for name in self.names:
+            mine = [
+                (i, q)
+                for i, q in enumerate(fit.residuals.parameters)
+                if (q.group == name if name in FRAMES else q.name == name)
+            ]
+            if not mine:
+                continue
+            moves = [(i, q) for i, q in mine if fit.std[i] > NEGLIGIBLE[q.unit]] or mine
+            sizes = {q.name.rpartition(".")[2]: (float(fit.x[i]), float(fit.std[i]), q.unit) for i, q in moves}
+            cause = GeometricDeviation.of(mine[0][1])
+            sigma = 0.0 if name in FRAMES else (self.sigma or {}).get(name, 0.0)
+            found.append(Contradiction(cause, sizes, sigma, p, self.rms_stated, self.rms))
+        return tuple(found)
+
+
+def consistent(problem: _P, data: Measurements, priors: bool = True) -> tuple[_P, Refuted]:
+    """The problem without the statements that the data refute, and which those are.
+
+    Frames that are stated, and σ's of parameters, are set aside as long as that makes the errors of the calibrated arm
+    much smaller, and smaller than any single effect of the catalogue would. Where no base and no tool make sense of
+    the data, a joint may be logged relative to another, see `full_coupling`. Geometry is fitted within its tolerance in
+    every comparison: what a joint's zero explains as well is no error of a frame.
+
+    Source: likelihood ratios of Student's t (Lange, Little, Taylor 1989) at the scale of the widest model.
+    """
+    before = _Statements(problem, data, priors)
+    coupling = full_coupling(problem.arm, data)
+    stated = before if coupling is None else _Statements(problem.released((), (), (coupling,)), data, priors)
+    if coupling is not None and not stated.explains(before):
+        coupling, stated = None, before
+    found = stated.found if stated.statements and stated.worthwhile else None
+    if coupling is None and (found is None or not found.released):
+        return problem, Refuted()
+    found, first = found or stated.trial(()), before.trial(())
+    evidence = stated.cost(first) - stated.cost(found)
+    more = max(found.count - first.count, 0) + (coupling is not None)
+    return _released(stated.problem, found.released), Refuted(
+        found.released, stated.sigma, evidence, max(more, 1), first.rms, found.rms, coupling
+    )
+
+
+def _released(problem: _P, names: Sequence[str]) -> _P:
+    """The problem without some statements."""
+    return (
+        problem.released([n for n in names if n in FRAMES], [n for n in names if n not in FRAMES]) if names else problem
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """The arm calibrated with some statements ``released``, at the estimate x (k,).
+
+    Args:
+        e: (N, block) residuals; ``known`` (p, k) rows of the prior, as the data weigh it.
+        count: how many combinations of parameters the data determine.
+    """
+
+    released: tuple[str, ...]
+    residuals: Residuals
+    x: Array
+    e: Array
+    known: Array
+    count: int
+
+    @cached_property
+    def scale(self) -> float:
+        """The residuals' standard deviation in units of the instrument's, at least 1, whatever a few outliers say."""
+        return _scale_of(self.e, self.count)
+
+    @property
+    def rms(self) -> float:
+        """RMS position error [m]."""
+        e = self.e[:, : len(self.residuals.axes)] * self.residuals.sigma
+        return float(np.sqrt(np.mean(np.sum(e**2, axis=1))))
+
+
+def _scale_of(e: Array, count: int) -> float:
+    from scipy.special import gammaincinv
+
+    N, block = e.shape
+    squared = float(np.median(np.sum(e**2, axis=1))) / (2 * float(gammaincinv(block / 2, 0.5)))
+    return max(float(np.sqrt(squared * N * block / max(N * block - count, 1))), 1.0)
+
+
+def _cost(e: Array, known: Array, scale: float) -> float:
+    """Minus the logarithm of the likelihood of residuals (N, block) under Student's t of a ``scale``.
+
+    And of ``known`` (p,), how far what the prior holds is from it in units of the same scale, under a Gaussian.
+    """
+    squared = np.sum(e**2, axis=1) / scale**2
+    data = float(np.sum(np.log1p(squared / _FREEDOM)) * (_FREEDOM + e.shape[1]) / 2)
+    return data + float(known @ known) / (2 * scale**2)
+
+
+class _Statements(Generic[_P]):
+    """The statements of one problem against one file, each combination of them fitted once."""
+
+    def __init__(self, problem: _P, data: Measurements, priors: bool) -> None:
+        self.problem, self.data, self.priors = problem, data, priors
+        self._trials: dict[tuple[str, ...], _Trial] = {}
+        robot = problem.robot
+        free = {"base": robot.base_free or data.position is None, "tool": tool_unknown(robot, data)}
+        frames = tuple(name for name in FRAMES if not free[name])
+        residuals = compare(problem, data)[0]
+        rows, covariance = prior_covariance(problem, residuals.parameters) if priors else ([], np.zeros((0, 0)))
+        names = [residuals.parameters[i] for i in rows]
+        self.sigma = {p.name: float(np.sqrt(covariance[k, k])) for k, p in enumerate(names) if p.group == "geometry"}
+        self.statements = (*frames, *self.sigma)
+        self._frames = frames
+
+    def trial(self, released: Sequence[str]) -> _Trial:
+        """The arm calibrated without some of the statements."""
+        key = tuple(name for name in self.statements if name in released)
+        if key not in self._trials:
+            self._trials[key] = self._fitted(key, self._weight)
+        return self._trials[key]
+
+    @cached_property
+    def _weight(self) -> float:
+        """The standard deviation, in units of the instrument's, of what nothing explains: by it the prior is weighed.
+
+        To first order about the arm as stated, unless that is too far off for tangents.
+        """
+        residuals = compare(self.problem, self.data)[0]
+        e, _, count = self._without_all(residuals, fit_frames(residuals), 1.0)
+        return self._fitted(self.statements, 1.0).scale if self._gross(e, residuals) else _scale_of(e, count)
+
+    def _gross(self, e: Array, residuals: Residuals) -> bool:
+        """Whether residuals (N, block) are so far off that a tangent says little of them."""
+        axes = len(residuals.axes)
+        left = float(np.sqrt(np.mean(np.sum(e[:, :axes] ** 2, axis=1)))) * residuals.sigma
+        return left > _FAR * reach(self.problem.robot)
+
+    def _fitted(self, released: tuple[str, ...], weight: float) -> _Trial:
+        problem = _released(self.problem, released)
+        residuals = Chart.of(compare(problem, self.data)[0]).fitted
+        return _trial(problem, residuals, released, self.priors, weight)
+
+    def _without_all(self, residuals: Residuals, x: Array, weight: float) -> tuple[Array, Array, int]:
+        """Residuals (N, block), those of the prior (p,) and the rank, without any statement; to first order."""
+        wide = compare(_released(self.problem, self.statements), self.data)[0]
+        value = dict(zip((p.name for p in residuals.parameters), x, strict=True))
+        at = np.array([value.get(p.name, 0.0) for p in wide.parameters])
+        r, J = wide.both(at)
+        known = weight * _prior_rows(self.problem, wide, [])
+        columns = np.concatenate([J, known])
+        step = np.linalg.lstsq(columns, -np.concatenate([r, known @ at]), rcond=1e-12)[0]
+        strength = np.linalg.svd(J * tolerances(wide.parameters, []), compute_uv=False)
+        e = (r + J @ step)[: wide.measured].reshape(len(self.data), -1)
+        return e, known @ (at + step), int(np.sum(strength > _TOLD * weight))
+
+    @cached_property
+    def worthwhile(self) -> bool:
+        """Whether setting everything aside could bring much, to first order; or the arm is far off."""
+        stated = self.trial(())
+        e, known, count = self._without_all(stated.residuals, stated.x, self._weight)
+        if stated.scale <= 1.0 or e.size < count + _SPARE:
+            return False
+        scale = _scale_of(e, count)
+        gain = _cost(stated.e, stated.known @ stated.x, scale) - _cost(e, known, scale)
+        return (
+            self._gross(e, stated.residuals)
+            or gain > _enough(e)
+            or any(self._imitated(stated, frame) for frame in self._frames)
+        )
+
+    @cached_property
+    def _scale(self) -> float:
+        return min(self.trial(self.statements).scale, self.trial(()).scale)
+
+    def cost(self, trial: _Trial) -> float:
+        """Minus the log-likelihood of a trial at the scale of the widest."""
+        return _cost(trial.e, trial.known @ trial.x, self._scale)
+
+    def explains(self, other: _Statements[Any]) -> bool:
+        """Whether this problem's arm, calibrated, explains what the other's does not."""
+        return self._better(other.trial(()), self.trial(()))
+
+    def _better(self, one: _Trial, other: _Trial) -> bool:
+        """Whether the other explains much more, and surely so."""
+        gain = self.cost(one) - self.cost(other) - (other.count - one.count)
+        return gain > _enough(one.e)
+
+    @cached_property
+    def found(self) -> _Trial:
+        """The arm without the statements that are refuted: one after the other, and none that is not needed."""
+        now = self.trial(())
+        while True:
+            options = [self.trial((*now.released, *more)) for more in self._options(now)]
+            priced = {self.cost(o) + o.count + _PRICE * len(o.released): o for o in options}
+            if not priced:
+                return now
+            best = priced[min(priced)]
+            imitated = tuple(frame for frame in self._frames if self._imitated(now, frame))
+            if imitated and not self._better(now, best):
+                return self.trial((*now.released, *imitated))
+            if not self._better(now, best) or self._explained(now, best):
+                return now
+            for name in best.released:
+                less = self.trial([n for n in best.released if n != name])
+                best = best if self._better(less, best) else less
+            if len(best.released) <= len(now.released):
+                return now
+            now = best
+
+    def _imitated(self, now: _Trial, frame: str) -> bool:
+        """Whether parameters of the link beside a frame, which move the tool as it does, are off in its place.
+
+        What lies before the first joint moves all as the base does, and what lies behind the last as the tool: the fit
+        cannot choose, and one wrong frame is likelier than several errors of one link.
+        """
+        robot, parameters = now.residuals.robot, now.residuals.parameters
+        place = {factor.parameter: i for i, factor in enumerate(robot.factors)}
+        first, last = robot.driven[0], robot.driven[-1]
+        beside = [
+            i
+            for i, p in enumerate(parameters)
+            if p.group == "geometry"
+            and p.name not in self.sigma
+            and (place[p.source] < first if frame == "base" else place[p.source] > last)
+            and abs(now.x[i]) > _LEANS[p.unit]
+        ]
+        if frame in now.released or len(beside) < _TOGETHER:
+            return False
+        J = np.concatenate([now.residuals.both(now.x)[1], now.known])
+        std = now.scale * np.sqrt(np.diag(np.linalg.pinv(J.T @ J, rcond=1e-15, hermitian=True)))
+        return int(np.sum(np.abs(now.x[beside]) > _CLEAR * std[beside])) >= _TOGETHER
+
+    def _options(self, now: _Trial) -> list[tuple[str, ...]]:
+        """Statements to set aside next: each frame, both, and the σ that is farthest off."""
+        frames = [name for name in self._frames if name not in now.released]
+        found: list[tuple[str, ...]] = [(name,) for name in frames]
+        found += [tuple(frames)] if len(frames) > 1 else []
+        sigmas = [name for name in self.sigma if name not in now.released]
+        if sigmas:
+            at = {p.name: i for i, p in enumerate(now.residuals.parameters)}
+            found.append((max(sigmas, key=lambda name: self._pulled(now, at[name])),))
+        return found
+
+    def _pulled(self, now: _Trial, i: int) -> float:
+        """How many of its stated σ's a parameter is off where the others share what it cannot take."""
+        return abs(float(now.x[i])) / self.sigma[now.residuals.parameters[i].name]
+
+    def _explained(self, now: _Trial, best: _Trial) -> bool:
+        """Whether one effect of the catalogue, at what is stated, explains as much as setting it aside."""
+        rows = np.unique(np.linspace(0, len(self.data) - 1, min(len(self.data), _ROWS)).round().astype(np.intp))
+        some = now.residuals.take(rows)
+        r, J = some.both(now.x)
+        columns = np.concatenate([J, now.known])
+        Q = np.linalg.qr(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))[0]
+        r = np.concatenate([r, now.known @ now.x])
+        r = r - Q @ (Q.T @ r)
+        sensitivities, share = EffectSensitivities(some, now.x), np.sqrt(len(rows) / len(self.data))
+        wanted = _cost(best.e[rows], share * (best.known @ best.x), self._scale) + best.count
+        below = np.zeros((len(now.known), 1))
+        for effect in (e for kind in EFFECTS for e in kind.candidates(case_of(some.data, some.robot))):
+            Z = sensitivities.columns(effect)
+            Z = np.concatenate([Z, np.repeat(below, Z.shape[1], axis=1)])
+            Z = Z - Q @ (Q.T @ Z)
+            e = r - Z @ np.linalg.lstsq(Z, r, rcond=1e-9)[0]
+            rest, e = share * e[len(J) :], e[: some.measured].reshape(len(rows), -1)
+            if _cost(e, rest, self._scale) + now.count + Z.shape[1] <= wanted:
+                return True
+        return False
+
+
+def _enough(e: Array) -> float:
+    """The evidence at which residuals (N, block) are much smaller, and surely so."""
+    return max(_SURE, _LARGE * e.size)
+
+
+def _trial(
+    problem: CalibrationProblem, residuals: Residuals, released: tuple[str, ...], priors: bool, weight: float
+) -> _Trial:
+    parameters = residuals.parameters
+    known = weight * _prior_rows(problem, residuals, prior_covariance(problem, parameters)[0] if priors else [])
+    x, found = minimum_of(residuals, fit_frames(residuals), np.diag(tolerances(parameters, [])), known)
+    count = int(np.sum(np.linalg.svd(found.R, compute_uv=False) > _TOLD * weight))
+    e = found.residuals[: residuals.measured].reshape(len(residuals.data), -1)
+    return _Trial(released, residuals, x, e, known, count)
+
+
+def _prior_rows(problem: CalibrationProblem, residuals: Residuals, stated: list[int]) -> Array:
+    """Stated σ's and tolerances as further rows (p, k) of the Jacobian."""
+    parameters = residuals.parameters
+    covariance = prior_covariance(problem, parameters)[1] if stated else np.zeros((0, 0))
+    prior = full_prior(parameters, problem.robot, tolerances(parameters, stated), stated, covariance)
+    return prior.matrix(len(parameters))

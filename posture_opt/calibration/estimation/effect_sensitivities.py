@@ -1,0 +1,100 @@
+"""What one unit of an effect does to every measured coordinate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from posture_opt.calibration.estimation.residuals import Residuals, gravity_of
+from posture_opt.measurements.measurements import Measurements, inputs_of
+from posture_opt.model.arm_state import ArmState
+from posture_opt.model.chain import Walk
+from posture_opt.model.effects import Effect, Excitation
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Robot
+
+_VARIES = {"payload": 0.05, "temperature": 0.3}  # kg, K: less tells nothing
+_SIDED = 0.5  # of the rows must know the side from which their joints arrived
+
+
+def case_of(data: Measurements, robot: Robot) -> Excitation:
+    """What these measurements can show of effects."""
+    state = ArmState(robot, list(data.q.T), inputs_of(data, robot))
+    known = {"time"} if len(data) > 1 else set()
+    for name, least in _VARIES.items():
+        values = getattr(data, name)
+        if values is not None and float(np.ptp(values)) > least:
+            known.add(name)
+    if np.mean(np.any(data.approach != 0, axis=1)) > _SIDED and len(np.unique(np.sign(data.approach))) > 1:
+        known.add("approach")
+    known |= {"masses"} if state.weighed else set()
+    span = tuple(float(v) for v in np.ptp(data.q, axis=0))
+    times = np.asarray(state.inputs.time, dtype=float)
+    return Excitation(robot, frozenset(known), span, float(np.ptp(times)), tuple(times.tolist()))
+
+
+@dataclass(frozen=True, eq=False)
+class EffectSensitivities:
+    """Columns of effects at the arm ``x`` (k,) of ``residuals``, laid out as the rows of its Jacobian."""
+
+    residuals: Residuals
+    x: Array
+
+    @cached_property
+    def walk(self) -> Walk:
+        """The chain at all rows."""
+        return self.residuals.walk(self.x)
+
+    @cached_property
+    def state(self) -> ArmState:
+        """The arm at all rows with its loads: the file's links, on the base and with the tool that were found."""
+        data, robot = self.residuals.data, self.residuals.robot
+        frames = self.residuals.frames(self.x)
+        upright = replace(robot, gravity=gravity_of(robot, frames))
+        q = list(data.q.T)
+        return ArmState(upright, q, self.residuals.arm.inputs, frames, self.residuals.arm.carried(q))
+
+    @property
+    def rows(self) -> int:
+        """The number of residuals: of all rows, and behind them of known distances, on which no effect acts."""
+        return self.residuals.measured + len(self.residuals.distances)
+
+    @cached_property
+    def joints(self) -> Array:
+        """(n, N, block) whitened residual per unit of each joint."""
+        return np.moveaxis(self.residuals.sensitivities(self.residuals.robot.driven, self.x, self.walk), -1, 0)
+
+    def columns(self, effect: Effect) -> Array:
+        """(rows, parameters) whitened residual per unit of each parameter of an effect."""
+        twists = [self.residuals.arm.twist_of(self.walk, one) for one in effect.sensitivities(self.state)]
+        return self._flat(self.residuals.whiten(twists))
+
+    def fitted_columns(self, effect: Effect, theta: Array) -> Array:
+        """(rows, p) the columns of an effect of size ``theta``, and of its smooth shape where it has one."""
+        wide = self.residuals.with_effects([effect], self.x)
+        own = wide.parameters[len(self.x) :]
+        x = np.r_[self.x, theta, np.zeros(len(own) - len(theta))]
+        return self._flat(wide.sensitivities([p.source for p in own], x))
+
+    def of_joint(self, joint: int, features: Array) -> Array:
+        """(rows, k) of features (N, k) that add to one joint."""
+        columns: Array = self.joints[joint][:, :, None] * features[:, None, :]
+        return self._flat(columns)
+
+    def of_point(self, features: Array) -> Array:
+        """(rows, axes·k) of features (N, k) that shift the measured point along each axis."""
+        residuals = self.residuals
+        N, axes = len(residuals.data), len(residuals.axes)
+        columns = np.zeros((N, residuals.block, axes, features.shape[1]))
+        for slot in range(axes):
+            columns[:, slot, slot, :] = features / residuals.sigma
+        return self._flat(columns.reshape(N, residuals.block, -1))
+
+    def _flat(self, columns: Array) -> Array:
+        """(N, block, k) as the rows of the Jacobian, zero for known distances."""
+        flat = columns.reshape(self.residuals.measured, -1)
+        if not self.residuals.distances:
+            return flat
+        return np.concatenate([flat, np.zeros((len(self.residuals.distances), flat.shape[1]))])

@@ -1,0 +1,324 @@
+"""``Fit``: parameters of an arm from measurements, with priors or without, robust against gross outliers or not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.calibration.estimation.clustered_covariance import clustered_covariance, design_effect
+from posture_opt.calibration.estimation.least_squares import Minimum, least_squares, outlying, reduced
+from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.numerics import Array, Codes, Mask
+
+if TYPE_CHECKING:
+    from posture_opt.model.effects import Effect
+
+ROUNDS = 8  # of leaving out and taking back outliers; on real data two or three settle it
+FAIR = 0.01  # of the weight of a prior: it settles faster than its own uncertainty matters
+_HELD = 1e-8  # of a variance, in correlations: a ten-thousandth of a standard deviation is as good as nothing
+_SURE = 1e-10  # rad, m: nothing is known better
+_CLOSE = 1e-6  # of a standard error: lines of one joint that lean on each other would not fit any more
+_OFFSET = 1e-3  # of a standard error: how near to the minimum is near enough
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Independent knowledge of some deviations: ``W x[rows]`` is a standard normal vector."""
+
+    rows: tuple[int, ...] = ()
+    W: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @classmethod
+    def of(cls, rows: list[int], covariance: Array) -> Prior:
+        """From the covariance of the deviations ``rows``; what has no variance in it, as after a calibration, is held.
+
+        ``W = Λ^(−½) Vᵀ D⁻¹`` with the correlations ``V Λ Vᵀ`` and the standard deviations D.
+        """
+        if not rows:
+            return cls()
+        # A variance that is rounding would weigh so much that all else drowned in it.
+        covariance = covariance + np.diag(np.maximum(_SURE**2 - np.diag(covariance), 0.0))
+        sigma = np.sqrt(np.diag(covariance))
+        values, vectors = np.linalg.eigh(covariance / np.outer(sigma, sigma))
+        return cls(tuple(rows), (vectors / np.sqrt(np.maximum(values, _HELD))).T / sigma)
+
+    def matrix(self, k: int) -> Array:
+        """``W`` in the columns of all k unknowns."""
+        wide = np.zeros((len(self.rows), k))
+        wide[:, list(self.rows)] = self.W
+        return wide
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Parameters of an arm estimated from measurements: geometry, frames, touched points and effects alike.
+
+    Args:
+        residuals: the arm with its effects against the rows; of all rows, the left out ones too.
+        x: (k,) deviations of ``residuals.parameters`` from nominal [SI].
+        directions: (k, r) the steps that were fitted; ``C`` (r, r) their covariance.
+        kept: (N,) the rows that were fitted; ``studentised`` (N,) the length of each row's residuals in units of
+            their standard deviation; zero where outliers were not looked for.
+        variance: residual variance in units of the instrument's.
+        minimum: of the sum of squares in the steps.
+        prior, weight: what was known beforehand, and the standard deviation that weighs it, in units of the
+            instrument's.
+        design: design effect (Kish 1965): so many rows tell as much as one alone would.
+        settled: whether leaving out outliers came to an end.
+        effects: those that were fitted, with estimates and shapes; parameters of the group ``effect`` in this order.
+    """
+
+    residuals: Residuals
+    x: Array
+    directions: Array
+    C: Array
+    kept: Mask
+    studentised: Array
+    variance: float
+    minimum: Minimum
+    prior: Prior | None = None
+    weight: float = 0.0
+    design: float = 1.0
+    settled: bool = True
+    effects: tuple[Effect, ...] = ()
+
+    @property
+    def covariance(self) -> Array:
+        """(k, k) of ``x``; what was not fitted has no variance in it."""
+        return np.asarray(self.directions @ self.C @ self.directions.T)
+
+    @property
+    def std(self) -> Array:
+        """(k,) standard errors; zero for what was not fitted."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+    @property
+    def geometry(self) -> Codes:
+        """(g,) the steps that are none of effects."""
+        own = [i for i, p in enumerate(self.residuals.parameters) if p.group != "effect"]
+        return np.flatnonzero(np.any(self.directions[own], axis=0))
+
+    @cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """Where in ``x`` the linear parameters of each effect stand; its shape comes behind them."""
+        first = sum(p.group != "effect" for p in self.residuals.parameters)
+        found = []
+        for effect in self.effects:
+            found.append(slice(first, first + len(effect.dimensions)))
+            first += len(effect.dimensions) + bool(effect.smooth_shape)
+        return tuple(found)
+
+    @property
+    def shapes(self) -> dict[int, int]:
+        """Effect -> where in ``x`` its smooth shape stands."""
+        return {i: part.stop for i, part in enumerate(self.slices) if self.effects[i].smooth_shape}
+
+    @property
+    def sizes(self) -> Codes:
+        """Where in ``x`` the linear parameters of all effects stand."""
+        return np.array([k for part in self.slices for k in range(part.start, part.stop)], dtype=np.intp)
+
+    @property
+    def count(self) -> int:
+        """How many parameters were fitted, shapes left out."""
+        return len(self.geometry) + len(self.sizes)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """(m, k) of the whitened residuals of all rows by the parameters."""
+        return self.residuals.both(self.x)[1][: self.residuals.measured]
+
+    @cached_property
+    def residuals_and_jacobian(self) -> tuple[Array, Array]:
+        """Whitened residuals (m + d + p,) and their Jacobian: of rows, known distances, and the prior."""
+        r, J = self.residuals.both(self.x)
+        if self.prior is None:
+            return r, J
+        known = self.weight * self.prior.matrix(len(self.x))
+        return np.concatenate([r, known @ self.x]), np.concatenate([J, known])
+
+    def effect_columns(self, i: int) -> Array:
+        """(m, parameters) whitened residual per unit of each linear parameter of an effect."""
+        return np.asarray(self.jacobian[:, self.slices[i]])
+
+    @cached_property
+    def whitened(self) -> Array:
+        """(m,) residuals of all rows in units of the instrument's σ."""
+        return self.residuals.whitened(self.x)[: self.residuals.measured]
+
+    def keeping(self, effects: Sequence[int]) -> Fit:
+        """The same estimate without the other effects, nothing fitted again: as certain as all was together."""
+        rows = [k for k, p in enumerate(self.residuals.parameters) if p.group != "effect"]
+        for i in effects:
+            part = self.slices[i]
+            rows += range(part.start, part.stop + (i in self.shapes))
+        steps = np.flatnonzero(np.any(self.directions[rows], axis=0)).tolist()
+        return replace(
+            self,
+            residuals=self.residuals.with_parameters([self.residuals.parameters[k] for k in rows]),
+            x=self.x[rows],
+            directions=self.directions[np.ix_(rows, steps)],
+            C=self.C[np.ix_(steps, steps)],
+            prior=None,
+            effects=tuple(self.effects[i] for i in effects),
+        )
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the fit found its minimum, and leaving out outliers came to an end."""
+        return self.minimum.converged and self.settled
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on what did not come to rest."""
+        stopped = f"the fit had not converged after {self.minimum.steps} steps: estimates and errors are provisional"
+        changing = f"which rows are outliers still changed after {ROUNDS} rounds: look at those that are listed"
+        listed = not self.settled and not self.kept.all()  # where none is left out, there is nothing to look at
+        return (stopped,) * (not self.minimum.converged) + (changing,) * listed
+
+
+def estimate(
+    residuals: Residuals, x0: Array, directions: Array, prior: Prior | None = None, *, robust: bool = True,
+    near: Array | None = None, weight: float = 0.0, design: float = 1.0, tolerance: float = _OFFSET,
+) -> Fit:  # fmt: skip
+    """The least squares estimate ``x0 + directions z``; rows that turn out gross outliers are left out.
+
+    In each round all rows are judged anew, so that a row wrongly left out comes back. The residual variance, not
+    the instrument's, weighs the data against the prior: what the model cannot explain makes data worth less.
+    ``near`` is a first guess of ``z``, ``weight`` one of the standard deviation that weighs the prior; the minimum
+    does not depend on them. ``design`` is the number of rows that tell as much as one alone would: neighbours that err
+    alike.
+    """
+    n = len(residuals.data)
+    kept, z = np.ones(n, dtype=bool), np.zeros(directions.shape[1]) if near is None else near
+    studentised, settled = np.zeros(n), False
+    for _ in range(ROUNDS):
+        used = residuals.take(np.flatnonzero(kept)) if not kept.all() else residuals
+        found = least_squares(_function(used, x0, directions, prior, weight), z, tolerance=tolerance, max_steps=100)
+        z = found.x
+        x = x0 + directions @ z
+        variance = found.variance
+        if not robust and prior is None:
+            settled = True
+            break
+        r, J = residuals.both(x)
+        rows = n * residuals.block
+        known = known_rows(prior, weight, directions)
+        gross, studentised = outlying(r[:rows], reduced(J[:rows], directions), residuals.block, known)
+        gross = gross if robust else np.zeros(n, dtype=bool)
+        variance = variance_of(found, known)
+        # A prior that was weighed with the variance of a fit to outliers would be many times too sure of itself.
+        fair = np.sqrt(design * variance) if prior is not None else 0.0
+        settled = np.array_equal(~gross, kept) and abs(weight - fair) <= FAIR * fair
+        kept, weight = ~gross, fair
+        if settled:
+            break
+    inverse = np.linalg.pinv(found.R, rcond=1e-14)
+    C = np.asarray(design * variance * inverse @ inverse.T)
+    return Fit(
+        residuals, x, directions, C, kept, studentised, variance, found, prior, weight, design, settled
+    )  # fmt: skip
+
+
+def minimum_of(residuals: Residuals, x0: Array, directions: Array, known: Array) -> tuple[Array, Minimum]:
+    """Where ``|r(x)|² + |known x|²`` is least (k,), on ``x0 + directions z``, and the minimum in z.
+
+    Nothing is left out and nothing weighed anew; ``known`` (p, k) are the rows of a prior.
+    """
+    function = _with_known(residuals, x0, directions, known)
+    found = least_squares(function, np.zeros(directions.shape[1]), tolerance=_OFFSET, max_steps=30)
+    return x0 + directions @ found.x, found
+
+
+def clustered(fit: Fit) -> Fit:
+    """The same estimate with the covariance that its residuals ask for where they hang together within blocks.
+
+    Source: Liang, Zeger (1986), see `clustered_covariance`.
+    """
+    used = fit.residuals.take(np.flatnonzero(fit.kept))
+    r, J = used.both(fit.x)
+    known = known_rows(fit.prior, fit.weight, fit.directions)
+    A = reduced(J[: used.measured], fit.directions)
+    C = clustered_covariance(used, r[: used.measured], A, fit.minimum.R, fit.variance, known, fit.weight)
+    return replace(fit, C=C)
+
+
+def fit_with_effects(
+    residuals: Residuals, x0: Array, directions: Array, effects: Sequence[Effect], prior: Prior | None = None,
+    weight: float = 1.0, *, shapes: bool = True,
+) -> Fit:  # fmt: skip
+    """Geometry in some ``directions`` (k, r) about ``x0`` (k,), effects and their smooth shapes, all together.
+
+    Rows are taken as independent at first, and then for as many as the design effect of what is left says. What
+    effects explain makes data worth more than they were without: the prior is weighed anew.
+
+    Args:
+        effects: the fit starts at their shapes, and at their estimates where they have some.
+        shapes: whether smooth shapes are fitted too; else they stay.
+    """
+    wide = residuals.with_effects(effects, x0)
+    more = len(wide.parameters) - len(x0)
+    steps = np.zeros((len(wide.parameters), directions.shape[1] + more))
+    steps[: len(x0), : directions.shape[1]] = directions
+    start = np.r_[x0, wide.start_of(effects)]
+    steps[len(x0) :, directions.shape[1] :] = np.diag(_units(wide, start, len(x0)))
+    if not shapes:
+        held = [i for i, p in enumerate(wide.parameters) if p.name in wide.arm.shape_parameters]
+        steps = steps[:, ~np.any(steps[held], axis=0)]
+    design, near = 1.0, None
+    for _ in range(ROUNDS):
+        found = estimate(
+            wide, start, steps, prior, robust=False, near=near, weight=weight, design=design, tolerance=_CLOSE
+        )
+        again = _design(found)
+        if prior is None or abs(again - design) <= FAIR * design:
+            break
+        design, weight, near = again, found.weight, found.minimum.x
+    found = replace(found, design=again, C=found.C / design, effects=wide.fitted_effects(effects, found.x))
+    return clustered(found) if again > 1 else found
+
+
+def _units(wide: Residuals, start: Array, first: int) -> Array:
+    """(e,) steps of the effects' parameters whose columns have length one, as those of any other unit would drown."""
+    norms = np.linalg.norm(wide.both(start)[1][:, first:], axis=0)
+    return np.asarray(np.where(norms > 0, 1 / np.where(norms > 0, norms, 1.0), 1.0))
+
+
+def _design(fit: Fit) -> float:
+    """The design effect of what a fit leaves; 1 where there are hardly more residuals than unknowns."""
+    if not fit.directions.shape[1]:
+        return 1.0
+    A = fit.jacobian @ fit.directions
+    norms = np.linalg.norm(A, axis=0)
+    return design_effect(fit.residuals, fit.whitened, A / np.where(norms > 0, norms, 1.0))
+
+
+def known_rows(prior: Prior | None, weight: float, directions: Array) -> Array:
+    """The prior as further rows of the Jacobian."""
+    rows = np.zeros((0, directions.shape[1]))
+    return rows if prior is None else np.asarray(weight * prior.matrix(len(directions)) @ directions)
+
+
+def variance_of(found: Minimum, known: Array) -> float:
+    """Residual variance of the measurements: what a wrong prior costs is no noise of theirs."""
+    measured = found.residuals[: len(found.residuals) - len(known)]
+    by_prior = float(np.sum((known @ np.linalg.pinv(found.R, rcond=1e-14)) ** 2))
+    return float(measured @ measured) / max(len(measured) - len(found.x) + by_prior, 1.0)
+
+
+def _function(residuals: Residuals, x0: Array, directions: Array, prior: Prior | None, weight: float):  # type: ignore[no-untyped-def]
+    known = weight * prior.matrix(len(x0)) if prior is not None else np.zeros((0, len(x0)))
+    return _with_known(residuals, x0, directions, known)
+
+
+def _with_known(residuals: Residuals, x0: Array, directions: Array, known: Array):  # type: ignore[no-untyped-def]
+    def function(z: Array) -> tuple[Array, Array]:
+        x = x0 + directions @ z
+        r, J = residuals.both(x)
+        return np.concatenate([r, known @ x]), reduced(np.concatenate([J, known]), directions)
+
+    return function

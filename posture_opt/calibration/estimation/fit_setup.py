@@ -1,0 +1,145 @@
+"""What is known of an arm's parameters: by the data to come, by stated σ's, and by how parts are made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.calibration.estimation.clustered_covariance import design_effect
+from posture_opt.calibration.estimation.fit import Fit, Prior
+from posture_opt.calibration.estimation.identifiability import ANGLE, LENGTH, Identifiability, identify
+from posture_opt.calibration.estimation.least_squares import noise, unexplained
+from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter, prior_covariance
+from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.calibration.estimation.starting_values import offset_of_tool, tool_sigma
+from posture_opt.numerics import Array, Mask
+from posture_opt.robot.robot import Robot
+
+FREE = 1.0  # m or rad: what nobody knows of a free frame or a touched point
+ALIKE = "neighbouring postures err alike: for standard errors, {:.2g} rows count as one"
+NEAR = (
+    f"the data tell {{}} less well than to {LENGTH * 1e3:g} mm or {np.degrees(ANGLE):g} deg: geometry is taken to lie "
+    "within that of its nominal value (one σ)"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class FitSetup:
+    """Which directions a calibration fits, and with what prior; decided once, at the nominal model.
+
+    Args:
+        identifiability: what the data alone determine.
+        directions: (k, r) the steps that are fitted [rad or m].
+        fixed: (k,) whether data, or stated σ's, determine the parameter.
+        prior: of the fit, or ``None``.
+        stated: (k,) the stated σ of each parameter that counts as knowledge; NaN where there is none.
+        noise: standard deviation that weighs the prior, in units of the instrument's: the residuals', times √design.
+        design: how many rows tell as much as one alone would, as neighbouring postures err alike.
+        held: (k, h) steps of a tolerance each that nothing tells: they are not fitted [rad or m].
+        notes: sentences on what was assumed.
+    """
+
+    identifiability: Identifiability
+    directions: Array
+    fixed: Mask
+    prior: Prior | None
+    stated: Array
+    noise: float
+    design: float
+    held: Array
+    notes: tuple[str, ...]
+
+
+def determine(
+    problem: CalibrationProblem, residuals: Residuals, x: Array, held: int | None, priors: bool,
+    found: Fit | None = None,
+) -> FitSetup:  # fmt: skip
+    """What measurements determine at the deviations ``x``, by themselves and with what is known beforehand.
+
+    The noise is what no step of all parameters explains, but no less than the instrument's: what the model cannot
+    express makes data worth less, and less still where neighbouring postures have it in common. Without stated σ's,
+    geometry has the prior of 10 mm and 1°. With an estimate already ``found``, the noise is what that one leaves.
+    """
+    parameters, rows = residuals.parameters, len(residuals.data)
+    names = [p.name for p in parameters]
+    J = residuals.both(x)[1]
+    spread, design = _spread(residuals, x, found)
+    spread *= float(np.sqrt(design))
+    indices, covariance = prior_covariance(problem, parameters) if priors else ([], np.zeros((0, 0)))
+    scale = tolerances(parameters, indices)
+    alone = identify(names, J, rows, held, scale=scale, noise=spread)
+    stated = np.full(len(names), np.nan)
+    stated[indices] = np.sqrt(np.diag(covariance))
+    if not priors:
+        rest = scale[:, None] * alone.null
+        return FitSetup(alone, alone.directions, alone.determined, None, stated, spread, design, rest, _alike(design))
+    known = Prior.of(indices, covariance).matrix(len(names))
+    both = identify(names, np.concatenate([J / spread, known]), rows, held, scale=scale) if indices else alone
+    fixed = both.determined | (np.isfinite(stated) & (np.arange(len(names)) != (-1 if held is None else held)))
+    prior = full_prior(parameters, problem.robot, scale, indices, covariance)
+    notes = (*_alike(design), *([NEAR.format(_vague(both))] if both.hardly.shape[1] else []))
+    directions = np.concatenate([both.directions, both.hardly], axis=1)
+    rest = scale[:, None] * both.vectors[:, directions.shape[1] :]
+    return FitSetup(alone, directions, fixed, prior, stated, spread, design, rest, notes)
+
+
+def unseen(residuals: Residuals, known: FitSetup, found: Fit, length: int | None) -> Array:
+    """(k,) part of the standard errors that combinations leave which nothing tells [rad, m].
+
+    What is held moves nothing at the nominal arm, but something at the fitted one: a tool whose length nobody knows,
+    on an axis found tilted, is displaced sideways, and the estimates make up for it. For steps H that are held, at D
+    that are fitted, the estimate errs by ``H − D (AᵀA)⁻¹ (J D)ᵀ J H``, the normal equations' at the fitted arm.
+
+    Args:
+        length: the parameter that is held as the size of the arm, if there is one: all lengths are told in it.
+    """
+    J = residuals.take(np.flatnonzero(found.kept)).both(found.x)[1]
+    if length is not None:
+        J[:, length] = 0.0
+    inverse = known.directions @ np.linalg.pinv(found.minimum.R, rcond=1e-14)
+    moved = known.held - inverse @ (inverse.T @ (J.T @ (J @ known.held)))
+    return np.asarray(np.linalg.norm(moved, axis=1))
+
+
+def _spread(residuals: Residuals, x: Array, found: Fit | None) -> tuple[float, float]:
+    """The residuals' standard deviation in units of the instrument's, at least 1, and their design effect."""
+    if found is not None:
+        residuals, x = residuals.take(np.flatnonzero(found.kept)), found.x
+    r, J = residuals.both(x)
+    measured = len(residuals.data) * residuals.block
+    r, J = r[:measured], J[:measured]
+    if measured <= J.shape[1]:
+        return 1.0, 1.0
+    rest = unexplained(r, J)
+    return max(noise(r, J, residuals.block), 1.0), design_effect(residuals, rest, J)
+
+
+def _alike(design: float) -> tuple[str, ...]:
+    return (ALIKE.format(design),) if design > 1 else ()
+
+
+def tolerances(parameters: Sequence[Parameter], stated: list[int]) -> Array:
+    """How far each unknown may be off beforehand [rad or m]: geometry, and frames of which a σ is stated, not far."""
+    part = {"m": LENGTH, "rad": ANGLE}
+    return np.array([part[p.unit] if p.group == "geometry" or i in stated else FREE for i, p in enumerate(parameters)])
+
+
+def full_prior(
+    parameters: Sequence[Parameter], robot: Robot, scale: Array, stated: list[int], covariance: Array
+) -> Prior:
+    """Stated σ's, for the rest of the geometry its tolerance, and for the offsets of free tools the arm's size."""
+    sigma = np.where([offset_of_tool(p) for p in parameters], tool_sigma(robot), scale)
+    rest = [i for i, p in enumerate(parameters) if (p.group == "geometry" or offset_of_tool(p)) and i not in stated]
+    both = np.zeros((len(stated) + len(rest),) * 2)
+    both[: len(stated), : len(stated)] = covariance
+    both[len(stated) :, len(stated) :] = np.diag(sigma[rest] ** 2)
+    return Prior.of([*stated, *rest], both)
+
+
+def _vague(known: Identifiability) -> str:
+    """The parameters that have the largest parts in what is hardly told."""
+    parts = np.abs(known.hardly / known.scale[:, None]).max(axis=1)
+    most = [int(i) for i in np.argsort(-parts, kind="stable") if parts[i] > 0.3 * parts.max()][:4]
+    return " and ".join([", ".join(known.names[i] for i in most[:-1]), known.names[most[-1]]][len(most) == 1 :])

@@ -1,0 +1,120 @@
+"""``FittedArm``: what measurements say of an arm, in the terms of the problem that takes it over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.effects import Effect, NoiseEffect
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Robot
+from posture_opt.uncertainty.sources.sources import Sources
+
+NEGLIGIBLE = {"m": 1e-11, "rad": 1e-13}
+"""Below, a deviation is rounding: [m], and [rad] at any reach of an arm."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedArm:
+    """The arm that fits measurements: deviations of its parameters, its effects, and what is still uncertain of both.
+
+    Args:
+        label: what the arm is called beside the name of its problem, ``calibrated``; empty for no new name.
+        deviations: of named parameters of the robot from the values of the problem [rad or m]; a frame with
+            deviations is known from now on, and no longer free.
+        known: covariance of the errors that stay, of effects too; ``None`` leaves all that the problem states.
+        scatter: JOINT.theta or JOINT.d -> standard deviation from repeat to repeat beside that of effects [rad or m].
+        effects: with their estimates, which add to those of the problem; ``noises`` likewise.
+        gravity: in the world of the data [m/s²]; ``None`` leaves that of the problem.
+        header: what a file of this arm says of itself in its first lines.
+    """
+
+    label: str
+    deviations: Mapping[str, float]
+    known: Sources | None = None
+    scatter: Mapping[str, float] = field(default_factory=dict)
+    effects: tuple[Effect, ...] = ()
+    noises: tuple[NoiseEffect, ...] = ()
+    gravity: tuple[float, float, float] | None = None
+    header: tuple[str, ...] = ()
+
+    @property
+    def covariance_file(self) -> str:
+        """What the file of the covariance is called."""
+        return f"{self.label}_covariance.csv"
+
+
+class FittableProblem(CalibrationProblem, Protocol):
+    """A problem that takes over the arm that measurements found."""
+
+    def with_fit(self, fit: FittedArm) -> Any:
+        """The same problem with the fitted arm."""
+
+    def reloaded(self) -> Any:
+        """The problem that its own files hold."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FitRequest:
+    """The arm as it is stated, what was measured, and what to make of it.
+
+    Args:
+        folds: of the cross-validation.
+        test: other measurements that are predicted, with base and tool fitted again if ``refit_frames``.
+        plan: whether the task is planned again with the arm that is found, when that is asked for.
+        seed: of that plan; None for the problem's.
+    """
+
+    problem: CalibrationProblem
+    data: Measurements
+    folds: int = 5
+    test: Measurements | None = None
+    refit_frames: bool = False
+    plan: bool = True
+    seed: int | None = None
+
+
+def places_in_robot(parameters: Sequence[Parameter]) -> dict[str, int]:
+    """Name in the robot -> place among the parameters of a fit; of several targets the first is the tool point."""
+    return {
+        f"tool.{p.name.rpartition('.')[2]}" if p.group == "tool" else p.name: i
+        for i, p in enumerate(parameters)
+        if p.group in ("geometry", "base", "tool") and p.code <= 0
+    }
+
+
+def persistent_sources(robot: Robot, stated: Sources, names: Sequence[str], covariance: Array) -> Sources:
+    """What is still uncertain of errors that stay: the estimates, and stated σ's that the data had no part in.
+
+    Args:
+        stated: the sources of the problem.
+        names: (k,) of the parameters that were fitted; covariance: (k, k) of their estimates, SI.
+    """
+    parameters = robot.parameters
+    least = np.array([NEGLIGIBLE["rad" if parameters[name].kind == "rotate" else "m"] for name in names])
+    kept = [i for i in range(len(names)) if covariance[i, i] > least[i] ** 2]
+    found = Sources(tuple(names[i] for i in kept), semidefinite(covariance[np.ix_(kept, kept)]))
+    moved = {name.rpartition(".")[0] for name in names if name.endswith(".roll")}
+    others = [
+        i
+        for i, name in enumerate(stated.names)
+        if name not in names
+        and stated.constant[i, i] > 0
+        # The value of a joint with an origin of six moves the tool as its origin does, which was fitted.
+        and not (name.rpartition(".")[0] in moved and name.rpartition(".")[2] in ("theta", "d"))
+    ]
+    return found.plus(Sources(tuple(stated.names[i] for i in others), stated.constant[np.ix_(others, others)]))
+
+
+def semidefinite(covariance: Array) -> Array:
+    """The covariance (k, k) without the rounding of its zeros; in correlations, which have no units."""
+    sigma = np.sqrt(np.diag(covariance))
+    scale = np.where(sigma > 0, sigma, 1.0)  # what moves nothing that was measured has no variance at all
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    found = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(sigma, sigma)
+    return np.asarray((found + found.T) / 2)

@@ -1,0 +1,76 @@
+"""A fitted arm to first order about its estimate, in the coordinates of the space that its columns span."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.numerics import Array, Codes
+
+_LEAST = 1e-10  # of the largest singular value: what is smaller is not determined
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """Residuals ``r + U K z`` for steps z of geometry and effects; every refit happens in the few coordinates K.
+
+    Args:
+        r: (m,) residuals at the estimate, those of known distances and of the prior at the end.
+        U: (m, p) orthonormal basis of all columns, ``K`` (p, c) the columns in it.
+        basis: (k, c) deviations of the parameters per step; shapes of effects stay.
+        owner: (c,) the effect that a column belongs to; -1 for geometry.
+        z: (c,) the steps that the effects' estimates are; zero for geometry.
+    """
+
+    r: Array
+    U: Array
+    K: Array
+    basis: Array
+    owner: Codes
+    z: Array
+
+    @classmethod
+    def of(cls, fit: Fit) -> LinearModel:
+        """Of a fit at its estimate."""
+        r, J = fit.residuals_and_jacobian
+        geometry = fit.directions[:, fit.geometry]
+        own = fit.sizes
+        norms = np.linalg.norm(J[:, own], axis=0)
+        scale = np.where(norms > 0, norms, 1.0)
+        effects = np.zeros((len(fit.x), len(own)))
+        effects[own, range(len(own))] = 1 / scale
+        basis = np.concatenate([geometry, effects], axis=1)
+        sizes = [s.stop - s.start for s in fit.slices]
+        owner = np.r_[np.full(geometry.shape[1], -1), np.repeat(np.arange(len(sizes)), sizes)].astype(np.intp)
+        U, s, V = np.linalg.svd(J @ basis, full_matrices=False)
+        kept = s > _LEAST * s.max(initial=0.0)
+        z = np.r_[np.zeros(geometry.shape[1]), fit.x[own] * scale]
+        return cls(r, U[:, kept], s[kept, None] * V[kept], basis, owner, z)
+
+    @classmethod
+    def beside(cls, fit: Fit, columns: Array) -> LinearModel:
+        """Of the geometry of a fit and columns (m, c) that it was not fitted with, each of unit length."""
+        r, J = fit.residuals_and_jacobian
+        geometry = fit.directions[:, fit.geometry]
+        further = np.zeros((len(r), columns.shape[1]))  # a prior of the geometry knows nothing of them
+        further[: len(columns)] = columns
+        U, s, V = np.linalg.svd(np.concatenate([J @ geometry, further], axis=1), full_matrices=False)
+        kept = s > _LEAST * s.max(initial=0.0)
+        count = geometry.shape[1] + columns.shape[1]
+        basis = np.concatenate([geometry, np.zeros((len(fit.x), columns.shape[1]))], axis=1)
+        return cls(r, U[:, kept], s[kept, None] * V[kept], basis, np.full(count, -1), np.zeros(count))
+
+    def without(self, effect: int | None) -> tuple[Array, Codes]:
+        """Residuals (m,) when an effect is taken out with nothing refitted, and the columns that are left."""
+        gone = self.owner == effect if effect is not None else np.zeros(len(self.owner), dtype=bool)
+        r = self.r - self.U @ (self.K[:, gone] @ self.z[gone]) if gone.any() else self.r
+        return r, np.flatnonzero(~gone)
+
+    def refitted(self, effect: int) -> Array:
+        """(k,) deviations after which the rest explains what an effect leaves when it is taken out."""
+        r, kept = self.without(effect)
+        step = np.zeros(len(self.owner))
+        step[kept] = np.linalg.lstsq(self.K[:, kept], -self.U.T @ r, rcond=_LEAST)[0]
+        return np.asarray(self.basis @ step)

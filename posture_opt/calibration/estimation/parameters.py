@@ -1,0 +1,158 @@
+"""Which parameters of an arm a calibration fits: geometry, base, tools, touched points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, Self
+
+import numpy as np
+
+from posture_opt.measurements.data_section import DataSpec
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.arm import Arm
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Robot
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.units import DIMENSIONS
+
+if TYPE_CHECKING:
+    from posture_opt.model.effects import Effect
+
+PARALLEL = math.radians(10.0)  # below, `d` and `a` can no longer follow a tilt of the next axis (Hayati 1983)
+_AXES = ("x", "y", "z")
+_ANGLES = ("roll", "pitch", "yaw")
+
+
+class CalibrationProblem(Protocol):
+    """What a calibration asks of a problem."""
+
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def arm(self) -> Arm: ...
+    @property
+    def sources(self) -> Sources: ...
+    @property
+    def effects(self) -> tuple[Any, ...]: ...
+    @property
+    def measurement(self) -> Any: ...
+    @property
+    def data(self) -> DataSpec: ...
+
+    def released(self, frames: Sequence[str], parameters: Sequence[str], effects: Sequence[Effect] = ()) -> Self:
+        """The same problem with frames free, without the stated σ's of parameters, and with further effects."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One unknown: a parameter of the arm, of one target or of all rows, or the coordinate of a touched point.
+
+    Args:
+        name: ``JOINT.PARAMETER``, ``base.x``, ``tool.x`` (``tool[TARGET].x`` with several targets), ``point[NAME].x``.
+        group: ``geometry``, ``base``, ``tool``, ``effect`` or ``point``.
+        nominal: the value in the file [rad or m]; the unknown is the deviation from it.
+        source: the parameter of the arm that it deviates; empty for points.
+        code: target of a tool offset or point; -1 where the parameter acts in all rows.
+        axis: coordinate of a point.
+    """
+
+    name: str
+    group: str
+    unit: str
+    nominal: float
+    source: str = ""
+    code: int = -1
+    axis: int = 0
+
+
+def tool_unknown(robot: Robot, data: Measurements) -> bool:
+    """Whether the tool is found from the data: it is free, or carries several targets, each at an offset of its own."""
+    return robot.tool_free or len(data.target_names) > 1
+
+
+def candidates(robot: Robot, data: Measurements, *, orientation: bool = False) -> tuple[Parameter, ...]:
+    """Every parameter that measurements of this kind could tell something about, from base to tool.
+
+    Touched points stand in the frame of the base, which is then no unknown, nor is what moves arm and points
+    together: all before the first joint, and its own offset. ``beta`` is a candidate only between
+    nearly parallel axes (Hayati, Mirmirani 1985); a joint with an origin of six has no offset of its own.
+    """
+    at = {factor.parameter: i for i, factor in enumerate(robot.factors) if factor.parameter}
+    found = []
+    for name, index in at.items():
+        prefix, _, last = name.rpartition(".")
+        group = prefix if prefix in ("base", "tool") else "geometry"
+        if group == "geometry" and not _fitted(robot, prefix, last):
+            continue
+        if data.position is None and (group == "base" or index <= robot.driven[0]):
+            continue
+        if group == "tool":
+            if orientation or last in _AXES:
+                found += _tools(robot, data, name, index)
+            continue
+        found.append(_of_factor(robot, name, group, index))
+    return (*found, *_points(data))
+
+
+def effect_parameters(effect: Effect) -> list[Parameter]:
+    """The unknowns of an effect: its linear parameters, and its shape where it depends on that smoothly."""
+    rows = zip(effect.parameter_names, effect.dimensions, strict=True)
+    found = [Parameter(n, "effect", "1" if d == "ratio" else DIMENSIONS[d][0], 0.0, n) for n, (_, d) in rows]
+    if effect.smooth_shape:
+        name = f"{effect.name}.{effect.smooth_shape}"
+        found.append(Parameter(name, "effect", "1", 0.0, name))
+    return found
+
+
+def _of_factor(robot: Robot, name: str, group: str, index: int, code: int = -1) -> Parameter:
+    factor = robot.factors[index]
+    return Parameter(name, group, "rad" if factor.kind == "rotate" else "m", factor.nominal, factor.parameter, code)
+
+
+def _tools(robot: Robot, data: Measurements, name: str, index: int) -> list[Parameter]:
+    if len(data.target_names) < 2:
+        return [_of_factor(robot, name, "tool", index)]
+    last = name.rpartition(".")[2]
+    names = [f"tool[{target}].{last}" for target in data.target_names]
+    return [_of_factor(robot, name, "tool", index, code) for code, name in enumerate(names)]
+
+
+def _points(data: Measurements) -> list[Parameter]:
+    if data.position is not None:
+        return []
+    names = data.point_names
+    return [
+        Parameter(f"point[{name}].{axis}", "point", "m", 0.0, "", k, i)
+        for k, name in enumerate(names)
+        for i, axis in enumerate(_AXES)
+    ]
+
+
+def _fitted(robot: Robot, joint: str, last: str) -> bool:
+    parameters = robot.parameters
+    index = robot.joint_names.index(joint) if joint in robot.joint_names else -1
+    if last == "beta":
+        alpha = parameters[f"{joint}.alpha"].nominal
+        return index < robot.n - 1 and abs(math.sin(alpha)) < math.sin(PARALLEL)
+    # The joint value of a URDF joint moves the tool as its origin does.
+    return not (last in ("theta", "d") and f"{joint}.roll" in parameters)
+
+
+def prior_covariance(problem: CalibrationProblem, parameters: Sequence[Parameter]) -> tuple[list[int], Array]:
+    """Indices of the parameters with a stated σ and their prior covariance [rad², m², rad m].
+
+    What a data sheet's repeatability, or ``scatter``, adds to the sources changes from repeat to repeat and is no
+    prior; a frame that is free has none either.
+    """
+    known = problem.sources.constant
+    free = {"base": problem.robot.base_free, "tool": problem.robot.tool_free}
+    place = {name: i for i, name in enumerate(problem.sources.names)}
+    rows = [
+        i
+        for i, p in enumerate(parameters)
+        if p.name in place and known[place[p.name], place[p.name]] > 0 and not free.get(p.group, False)
+    ]
+    columns = [place[parameters[i].name] for i in rows]
+    return rows, known[np.ix_(columns, columns)]

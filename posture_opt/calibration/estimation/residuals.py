@@ -1,0 +1,318 @@
+"""Residuals of an arm against measurements and their derivatives, all rows at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from posture_opt.calibration.estimation.parameters import Parameter, effect_parameters, tool_unknown
+from posture_opt.measurements.measurements import Measurements, arm_for
+from posture_opt.model.arm import Arm, Twist
+from posture_opt.model.chain import Walk, factor_values, walk
+from posture_opt.numerics import Array, Codes
+from posture_opt.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from posture_opt.model.effects import Effect
+
+_LEVEL = np.radians(10)  # a levelled instrument and a base that was set up with a level agree to better than this
+MANY = 20_000
+"""Rows that are walked at a time where nothing but their errors is asked for: the chain holds some hundred arrays."""
+Distance = tuple[int, int, float, float]
+"""Codes of two points, their distance [m] and its standard deviation [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Model minus measurement as a function of the deviations ``x`` (k,) of ``parameters`` from nominal [rad, m].
+
+    Any parameter of the arm can be among them: geometry, frames and effects alike; touched points beside them.
+
+    Args:
+        arm: under the inputs of every row of ``data``, see `Residuals.of`.
+        sigma: standard deviation of each measured coordinate [m].
+        sigma_rotation: of each component of the measured rotation [rad]; 0 leaves orientations out.
+        distances: (first point, second point, distance [m], standard deviation [m]) known between points.
+    """
+
+    arm: Arm
+    data: Measurements
+    parameters: tuple[Parameter, ...]
+    sigma: float
+    sigma_rotation: float = 0.0
+    distances: tuple[Distance, ...] = ()
+
+    @classmethod
+    def of(
+        cls, arm: Arm, data: Measurements, parameters: tuple[Parameter, ...], sigma: float,
+        sigma_rotation: float = 0.0, distances: tuple[Distance, ...] = (),
+    ) -> Residuals:  # fmt: skip
+        """Of an arm whose effects see the inputs of every row."""
+        return cls(arm_for(arm, data), data, parameters, sigma, sigma_rotation, distances)
+
+    @property
+    def robot(self) -> Robot:
+        """The arm without its effects."""
+        return self.arm.robot
+
+    @property
+    def oriented(self) -> bool:
+        """Whether orientations count."""
+        return self.sigma_rotation > 0 and self.data.rotation is not None
+
+    @property
+    def axes(self) -> Codes:
+        """Coordinates of the position that were measured."""
+        return np.flatnonzero(self.data.measured_axes) if self.data.position is not None else np.arange(3)
+
+    @property
+    def block(self) -> int:
+        """The number of residuals of one row."""
+        return len(self.axes) + 3 * self.oriented
+
+    @property
+    def free_groups(self) -> frozenset[str]:
+        """The groups of parameters that are fitted to the nominal arm too: touched points and free frames.
+
+        Several targets are several points of one tool, of which the file can state but one: their offsets are free.
+        """
+        free = {"point": True, "base": self.robot.base_free, "tool": tool_unknown(self.robot, self.data)}
+        return frozenset(group for group, is_free in free.items() if is_free)
+
+    @property
+    def free(self) -> Codes:
+        """(f,) the parameters of those groups."""
+        return np.array([i for i, p in enumerate(self.parameters) if p.group in self.free_groups], dtype=np.intp)
+
+    @property
+    def measured(self) -> int:
+        """The number of residuals of all rows; those of known distances come behind them."""
+        return len(self.data) * self.block
+
+    @cached_property
+    def q(self) -> list[Array]:
+        """(n,) of the commanded joints (N,) [rad or m]."""
+        return [np.ascontiguousarray(column) for column in self.data.q.T]
+
+    def of_data(self, data: Measurements, distances: tuple[Distance, ...] = ()) -> Residuals:
+        """The same arm and parameters against other measurements."""
+        return replace(self, arm=arm_for(self.arm, data), data=data, distances=distances)
+
+    def of_robot(self, robot: Robot, parameters: tuple[Parameter, ...]) -> Residuals:
+        """The same measurements against a robot that stands or is drawn otherwise."""
+        return replace(self, arm=replace(self.arm, robot=robot), parameters=parameters)
+
+    def with_effects(self, effects: Sequence[Effect], x: Array) -> Residuals:
+        """The same residuals with the parameters of effects, and their smooth shapes, as further unknowns.
+
+        The effects are none at deviations of zero; one that the arm has already deviates from its estimate. Weights
+        pull along gravity as the arm stands at ``x`` (k,).
+        """
+        known = {effect.name for effect in self.arm.effects}
+        new = [e.with_estimate([0.0] * len(e.dimensions)) for e in effects if e.name not in known]
+        robot = replace(self.robot, gravity=gravity_of(self.robot, self.frames(x)))
+        parameters = [p for effect in effects for p in effect_parameters(effect)]
+        arm = replace(self.arm, robot=robot, effects=(*self.arm.effects, *new))
+        return replace(self, arm=arm, parameters=(*self.parameters, *parameters))
+
+    def with_parameters(self, parameters: Sequence[Parameter]) -> Residuals:
+        """The same residuals by some of the parameters; effects that would do nothing any more are gone."""
+        sources = {p.source for p in parameters}
+        effects = [
+            e for e, used in ((e, sources & set(e.parameter_names)) for e in self.arm.effects) if used or any(e.values)
+        ]
+        return replace(self, arm=replace(self.arm, effects=tuple(effects)), parameters=tuple(parameters))
+
+    def start_of(self, effects: Sequence[Effect]) -> Array:
+        """(e,) where the fit of effects starts: at their shapes and estimates; with nothing of one without estimate."""
+        places = self.arm.shape_parameters
+        found: list[float] = []
+        for effect in effects:
+            found += effect.values
+            if effect.smooth_shape:
+                own = self.arm.effects[places[f"{effect.name}.{effect.smooth_shape}"]]
+                found.append(effect.shape_deviation(own))
+        return np.array(found)
+
+    def fitted_effects(self, effects: Sequence[Effect], x: Array) -> tuple[Effect, ...]:
+        """The effects with the estimates and shapes that the last of the deviations ``x`` (k,) say."""
+        at = {p.name: float(v) for p, v in zip(self.parameters, x, strict=True)}
+        places, fitted = self.arm.shape_parameters, list[Any]()
+        names = [effect.parameter_names for effect in effects]
+        for effect in effects:
+            shape = f"{effect.name}.{effect.smooth_shape}"
+            if shape in places:
+                own = self.arm.effects[places[shape]].reshaped(at[shape])
+                effect = effect.with_shape(float(getattr(own, own.smooth_shape)))
+            fitted.append(effect.with_estimate([at[name] for name in names[len(fitted)]]))
+        return tuple(fitted)
+
+    def frames(self, x: Array) -> dict[str, float]:
+        """Deviations of base and tool; of several targets, none of the tool."""
+        return {
+            p.name: float(v)
+            for p, v in zip(self.parameters, x, strict=False)
+            if p.group in ("base", "tool") and p.code < 0
+        }
+
+    def take(self, rows: Codes) -> Residuals:
+        """The residuals of some rows."""
+        return replace(self, arm=self.arm.under(self.arm.inputs.take(rows)), data=self.data.take(rows))
+
+    def deviations(self, x: Array) -> dict[str, Any]:
+        """Model parameter -> deviation, of some targets' offsets one for each row (N,)."""
+        values: dict[str, Any] = {}
+        for parameter, deviation in zip(self.parameters, x, strict=True):
+            if not parameter.source:
+                continue
+            if parameter.code < 0:
+                values[parameter.source] = float(deviation)
+            else:
+                rows = values.setdefault(parameter.source, np.zeros(len(self.data)))
+                rows[self.data.target == parameter.code] = deviation
+        return values
+
+    def walk(self, x: Array) -> Walk:
+        """The chain at all rows with the deviations ``x``."""
+        return self.arm.reach(self.q, self.deviations(x)).walk
+
+    def sensitivities(self, names: Sequence[str | int], x: Array, reached: Walk | None = None) -> Array:
+        """(N, block, K) shift of what a row measures by a unit of each model parameter, in units of the σ's.
+
+        Args:
+            names: of parameters of the arm, or indices of factors, as `Arm.twists` takes them.
+        """
+        reached = reached or self.walk(x)
+        twists = self.arm.twists(names, self.q, reached, self.deviations(x))
+        return self.whiten(twists)
+
+    def tool_shifts(self, names: Sequence[str | int], x: Array) -> list[Array]:
+        """For each model parameter, (N, 3) the shift of the tool point by a unit of it [m/rad or m/m]."""
+        twists = self.arm.twists(names, self.q, self.walk(x), self.deviations(x))
+        return [_stacked(shift, len(self.data)) for shift, _ in twists]
+
+    def whiten(self, twists: Sequence[Twist]) -> Array:
+        """(N, block, K) of K shifts and small rotations of the tool, each in units of the σ's."""
+        found = np.empty((len(self.data), self.block, len(twists)))
+        axes = self.axes
+        for k, (shift, turn) in enumerate(twists):
+            for slot, axis in enumerate(axes):
+                found[:, slot, k] = shift[axis] / self.sigma
+            if self.oriented:
+                for axis in range(3):
+                    found[:, len(axes) + axis, k] = turn[axis] / self.sigma_rotation
+        return found
+
+    def error(self, x: Array, reached: Walk | None = None) -> Array:
+        """Position of the model minus the measured one (N, 3) [m]; of touched points, minus the point."""
+        if reached is None and len(self.data) > MANY:
+            parts = np.array_split(np.arange(len(self.data)), -(-len(self.data) // MANY))
+            return np.concatenate([self.take(rows).error(x) for rows in parts])
+        reached = reached or self.walk(x)
+        position = _stacked(reached.position, len(self.data))
+        if self.data.position is not None:
+            return position - self.data.position
+        return position - self.points(x)[self.data.point]
+
+    def points(self, x: Array) -> Array:
+        """The touched points (P, 3) [m] among the deviations ``x``."""
+        points = np.zeros((len(self.data.point_names), 3))
+        for parameter, value in zip(self.parameters, x, strict=True):
+            if parameter.group == "point":
+                points[parameter.code, parameter.axis] = parameter.nominal + value
+        return points
+
+    def rotation_error(self, reached: Walk) -> Array:
+        """Rotation vector (N, 3) [rad] in the world that turns the measured orientation into the model's."""
+        assert self.data.rotation is not None
+        R = np.stack([_stacked(column, len(self.data)) for column in reached.columns], axis=-1)
+        return rotation_vectors(R @ np.swapaxes(matrices(self.data.rotation), -1, -2))
+
+    def whitened(self, x: Array) -> Array:
+        """Residuals (N·block + distances,) in units of the instrument's σ."""
+        return self._vector(x, self.walk(x))
+
+    def both(self, x: Array) -> tuple[Array, Array]:
+        """Whitened residuals (m,) and their Jacobian (m, k)."""
+        reached = self.walk(x)
+        return self._vector(x, reached), self._jacobian(x, reached)
+
+    def _vector(self, x: Array, reached: Walk) -> Array:
+        parts = [self.error(x, reached)[:, self.axes] / self.sigma]
+        if self.oriented:
+            parts.append(self.rotation_error(reached) / self.sigma_rotation)
+        rows = np.concatenate(parts, axis=1).ravel()
+        return np.concatenate([rows, self._distance_residuals(x)[0]])
+
+    def _jacobian(self, x: Array, reached: Walk) -> Array:
+        N = len(self.data)
+        J = np.zeros((len(self.parameters), N, self.block))
+        own = [k for k, p in enumerate(self.parameters) if p.source]
+        columns = self.sensitivities([self.parameters[k].source for k in own], x, reached)
+        J[own] = np.moveaxis(columns, -1, 0)
+        for k, parameter in enumerate(self.parameters):
+            if not parameter.source:
+                J[k, self.data.point == parameter.code, parameter.axis] = -1.0 / self.sigma
+            elif parameter.code >= 0:
+                J[k, self.data.target != parameter.code] = 0.0
+        dense = J.reshape(len(self.parameters), -1).T
+        return np.concatenate([dense, self._distance_residuals(x)[1]]) if self.distances else dense
+
+    def _distance_residuals(self, x: Array) -> tuple[Array, Array]:
+        r = np.zeros(len(self.distances))
+        J = np.zeros((len(self.distances), len(self.parameters)))
+        points = self.points(x) if self.distances else np.zeros((0, 3))
+        for row, (a, b, length, sigma) in enumerate(self.distances):
+            between = points[a] - points[b]
+            reached = max(float(np.linalg.norm(between)), 1e-12)
+            r[row] = (reached - length) / sigma
+            for k, parameter in enumerate(self.parameters):
+                if parameter.group == "point" and parameter.code in (a, b):
+                    J[row, k] = (1 if parameter.code == a else -1) * between[parameter.axis] / reached / sigma
+        return r, J
+
+
+def gravity_of(robot: Robot, frames: Mapping[str, float]) -> tuple[float, float, float]:
+    """Gravity [m/s²] in the world of the data, with the base off by ``frames`` from the file's.
+
+    Where the base is free, the world is the instrument's frame. If the arm stands upright in it but for some degrees,
+    the instrument was levelled and the tilt is the base's own; if not, the arm stands as the file says and the
+    instrument does not.
+    """
+    found = walk(robot.base, factor_values(robot.base, [], frames)).columns
+    stated = walk(robot.base, factor_values(robot.base, [])).columns
+    turn = np.array(found, dtype=float).T @ np.array(stated, dtype=float)
+    g = np.array(robot.gravity)
+    if not robot.base_free or float(np.linalg.norm(g)) == 0.0:
+        return robot.gravity
+    cosine = float(g @ turn @ g) / float(g @ g)
+    x, y, z = g if cosine > np.cos(_LEVEL) else turn @ g
+    return float(x), float(y), float(z)
+
+
+def _stacked(vector: Sequence[Any], n: int) -> Array:
+    return np.stack([np.broadcast_to(np.asarray(entry, dtype=float), (n,)) for entry in vector], axis=-1)
+
+
+def matrices(quaternions: Array) -> Array:
+    """Rotation matrices (N, 3, 3) of unit quaternions (N, 4), w first."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def rotation_vectors(R: Array) -> Array:
+    """Rotation vectors (N, 3) [rad] of rotation matrices (N, 3, 3), by way of the quaternion."""
+    skew = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=-1) / 2
+    sine = np.linalg.norm(skew, axis=-1)
+    angle = np.arctan2(sine, (np.trace(R, axis1=-2, axis2=-1) - 1) / 2)
+    ratio = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-300), 1.0)
+    return skew * ratio[:, None]

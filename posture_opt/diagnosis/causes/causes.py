@@ -1,0 +1,235 @@
+"""Findings: each cause that a diagnosis names, with its size and gain; and causes that the data cannot show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.cross_validation import Folds, HeldOut, held_out
+from posture_opt.calibration.estimation.effect_sensitivities import case_of
+from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.calibration.estimation.linear_model import LinearModel
+from posture_opt.calibration.estimation.residuals import Residuals
+from posture_opt.diagnosis.causes.geometry_causes import GeometryCause
+from posture_opt.diagnosis.causes.sessions import Gain
+from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.search.search import SearchResult
+from posture_opt.model.effects import CATALOGUE, EFFECTS, INPUTS, Cause, Effect, Evidence, Limit, NoiseEffect
+from posture_opt.numerics import Array, Codes, Progress
+from posture_opt.units import DIMENSIONS
+
+_DEPENDENT = 1e-7  # of the largest singular value: columns of the geometry that say nothing new
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One cause with its size.
+
+    Args:
+        cause: what it is; an effect or a kind of noise as it stands in a problem file.
+        estimate: parameter -> (value, standard error, SI unit).
+        p_value: family-wise, of the data without this cause.
+        gain: relative drop of the cross-validated RMS that it brings.
+        confounded_with: causes that could stand for it.
+        interval: of the gain, 95 %, by bootstrap over the groups of the cross-validation; of effects alone.
+        determined: whether the data tell the size, beside the geometry and the other effects, from none.
+        place: of an effect among those of the model.
+        stated: the effect as the problem file has it; ``estimate`` is its total then.
+        beforehand: whether it was found before the search: the arm has it, and the model fits no size of it.
+    """
+
+    cause: Cause
+    estimate: Mapping[str, tuple[float, float, str]]
+    p_value: float
+    gain: float
+    confounded_with: tuple[Cause, ...] = ()
+    interval: tuple[float, float] | None = None
+    determined: bool = True
+    place: int | None = None
+    stated: Effect | None = None
+    beforehand: bool = False
+
+    @property
+    def status(self) -> Literal["determined", "size_undetermined"]:
+        """Whether the data tell the size, in a word of the document."""
+        return "determined" if self.determined else "size_undetermined"
+
+    @property
+    def kind(self) -> str:
+        """The name of the cause in files."""
+        return self.cause.kind
+
+    @property
+    def target(self) -> str:
+        """What the cause is of, as in files."""
+        return self.cause.target
+
+    @property
+    def effect(self) -> Effect | None:
+        """The cause, if it moves the tool point beyond the geometry, by a size that the model fits."""
+        return self.cause if isinstance(self.cause, Effect) and not self.beforehand else None
+
+    @property
+    def noise(self) -> NoiseEffect | None:
+        """The cause, if it spreads the tool point or its measurements."""
+        return self.cause if isinstance(self.cause, NoiseEffect) else None
+
+    def _rival_json(self, rival: Cause) -> dict[str, str]:
+        """Kind and target; of an alias, which has both in common with this cause, what tells it apart."""
+        named = {"kind": rival.kind, "target": rival.target}
+        alias = (rival.kind, rival.target) == (self.kind, self.target) and rival.qualifier != self.cause.qualifier
+        return {**named, "qualifier": rival.qualifier} if alias else named
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry of ``effects`` in ``diagnosis.json``."""
+        interval = {} if self.interval is None else {"gain_interval95": list(self.interval)}
+        of_file = {} if self.stated is None else _values(self.stated)
+        stated = {name: {"stated": value} for name, value in of_file.items()}
+        return {
+            "kind": self.kind,
+            "target": self.target,
+            "status": self.status,
+            "estimate": {
+                n: {"value": v, "std": s, "unit": u, **stated.get(n, {})} for n, (v, s, u) in self.estimate.items()
+            },
+            "p_value": self.p_value,
+            "gain": self.gain,
+            **interval,
+            "confounded_with": [self._rival_json(c) for c in self.confounded_with],
+        }
+
+
+def effect_findings(
+    found: SearchResult, model: Fit, whole: HeldOut, parts: Folds, groups: Codes, tell: Progress
+) -> list[Finding]:
+    """The named effects of a search with their fitted sizes, and what the cross-validation loses without each."""
+    named = [i for i, s in enumerate(found.chosen) if s.named]
+    findings = []
+    about = LinearModel.of(model)
+    for place, i in enumerate(named):
+        gain = Gain.of(whole.errors, held_out(model, parts, place, about=about).errors, groups)
+        rivals = tuple(r.what for r in found.rivals[i])
+        part = model.slices[place]
+        told = determined(model.x[part], model.covariance[part, part])
+        finding = Finding(
+            model.effects[place], _estimate(model, place), found.p_values[i], gain.value, rivals, (gain.low, gain.high)
+        )
+        findings.append(replace(finding, determined=told, place=place, stated=_stated(model, place)))
+        tell(place + 1, len(named))
+    return findings
+
+
+def determined(values: Array, covariance: Array) -> bool:
+    """Whether a size is told from none: its 95 % confidence region keeps clear of zero.
+
+    ``χ² = θᵀ C⁻¹ θ`` of all linear parameters θ (k,) with their covariance C (k, k) [SI]: of a sine and a cosine the
+    amplitude counts, in whatever phase. What has no standard error is no estimate.
+    """
+    from scipy.special import chdtrc
+
+    sigma = np.sqrt(np.diag(covariance))
+    if not len(values) or not np.all(sigma > 0):
+        return True
+    inverse = np.linalg.pinv(covariance / np.outer(sigma, sigma), rcond=1e-10, hermitian=True)
+    z = values / sigma
+    return bool(chdtrc(len(z), float(z @ inverse @ z)) < levels.SIZE)
+
+
+def _stated(model: Fit, place: int) -> Effect | None:
+    """The effect in the file that a fitted one adds to."""
+    name = model.residuals.parameters[model.slices[place].start].name
+    own = next(e for e in model.residuals.arm.effects if name in e.parameter_names)
+    return own if any(own.values) else None
+
+
+def _values(effect: Effect) -> dict[str, float]:
+    names = (name for name, _ in effect.dimensions)
+    return dict(zip(names, effect.values, strict=True))
+
+
+def _estimate(model: Fit, place: int) -> dict[str, tuple[float, float, str]]:
+    """Parameter, or shape, -> (value, standard error, SI unit), with what the file states of it."""
+    effect, part, own = model.effects[place], model.slices[place], _stated(model, place)
+    known = {} if own is None else _values(own)
+    rows = zip(effect.dimensions, model.x[part], model.std[part], strict=True)
+    estimate = {n: (known.get(n, 0.0) + float(v), float(s), _unit(dimension)) for (n, dimension), v, s in rows}
+    for name in effect.shape:
+        value = float(getattr(effect, name))
+        fitted = place in model.shapes and name == effect.smooth_shape
+        error = float(model.std[model.shapes[place]]) if fitted else math.nan
+        unit = effect.shape_units.get(name, "1")
+        estimate[name] = (value, value * error if effect.relative_shape else error, unit)
+    return estimate
+
+
+def tool_shifts(model: Fit, place: int) -> tuple[Array, Array]:
+    """(N,) how far an effect moves the tool point in each row [m], and the part of it that geometry cannot imitate."""
+    residuals = model.residuals
+    moved = model.effect_columns(place) @ model.x[model.slices[place]]
+    G = (model.jacobian @ model.directions)[:, model.geometry]
+    norms = np.linalg.norm(G, axis=0)
+    U, s, _ = np.linalg.svd(G / np.where(norms > 0, norms, 1.0), full_matrices=False)
+    U = U[:, s > _DEPENDENT * s.max(initial=0.0)]
+    both = (v.reshape(-1, residuals.block)[:, : len(residuals.axes)] for v in (moved, moved - U @ (U.T @ moved)))
+    alone, beyond = (np.linalg.norm(v, axis=1) * residuals.sigma for v in both)
+    return np.asarray(alone), np.asarray(beyond)
+
+
+def _unit(dimension: str) -> str:
+    return "1" if dimension == "ratio" else DIMENSIONS[dimension][0]
+
+
+def noise_finding(cause: NoiseCause) -> Finding:
+    """A kind of noise as a finding: it brings nothing to the errors themselves."""
+    clear = _clear(cause.estimate)
+    return Finding(cause.effect, cause.estimate, cause.p_value, 0.0, cause.confounded_with, determined=clear)
+
+
+def contradiction_findings(calibration: Calibration) -> list[Finding]:
+    """What the file states as known and the data refute, as findings; the gain is that of setting it all aside."""
+    return [
+        Finding(c.cause, c.estimate, c.p_value, 1 - c.rms / max(c.rms_stated, 1e-300), beforehand=True)
+        for c in calibration.contradictions
+    ]
+
+
+def geometry_finding(cause: GeometryCause, held: Mapping[str, HeldOut]) -> Finding:
+    """A geometric cause as a finding; the gain is that of all calibrated geometry."""
+    gain = 1 - held["calibrated"].rms / held["nominal"].rms
+    clear = _clear(cause.estimate)
+    return Finding(cause.deviation, cause.estimate, cause.p_value, gain, cause.confounded_with, determined=clear)
+
+
+def _clear(estimate: Mapping[str, tuple[float, float, str]]) -> bool:
+    """Whether one of independent estimates is told from none, at least."""
+    told = [determined(np.array([value]), np.array([[std**2]])) for value, std, _ in estimate.values()]
+    return any(told) or not told
+
+
+def unknowable(residuals: Residuals) -> tuple[Limit, ...]:
+    """Causes that are not identifiable from data of this kind, whatever their size."""
+    lengths = [p.name for p in residuals.parameters if p.group == "geometry" and p.unit == "m" and abs(p.nominal) > 0]
+    evidence = Evidence(residuals.data.position is not None, tuple(lengths))
+    return tuple(limit for kind in CATALOGUE if (limit := kind.unknowable(evidence)) is not None)
+
+
+def missing_inputs(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str, ...]]]:
+    """Input that the files lack -> what it is, how to supply it, and the kinds of effects that need it.
+
+    Joint compliance is searched for without the masses of the links too: they are unknowns then.
+    """
+    excitation = case_of(residuals.data, residuals.robot)
+    have = set(excitation.inputs)
+    if any(np.isfinite(j.gear_ratio) for j in residuals.robot.joints):
+        have.add("gear_ratio")
+    missing: dict[str, list[str]] = {}
+    for kind in EFFECTS:
+        for lacking in sorted(kind.needs - have):
+            missing.setdefault(lacking, []).append(kind.kind_name())
+    return {key: (needed.words, needed.mend, tuple(missing[key])) for key, needed in INPUTS.items() if key in missing}

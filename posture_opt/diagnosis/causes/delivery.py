@@ -1,0 +1,109 @@
+"""What is delivered: the fitted arm without effects of its session, the rest fitted for them to be absent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.cross_validation import Folds, HeldOut, held_out
+from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.calibration.estimation.linear_model import LinearModel
+from posture_opt.diagnosis.noise.noise_causes import noise_shape
+from posture_opt.diagnosis.noise.uneven_noise import NoiseCause
+from posture_opt.model.effects import Effect
+from posture_opt.numerics import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Delivery:
+    """The arm to plan with.
+
+    Args:
+        fit: geometry and the effects that are delivered; ``held`` its errors on rows held out from the fit.
+        kept: the places of these effects in the model of all effects.
+        session: the places of those that belong to their session: fitted for them to be absent.
+        dropped: the places of the others: beside the calibrated arm, or without those of the session, held-out rows
+            are predicted no worse without them.
+    """
+
+    fit: Fit
+    held: HeldOut
+    kept: tuple[int, ...]
+    session: tuple[int, ...] = ()
+    dropped: tuple[int, ...] = ()
+
+    @property
+    def model(self) -> Literal["extended", "without_session", "calibrated"]:
+        """Which arm it is: with all effects, with those that are not of the session, or with none of them."""
+        if not self.kept:
+            return "calibrated"
+        return "without_session" if self.session else "extended"
+
+    def to_json(self, effects: Sequence[Effect]) -> dict[str, Any]:
+        """The part ``delivered`` of ``diagnosis.json``; ``effects`` are those of the model."""
+        reasons = {"session": self.session, "no_gain": self.dropped}
+        left = [(effects[i], reason) for reason, places in reasons.items() for i in places]
+        return {"model": self.model, "left_out": [{"kind": e.kind, "target": e.target, "reason": r} for e, r in left]}
+
+
+def deliver(
+    calibration: Calibration, model: Fit, held: Mapping[str, HeldOut], parts: Folds, noise: Sequence[NoiseCause], *,
+    with_time: bool = False,
+) -> Delivery:  # fmt: skip
+    """What is delivered of a model: an arm that predicts held-out rows better than the calibrated one, or that one.
+
+    Effects of the session are still in its data when they are left out of the arm. All else is fitted again for them
+    to be absent, so that the arm does to these data what is said of it; a frame or a joint that moved stands where it
+    did on average. Other effects that held-out rows do not need any more are left out, too.
+
+    Args:
+        model: the arm with all effects; ``held`` its errors and those of the calibrated arm on held-out rows.
+        noise: what was named, for the regions that errors are expected in.
+        with_time: keep effects of time.
+    """
+    stays = [i for i, effect in enumerate(model.effects) if outlasts(effect, with_time)]
+    session = tuple(i for i in range(len(model.effects)) if i not in stays)
+    fit, errors, kept = model, held["extended"], stays
+    if session:
+        fit, kept = _refitted(calibration, model, stays, parts)
+        errors = held_out(fit, parts, shape=noise_shape(fit, noise))
+    if errors.rms >= held["calibrated"].rms:
+        fit, errors, kept = calibration.fit, held["calibrated"], []
+    return Delivery(fit, errors, tuple(kept), session, tuple(i for i in stays if i not in kept))
+
+
+def outlasts(effect: Effect, with_time: bool = False) -> bool:
+    """Whether an effect is of the arm and not of the session in which it was measured."""
+    return effect.for_planning or (with_time and "time" in effect.needs)
+
+
+def _refitted(calibration: Calibration, model: Fit, effects: Sequence[int], parts: Folds) -> tuple[Fit, list[int]]:
+    """Geometry with some effects of a model, fitted without the others, as long as held-out rows need each of them."""
+    kept, residuals = list(effects), calibration.residuals.take(calibration.kept_rows)
+    while True:
+        fit = calibration.fit_effects(residuals, [model.effects[i] for i in kept])
+        about = LinearModel.of(fit)
+        without = [held_out(fit, parts, place, about=about).rms for place in range(len(kept))]
+        if not kept or min(without) > held_out(fit, parts, about=about).rms:
+            return fit, kept
+        del kept[int(np.argmin(without))]
+
+
+def covariance_at_shapes(fit: Fit) -> Array:
+    """Covariance (k, k) of an estimate whose effects have their shapes held where they were found.
+
+    The covariance of the estimate lets the shapes go: sine and cosine then lean on cycles that may differ too, and are
+    less certain than their sum ever is in the data. Who holds the shape takes ``A C Aᵀ`` with ``A = [I, B⁺D]``: what an
+    error of the shape does to the data, D, as far as the columns B of the effect can express it.
+    """
+    A = np.eye(len(fit.x))
+    for i, shape in fit.shapes.items():
+        B, D = fit.effect_columns(i), fit.jacobian[:, shape]
+        A[shape, shape] = 0.0
+        if np.any(D):
+            A[fit.slices[i], shape] = np.linalg.lstsq(B, D, rcond=None)[0]
+    return np.asarray(A @ fit.covariance @ A.T)

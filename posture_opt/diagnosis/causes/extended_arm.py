@@ -1,0 +1,117 @@
+"""The arm that a diagnosis found, as its problem takes it over: calibrated, and with its effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.estimation.error_statistics import Statistics
+from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.calibration.estimation.fitted_arm import FittedArm, persistent_sources, places_in_robot, semidefinite
+from posture_opt.calibration.estimation.parameters import CalibrationProblem
+from posture_opt.calibration.estimation.residuals import gravity_of
+from posture_opt.diagnosis.causes.causes import Finding
+from posture_opt.diagnosis.causes.delivery import Delivery, covariance_at_shapes
+from posture_opt.numerics import Array
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.validation.residual_scatter import residual_scatter
+
+
+def extended_arm(
+    problem: CalibrationProblem, calibration: Calibration, model: Fit, delivery: Delivery,
+    findings: Sequence[Finding], statistics: Mapping[str, Statistics],
+) -> FittedArm:  # fmt: skip
+    """The arm with its fitted geometry and effects, and what is uncertain of both together.
+
+    Noise of the instrument or of the data is left out; that of a joint is an effect of the arm.
+
+    Args:
+        model: everything that was fitted; ``delivery`` the arm to plan with.
+        statistics: of every model on held-out rows.
+    """
+    delivered = delivery.fit
+    fitted = _calibration(calibration, delivered, delivery.held.errors)
+    noises = [f.noise for f in findings if f.noise is not None and f.noise.of_arm]
+    rows = delivered.whitened.reshape(-1, delivered.residuals.block)[:, : len(delivered.residuals.axes)]
+    if len(rows) == len(calibration.residuals.data):  # where no effect is delivered, outliers are among them
+        rows = rows[calibration.kept_rows]
+    scatter = residual_scatter(problem, fitted, noises, rows * delivered.residuals.sigma)
+    places = places_in_robot(calibration.parameters)
+    deviations = {name: float(delivered.x[i]) for name, i in places.items()}
+    base = {name: value for name, value in deviations.items() if name.rpartition(".")[0] == "base"}
+    gravity = gravity_of(problem.robot, base)
+    return FittedArm(
+        label="extended",
+        deviations=deviations,
+        known=_sources(problem, fitted, delivered).plus(scatter.errors),
+        scatter=scatter.beside,
+        effects=delivered.effects,
+        noises=tuple(noises),
+        gravity=None if gravity == problem.robot.gravity else gravity,
+        header=_header(calibration, model, delivery, findings, statistics, scatter.note),
+    )
+
+
+def _calibration(calibration: Calibration, model: Fit, held_out: Array) -> Calibration:
+    """The calibration with the geometry of the extended arm, and the errors that it leaves."""
+    before = calibration.held["calibrated"]
+    errors = before.errors.copy()
+    errors[calibration.kept_rows] = held_out
+    # Sums over blocks hold what each row makes of the estimate, and no model of single rows may stand in for them.
+    design = max(calibration.design, model.design)
+    former = calibration.fit
+    fit = replace(model.keeping([]), residuals=former.residuals, kept=former.kept, design=design)
+    return replace(calibration, fit=fit, held={**calibration.held, "calibrated": replace(before, errors=errors)})
+
+
+def _sources(problem: CalibrationProblem, calibration: Calibration, model: Fit) -> Sources:
+    """What is uncertain of geometry and effects, correlated as they were estimated."""
+    places = places_in_robot(calibration.parameters)
+    own = list(places.values())
+    names = tuple(name for effect in model.effects for name in effect.parameter_names)
+    geometry = persistent_sources(
+        problem.robot, problem.sources, list(places), calibration.covariance[np.ix_(own, own)]
+    ).without(names)
+    together = covariance_at_shapes(model)
+    k, e = len(geometry.names), len(names)
+    cross = together[:, model.sizes]
+    covariance = np.zeros((k + e, k + e))
+    covariance[:k, :k] = geometry.covariance
+    for row, name in enumerate(geometry.names):
+        if name in places:
+            covariance[row, k:] = covariance[k:, row] = cross[places[name]]
+    covariance[k:, k:] = together[np.ix_(model.sizes, model.sizes)]
+    return Sources((*geometry.names, *names), semidefinite(covariance)) if k + e else Sources()
+
+
+def _header(
+    calibration: Calibration, model: Fit, delivery: Delivery, findings: Sequence[Finding],
+    statistics: Mapping[str, Statistics], scatter: str,
+) -> tuple[str, ...]:  # fmt: skip
+    """What the file says of itself in its first lines."""
+    data, effects = calibration.residuals.data, model.effects
+    before, middle, after = (f"{statistics[n].rms * 1e3:.3g} mm" for n in ("nominal", "calibrated", "delivered"))
+    noises = [f.noise for f in findings if f.noise is not None]
+    named = [*(effects[i] for i in delivery.kept), *(noise for noise in noises if noise.of_arm)]
+    last = f", {after} with effects" if delivery.kept else ""
+    lines = [
+        f"Extended by what {Path(data.file).name or 'a table'} ({len(data)} rows) says of the arm: "
+        f"{', '.join(f'{cause.kind} of {cause.target}' for cause in named) or 'no effect'}.",
+        f"RMS position error on held-out rows: {before} before calibration, {middle} calibrated{last}.",
+        "What is still uncertain of its parameters stands in extended_covariance.csv, in mm, mrad and SI units.",
+        f"{scatter[:1].upper()}{scatter[1:]}.",
+    ]
+    for places, why in (
+        (delivery.session, "it belongs to its session; all else was fitted for it to be absent"),
+        (delivery.dropped, "held-out rows are predicted no worse without it"),
+    ):
+        if places:
+            lines.append(f"Left out, as {why}: {', '.join(effects[i].name for i in places)}.")
+    read = [noise.name for noise in noises if not noise.of_arm]
+    if read:
+        lines.append(f"Left out, as it is of the measurement and not of the arm: {', '.join(read)}.")
+    return tuple(lines)

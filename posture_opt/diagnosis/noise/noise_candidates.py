@@ -1,0 +1,321 @@
+"""Tests of the noise: one joint noisier than stated, noise that grows with the range, a wrong stated σ, outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.score_tests import p_value_of_maximum
+from posture_opt.model.effects import NOISES, NoiseEffect, Pattern, Rows, StatedSigma
+from posture_opt.numerics import Array, Mask
+from posture_opt.validation.scatter_model import null_sets
+
+_LEAST_FREE = 0.02  # share of a residual that a fit leaves free at the least: beyond, it says nothing of the noise
+_STUDENT_FREEDOM = np.geomspace(1.5, 60, 40)  # from tails without a variance to all but Gaussian ones
+_STUDENT_ROUNDS = 30  # of EM (Lange, Little, Taylor 1989): more digits than a choice by BIC needs
+_FIRST_SHARE, _EM_ROUNDS, _EM_TOLERANCE = 0.02, 200, 1e-8  # EM: where it starts, and where it ends for certain
+_NUMBERS = 4_000_000  # of null sets at a time: 32 MB
+GROSS = "gross errors"  # a law of residuals: Gaussian with a few gross errors
+
+
+@dataclass(frozen=True)
+class NoiseCandidate:
+    """A kind of noise with its likelihood ratio test.
+
+    Args:
+        ratio: twice the log likelihood ratio; ``p_value`` family-wise.
+        quantity: name and SI unit of ``size``: of a joint its σ, of range noise the growth of σ over the span of
+            ranges, of a stated σ the factor by which it is off.
+        named: the same as an effect of a problem file, if its size is not zero.
+        spread: (N, d) shift of the rows per standard deviation of it, in units of their other scatter; ``None`` of a
+            range.
+        of_arm: whether it is drawn anew at every repeat.
+    """
+
+    kind: str
+    target: str
+    ratio: float
+    p_value: float
+    quantity: tuple[str, str]
+    size: float
+    std: float
+    named: Callable[[], NoiseEffect]
+    spread: Array | None = None
+    of_arm: bool = False
+
+    @property
+    def who(self) -> tuple[str, str]:
+        """Kind and target."""
+        return self.kind, self.target
+
+    @property
+    def estimate(self) -> dict[str, tuple[float, float, str]]:
+        """Its size by name: value, standard error, SI unit."""
+        name, unit = self.quantity
+        return {name: (self.size, self.std, unit)}
+
+
+def standardised(e: Array, leverage: Array) -> Array:
+    """(N, d) standardised residuals ``(I − H_ii)^(−1/2) e_i`` of residuals (N, d) and leverages (N, d, d).
+
+    Source: Cook, Weisberg (1982), section 2.2.
+    """
+    d = e.shape[1]
+    values, vectors = np.linalg.eigh(np.eye(d) * (1 + 1e-9) - leverage)
+    root = np.einsum("nij,nj,nkj->nik", vectors, 1 / np.sqrt(np.maximum(values, _LEAST_FREE)), vectors)
+    return np.asarray(np.einsum("nij,nj->ni", root, e))
+
+
+def score_uneven_noise(e: Array, rows: Rows, seed: int) -> list[NoiseCandidate]:
+    """Heteroscedastic noise: every joint, and the range, as the cause of noise that is not the same everywhere.
+
+    The null distribution turns the residuals of every repeat at random and permutes the repeats, so that heavy tails
+    alone raise no alarm.
+
+    Args:
+        e: (N, d) standardised residuals.
+    """
+    patterns = [pattern for kind in NOISES for pattern in kind.patterns(rows)]
+    if not patterns:
+        return []
+    found = _fits(e, rows, patterns, seed)
+    most = np.stack([fit.drawn for fit in found]).max(axis=0)
+    candidates = [fit.candidate(pattern, most) for fit, pattern in zip(found, patterns, strict=True)]
+    return sorted(candidates, key=lambda s: -s.ratio)
+
+
+@dataclass(frozen=True, eq=False)
+class RepeatedNoise:
+    """What the differences between repeats say of one kind of noise.
+
+    Args:
+        candidate: the noise as the repeats alone have it, ``p_value`` of it alone.
+        loss: twice the log likelihood that they lose where its size is the one that was asked for.
+    """
+
+    candidate: NoiseCandidate
+    loss: float
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the repeats scatter by another size."""
+        return self.loss > levels.REFUTED_BY_REPEATS
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether they scatter, and by that size."""
+        return not self.refuted and self.candidate.p_value < levels.NOISE_IN_REPEATS
+
+
+def score_repeats(e: Array, rows: Rows, asked: NoiseCandidate, seed: int) -> RepeatedNoise | None:
+    """The likelihood ratio test of one kind of noise on contrasts (C, d) of repeats; ``None`` where they are too few.
+
+    The null is that of `score_uneven_noise`; no other candidate competes, as this one was found elsewhere.
+    """
+    if e.size < levels.REPEAT_FREEDOM:
+        return None
+    patterns = (p for kind in NOISES for p in kind.patterns(rows))
+    pattern = next((p for p in patterns if (p.effect.kind_name(), p.target) == asked.who), None)
+    if pattern is None:
+        return None
+    (fit,) = _fits(e, rows, [pattern], seed)
+    return RepeatedNoise(fit.candidate(pattern, fit.drawn), fit.loss(pattern, asked.size))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Noise of one pattern in a set of residuals, and in those of its null distribution.
+
+    Args:
+        ratio: twice the log likelihood ratio of the best size; ``drawn`` (F,) those of the null distribution.
+        value, s2: the likeliest, on the parabola through the top of the grid.
+        curve, variances: (grid,) twice the log likelihood ratio, and s², of every value of the grid.
+    """
+
+    ratio: float
+    drawn: Array
+    value: float
+    s2: float
+    curve: Array
+    variances: Array
+
+    @classmethod
+    def of(cls, sets: Array, pattern: Pattern) -> _Fit:
+        """Of residuals (1 + F, N, d), the first set the one that was measured.
+
+        The ratio is the largest on the grid, in all sets alike.
+        """
+        _, N, d = sets.shape
+        total = np.einsum("fnd,fnd->fn", sets, sets)
+        along = None if pattern.unit is None else np.einsum("fnd,nd->fn", sets, pattern.unit) ** 2
+        null = -N * d / 2 * np.log(total.sum(axis=1) / (N * d))
+        best, first = np.full(len(sets), -np.inf), []
+        for value in map(float, pattern.grid):
+            likelihood, s2 = _likelihood(pattern, value, total, along, d)
+            first.append((float(likelihood[0]), float(s2[0])))
+            best = np.maximum(best, likelihood)
+        heights, variances = np.array(first).T
+        top = float(np.interp(_summit(list(heights)), np.arange(len(heights)), pattern.grid))
+        s2 = _likelihood(pattern, top, total[:1], None if along is None else along[:1], d)[1]
+        ratios = 2 * (best - null)
+        return cls(float(ratios[0]), ratios[1:], top, float(s2[0]), 2 * (heights - null[0]), variances)
+
+    def candidate(self, pattern: Pattern, most: Array) -> NoiseCandidate:
+        """The noise with its p-value by the largest ratios of draws (F,)."""
+        value, s2 = self.value, self.s2
+        p, std = p_value_of_maximum(most, self.ratio), pattern.error(value, s2)
+        named = partial(pattern.named, value, s2, std)
+        spread = None if pattern.unit is None else pattern.unit * np.sqrt(pattern.inflation(value) - 1)[:, None]
+        who = pattern.effect.kind_name(), pattern.target
+        of_arm = pattern.effect.of_arm
+        return NoiseCandidate(
+            *who, self.ratio, p, pattern.quantity, pattern.size(value, s2), std, named, spread, of_arm
+        )
+
+    def loss(self, pattern: Pattern, size: float) -> float:
+        """Twice the log likelihood that a size loses against the likeliest."""
+        sizes = [pattern.size(value, s2) for value, s2 in zip(map(float, pattern.grid), self.variances, strict=True)]
+        return float(self.curve.max() - np.interp(size, sizes, self.curve))
+
+
+def _fits(e: Array, rows: Rows, patterns: Sequence[Pattern], seed: int) -> list[_Fit]:
+    """Noise of each pattern in residuals (N, d) and in `levels.NOISE_DRAWS` sets as chance could have them.
+
+    Of many rows some sets are drawn at a time, for memory.
+    """
+    rng, left, found = np.random.default_rng(seed), levels.NOISE_DRAWS, list[list[_Fit]]()
+    while left > 0:
+        count = min(left, max(_NUMBERS // e.size, 1))
+        sets = np.concatenate([e[None], null_sets(e, rows.visits, count, rng)])
+        found.append([_Fit.of(sets, pattern) for pattern in patterns])
+        left -= count
+    each = zip(*found, strict=True)
+    return [replace(parts[0], drawn=np.concatenate([fit.drawn for fit in parts])) for parts in each]
+
+
+def _likelihood(pattern: Pattern, value: float, total: Array, along: Array | None, d: int) -> tuple[Array, Array]:
+    """(F,) log likelihood and likeliest s² of noise of one size, from squares of residuals and their part along it."""
+    weights, determinant, count = np.ones(total.shape[1]), 0.0, total.shape[1] * d
+    level = pattern.level(value)
+    if level is not None:
+        weights, determinant = np.exp(-level), d * float(level.sum())
+    weighted = total @ weights
+    if along is not None:
+        inflation = pattern.inflation(value)
+        weighted, determinant = (
+            weighted + along @ (weights / inflation - weights),
+            determinant + np.log(inflation).sum(),
+        )
+    s2 = weighted / count
+    return -count / 2 * np.log(s2) - 0.5 * determinant, s2
+
+
+def _summit(values: list[float]) -> float:
+    """Where on the grid, between its points, the top of the parabola through the three highest lies."""
+    k = int(np.argmax(values))
+    if not 0 < k < len(values) - 1:
+        return float(k)
+    left, middle, right = values[k - 1 : k + 2]
+    bend = left - 2 * middle + right
+    return k + (0.5 * (left - right) / bend if bend < 0 else 0.0)
+
+
+def score_stated_sigma(variance: float, freedom: int, kurtosis: float, estimated: int | None = None) -> NoiseCandidate:
+    """Whether the residual variance in units of the stated one is 1; long tails, by their kurtosis, widen the test.
+
+    Args:
+        estimated: degrees of freedom of the stated σ where it is itself an estimate: the logarithm of its square then
+            has the variance ``2/ν`` (JCGM 100:2008, equation E.7), which widens the test too.
+    """
+    from scipy.special import erfc
+
+    own = 2 / estimated if estimated else 0.0
+    spread = np.sqrt(max(2 + kurtosis, 0.5) / max(freedom, 1) + own)
+    # The logarithm of a variance is nearer to Gaussian than the variance.
+    z = float(np.log(max(variance, 1e-300)) / spread)
+    factor = float(np.sqrt(variance))
+    p, named = float(erfc(abs(z) / np.sqrt(2))), partial(StatedSigma, factor=factor)
+    return NoiseCandidate(
+        StatedSigma.kind_name(), "data", z * z, p, ("factor", "1"), factor, factor * spread / 2, named
+    )
+
+
+@dataclass(frozen=True)
+class Tails:
+    """How the lengths of residuals are spread: as Gaussian ones, with long tails, or with a few gross errors.
+
+    Args:
+        shape: the best of ``gaussian``, ``heavy``, ``gross errors`` by the least BIC.
+        freedom: of Student's t that fits best.
+        share: of gross errors in the mixture.
+        rows: (N,) whether a row is rather a gross error, by the mixture.
+        evidence: BIC of the next best less that of the best.
+    """
+
+    shape: str
+    freedom: float
+    share: float
+    rows: Mask
+    evidence: float
+
+
+def fit_tails(e: Array) -> Tails:
+    """Gaussian, Student's t, or Gaussian with a few gross errors: the law of residuals (N, d) of equal covariance."""
+    N, d = e.shape
+    squares = np.einsum("nd,nd->n", e, e)
+    gaussian = -2 * _gaussian(squares, d) + np.log(N)
+    student, freedom = _student(squares, d)
+    mixture, share, rows = _mixture(squares, d)
+    values = {
+        "gaussian": gaussian,
+        "heavy": -2 * student + 2 * np.log(N),
+        GROSS: -2 * mixture + 3 * np.log(N),
+    }
+    if not 0 < rows.sum() <= max(1.0, levels.OUTLIER_SHARE * N):
+        values[GROSS] = np.inf
+    order = sorted(values, key=lambda name: values[name])
+    return Tails(order[0], freedom, share, rows, float(values[order[1]] - values[order[0]]))
+
+
+def _gaussian(squares: Array, d: int) -> float:
+    s2 = squares.mean() / d
+    return float(-len(squares) * d / 2 * (np.log(2 * np.pi * s2) + 1))
+
+
+def _student(squares: Array, d: int) -> tuple[float, float]:
+    from scipy.special import gammaln
+
+    best, freedom = -np.inf, np.inf
+    for nu in _STUDENT_FREEDOM:
+        s2 = squares.mean() / d
+        for _ in range(_STUDENT_ROUNDS):
+            weights = (nu + d) / (nu + squares / s2)
+            s2 = float(np.mean(weights * squares) / d)
+        value = len(squares) * (gammaln((nu + d) / 2) - gammaln(nu / 2) - d / 2 * np.log(np.pi * nu * s2))
+        value -= (nu + d) / 2 * float(np.log1p(squares / (nu * s2)).sum())
+        if value > best:
+            best, freedom = float(value), float(nu)
+    return best, freedom
+
+
+def _mixture(squares: Array, d: int) -> tuple[float, float, Mask]:
+    """EM for ``(1 − w) N(0, s²) + w N(0, (f s)²)``, f at least 4 (Dempster, Laird, Rubin 1977)."""
+    s2 = float(np.median(squares)) / d
+    share, wide = _FIRST_SHARE, max(float(squares.max()) / d, (levels.OUTLIER_RATIO + 1) ** 2 * s2)
+    value = -np.inf
+    for _ in range(_EM_ROUNDS):
+        good = np.log1p(-share) - d / 2 * np.log(2 * np.pi * s2) - squares / (2 * s2)
+        bad = np.log(share) - d / 2 * np.log(2 * np.pi * wide) - squares / (2 * wide)
+        total = np.logaddexp(good, bad)
+        weight = np.exp(bad - total)
+        former, value = value, float(total.sum())
+        if abs(value - former) < _EM_TOLERANCE * abs(value):
+            break
+        share = float(np.clip(weight.mean(), 1e-6, 0.5))
+        s2 = float(np.sum((1 - weight) * squares) / (d * np.sum(1 - weight)))
+        wide = max(float(np.sum(weight * squares) / max(d * weight.sum(), 1e-9)), levels.OUTLIER_RATIO**2 * s2)
+    return value, share, np.asarray(weight > 0.5)

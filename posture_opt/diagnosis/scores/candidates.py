@@ -1,0 +1,310 @@
+"""The candidates of a diagnosis: named effects and unnamed components, with their columns and their score tests."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.column_blocks import ColumnPlace, ColumnStore
+from posture_opt.diagnosis.scores.score_tests import (
+    NullDistribution,
+    ProjectedBaseline,
+    explained,
+    log_p,
+    projected_basis,
+    scan_frequencies,
+)
+from posture_opt.diagnosis.scores.unnamed_components import UnnamedComponent, unnamed_components
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.effects import EFFECTS, CyclicError, Effect, Excitation
+from posture_opt.model.effects.cyclic_error import OVERSAMPLING
+from posture_opt.model.effects.joint_compliance import JointCompliance
+from posture_opt.numerics import Array
+
+_STILL = 1e-3  # rad: a joint that moves by less shows no line
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect or an unnamed component that may explain the residuals.
+
+    Args:
+        Z: (m, k) whitened residual per unit of each parameter [1/SI].
+        searched: how many different shapes its own was chosen from.
+        place: where its columns stand in blocks, if they do.
+    """
+
+    what: Effect | UnnamedComponent
+    Z: Array
+    searched: float = 1.0
+    place: ColumnPlace | None = None
+
+    @property
+    def named(self) -> bool:
+        return isinstance(self.what, Effect)
+
+    @property
+    def apart(self) -> Candidate:
+        """The same with columns of its own: the blocks in which it stands can go."""
+        return self if self.place is None else replace(self, Z=self.Z.copy(), place=None)
+
+    @property
+    def persistent(self) -> bool:
+        """Whether it has a name, and outlasts the session that was measured."""
+        return isinstance(self.what, Effect) and self.what.for_planning
+
+    @property
+    def kind(self) -> str:
+        return self.what.kind
+
+    @property
+    def target(self) -> str:
+        return self.what.target
+
+    @property
+    def family(self) -> str:
+        """The family of tests that it belongs to."""
+        return self.what.family if isinstance(self.what, Effect) else levels.UNNAMED
+
+    @property
+    def specific(self) -> bool:
+        """Whether it has a name, and a shape of its own."""
+        return isinstance(self.what, Effect) and not self.what.flexible
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Kind and target: of all shapes the best one is kept."""
+        return self.kind, self.target
+
+    @property
+    def exclusive(self) -> object:
+        """Candidates that have it in common are shapes of one effect, of which a model holds one."""
+        return self.what.exclusive
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredCandidate:
+    """A candidate with its F test beside a projected baseline.
+
+    Args:
+        rho: share of its length that the baseline leaves.
+        log_p: natural logarithm of the p-value of its F test alone.
+        p_value: family-wise, by the null distribution of all candidates.
+        share: of the sum of squares that it explains.
+    """
+
+    candidate: Candidate
+    rho: float
+    log_p: float
+    p_value: float
+    share: float
+
+
+def list_candidates(sensitivities: EffectSensitivities, excitation: Excitation) -> list[Candidate]:
+    """Every candidate but the cyclic errors, one for each shape of its grid."""
+    effects = [e for kind in EFFECTS for e in kind.candidates(excitation)]
+    if "masses" not in excitation.inputs:
+        effects += point_mass_compliances(sensitivities, excitation)
+    keep = _keeper(len(sensitivities.residuals.data))
+    named = [keep(Candidate(e, sensitivities.columns(e))) for e in effects if e.acts(sensitivities.state)]
+    shapes: dict[tuple[str, str], list[Array]] = {}
+    for s in named:
+        shapes.setdefault(s.key, []).append(s.Z)
+    searched = {
+        key: max(effective_number(own), min(len(own), levels.SHAPES_OF_A_PARAMETER)) for key, own in shapes.items()
+    }
+    unnamed = [keep(Candidate(u, Z)) for u, Z in unnamed_components(sensitivities, excitation)]
+    grids = Counter(s.key for s in unnamed)
+    return [
+        *(replace(s, searched=searched[s.key]) for s in named),
+        *(replace(s, searched=grids[s.key]) for s in unnamed),
+    ]
+
+
+def _keeper(rows: int) -> Callable[[Candidate], Candidate]:
+    """Puts the columns of candidates of many rows into blocks: twice in memory, they would be most of it.
+
+    What searches look at together stands together.
+    """
+    if rows < levels.MANY_ROWS:
+        return lambda candidate: candidate
+    store = ColumnStore()
+
+    def keep(candidate: Candidate) -> Candidate:
+        place = store.keep((candidate.named, candidate.persistent), candidate.Z)
+        return replace(candidate, Z=place.columns, place=place)
+
+    return keep
+
+
+def effective_number(shapes: Sequence[Array]) -> float:
+    """The effective number of the shapes (each (m, k)) of one effect: ``(Σ √λ)² / Σ λ``.
+
+    λ are the eigenvalues of the correlation of their first columns (Galwey 2009): neighbouring moments of a slip or
+    time constants of a drift say nearly the same.
+    """
+    if len(shapes) == 1:
+        return 1.0
+    first = np.stack([Z[:, 0] for Z in shapes[:: -(-len(shapes) // levels.COMPARED_SHAPES)]], axis=1)
+    norms = np.linalg.norm(first, axis=0)
+    first = first / np.where(norms > 0, norms, 1.0)
+    values = np.maximum(np.linalg.eigvalsh(first.T @ first), 0.0)
+    return float(np.sum(np.sqrt(values)) ** 2 / max(np.sum(values), 1e-300))
+
+
+def point_mass_compliances(sensitivities: EffectSensitivities, excitation: Excitation) -> list[Effect]:
+    """Joint compliances of arms whose masses are not stated: unknown point masses at the frames beyond each joint.
+
+    Frames that load the joint alike, as those of a wrist do, count once.
+    """
+    names = excitation.robot.joint_names
+    effects: list[Effect] = []
+    for i, name in enumerate(names):
+        if excitation.robot.joints[i].type != "revolute" or excitation.span[i] <= 1e-6:
+            continue
+        points: tuple[str, ...] = ()
+        for point in ("tool", *reversed(names[i:-1])):
+            wider = JointCompliance(joint=name, loads="points", points=(*points, point))
+            Z = sensitivities.columns(wider)
+            norms = np.linalg.norm(Z, axis=0)
+            if norms[-1] > 1e-6 * np.linalg.norm(sensitivities.joints[i]):
+                s = np.linalg.svd(Z / np.where(norms > 0, norms, 1.0), compute_uv=False)
+                points = wider.points if s[-1] > levels.DISTINCT_MASSES else points
+        if points:
+            effects.append(JointCompliance(joint=name, loads="points", points=points))
+    return effects
+
+
+def score_candidates(
+    baseline: ProjectedBaseline,
+    candidates: Sequence[Candidate],
+    sensitivities: EffectSensitivities,
+    lines: Sequence[Lines],
+) -> tuple[list[ScoredCandidate], NullDistribution]:
+    """The best shape of every kind and target beside a baseline, the least p-value first, and the null distribution.
+
+    Every candidate is a score test (Rao 1948): an F test of its columns on the residuals that the baseline leaves. The
+    null distribution is that of the least p-value in data sets whose residuals have the signs of whole poses flipped
+    (Winkler et al. 2014).
+    """
+    rho, sizes, gains = explained(baseline, [s.Z for s in candidates])
+    alive = [int(i) for i in np.flatnonzero(sizes)]
+    sizes, gains = sizes[alive], _possible(baseline, [candidates[i] for i in alive], gains[alive])
+    rss = baseline.rss
+    values = log_p(gains, rss[None, :], sizes[:, None], baseline.freedom) if alive else np.zeros((0, len(rss)))
+    cyclic, lowest = _cyclic(baseline, sensitivities, lines)
+    families = np.array([candidates[i].family for i in alive])
+    least = {family: _least(values[families == family]) for family in levels.FAMILY_SHARES}
+    least[CyclicError.family] = np.minimum(least[CyclicError.family], lowest)
+    null = NullDistribution(least)
+    found: dict[tuple[str, str], ScoredCandidate] = {}
+    for row, i in enumerate(alive):
+        p, candidate = float(values[row, 0]), candidates[i]
+        if candidate.key not in found or p < found[candidate.key].log_p:
+            share = float(gains[row, 0] / rss[0])
+            found[candidate.key] = ScoredCandidate(
+                candidate, float(rho[i]), p, null.family_wise(p, candidate.family), share
+            )
+    scored = list(found.values())
+    for candidate, p in cyclic:
+        basis, left = projected_basis(baseline, candidate.Z)
+        if basis.shape[1]:
+            share = float(np.sum((basis.T @ baseline.e) ** 2) / rss[0])
+            scored.append(ScoredCandidate(candidate, left, p, null.family_wise(p, candidate.family), share))
+    return sorted(scored, key=lambda j: (j.p_value, j.log_p)), null
+
+
+def _possible(baseline: ProjectedBaseline, candidates: Sequence[Candidate], gains: Array) -> Array:
+    """``gains`` (candidates, 1 + B) without those whose estimate is beyond the physical limits of the parameter."""
+    gains = gains.copy()
+    for row, candidate in enumerate(candidates):
+        low, high = candidate.what.limits if isinstance(candidate.what, Effect) else (-np.inf, np.inf)
+        if np.isfinite(low) or np.isfinite(high):
+            z = baseline.project(candidate.Z)[:, 0]
+            size = -(z @ baseline.flipped) / max(float(z @ z), 1e-300)
+            gains[row, (size < low) | (size > high)] = 0.0
+    return gains
+
+
+def absorbed(
+    baseline: ProjectedBaseline, candidates: Sequence[Candidate], scored: Sequence[ScoredCandidate]
+) -> tuple[tuple[Candidate, float], ...]:
+    """Named candidates that the baseline absorbs, one of each kind and target, with the share ρ that is left of it."""
+    known = {j.candidate.key for j in scored}
+    found: dict[tuple[str, str], tuple[Candidate, float]] = {}
+    for candidate in candidates:
+        if candidate.named and candidate.key not in known:
+            found.setdefault(candidate.key, (candidate, projected_basis(baseline, candidate.Z)[1]))
+    return tuple(found.values())
+
+
+def _least(values: Array) -> Array:
+    """(B,) least log p-value of each flipped set."""
+    return np.asarray(values[:, 1:].min(axis=0, initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """The lines of one joint that its values resolve.
+
+    Args:
+        form: any of them; the others have its joint and centre.
+        cycles: (K,) cycles per revolution [1]; ``searched`` how many of them are independent.
+    """
+
+    form: CyclicError
+    cycles: Array
+
+    @property
+    def searched(self) -> float:
+        return len(self.cycles) / OVERSAMPLING
+
+    @property
+    def least_distance(self) -> float:
+        """Lines nearer than that are one line [cycles per revolution]."""
+        return levels.LEAST_LINE_DISTANCE * float(np.diff(self.cycles[:2]).sum())
+
+    def candidate(self, cycles: float, sensitivities: EffectSensitivities) -> Candidate:
+        """The line of so many cycles per revolution."""
+        line = self.form.with_shape(float(cycles))
+        return Candidate(line, sensitivities.columns(line), self.searched)
+
+
+def lines_of_joints(excitation: Excitation, data: Measurements) -> tuple[Lines, ...]:
+    """The lines of each revolute joint that has some."""
+    found: list[Lines] = []
+    for joint, name in enumerate(excitation.robot.joint_names):
+        if excitation.robot.joints[joint].type == "revolute" and excitation.span[joint] >= _STILL:
+            cycles = CyclicError.resolved(data.q[:, joint])
+            found += [Lines(CyclicError.about(name, data.q[:, joint]), cycles)] if len(cycles) else []
+    return tuple(found)
+
+
+def _cyclic(
+    baseline: ProjectedBaseline, sensitivities: EffectSensitivities, lines_of_all: Sequence[Lines]
+) -> tuple[list[tuple[Candidate, float]], Array]:
+    """Peaks of the joints' periodograms with their log p-values, and the least log p-value (B,) of flipped sets."""
+    rss, data = baseline.rss, sensitivities.residuals.data
+    lowest = np.zeros(len(rss) - 1)
+    found: list[tuple[Candidate, float]] = []
+    for lines in lines_of_all:
+        joint = data.joint_names.index(lines.form.joint)
+        gains, most = scan_frequencies(baseline, sensitivities.joints[joint], data.q[:, joint], lines.cycles)
+        lowest = np.minimum(lowest, log_p(most, rss[1:], 2, baseline.freedom))
+        for k in _peaks(gains):
+            p = float(log_p(gains[k : k + 1], rss[:1], 2, baseline.freedom)[0])
+            found.append((lines.candidate(lines.cycles[k], sensitivities), p))
+    return found, lowest
+
+
+def _peaks(gains: Array) -> list[int]:
+    """Indices of the highest local maxima."""
+    left = np.r_[True, gains[1:] >= gains[:-1]]
+    right = np.r_[gains[:-1] >= gains[1:], True]
+    peaks = np.flatnonzero(left & right)
+    return [int(k) for k in peaks[np.argsort(-gains[peaks])][: levels.PERIODOGRAM_PEAKS]]

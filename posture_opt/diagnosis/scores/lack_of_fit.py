@@ -1,0 +1,150 @@
+"""Tests of model adequacy: lack of fit against repeats, and structure of any smooth shape in the residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline, p_value_of_maximum
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.measurements.repeats import repeat_of_row
+from posture_opt.numerics import Array, Codes
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """Two tests for anything left unexplained.
+
+    Args:
+        lack_of_fit: p-value of the scatter about the model against that of repeats.
+        structure: family-wise p-value of residuals of neighbours that are alike.
+        place: the variable along which they are most alike.
+    """
+
+    lack_of_fit: float
+    structure: float
+    place: str
+
+    @property
+    def p_value(self) -> float:
+        """Of both tests together (Bonferroni)."""
+        return float(min(1.0, 2 * min(self.lack_of_fit, self.structure)))
+
+
+def assess_adequacy(
+    baseline: ProjectedBaseline, data: Measurements, groups: Codes, points: Array, block: int
+) -> Adequacy:  # fmt: skip
+    """Both tests on the residuals that a baseline leaves.
+
+    Args:
+        groups: (N,) the rows that repeat one posture with one target, as in `repeat_groups`.
+        points: (N, 3) tool points [m], world.
+        block: residuals of one row.
+    """
+    structure, place = _structure(baseline, data, groups, points, block)
+    return Adequacy(_lack_of_fit(baseline, data, groups, block), structure, place)
+
+
+def _lack_of_fit(baseline: ProjectedBaseline, data: Measurements, groups: Codes, block: int) -> float:
+    """p-value of the F test of lack of fit: scatter about the model against that between repeats of one posture.
+
+    Readings of one repeat share the joints' scatter, so they count by their mean: against the instrument alone every
+    arm would fail. A mean of more readings is more certain where the instrument scatters most, and not where the joints
+    do; which it is is unknown, so the p-value is the larger of both.
+
+    Source: Draper, Smith (1998), section 2.1.
+    """
+    from scipy.special import fdtrc
+
+    repeat = repeat_of_row(data)
+    cell, first, size = _alike(repeat, groups)
+    code, _, repeats = _alike(groups[first])
+    # The targets of one repeat share its scatter too: so many residuals tell as much as one.
+    shared = len(size) / (repeat[-1] + 1)
+    pure_freedom = int((repeats - 1).sum()) * block / shared
+    freedom = (len(size) * block - baseline.Q.shape[1]) / shared - pure_freedom
+    if pure_freedom < levels.REPEAT_FREEDOM or freedom < 1:
+        return 1.0
+    e = _means(baseline.e[: len(data) * block].reshape(-1, block), cell, np.ones(len(cell)))
+    ratios = []
+    for weights in (size.astype(float), np.ones(len(size))):
+        pure = float(np.sum(weights[:, None] * (e - _means(e, code, weights)[code]) ** 2))
+        left = float(np.sum(weights[:, None] * e**2)) - pure
+        ratios.append((left / freedom) / max(pure / pure_freedom, 1e-300))
+    return float(fdtrc(freedom, pure_freedom, max(min(ratios), 0.0)))
+
+
+def _alike(*codes: Codes) -> tuple[Codes, Codes, Codes]:
+    """(N,) the group of rows that agree in all codes, and of each group its first row and how many it has."""
+    found = np.unique(np.column_stack(codes), axis=0, return_index=True, return_inverse=True, return_counts=True)
+    return found[2].ravel(), found[1], found[3]
+
+
+def _means(e: Array, code: Codes, weights: Array) -> Array:
+    """(G, block) weighted means of rows (N, block) of one code."""
+    total = np.bincount(code, weights)
+    return np.stack([np.bincount(code, weights * column) / total for column in e.T], axis=1)
+
+
+def _structure(
+    baseline: ProjectedBaseline, data: Measurements, groups: Codes, points: Array, block: int
+) -> tuple[float, str]:  # fmt: skip
+    """Whether residuals of neighbours are alike: the largest ``eᵀ K e`` of many kernels K against flipped signs.
+
+    Moran's (1950) statistic with Gaussian weights; the null of the largest comes from the same flipped data sets.
+    """
+    N = len(data)
+    rows = (
+        np.arange(N)
+        if N <= levels.KERNEL_ROWS
+        else np.sort(np.random.default_rng(0).choice(N, levels.KERNEL_ROWS, replace=False))
+    )
+    series = baseline.flipped[: N * block].reshape(N, block, -1)[rows]
+    names, values = [], []
+    for name, K in _kernels(data, points, rows):
+        np.fill_diagonal(K, 0.0)
+        # Repeats of one posture, and several targets there, are alike: that is repeatability and no structure.
+        for codes in (groups[rows], data.pose[rows]):
+            K[codes[:, None] == codes[None, :]] = 0.0
+        smooth = np.tensordot(K, series, axes=(1, 0))
+        values.append(np.einsum("nbf,nbf->f", series, smooth))
+        names.append(name)
+    table = np.stack(values)
+    centre, spread = table[:, 1:].mean(axis=1), table[:, 1:].std(axis=1)
+    z = (table - centre[:, None]) / np.maximum(spread, 1e-300)[:, None]
+    most = z[:, 1:].max(axis=0)
+    best = int(np.argmax(z[:, 0]))
+    return p_value_of_maximum(most, float(z[best, 0])), names[best]
+
+
+def _kernels(data: Measurements, points: Array, rows: Codes) -> Iterator[tuple[str, Array]]:
+    q = data.q[rows]
+    for j, name in enumerate(data.joint_names):
+        span = float(np.ptp(q[:, j]))
+        if span < 1e-6:
+            continue
+        for scale in levels.JOINT_KERNELS:
+            near = _gaussian(q[:, j : j + 1] / (scale * span))
+            yield name, near
+        side = np.sign(data.approach[rows, j])
+        if len(np.unique(side)) > 1:
+            yield (
+                f"side of {name}",
+                np.outer(side, side) * _gaussian(q[:, j : j + 1] / (levels.JOINT_KERNELS[0] * span)),
+            )
+    size = float(np.linalg.norm(np.ptp(points[rows], axis=0)))
+    for scale in levels.FIELD_KERNELS:
+        yield "tool point", _gaussian(points[rows] / max(scale * size, 1e-9))
+    for name in ("time", "payload", "temperature"):
+        values = getattr(data, name)
+        values = np.arange(len(data), dtype=float) if values is None and name == "time" else values
+        if values is not None and np.ptp(values[rows]) > 0:
+            yield name, _gaussian(values[rows][:, None] / (levels.INPUT_KERNEL * np.ptp(values[rows])))
+
+
+def _gaussian(x: Array) -> Array:
+    square = np.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=2)
+    return np.asarray(np.exp(-0.5 * square))

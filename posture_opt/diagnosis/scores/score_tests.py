@@ -1,0 +1,288 @@
+"""Score tests of many candidates at once, and the null distribution of the largest of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.fourier_sums import FourierSums, squares
+from posture_opt.numerics import Array, Codes
+
+_CHUNK = 4_000_000  # numbers of one block of columns: 32 MB
+_ROWS = 4096  # walked through at a time
+_MOST_LEVERAGE = 0.99  # above, a residual says nothing of the noise
+_ROUNDING = 1e-6  # of the largest singular value: linear dependence, to rounding of inner products
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedBaseline:
+    """What is fitted before any candidate, and what it leaves of the residuals: ``e = (I − Q Qᵀ) r``.
+
+    Args:
+        Q: (m, k) orthonormal basis of what is fitted.
+        e: (m,) whitened residuals [1], orthogonal to Q.
+        flipped: (m, 1 + B) these residuals, and B copies with the signs of whole groups flipped, leverage-corrected
+            and orthogonal to Q again (Winkler et al. 2014).
+        count: the number of residuals; more than m where they are coordinates in a few directions.
+    """
+
+    Q: Array
+    e: Array
+    flipped: Array
+    count: int
+
+    @classmethod
+    def of(
+        cls, r: Array, columns: Array, groups: Codes, flips: int, seed: int, count: int = 0,
+    ) -> ProjectedBaseline:  # fmt: skip
+        """From residuals (m,), the columns (m, k) of what is fitted, and the group (m,) of every residual."""
+        Q = orthonormal(columns)
+        e = r - Q @ (Q.T @ r)
+        rng = np.random.default_rng(seed)
+        leverage = np.minimum(np.einsum("ij,ij->i", Q, Q), _MOST_LEVERAGE)
+        signs = rng.choice([-1.0, 1.0], size=(int(groups.max(initial=0)) + 1, flips)).astype(np.int8)
+        flipped = np.empty((len(e), 1 + flips))
+        flipped[:, 0], drawn = e, flipped[:, 1:]
+        np.multiply(signs[groups], (e / np.sqrt(1 - leverage))[:, None], out=drawn)
+        inside = Q.T @ drawn
+        for first in range(0, len(e), _ROWS):
+            drawn[first : first + _ROWS] -= Q[first : first + _ROWS] @ inside
+        return cls(Q, e, flipped, count or len(r))
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the residuals."""
+        return self.count - int(self.Q.shape[1])
+
+    @cached_property
+    def rss(self) -> Array:
+        """(1 + B,) sums of squares."""
+        return np.asarray(np.einsum("ij,ij->j", self.flipped, self.flipped))
+
+    def project(self, Z: Array) -> Array:
+        """Columns ``Z`` (m, k) projected off the baseline."""
+        return np.asarray(Z - self.Q @ (self.Q.T @ Z))
+
+
+def orthonormal(columns: Array) -> Array:
+    """Orthonormal basis (m, rank) of columns (m, k) of any scales."""
+    norms = np.linalg.norm(columns, axis=0)
+    kept = columns[:, norms > 0] / norms[norms > 0]
+    U, s, _ = np.linalg.svd(kept, full_matrices=False)
+    return np.asarray(U[:, s > 1e-7 * s.max(initial=1e-300)])
+
+
+def projected_basis(baseline: ProjectedBaseline, Z: Array) -> tuple[Array, float]:
+    """An orthonormal basis (m, k) of a candidate's columns projected off a baseline, and the share ρ that is left."""
+    rest = baseline.project(Z)
+    norms = np.linalg.norm(Z, axis=0)
+    rho = float(np.max(np.linalg.norm(rest, axis=0) / np.where(norms > 0, norms, 1.0), initial=0.0))
+    if rho < levels.SURVIVING_SHARE:
+        return np.zeros((len(Z), 0)), rho
+    U, s, _ = np.linalg.svd(rest / np.where(norms > 0, norms, 1.0), full_matrices=False)
+    return np.asarray(U[:, s > max(levels.SURVIVING_SHARE, _ROUNDING * float(s[0]))]), rho
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedColumns:
+    """Orthonormal bases of candidates projected off a baseline, by their inner products alone.
+
+    Args:
+        edges: (candidates + 1,) where the directions of each begin; as many as `projected_basis` has.
+        gram: (R, R) inner products of all directions; scores: (R,) those with the residuals that the baseline leaves.
+    """
+
+    edges: Codes
+    gram: Array
+    scores: Array
+
+    def __len__(self) -> int:
+        return len(self.edges) - 1
+
+    @property
+    def sizes(self) -> Codes:
+        """(candidates,) how many directions each has."""
+        return np.diff(self.edges)
+
+    @cached_property
+    def gains(self) -> Array:
+        """(candidates,) what each explains by itself."""
+        return np.array([np.sum(self.scores[a:b] ** 2) for a, b in pairwise(self.edges)])
+
+    @classmethod
+    def of(cls, baseline: ProjectedBaseline, candidates: Sequence[Array]) -> ProjectedColumns:
+        """Of the columns (m, k) of each candidate, which are walked through in blocks of rows."""
+        gram, scores = _projected_products(baseline, candidates)
+        norms, edges = np.sqrt([float(v) for Z in candidates for v in _squares(Z)]), _edges(candidates)
+        scale = 1 / np.where(norms > 0, norms, 1.0)
+        gram, scores = gram * np.outer(scale, scale), scores * scale
+        turned = [_directions(gram[a:b, a:b]) for a, b in pairwise(edges)]
+        T = _block_diagonal(turned, len(scores))
+        ends = np.cumsum([0, *(t.shape[1] for t in turned)])
+        return cls(ends, np.asarray(T.T @ gram @ T), np.asarray(T.T @ scores))
+
+
+def _directions(gram: Array) -> Array:
+    """(k, r) what makes orthonormal directions of k projected columns of former length one; as `projected_basis`."""
+    if np.sqrt(max(np.diag(gram).max(initial=0.0), 0.0)) < levels.SURVIVING_SHARE:
+        return np.zeros((len(gram), 0))
+    values, vectors = np.linalg.eigh(gram)
+    s = np.sqrt(np.maximum(values, 0.0))
+    clear = s > max(levels.SURVIVING_SHARE, _ROUNDING * float(s[-1]))
+    return np.asarray(vectors[:, clear] / s[clear])
+
+
+def _projected_products(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array]:
+    """(K, K) inner products of all columns off the baseline, and (K,) those with the residuals that it leaves."""
+    count = int(_edges(candidates)[-1])
+    gram, cross, scores = np.zeros((count, count)), np.zeros((baseline.Q.shape[1], count)), np.zeros(count)
+    for first in range(0, len(baseline.e) if candidates else 0, _ROWS):
+        own = slice(first, first + _ROWS)
+        Z = np.concatenate([Z[own] for Z in candidates], axis=1, dtype=float)
+        gram += Z.T @ Z
+        cross += baseline.Q[own].T @ Z
+        scores += Z.T @ baseline.e[own]
+    return gram - cross.T @ cross, scores
+
+
+def _edges(candidates: Sequence[Array]) -> Codes:
+    return np.cumsum([0, *(Z.shape[1] for Z in candidates)])
+
+
+def _squares(Z: Array) -> Array:
+    return np.asarray(np.einsum("mk,mk->k", Z, Z, dtype=float))
+
+
+def _block_diagonal(blocks: Sequence[Array], rows: int) -> Array:
+    found = np.zeros((rows, sum(block.shape[1] for block in blocks)))
+    row = column = 0
+    for block in blocks:
+        found[row : row + block.shape[0], column : column + block.shape[1]] = block
+        row, column = row + block.shape[0], column + block.shape[1]
+    return found
+
+
+def log_p(explained: Array, rss: Array, size: int | Array, freedom: float | Array) -> Array:
+    """Natural logarithm of the p-value of the F test of ``size`` directions that explain so much of ``rss``."""
+    from scipy.special import fdtrc
+
+    size = np.asarray(size, dtype=float)
+    left = np.maximum(rss - explained, 1e-30 * explained + 1e-300)  # less than rounding leaves
+    nu = np.maximum(freedom - size, 1.0)
+    F = (explained / size) / (left / nu)
+    with np.errstate(divide="ignore"):
+        exact = np.log(fdtrc(size, nu, F))
+    # Beyond what a float holds: the leading term of the tail.
+    tail = -nu / 2 * np.log1p(size * F / nu)
+    return np.where(np.isfinite(exact) & (exact > -650), exact, tail)
+
+
+def explained(baseline: ProjectedBaseline, candidates: Sequence[Array]) -> tuple[Array, Array, Array]:
+    """Of candidates (each (m, k)) beside a baseline: shares ρ, ranks, and the sums of squares that they explain.
+
+    As `projected_basis` has it, and from the inner products alone. Shapes (candidates,), (candidates,) and
+    (candidates, 1 + B), a sum of squares of each column of flipped residuals.
+    """
+    sizes = [Z.shape[1] for Z in candidates]
+    rho, kept = np.zeros(len(sizes)), np.zeros(len(sizes), dtype=int)
+    gains = np.zeros((len(sizes), baseline.flipped.shape[1]))
+    for chunk in _chunks(sizes, len(baseline.e)):
+        Z = np.concatenate([candidates[i] for i in chunk], axis=1, dtype=float)
+        cross, scores = baseline.Q.T @ Z, Z.T @ baseline.flipped
+        edges = np.cumsum([0, *(sizes[i] for i in chunk)])
+        for i, first, last in zip(chunk, edges[:-1], edges[1:], strict=True):
+            own = slice(first, last)
+            gram = Z[:, own].T @ Z[:, own]
+            norms = np.sqrt(np.diag(gram))
+            norms = np.where(norms > 0, norms, 1.0)
+            rest = (gram - cross[:, own].T @ cross[:, own]) / np.outer(norms, norms)
+            rho[i] = np.sqrt(max(np.diag(rest).max(initial=0.0), 0.0))
+            if rho[i] < levels.SURVIVING_SHARE:
+                continue
+            values, vectors = np.linalg.eigh(rest)
+            s = np.sqrt(np.maximum(values, 0.0))
+            clear = s > max(levels.SURVIVING_SHARE, _ROUNDING * float(s[-1]))
+            kept[i] = int(clear.sum())
+            parts = vectors[:, clear].T @ (scores[own] / norms[:, None])
+            gains[i] = np.sum(parts**2 / values[clear, None], axis=0)
+    return rho, kept, gains
+
+
+def _chunks(sizes: Sequence[int], rows: int) -> Iterator[list[int]]:
+    chunk: list[int] = []
+    total = 0
+    for i, size in enumerate(sizes):
+        if chunk and (total + size) * rows > _CHUNK:
+            yield chunk
+            chunk, total = [], 0
+        chunk.append(i)
+        total += size
+    if chunk:
+        yield chunk
+
+
+@dataclass(frozen=True, eq=False)
+class NullDistribution:
+    """The least log p-value (B,) of each family of candidates in each of B sign-flipped data sets."""
+
+    least: Mapping[str, Array]
+
+    def family_wise(self, log_p_value: float, family: str) -> float:
+        """Family-wise p-value: the probability that noise alone gives any candidate of any family so much evidence.
+
+        Within the family from the flipped sets where they reach that far (Westfall, Young 1993), beyond them along
+        their exponential tail, which for F tests falls by e for each e of p and more slowly where the noise has long
+        tails; between families the level is shared out (weighted Bonferroni).
+        """
+        p = p_value_of_maximum(-self.least[family], -log_p_value, 1.0)
+        return float(min(1.0, p / levels.FAMILY_SHARES[family]))
+
+
+def scan_frequencies(
+    baseline: ProjectedBaseline, joint_columns: Array, q: Array, cycles: Array
+) -> tuple[Array, Array]:  # fmt: skip
+    """Periodogram of one joint: the sum of squares (K,) of each of K frequencies, and the largest (B,) of flipped sets.
+
+    Args:
+        joint_columns: (N, block) whitened residual per unit of the joint [1/rad].
+        q: (N,) joint values [rad]; cycles: (K,) frequencies [cycles per revolution].
+    """
+    N, block = joint_columns.shape
+    c = joint_columns
+    series = np.einsum("nb,nbf->nf", c, baseline.flipped[: c.size].reshape(N, block, -1))
+    basis = np.einsum("nb,nbk->nk", c, baseline.Q[: c.size].reshape(N, block, -1))
+    square = np.einsum("nb,nb->n", c, c)
+    sines, cosines = FourierSums.of(q, cycles)(np.concatenate([basis, series], axis=1))
+    k = basis.shape[1]
+    qs, qc, ss, sc, cc = sines[:, :k], cosines[:, :k], *(g[:, 0] for g in squares(q, cycles, square[:, None]))
+    pairs = ((ss, qs, qs), (cc, qc, qc), (sc, qs, qc))
+    gram = tuple(own - np.einsum("ij,ij->i", a, b) for own, a, b in pairs)
+    gain = _two_columns(gram, sines[:, k:], cosines[:, k:])
+    return gain[:, 0], gain[:, 1:].max(axis=0, initial=0.0)
+
+
+def _two_columns(gram: tuple[Array, ...], bs: Array, bc: Array) -> Array:
+    """``bᵀ G⁻¹ b`` of all pairs of columns."""
+    ss, cc, sc = (g[:, None] for g in gram)
+    det = ss * cc - sc * sc
+    good = det > 1e-6 * np.maximum(ss * cc, 1e-300)
+    value = (cc * bs * bs - 2 * sc * bs * bc + ss * bc * bc) / np.where(good, det, 1.0)
+    return np.asarray(np.where(good, value, 0.0))
+
+
+def p_value_of_maximum(most: Array, value: float, slowest: float = 1e-12) -> float:
+    """p-value of ``value`` among the maxima ``most`` (B,) of draws: counted, and beyond them along an exponential tail.
+
+    The tail has the mean excess of the largest tenth (Pickands 1975, with shape zero), at least ``slowest``.
+    """
+    share = (1 + float(np.sum(most >= value))) / (1 + len(most))
+    if share > levels.COUNTED_DRAWS / (1 + len(most)):
+        return share
+    start = float(np.quantile(most, 1 - levels.TAIL_SHARE))
+    excess = max(float(np.mean(most[most >= start] - start)), slowest)
+    return float(min(share, max(levels.TAIL_SHARE * np.exp(-(value - start) / excess), 1e-300)))

@@ -1,0 +1,118 @@
+"""The set of candidates that explains residuals best, by a beam search with exchange over their Gram matrix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.score_tests import ProjectedColumns
+from posture_opt.numerics import Array, Codes
+
+Chosen = tuple[int, ...]
+
+_DEPENDENT, _INVERTIBLE = 1e-6, 1e-8  # of the largest eigenvalue of a Gram matrix: linear dependence to rounding
+_BETTER = 1e-9  # of the criterion: a smaller gain is rounding, and an exchange could go in circles
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Candidates by the inner products of their bases beside the projected baseline, and the penalty of each.
+
+    Args:
+        columns: those inner products, with each other and with the residuals that the baseline leaves, of which
+            ``rss0`` is the sum of squares with nothing chosen and ``freedom`` the (effective) degrees of freedom.
+        penalty: (candidates,) added to the criterion for each chosen one: for its parameters, for a grid that was
+            searched, for having no name.
+        exclusive: (candidates,) candidates of equal code exclude each other.
+    """
+
+    columns: ProjectedColumns
+    rss0: float
+    freedom: float
+    penalty: Array
+    exclusive: Codes
+
+    def alike(self, one: int, other: int) -> float:
+        """The largest cosine between a direction of one candidate and one of another."""
+        edges = self.columns.edges
+        between = self.columns.gram[edges[one] : edges[one + 1], edges[other] : edges[other + 1]]
+        return float(np.linalg.norm(between, 2))
+
+    def _index(self, chosen: Chosen) -> Codes:
+        edges = self.columns.edges
+        return np.concatenate([np.arange(edges[i], edges[i + 1]) for i in chosen]) if chosen else np.zeros(0, int)
+
+    def rss(self, chosen: Chosen) -> float:
+        """Sum of squares that a set leaves."""
+        if not chosen:
+            return self.rss0
+        index = self._index(chosen)
+        G, b = self.columns.gram[np.ix_(index, index)], self.columns.scores[index]
+        return float(self.rss0 - b @ np.linalg.lstsq(G, b, rcond=_DEPENDENT)[0])
+
+    def criterion(self, chosen: Chosen) -> float:
+        """``m log(RSS/m) + Σ penalties``: the least is the best (Schwarz 1978)."""
+        return self._criterion(self.rss(chosen), chosen)
+
+    def _criterion(self, rss: float, chosen: Chosen) -> float:
+        m = self.freedom
+        cost = sum(float(self.penalty[i]) for i in chosen)
+        return float(m * np.log(max(rss, 1e-300) / m) + cost)
+
+    def additions(self, chosen: Chosen) -> list[tuple[float, Chosen]]:
+        """Every set with one candidate more, with its criterion, the best first."""
+        taken = {int(self.exclusive[i]) for i in chosen}
+        index = self._index(chosen)
+        G, b, edges = self.columns.gram, self.columns.scores, self.columns.edges
+        rss = self.rss0
+        cross, left = G[:0], b
+        if chosen:
+            inverse = np.linalg.pinv(G[np.ix_(index, index)], rcond=_INVERTIBLE)
+            cross = inverse @ G[index]
+            left = b - G[:, index] @ (inverse @ b[index])
+            rss = float(rss - b[index] @ inverse @ b[index])
+        found = []
+        for i in range(len(self.columns)):
+            if int(self.exclusive[i]) in taken:
+                continue
+            own = slice(edges[i], edges[i + 1])
+            block = G[own, own] - (G[own][:, index] @ cross[:, own] if chosen else 0.0)
+            values, vectors = np.linalg.eigh(block)
+            part = vectors.T @ left[own]
+            gain = float(
+                np.sum(
+                    np.where(values > levels.DISTINCT_SHARE, part**2 / np.maximum(values, levels.DISTINCT_SHARE), 0.0)
+                )
+            )
+            bigger = tuple(sorted((*chosen, i)))
+            found.append((self._criterion(rss - gain, bigger), bigger))
+        return sorted(found)
+
+
+def exchanged(pool: Pool, chosen: Chosen) -> Chosen:
+    """Drops and swaps as long as the criterion falls."""
+    value = pool.criterion(chosen)
+    while True:
+        trials = []
+        for i in chosen:
+            rest = tuple(j for j in chosen if j != i)
+            trials.append((pool.criterion(rest), rest))
+            trials += pool.additions(rest)[:1]
+        better = min(trials, default=(np.inf, chosen))
+        if better[0] >= value - _BETTER:
+            return chosen
+        value, chosen = better
+
+
+def alternatives(pool: Pool, chosen: Chosen, member: int, within: float) -> list[tuple[float, int]]:
+    """Candidates that could stand for a member at a criterion at most ``within`` worse, the best first."""
+    rest = tuple(j for j in chosen if j != member)
+    value = pool.criterion(chosen)
+    found = []
+    for other, bigger in pool.additions(rest):
+        new = next(i for i in bigger if i not in rest)
+        if other <= value + within and new != member:
+            found.append((other - value, new))
+    return found

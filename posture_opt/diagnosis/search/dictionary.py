@@ -1,0 +1,169 @@
+"""The dictionary of a search: the columns of every candidate, its atoms, and the lines of all joints among them.
+
+Atoms tell their inner products with any vectors and their Gram matrices, of all rows or of some of them; that is all
+that a matching pursuit asks.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
+from posture_opt.diagnosis.scores.candidates import Candidate, Lines
+from posture_opt.diagnosis.scores.column_blocks import ColumnBlocks
+from posture_opt.diagnosis.scores.fourier_sums import FourierSums, squares
+from posture_opt.diagnosis.search.linearised_data import LinearisedData
+from posture_opt.diagnosis.search.selection_criterion import price_of_choice
+from posture_opt.diagnosis.search.shape_refinement import finer_shapes
+from posture_opt.model.effects import CyclicError, Effect
+from posture_opt.numerics import Array, Codes
+
+_FINER = 4  # steps to either side from a line of the grid to half way to the next
+
+
+class Atoms(ABC):
+    """n candidates of k columns each."""
+
+    prices: Array
+    """(n,) what the criterion charges for each beside its parameters."""
+    limits: Array
+    """(n, 2) the least and the largest size of an only parameter [SI]; infinite for most."""
+
+    @abstractmethod
+    def grams(self, rows: Codes | None = None) -> Array:
+        """(n, k, k) inner products of the columns, of all rows or of some."""
+
+    @abstractmethod
+    def products(self, vectors: Array) -> Array:
+        """(n, k, p) inner products of the columns with vectors (m, p)."""
+
+    @abstractmethod
+    def candidate(self, index: int) -> Candidate:
+        """One of the candidates."""
+
+    @abstractmethod
+    def excluded(self, chosen: Candidate) -> Codes:
+        """Indices of those that no model holds beside a chosen candidate."""
+
+    def finer(self, index: int) -> Iterator[Candidate]:
+        """Candidates between this one and its neighbours on the grid."""
+        yield self.candidate(index)
+
+    def closer(self, found: Candidate) -> Iterator[Candidate]:
+        """Candidates between one of those and its neighbours."""
+        yield found
+
+
+class WrittenAtoms(Atoms):
+    """Candidates whose columns are written out."""
+
+    def __init__(self, candidates: Sequence[Candidate], sensitivities: EffectSensitivities) -> None:
+        self.members: tuple[Candidate, ...] = tuple(candidates)
+        self.width: int = candidates[0].Z.shape[1]
+        self._sensitivities = sensitivities
+        self.block: int = sensitivities.residuals.block
+        self._columns = ColumnBlocks.of([c.Z for c in candidates], [c.place for c in candidates])
+        self.prices: Array = np.array([price_of_choice(c) for c in candidates])
+        open_ended = (-np.inf, np.inf)
+        self.limits: Array = np.array([c.what.limits if isinstance(c.what, Effect) else open_ended for c in candidates])
+        codes: dict[object, list[int]] = {}
+        for i, c in enumerate(candidates):
+            codes.setdefault(c.exclusive, []).append(i)
+        self._alike = codes
+
+    def grams(self, rows: Codes | None = None) -> Array:
+        if rows is None:
+            return self._grams
+        return self._columns.grams((rows[:, None] * self.block + np.arange(self.block)).ravel())
+
+    @cached_property
+    def _grams(self) -> Array:
+        return self._columns.grams()
+
+    def products(self, vectors: Array) -> Array:
+        return self._columns.products(vectors).astype(float)
+
+    def candidate(self, index: int) -> Candidate:
+        return self.members[index]
+
+    def finer(self, index: int) -> Iterator[Candidate]:
+        yield from finer_shapes(self._sensitivities, self.members[index])
+
+    def excluded(self, chosen: Candidate) -> Codes:
+        return np.array(self._alike.get(chosen.exclusive, []), dtype=np.intp)
+
+
+class LineAtoms(Atoms):
+    """Cyclic errors of one joint at every frequency that its values resolve.
+
+    The columns of a line are ``c_n sin(k (q_n − q_0))`` and the cosine, c_n what one unit of the joint does to row n.
+    """
+
+    def __init__(self, linearised: LinearisedData, lines: Lines) -> None:
+        self.lines: Lines = lines
+        self._sensitivities = linearised.sensitivities
+        data = self._sensitivities.residuals.data
+        joint = data.joint_names.index(lines.form.joint)
+        self.lever: Array = self._sensitivities.joints[joint]
+        self.q: Array = data.q[:, joint] - lines.form.centre
+        self.sums: FourierSums = FourierSums.of(self.q, lines.cycles)
+        price = price_of_choice(lines.candidate(lines.cycles[0], self._sensitivities))
+        self.prices: Array = np.full(len(lines.cycles), price)
+        self.limits: Array = np.tile([-np.inf, np.inf], (len(lines.cycles), 1))
+        self._step = float(lines.cycles[1] - lines.cycles[0]) if len(lines.cycles) > 1 else 0.0
+
+    def grams(self, rows: Codes | None = None) -> Array:
+        q, lever = (v if rows is None else v[rows] for v in (self.q, self.lever))
+        weights = np.einsum("nb,nb->n", lever, lever)[:, None]
+        ss, sc, cc = squares(q, self.lines.cycles, weights)
+        return np.stack([ss, sc, sc, cc], axis=1).reshape(-1, 2, 2)
+
+    def products(self, vectors: Array) -> Array:
+        N, block = self.lever.shape
+        along = np.einsum("nb,nbp->np", self.lever, vectors[: N * block].reshape(N, block, -1))
+        return np.stack(self.sums(along), axis=1)
+
+    def candidate(self, index: int) -> Candidate:
+        return self.lines.candidate(self.lines.cycles[index], self._sensitivities)
+
+    def excluded(self, chosen: Candidate) -> Codes:
+        if not isinstance(chosen.what, CyclicError) or chosen.what.joint != self.lines.form.joint:
+            return np.zeros(0, dtype=np.intp)
+        apart = np.abs(self.lines.cycles - chosen.what.cycles)
+        return np.flatnonzero(apart <= self.lines.least_distance)
+
+    def finer(self, index: int) -> Iterator[Candidate]:
+        yield from self._about(self.lines.cycles[index], self._step / (2 * _FINER))
+
+    def closer(self, found: Candidate) -> Iterator[Candidate]:
+        assert isinstance(found.what, CyclicError)
+        yield from self._about(found.what.cycles, self._step / (2 * _FINER) ** 2)
+
+    def _about(self, cycles: float, step: float) -> Iterator[Candidate]:
+        for k in range(-_FINER, _FINER + 1):
+            yield self.lines.candidate(cycles + k * step, self._sensitivities)
+
+
+@dataclass(frozen=True, eq=False)
+class Dictionary:
+    """The candidates of a search over linearised data, lines of joints included."""
+
+    linearised: LinearisedData
+    candidates: tuple[Candidate, ...]
+
+    @cached_property
+    def atoms(self) -> tuple[Atoms, ...]:
+        """Candidates of one width side by side, then the lines of each joint."""
+        by_width: dict[int, list[Candidate]] = {}
+        for candidate in self.candidates:
+            by_width.setdefault(candidate.Z.shape[1], []).append(candidate)
+        sensitivities = self.linearised.sensitivities
+        written = (WrittenAtoms(own, sensitivities) for own in by_width.values())
+        if not self.candidates:
+            return ()
+        return (*written, *(LineAtoms(self.linearised, own) for own in self.linearised.lines))

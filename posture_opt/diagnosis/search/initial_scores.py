@@ -1,0 +1,56 @@
+"""Every candidate scored by itself on the geometry alone, with the null distribution of the best of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.candidates import Candidate, ScoredCandidate, score_candidates
+from posture_opt.diagnosis.scores.score_tests import NullDistribution, ProjectedBaseline
+from posture_opt.diagnosis.search.linearised_data import LinearisedData
+from posture_opt.diagnosis.search.shape_refinement import refine_shape
+
+
+@dataclass(frozen=True, eq=False)
+class InitialScores:
+    """The data with every candidate scored on the geometry alone, the least p-value first."""
+
+    linearised: LinearisedData
+    candidates: Sequence[Candidate]
+    baseline: ProjectedBaseline
+    scored: Sequence[ScoredCandidate]
+    null: NullDistribution
+
+    @classmethod
+    def of(cls, linearised: LinearisedData, candidates: Sequence[Candidate], flips: int | None = None) -> InitialScores:
+        """With ``flips`` draws of the null distribution, as many as the data ask for if None."""
+        baseline = linearised.baseline(flips=flips)
+        scored, null = score_candidates(baseline, candidates, linearised.sensitivities, linearised.lines)
+        return cls(linearised, candidates, baseline, scored, null)
+
+    @property
+    def best_p_value(self) -> float:
+        """Family-wise p-value of the best candidate; 1 without any."""
+        return self.scored[0].p_value if self.scored else 1.0
+
+    def decided(self) -> InitialScores:
+        """A close decision with more draws of the null, so that it does not depend on the draw."""
+        close = self.best_p_value > levels.FIRST_EFFECT / levels.CLOSE_DECISION
+        close &= self.best_p_value < levels.FIRST_EFFECT * levels.CLOSE_DECISION
+        if not self.scored or not close or len(self.linearised.r) >= levels.STEADY_RESIDUALS:
+            return self
+        return InitialScores.of(self.linearised, self.candidates, levels.MORE_SIGN_FLIPS * self.linearised.flips)
+
+    def shortlist(self) -> list[Candidate]:
+        """The candidates that explain something by themselves, those with a searched shape at their best."""
+        refined = levels.REFINED_EVIDENCE * self.scored[0].log_p if self.scored else 0.0
+        return [
+            refine_shape(self.linearised.sensitivities, self.baseline, s.candidate)
+            if s.log_p < refined or k < levels.ALWAYS_REFINED
+            else s.candidate
+            for k, s in enumerate(self.scored)
+            if s.log_p < np.log(levels.SHORTLIST_P_VALUE)
+        ]

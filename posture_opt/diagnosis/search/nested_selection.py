@@ -1,0 +1,173 @@
+"""Nested cross-validation: the effects are chosen anew in every fold, and judged by the rows that it left out.
+
+Source: Hastie, Tibshirani, Friedman (2009), sections 7.10.2 (the choice belongs inside the folds) and 7.10.1 (the rule
+of one standard error).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from posture_opt.calibration.cross_validation import Folds, HeldOut, positions_of, predicted
+from posture_opt.calibration.estimation.error_statistics import By, folds_of, groups_of
+from posture_opt.calibration.estimation.fit import Fit
+from posture_opt.calibration.estimation.linear_model import LinearModel
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.search.dictionary import Dictionary
+from posture_opt.diagnosis.search.linearised_data import LinearisedData
+from posture_opt.diagnosis.search.matching_pursuit import nested_subsets, pursue
+from posture_opt.measurements.measurements import Measurements
+from posture_opt.model.effects import Effect
+from posture_opt.numerics import Array, Codes
+
+
+@dataclass(frozen=True, eq=False)
+class NestedSelection:
+    """The sets of every size that each fold chose from its own rows.
+
+    Args:
+        linearised: the data that they were chosen for.
+        folds: the rows that each left out; ``groups`` (N,) what hangs together.
+        sets: the named effects by fold and size, from the empty set on; the last one stands for all larger sizes.
+        losses: (sizes, N) squared position errors [m²] of the rows left out.
+    """
+
+    linearised: LinearisedData
+    folds: Folds
+    groups: Codes
+    sets: tuple[tuple[tuple[Effect, ...], ...], ...]
+    losses: Array
+
+    @classmethod
+    def of(cls, dictionary: Dictionary, most: int, groups: Codes, folds: Folds) -> NestedSelection:
+        """Every fold by itself, with sets of at most so many effects."""
+        losses, sets = np.zeros((most + 1, len(groups))), []
+        for left_out in folds:
+            chosen = pursue(dictionary, most + levels.FURTHER_IN_FOLDS, left_out).chosen
+            own, losses[:, left_out] = _path(dictionary, chosen, left_out, most)
+            sets.append(own)
+        return cls(dictionary.linearised, folds, groups, tuple(sets), losses)
+
+    @cached_property
+    def totals(self) -> Array:
+        """(sizes, groups) sums of the squared errors of each group of rows [m²]."""
+        codes = np.unique(self.groups, return_inverse=True)[1]
+        return np.array([np.bincount(codes, loss) for loss in self.losses])
+
+    @property
+    def refuted(self) -> bool:
+        """Whether rows left out are clearly worse predicted with the first effect than without any."""
+        return len(self.totals) == 1 or clearly_less(self.totals[0], self.totals[1])
+
+    @cached_property
+    def best(self) -> int:
+        """The size, of one effect or more, that predicts rows left out best."""
+        return 1 + int(np.argmin(self.totals[1:].sum(axis=1)))
+
+    @cached_property
+    def least(self) -> int:
+        """The least size that predicts them as well, within one standard error of the difference."""
+        best = self.totals[self.best]
+        return next((size for size in range(1, self.best) if not clearly_less(best, self.totals[size])), self.best)
+
+    def held_out(self, calibrated: Fit, size: int, shape: Array | None = None) -> HeldOut:
+        """Errors of all rows by the named effects of one size, each set fitted to the rows that it was chosen from.
+
+        Args:
+            calibrated: the fit of the geometry alone, about which the models are linear.
+            shape: see `cross_validation.held_out`.
+        """
+        return predicted(calibrated.residuals, self._models(calibrated, size), shape=shape)
+
+    def _models(self, calibrated: Fit, size: int) -> Iterator[tuple[Codes, LinearModel]]:
+        """The rows of each fold with its own model, one at a time for memory."""
+        for left_out, sets in zip(self.folds, self.sets, strict=True):
+            columns = [self.linearised.sensitivities.columns(e) for e in sets[min(size, len(sets) - 1)]]
+            Z = np.concatenate([self.linearised.G[:, :0], *columns], axis=1)
+            norms = np.linalg.norm(Z, axis=0)
+            yield left_out, LinearModel.beside(calibrated, Z / np.where(norms > 0, norms, 1.0))
+
+
+def clearly_less(loss: Array, other: Array) -> bool:
+    """Whether losses by group (G,) are less than others of the same groups by more than one standard error."""
+    less = other - loss
+    return bool(less.sum() > np.sqrt(len(less)) * np.std(less, ddof=1))
+
+
+def _path(
+    dictionary: Dictionary, chosen: Sequence[Candidate], left_out: Codes, most: int
+) -> tuple[tuple[tuple[Effect, ...], ...], Array]:
+    """The nested sets of what a fold chose, and the squared errors (sizes, rows) of the rows that it left out."""
+    linearised = dictionary.linearised
+    residuals = linearised.sensitivities.residuals
+    theirs = (left_out[:, None] * residuals.block + np.arange(residuals.block)).ravel()
+    learn = np.setdiff1d(np.arange(len(linearised.r)), theirs)
+    G, r = linearised.G, linearised.r
+    subsets = nested_subsets([c.Z[learn] for c in chosen], G[learn], r[learn])
+    A = np.concatenate([G[theirs], *(c.Z[theirs] for c in chosen)], axis=1)
+    losses = np.zeros((most + 1, len(left_out)))
+    for size, subset in enumerate(subsets[: most + 1]):
+        e = positions_of(residuals, r[theirs] - A @ subset.coefficients, left_out)
+        losses[size:] = np.sum(e**2, axis=1)
+    named = [[c.what for i in subset.members if isinstance((c := chosen[i]).what, Effect)] for subset in subsets]
+    return tuple(map(tuple, named)), losses
+
+
+@dataclass(frozen=True, eq=False)
+class Folding:
+    """A way to leave rows out: ``groups`` (N,) of what hangs together, and the rows of each fold."""
+
+    groups: Codes
+    folds: Folds
+
+    @classmethod
+    def of(cls, data: Measurements, by: By, count: int) -> Folding:
+        """By pose, by place or by block."""
+        groups = groups_of(data, by, count)
+        return cls(groups, folds_of(groups, count, by))
+
+    @classmethod
+    def usual(cls, data: Measurements, count: int = levels.SELECTION_FOLDS) -> tuple[Folding, ...]:
+        """By place that was touched; else by pose, which asks for the noise, and by block of the workspace, which asks
+        for what holds elsewhere."""
+        ways: tuple[By, ...] = ("place",) if data.position is None else ("pose", "block")
+        return tuple(cls.of(data, by, count) for by in ways)
+
+
+@dataclass(frozen=True, eq=False)
+class NestedSelections:
+    """Nested selections of one dictionary in several ways, which have to agree on how many effects there are."""
+
+    each: tuple[NestedSelection, ...]
+
+    @classmethod
+    def of(cls, dictionary: Dictionary, most: int, foldings: Sequence[Folding]) -> NestedSelections:
+        """One for each way to leave rows out."""
+        return cls(tuple(NestedSelection.of(dictionary, most, way.groups, way.folds) for way in foldings))
+
+    @property
+    def size(self) -> int:
+        """As many effects as the first way asks for, within one standard error, and no more than improve any other.
+
+        Poses left out tell small gains, as they are many; blocks left out tell where what is gained is the
+        neighbourhood alone. The first effect has been decided by a test of its own: rows left out can but refute it.
+        """
+        if any(nested.refuted for nested in self.each):
+            return 0
+        return min(self.each[0].least, *(nested.best for nested in self.each))
+
+    @property
+    def explained(self) -> float:
+        """Share of the squared errors of rows left out that the sets of that size explain, mean of all ways."""
+        size = self.size
+        return float(np.mean([1 - n.totals[size].sum() / max(n.totals[0].sum(), 1e-300) for n in self.each]))
+
+    def clearly_better(self, other: NestedSelections) -> bool:
+        """Whether rows left out are predicted better than by another, by more than a standard error in every way."""
+        pairs = zip(self.each, other.each, strict=True)
+        return all(clearly_less(a.totals[self.size], b.totals[other.size]) for a, b in pairs)

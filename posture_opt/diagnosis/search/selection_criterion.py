@@ -1,0 +1,205 @@
+"""What a candidate costs in the criterion of a selection, what a member is worth, and what could stand for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from posture_opt.diagnosis.scores import levels
+from posture_opt.diagnosis.scores.candidates import Candidate
+from posture_opt.diagnosis.scores.score_tests import (
+    NullDistribution,
+    ProjectedBaseline,
+    ProjectedColumns,
+    log_p,
+    projected_basis,
+)
+from posture_opt.diagnosis.scores.subset_selection import Chosen, Pool, alternatives
+from posture_opt.diagnosis.search.linearised_data import LinearisedData
+from posture_opt.model.effects import Effect
+from posture_opt.numerics import Array
+
+
+def union(former: Iterable[Candidate], new: Iterable[Candidate]) -> tuple[Candidate, ...]:
+    """The former candidates, and the new ones that are not the same as one of them."""
+    former = tuple(former)
+    known = {str(s.what) for s in former}
+    return (*former, *(s for s in new if str(s.what) not in known))
+
+
+def candidate_pool(baseline: ProjectedBaseline, candidates: Sequence[Candidate]) -> Pool:
+    """Candidates with their penalties on a baseline; two shapes of one effect exclude each other."""
+    columns = ProjectedColumns.of(baseline, [s.Z for s in candidates])
+    counted = zip(candidates, columns.sizes.tolist(), columns.gains.tolist(), strict=True)
+    penalty = [_penalty(baseline, s, size, gain) for s, size, gain in counted]
+    codes: dict[object, int] = {}
+    exclusive = [codes.setdefault(s.exclusive, len(codes)) for s in candidates]
+    return Pool(columns, float(baseline.e @ baseline.e), baseline.freedom, np.array(penalty), np.array(exclusive))
+
+
+def price_of_choice(candidate: Candidate) -> float:
+    """What the criterion charges for a candidate beside its parameters: for its grid, and for the lack of a name."""
+    unnamed = 0.0 if candidate.named else levels.PENALTY_WITHOUT_A_NAME
+    return float(2 * np.log(candidate.searched) + levels.PENALTY_OF_A_CHOICE + unnamed)
+
+
+def price_of_parameters(count: Array, evidence: Array, freedom: float) -> Array:
+    """What the criterion charges for so many parameters, which explain ``evidence`` in units of the noise variance.
+
+    A parameter costs ``log m`` (Schwarz 1978); those of a large group at most what an empirical Bayes prior on the
+    group's size would charge, ``1 + log(T / k)`` each for an evidence T of k parameters (George, Foster 2000).
+    """
+    group = 1 + np.log(np.maximum(evidence / np.maximum(count, 1), 1.0))
+    each = np.where(count > levels.LARGE_GROUP, np.minimum(np.log(freedom), group), np.log(freedom))
+    return np.asarray(count * each)
+
+
+def _penalty(baseline: ProjectedBaseline, candidate: Candidate, size: int, gain: float) -> float:
+    """What a candidate of so many directions that explain so much costs in the criterion."""
+    freedom = max(baseline.freedom, 1)
+    evidence = np.array(gain / max(float(baseline.rss[0]) / freedom, 1e-300))
+    return float(price_of_parameters(np.array(size), evidence, freedom)) + price_of_choice(candidate)
+
+
+def member_weight(
+    linearised: LinearisedData, members: Sequence[Candidate], member: Candidate
+) -> tuple[float, float]:  # fmt: skip
+    """Log p-value of the F test of a member given the others, and the rise of the criterion without it."""
+    others = [s for s in members if s is not member]
+    baseline = linearised.baseline(others, flips=0)
+    basis, _ = projected_basis(baseline, member.Z)
+    if not basis.shape[1]:
+        return 0.0, 0.0
+    gain, rss = float(np.sum((basis.T @ baseline.e) ** 2)), max(float(baseline.rss[0]), 1e-300)
+    p = float(log_p(np.array([gain]), np.array([rss]), basis.shape[1], baseline.freedom)[0])
+    m = baseline.freedom
+    rise = -m * np.log(max(1 - gain / rss, 1e-300)) - _penalty(baseline, member, basis.shape[1], gain)
+    return p, float(rise)
+
+
+def member_weights(linearised: LinearisedData, members: Sequence[Candidate]) -> list[tuple[float, float]]:
+    """`member_weight` of every member given the others, all from one fit: ``ΔRSS = θᵀ C⁻¹ θ`` (Wald)."""
+    if not members:
+        return []
+    small, reduced = linearised.reduced(members)
+    sizes = [s.Z.shape[1] for s in reduced]
+    A = np.concatenate([small.G, *(s.Z for s in reduced)], axis=1)
+    norms = np.linalg.norm(A, axis=0)
+    A = A / np.where(norms > 0, norms, 1.0)
+    C = np.linalg.pinv(A.T @ A, rcond=1e-12, hermitian=True)
+    theta = C @ (A.T @ small.r)
+    rss = max(float(small.r @ small.r - theta @ (A.T @ small.r)), 1e-300)
+    freedom = float(small.count - np.linalg.matrix_rank(A))
+    if freedom < 1:  # together they explain whatever was measured: none of them is shown
+        return [(0.0, -np.inf)] * len(members)
+    edges = np.cumsum([small.G.shape[1], *sizes])
+    found = []
+    for member, a, b in zip(reduced, edges[:-1], edges[1:], strict=True):
+        values, vectors = np.linalg.eigh(C[a:b, a:b])
+        clear = (values > 0) & (values < levels.SURVIVING_SHARE**-2)
+        gain, count = float(np.sum((vectors.T @ theta[a:b])[clear] ** 2 / values[clear])), int(clear.sum())
+        if not _possible(member, -theta[a:b] / np.where(norms[a:b] > 0, norms[a:b], 1.0)):
+            found.append((0.0, -np.inf))
+            continue
+        m = freedom + count
+        p = float(log_p(np.array([gain]), np.array([rss + gain]), max(count, 1), m)[0]) if count else 0.0
+        price = float(price_of_parameters(np.array(count), np.array(gain / (rss / freedom)), m))
+        found.append((p, m * float(np.log1p(gain / rss)) - price - price_of_choice(member)))
+    return found
+
+
+def _possible(candidate: Candidate, sizes: Array) -> bool:
+    """Whether an estimate lies within the physical limits of an only parameter."""
+    low, high = candidate.what.limits if isinstance(candidate.what, Effect) else (-np.inf, np.inf)
+    return len(sizes) > 1 or bool(low <= sizes[0] <= high)
+
+
+def substantial(linearised: LinearisedData, members: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The members without those that explain next to nothing, of what all explain and of what they leave alike.
+
+    It is the least that goes first. A name for less is not worth its line, however sure it is.
+    """
+    kept = list(members)
+    while len(kept) > 1:
+        small, reduced = linearised.reduced(kept)
+        whole = float(small.baseline(flips=0).rss[0])
+        least = float(small.baseline(reduced, flips=0).rss[0])
+        without = [[s for s in reduced if s is not member] for member in reduced]
+        lost = [float(small.baseline(rest, flips=0).rss[0]) - least for rest in without]
+        worst = int(np.argmin(lost))
+        if lost[worst] >= levels.LEAST_SHARE * (whole - least) or lost[worst] >= levels.LEAST_RISE * least:
+            break
+        del kept[worst]
+    return tuple(kept)
+
+
+def rank_members(
+    linearised: LinearisedData, members: Sequence[Candidate]
+) -> tuple[tuple[Candidate, ...], list[tuple[float, float]]]:
+    """The members, the weightiest first, and the weight of each."""
+    weights = member_weights(linearised, members)
+    order = sorted(range(len(members)), key=lambda i: -weights[i][1])
+    return tuple(members[i] for i in order), [weights[i] for i in order]
+
+
+def eliminate(
+    linearised: LinearisedData, null: NullDistribution, members: Sequence[Candidate]
+) -> tuple[Candidate, ...]:
+    """Backward elimination of the members that are not significant given the others, the least significant first."""
+    kept = list(members)
+    while kept:
+        weights = member_weights(linearised, kept)
+        p_values = [null.family_wise(p, s.family) for (p, _), s in zip(weights, kept, strict=True)]
+        worst = max(range(len(kept)), key=lambda i: (p_values[i], weights[i][0]))
+        if p_values[worst] < (levels.FIRST_EFFECT if len(kept) == 1 else levels.FURTHER_EFFECT):
+            break
+        del kept[worst]
+    return tuple(kept)
+
+
+def find_rivals(
+    baseline: ProjectedBaseline, shortlisted: Sequence[Candidate], chosen: Sequence[Candidate]
+) -> tuple[tuple[Candidate, ...], ...]:
+    """For each chosen candidate the others that explain as much in its place, within `levels.RIVAL_CRITERION`."""
+    every = union(shortlisted, chosen)
+    pool = candidate_pool(baseline, every)
+    place = {str(s.what): i for i, s in enumerate(every)}
+    members = tuple(sorted(place[str(s.what)] for s in chosen))
+    pools = pool, _lenient(pool, every)
+    for_all = _for_all(pool, every, members)
+    return tuple(_rivals_of(place[str(s.what)], pools, every, members, for_all) for s in chosen)
+
+
+def _rivals_of(
+    member: int,
+    pools: Sequence[Pool],
+    every: Sequence[Candidate],
+    members: Chosen,
+    for_all: Sequence[tuple[float, int]],
+) -> tuple[Candidate, ...]:
+    """Those of the alternatives to a member that resemble it, one of each kind and target, the best first."""
+    found: dict[tuple[str, str], Candidate] = {}
+    close = [a for pool in pools for a in alternatives(pool, members, member, levels.RIVAL_CRITERION)]
+    for _, other in sorted([*close, *for_all]):
+        alike = pools[0].alike(member, other) > levels.RIVAL_COSINE
+        if alike and every[other].key != every[member].key:
+            found.setdefault(every[other].key, every[other])
+    return tuple(found.values())
+
+
+def _lenient(pool: Pool, candidates: Sequence[Candidate]) -> Pool:
+    """The pool with names charged 2 a parameter (Akaike 1974): what only costs more has not been refuted by data."""
+    less = [
+        (np.log(pool.freedom) - levels.LENIENT_PENALTY) * size if s.named and size <= levels.LARGE_GROUP else 0.0
+        for s, size in zip(candidates, pool.columns.sizes.tolist(), strict=True)
+    ]
+    return replace(pool, penalty=pool.penalty - np.maximum(less, 0.0))
+
+
+def _for_all(pool: Pool, candidates: Sequence[Candidate], members: Chosen) -> list[tuple[float, int]]:
+    """Names that alone could stand for all that was chosen."""
+    least = pool.criterion(members)
+    alone = ((value - least, only[0]) for value, only in pool.additions(())) if len(members) > 1 else ()
+    return [(more, i) for more, i in alone if more <= levels.RIVAL_CRITERION and candidates[i].named]

@@ -1,0 +1,98 @@
+"""``report.html``: the report as one page that needs nothing beside it and no network."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import TYPE_CHECKING
+
+from posture_opt import __version__
+from posture_opt.files import packaged
+from posture_opt.report.page.library import INSTALL, packed_json, plotly_js
+from posture_opt.report.text.blocks import Facts, Report, Table
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+    from posture_opt.report.interactive.arm_view import ArmView
+
+_FOLDS = 3  # blocks: a page with fewer is short, and nothing of it is folded; of others so many are open at least
+
+
+@dataclass(frozen=True)
+class Page:
+    """What stands on a page.
+
+    Args:
+        images: PNG files by the name of the figure; ``captions`` say what they show.
+        view: the interactive view; None: there is none.
+        hint: whether to say how to get one.
+        brief: titles of the blocks that are open at first; the others are folded. None: all are open.
+        problem_file: its text, shown at the end.
+    """
+
+    report: Report
+    images: Mapping[str, bytes] = field(default_factory=dict)
+    captions: Mapping[str, str] = field(default_factory=dict)
+    view: ArmView | None = None
+    hint: bool = False
+    brief: Collection[str] | None = None
+    problem_file: str = ""
+
+    def html(self) -> str:
+        """The page."""
+        return _template().render(
+            page=self,
+            report=self.report,
+            blocks=[(f"part-{k}", block) for k, block in enumerate(self.report.blocks, 1)],
+            opened=self._opened,
+            images={name: b64encode(data).decode("ascii") for name, data in self.images.items()},
+            keys=self._keys,
+            shown=self._shown,
+            library="" if self.view is None else plotly_js(),
+            data="" if self.view is None else packed_json(self.view.document()),
+            style=_text("page.css"),
+            script=_text("page.js") + ("" if self.view is None else _text("view.js")),
+            install=INSTALL,
+            version=__version__,
+            kind=_kind,
+        )
+
+    @property
+    def _keys(self) -> frozenset[str]:
+        return frozenset() if self.view is None else self.view.keys
+
+    def _shown(self, views: Sequence[str], k: int) -> str:
+        """The key of what row or column k shows in the view; empty where that is nothing."""
+        return views[k] if k < len(views) and views[k] in self._keys else ""
+
+    @property
+    def _opened(self) -> frozenset[str]:
+        """Titles of the blocks that are open at first."""
+        titles = [block.title for block in self.report.blocks]
+        told = [title for title in titles if self.brief is None or title in self.brief]
+        return frozenset(told if len(told) >= _FOLDS else (*told, *titles[:_FOLDS]))
+
+
+def _kind(item: str | Facts | Table) -> str:
+    return "text" if isinstance(item, str) else type(item).__name__.lower()
+
+
+def _text(name: str) -> str:
+    return packaged("posture_opt.report", "templates", name)
+
+
+@cache
+def _template() -> Template:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("posture_opt.report"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    return environment.get_template("report.html")

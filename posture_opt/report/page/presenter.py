@@ -1,0 +1,180 @@
+"""``Presenter``: how one kind of result is told, tabulated, drawn and filed.
+
+The file ``report/some_thing_report.py`` presents the class ``SomeThing`` by its class ``SomeThingPresenter``; its
+figures are listed by the function ``some_thing`` of ``figures/results.py``, which is imported when something is drawn.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, cast
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.numerics import Array, Mask, Progress
+from posture_opt.report.page.library import plotly_js
+from posture_opt.report.page.page import Page
+from posture_opt.report.page.save import Files, report_files, save_files, summary_html
+from posture_opt.report.text.blocks import Report, Summary
+from posture_opt.report.text.screen import on_a_screen
+from posture_opt.report.text.text import render, render_summary, terminal_width
+from posture_opt.result import Result, Summarised, snake_case
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from posture_opt.problem.problem import Problem
+
+T = TypeVar("T")
+S = TypeVar("S", bound=Summarised)
+R = TypeVar("R", bound=Result)
+
+Drawings = dict[str, Callable[[], "Figure | None"]]
+"""Name of a figure -> what draws it, or says that there is nothing to draw; the most important one first."""
+Columns = Mapping[str, Sequence[Any] | Array | Mask]
+"""Head of a column with its unit -> its cells."""
+
+
+def problem_of(result: Any) -> Problem:
+    """What was asked, as reports need it: whole, and not only a robot with its sources."""
+    return cast("Problem", result.problem)
+
+
+class SummaryPresenter(ABC, Generic[S]):
+    """One object in a few lines."""
+
+    def __init__(self, result: S) -> None:
+        self.result: S = result
+
+    @abstractmethod
+    def summary(self) -> Summary:
+        """What it is, and its three or four most important numbers."""
+
+    def summary_text(self) -> str:
+        """The summary as plain text, at most 12 lines."""
+        return render_summary(self.summary())
+
+    def summary_html(self) -> str:
+        """The summary as a small table for notebooks."""
+        return summary_html(self.summary())
+
+
+def pandas_module() -> Any:
+    """The library pandas, where it is installed.
+
+    Raises:
+        InputError: it is not.
+    """
+    try:
+        return import_module("pandas")
+    except ImportError:
+        mend = "install it (pip install pandas), or use to_json()"
+        raise InputError(Issue("to_dataframe needs the library pandas", mend=mend)) from None
+
+
+class Presenter(SummaryPresenter[R]):
+    """One result with what only its report needs, worked out when it is asked for.
+
+    Args:
+        document: stem of the JSON document, ``map`` of ``map.json``.
+        delivers: the further files of ``save`` that people look for.
+    """
+
+    document: ClassVar[str]
+    delivers: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def problem(self) -> Problem:
+        """What was asked; its file stands at the end of the page."""
+        return problem_of(self.result)
+
+    @abstractmethod
+    def report(self) -> Report:
+        """The whole report."""
+
+    def brief(self) -> Report | None:
+        """What one screen is to show as far as it fits, where that is not the blocks of the report in brief."""
+        return None
+
+    @abstractmethod
+    def columns(self) -> Columns:
+        """The main table."""
+
+    def files(self) -> Files:
+        """Further files of ``save`` by name."""
+        return {}
+
+    def report_text(self, full: bool = True) -> str:
+        """The report, or one screen of it, as plain text, as wide as the terminal."""
+        width, report = terminal_width(), self.report()
+        saved = (*self.delivers, f"{self.document}.json")
+        return render(report if full else on_a_screen(report, width, saved, self.brief()), width)
+
+    def figures(self) -> dict[str, Figure]:
+        """All figures by name, drawn."""
+        drawn = {name: draw() for name, draw in self._drawings().items()}
+        return {name: figure for name, figure in drawn.items() if figure is not None}
+
+    def plot(self) -> Figure:
+        """The first figure.
+
+        Raises:
+            InputError: this result has none.
+        """
+        for draw in self._drawings().values():
+            if (figure := draw()) is not None:
+                return figure
+        raise InputError(f"there is nothing to draw of this {type(self.result).__name__}")
+
+    def dataframe(self) -> Any:
+        """The main table.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        return pandas_module().DataFrame(dict(self.columns()))
+
+    def save(
+        self, folder: Path, *, figures: bool = True, beside: Mapping[str, bytes], progress: Progress | None = None
+    ) -> tuple[Path, ...]:
+        """Writes document, reports, further files and figures into ``folder``, all or none; their paths."""
+        return save_files(folder, {**self.contents(figures=figures, progress=progress), **beside})
+
+    def contents(self, *, figures: bool = True, progress: Progress | None = None) -> Files:
+        """File name -> content of all that `save` writes.
+
+        ``progress`` is told of document and page, and of each figure three times: drawn, as PNG, as SVG.
+        """
+        drawings = self._drawings() if figures else {}
+        parts, done = 3 * len(drawings) + 2, count(1)
+
+        def made(part: T) -> T:
+            if progress is not None:
+                progress(next(done), parts)
+            return part
+
+        document, page = made(self.result.to_json()), made(self._page(figures))
+        drawn = {name: made(draw()) for name, draw in drawings.items()}
+        there = {name: figure for name, figure in drawn.items() if figure is not None}
+        return {**report_files(self.document, document, page, there, made), **self.files()}
+
+    def _page(self, pictures: bool) -> Page:
+        """The page without its figures: with the interactive view where there is one and what draws it is installed."""
+        report = self.report()
+        asked = getattr(import_module("posture_opt.report.interactive.views"), self._name, None) if pictures else None
+        view = asked(self) if asked is not None and plotly_js() else None
+        brief = frozenset(block.title for block in (self.brief() or report).blocks if block.short.items)
+        return Page(
+            report, view=view, hint=asked is not None and view is None, brief=brief, problem_file=self.problem.to_yaml()
+        )
+
+    @property
+    def _name(self) -> str:
+        return snake_case(type(self.result).__name__)
+
+    def _drawings(self) -> Drawings:
+        drawings: Drawings = getattr(import_module("posture_opt.report.figures.results"), self._name)(self)
+        return drawings

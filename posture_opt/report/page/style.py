@@ -1,0 +1,170 @@
+"""One look for all figures: one width and one type size, colours that colour-blind readers tell apart.
+
+Colours: M. Okabe and K. Ito, "Color Universal Design" (2008). In grey print the three lines of a figure are told by
+their dashes, marks by their shapes.
+"""
+
+from __future__ import annotations
+
+import textwrap
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import wraps
+from importlib import import_module
+from io import BytesIO
+from typing import TYPE_CHECKING, Any, ParamSpec
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+P = ParamSpec("P")
+
+ORANGE = "#E69F00"
+GREEN = "#009E73"
+BLUE = "#0072B2"
+VERMILLION = "#D55E00"
+PURPLE = "#CC79A7"
+GREY = "#767676"
+LIGHT = "#D9D9D9"
+MODEL_COLOURS = {"nominal": ORANGE, "calibrated": BLUE, "extended": GREEN, "delivered": PURPLE}
+"""Of named models, the same in every figure."""
+MODEL_DASHES: dict[str, Any] = {
+    "nominal": (0, (4, 1.5)), "calibrated": "-", "extended": (0, (1, 1)), "delivered": (0, (5, 1, 1, 1))
+}  # fmt: skip
+"""Of named models, for whoever sees no colours."""
+COLOUR_MAP = "cividis"  # even in lightness, the same to colour-blind eyes
+
+DPI = 150
+WIDTH = 8.0
+"""Of every figure [inch]: a page scales them all alike, so that their type comes out in one size."""
+FONT = 9.0
+"""Of every text in a figure [pt]."""
+_LETTER = 0.56 * FONT / 72  # mean width of a letter [inch]
+_HANDLE = 0.55  # of a legend: width of a mark with its gaps [inch]
+_DOT = 4.5  # of a legend: size of what stands for many small dots [pt]
+_ASIDE = 34  # letters of a line of a legend beside the axes
+
+STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans",  # travels with matplotlib
+    "font.size": FONT,
+    "axes.titlesize": FONT,
+    "axes.labelsize": FONT,
+    "figure.titlesize": FONT,
+    "figure.labelsize": FONT,
+    "xtick.labelsize": FONT,
+    "ytick.labelsize": FONT,
+    "axes.edgecolor": GREY,
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": "#E6E6E6",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": FONT,
+    "legend.title_fontsize": FONT,
+    "legend.frameon": False,
+    "lines.linewidth": 1.8,
+    "hatch.linewidth": 0.6,
+    "xtick.color": "#404040",
+    "ytick.color": "#404040",
+    "figure.facecolor": "white",
+    "figure.constrained_layout.use": True,
+    "figure.constrained_layout.w_pad": 0.08,
+    "figure.constrained_layout.h_pad": 0.08,
+    "savefig.facecolor": "white",
+    "svg.fonttype": "path",
+    "text.parse_math": False,  # a joint may be called $a_$
+    "svg.hashsalt": "posture_opt",
+}
+
+
+@contextmanager
+def in_style() -> Iterator[None]:
+    """Drawing in the style of the house; a letter that the font lacks, in a joint's name, say, is drawn as a box."""
+    from matplotlib import rc_context
+
+    with rc_context(STYLE), warnings.catch_warnings():  # type: ignore[arg-type]
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
+        yield
+
+
+def label_of(name: str) -> str:
+    """A name as a label: matplotlib leaves those out of legends that begin with an underscore."""
+    return f" {name}" if name.startswith("_") else name
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """A function that draws a figure, drawing it in the style of the house, its layout computed once and for all."""
+
+    @wraps(draw)
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with in_style():
+            return _settled(draw(*args, **kwargs))
+
+    return drawn
+
+
+def _settled(figure: Figure) -> Figure:
+    """The figure with fixed places: the second time, because ticks follow from the first; files would do so again."""
+    for _ in range(2):
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    return figure
+
+
+def new_figure(height: float) -> Figure:
+    """An empty figure of the width of all and this height [inch]; it belongs to no window, and notebooks show it."""
+    shown = import_module("posture_opt.report.page.shown_figure")
+    figure: Figure = shown.ShownFigure(figsize=(WIDTH, height))
+    return figure
+
+
+def legend_below(figure: Figure, entries: Mapping[str, Any] | None = None) -> None:
+    """One legend of all axes under them, each entry once, in as many columns as fit."""
+    entries = legend_entries(figure) if entries is None else entries
+    if not entries:
+        return
+    column = _HANDLE + _LETTER * max(map(len, entries))
+    columns = min(max(int((WIDTH - 0.3) / column), 1), len(entries))
+    rows = -(-len(entries) // columns)
+    figure.legend(
+        [_handle(h) for h in entries.values()],
+        list(entries),
+        loc="outside lower center",
+        ncols=-(-len(entries) // rows),
+    )
+
+
+def legend_beside(figure: Figure, entries: Mapping[str, Any] | None = None) -> None:
+    """The same to the right of axes that are about as wide as high, long entries on several lines."""
+    entries = legend_entries(figure) if entries is None else entries
+    labels = [textwrap.fill(label, _ASIDE) for label in entries]
+    figure.legend([_handle(h) for h in entries.values()], labels, loc="outside right upper", labelspacing=0.9)
+
+
+def _handle(handle: Any) -> Any:
+    """A handle for the legend: dots that are small because they are many are large in it."""
+    from matplotlib.lines import Line2D
+
+    if not isinstance(handle, Line2D) or handle.get_marker() != "." or handle.get_linestyle() != "None":
+        return handle
+    return Line2D([], [], ls="none", marker="o", ms=_DOT, mew=0, color=handle.get_color())
+
+
+def legend_entries(figure: Figure) -> dict[str, Any]:
+    """Label -> handle of all that is labelled in any of the axes, once."""
+    found: dict[str, Any] = {}
+    for axes in figure.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(label.lstrip(), handle)
+    return found
+
+
+def image(figure: Figure, kind: str) -> bytes:
+    """The figure as the bytes of a ``png`` (150 dpi) or ``svg`` file; the same figure gives the same bytes."""
+    metadata = {"Date": None, "Creator": "posture_opt"} if kind == "svg" else {"Software": "posture_opt"}
+    with in_style(), BytesIO() as file:
+        figure.savefig(file, format=kind, dpi=DPI, metadata=metadata)
+        return file.getvalue()

@@ -1,0 +1,129 @@
+"""What an assessment says of repeats and the instrument: ISO 9283, one tool pose in several postures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.report.text.blocks import Block, Table
+from posture_opt.report.text.units_text import count, length, lengths, stated_length
+from posture_opt.report.text.words import MODEL_NAMES
+from posture_opt.units import fixed, number
+from posture_opt.validation.assessment import TEN_TIMES
+from posture_opt.validation.repeatability_tests import CYCLES
+
+if TYPE_CHECKING:
+    from posture_opt.validation.assessment import Assessment
+    from posture_opt.validation.repeatability_tests import Distances, PosePerformance, Repeats
+
+MODELS = {name: MODEL_NAMES[name] for name in ("nominal", "calibrated")}
+
+
+def goals_block(found: Assessment) -> Block:
+    """How far apart the postures of one goal land."""
+    goals = found.goals
+    assert goals is not None
+    text = (
+        f"{count(goals.goals, 'target was', 'targets were')} reached in two postures or more. The model before "
+        f"calibration predicts that they land {length(goals.said['nominal'].median)} apart; "
+        f"{length(goals.measured.median)} were measured (medians). The calibrated model predicts the vector between "
+        f"them to {length(goals.missed['calibrated'].median)}, before calibration to "
+        f"{length(goals.missed['nominal'].median)}."
+    )
+    rows = [("measured apart", *_distance_cells(goals.measured))]
+    rows += [(f"prediction error, {words}", *_distance_cells(goals.missed[name])) for name, words in MODELS.items()]
+    return Block("One target, several postures", (text, Table(("[mm]", "median", "95 % below", "max"), tuple(rows))))
+
+
+def _distance_cells(d: Distances) -> tuple[str, ...]:
+    return tuple(fixed(1e3 * value, 3) for value in (d.median, d.p95, d.max))
+
+
+def repeats_block(found: Assessment) -> Block:
+    """Accuracy and repeatability after ISO 9283, and the pooled scatter of visits."""
+    title, repeats = "Accuracy and repeatability (ISO 9283)", found.repeats
+    if repeats is None and found.calibrated.mean is None:
+        return Block(title, ("Touched points do not show repeatability: no position was measured.",))
+    if repeats is None:
+        return Block(title, ("No posture was repeated: repeatability is unknown.",))
+    low, high = repeats.interval
+    slipped = (
+        f" {count(len(repeats.outlying), 'posture')} with outlying repeats left out, named below."
+        if repeats.outlying
+        else ""
+    )
+    pooled = (
+        f"{count(repeats.groups, 'posture was', 'postures were')} measured more than once, {repeats.rows} rows in "
+        f"all. The standard deviation of a coordinate about its posture mean is {length(repeats.sigma)} ("
+        f"with 95 % confidence {lengths([low, high], ' to ')}), so RP is {length(repeats.repeatability)}.{slipped}"
+    )
+    if not repeats.poses:
+        few = "No posture was measured three times or more: AP and RP of single postures are left out."
+        return Block(title, (pooled, few), "residual_repeats")
+    return Block(title, (pooled, _performance_table(repeats), *_performance_texts(repeats)), "residual_repeats")
+
+
+def _performance_table(repeats: Repeats) -> Table:
+    rows = [
+        (f"AP, {MODELS['nominal']}", *_spread_cells([_interval(p, "nominal") for p in repeats.poses])),
+        (f"AP, {MODELS['calibrated']}", *_spread_cells([_interval(p, "calibrated") for p in repeats.poses])),
+        ("RP", *_spread_cells([_interval(p, "RP") for p in repeats.poses])),
+    ]
+    return Table(("[mm]", "median pose", "worst pose", "its 95 % interval", "line"), tuple(rows))
+
+
+def _interval(pose: PosePerformance, what: str) -> tuple[float, tuple[float, float], int]:
+    if what == "RP":
+        return pose.nominal.repeatability, pose.nominal.repeatability_interval, pose.line
+    performance = getattr(pose, what)
+    return performance.accuracy, performance.accuracy_interval, pose.line
+
+
+def _spread_cells(values: list[tuple[float, tuple[float, float], int]]) -> tuple[str, ...]:
+    worst, (low, high), line = max(values)
+    middle = float(np.median([value for value, _, _ in values]))
+    return (
+        fixed(1e3 * middle, 3),
+        fixed(1e3 * worst, 3),
+        f"{fixed(1e3 * low, 3)} to {fixed(1e3 * high, 3)}",
+        str(line),
+    )
+
+
+def _performance_texts(repeats: Repeats) -> list[str]:
+    repeated = [pose.nominal.n for pose in repeats.poses]
+    size = f"{min(repeated)}" if min(repeated) == max(repeated) else f"{min(repeated)} to {max(repeated)}"
+    texts = [f"{count(len(repeated), 'pose')} with {size} repeats; the line is that of the first one."]
+    if min(repeated) < CYCLES:
+        texts.append(f"ISO 9283 asks for {CYCLES} repeats; the intervals show the effect of fewer.")
+    if repeats.left_out:
+        texts.append(f"{count(repeats.left_out, 'pose')} more with as many repeats or fewer are not listed.")
+    if repeats.poses[0].orientation:
+        worst = max(np.degrees(angle.repeatability) for pose in repeats.poses for angle in pose.orientation)
+        texts.append(f"The orientation repeats within {number(float(worst))} deg about any axis (RP, worst pose).")
+        if repeats.oriented:
+            off = max(abs(np.degrees(angle.accuracy)) for pose in repeats.poses for angle in pose.orientation)
+            texts.append(
+                f"The calibrated model's orientation is off by up to {number(float(off))} deg about an axis (AP)."
+            )
+    return texts
+
+
+def instrument_block(found: Assessment) -> Block:
+    """The third rule: an instrument ten times better than what it judges."""
+    rule = "An instrument should be ten times more accurate than the errors it measures."
+    if not found.instrument:
+        mend = "add uncertainty: {measurement: {position: 0.05 mm}} to the problem file."
+        return Block("The instrument", (f"{rule} The accuracy of this one is not stated: {mend}",))
+    texts = [f"{rule} The σ of this one is {stated_length(found.instrument)} per coordinate."]
+    for name, words in (("nominal", "The error before calibration"), ("calibrated", "The error after calibration")):
+        ratio, size = found.ratios[name], length(getattr(found, name).coordinate)
+        if ratio >= TEN_TIMES:
+            texts.append(f"{words} is {size} per coordinate, {ratio:.0f} times that: good enough.")
+        else:
+            texts.append(
+                f"Warning: {words[0].lower()}{words[1:]} is {size} per coordinate, only {number(ratio, 2)} times that: "
+                "part of it is the error of the instrument."
+            )
+    return Block("The instrument", tuple(texts))

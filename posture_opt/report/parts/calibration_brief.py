@@ -1,0 +1,97 @@
+"""The first screen on a calibration: the answer, what stands out, what is left open, and what to do next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.calibration.assumptions.instrument import position_sigma
+from posture_opt.report.parts.calibration_parameters import determined_words, differing, undetermined_names
+from posture_opt.report.parts.error_table import ELSEWHERE, mm
+from posture_opt.report.parts.large_file_words import thinned_words
+from posture_opt.report.parts.other_file_words import file_words
+from posture_opt.report.text.blocks import Block, Facts, Report
+from posture_opt.report.text.units_text import count, stated_length
+
+if TYPE_CHECKING:
+    from posture_opt.calibration.calibration import Calibration
+    from posture_opt.problem.problem import Problem
+    from posture_opt.validation.assessment import Assessment
+
+_NAMED = 3  # parameters
+_LINES = 6  # of outliers
+_SHARE = 0.5**0.5  # of a standard deviation: less is less than half of the variance
+
+
+def calibration_brief(problem: Problem, found: Calibration, seen: Assessment, lead: tuple[str, ...]) -> Report:
+    """The lead of the whole report and a line on each of its parts, on one screen."""
+    facts = [
+        ("Measured", _measured(problem, found)),
+        *([("Thinned", thinned_words(found.large))] if found.large is not None else []),
+        ("Errors", _errors(found)),
+        *([("Test file", _test(found))] if found.test is not None else []),
+        ("Parameters", _parameters(found)),
+        *([("Undetermined", open_names)] if (open_names := undetermined_names(found, 2 * _NAMED)) else []),
+        *([("Outliers", _outliers(found))] if found.outliers else []),
+        ("Next", "; ".join(next_steps(found, seen)) + "."),
+    ]
+    return Report(problem.name or "Calibration", lead, (Block("", (Facts(tuple(facts)),)),))
+
+
+def _measured(problem: Problem, found: Calibration) -> str:
+    data = found.request.data
+    poses, file = len(np.unique(data.pose)), Path(data.file).name or "table"
+    rows = f"{count(len(data), 'row')} in {count(poses, 'pose')} ({file})"
+    if data.touches:
+        return f"{rows} at {count(len(data.point_names), 'touched point')}"
+    sigma = position_sigma(problem, data)
+    return f"{rows}; " + (f"instrument σ {stated_length(sigma)} per coordinate" if sigma else "no σ of the instrument")
+
+
+def _errors(found: Calibration) -> str:
+    s = found.calibrated
+    return f"calibrated, 95 % of the held-out rows are within {mm(s.p95)} mm, all within {mm(s.max)} mm"
+
+
+def _test(found: Calibration) -> str:
+    other = found.test
+    assert other is not None
+    before, after = (mm(other.models[name].rms) for name in ("nominal", "calibrated"))
+    out = int(other.outside.sum())
+    beyond = f"; {count(out, 'row')} outside the joint ranges measured" if out else ""
+    words = file_words(other).rstrip(".").replace(": ", ", ")
+    return f"{before} mm RMS before calibration, {after} mm calibrated ({words}{beyond})"
+
+
+def _parameters(found: Calibration) -> str:
+    return ". ".join(filter(None, (determined_words(found), differing(found, _NAMED))))
+
+
+def _outliers(found: Calibration) -> str:
+    lines = ", ".join(map(str, found.lines[:_LINES])) + " …" * (len(found.lines) > _LINES)
+    return f"{count(len(found.outliers), 'row')} left out: line{'s' * (len(found.lines) > 1)} {lines}"
+
+
+def stood_elsewhere(found: Calibration) -> bool:
+    """Whether errors on the test file are so large that base or instrument may have been moved."""
+    if found.test is None or found.request.refit_frames:
+        return False
+    return found.test.models["calibrated"].rms > ELSEWHERE * found.calibrated.rms
+
+
+def next_steps(found: Calibration, seen: Assessment) -> tuple[str, ...]:
+    """What the data call for, the most urgent first."""
+    steps = []
+    if stood_elsewhere(found):
+        steps.append("--refit-frames fits base and tool again to the test file: base or instrument may have been moved")
+    if not seen.calibrated.zero:
+        steps.append("'diagnose' searches for the cause of the remaining systematic error")
+    elif 0 < seen.instrument < _SHARE * seen.calibrated.coordinate:
+        steps.append("'diagnose' searches for the cause of the remaining error, most of which is not instrument noise")
+    if found.identifiability.words:
+        steps.append("'plan-measurements' proposes postures that determine more parameters")
+    if seen.repeats is None and not found.request.data.touches:
+        steps.append("measure ten postures five times each to separate scatter from systematic error")
+    return tuple(steps) or ("plan with calibrated.yaml, which --out DIR writes",)

@@ -1,0 +1,165 @@
+"""What a report on a calibration says of the parameters: estimates, how sure they are, what is left open."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.calibration.calibration import CORRELATED
+from posture_opt.calibration.estimation.identifiability import ANGLE, LENGTH
+from posture_opt.report.parts.parts import sentence
+from posture_opt.report.text.blocks import Block, Facts, Table
+from posture_opt.report.text.units_text import count, decimals_of
+from posture_opt.units import fixed, number
+
+if TYPE_CHECKING:
+    from posture_opt.calibration.calibration import Calibration
+    from posture_opt.calibration.estimation.parameters import Parameter
+
+_LISTED = 10
+_SURE = 0.05  # probability of a change of this size where nothing changed
+_FINE = 100  # condition below which estimates lose little to noise (Schröer, Albright, Grethlein 1997)
+
+
+def parameters_block(found: Calibration) -> Block:
+    """Every parameter of the arm: nominal value, estimate and standard error, prior, significance, correlations."""
+    shown = [i for i, p in enumerate(found.parameters) if p.group != "point"]
+    headers = (
+        "parameter",
+        "unit",
+        "determined",
+        "nominal",
+        "estimate",
+        "std. error",
+        "change",
+        "change / std. error",
+        "prior",
+    )
+    width = len(headers) - (not np.isfinite(found.prior).any())
+    table = Table(headers[:width], tuple(_row(found, i)[:width] for i in shown), text_columns=3)
+    points = (len(found.parameters) - len(shown)) // 3
+    extra = [f"The positions of {count(points, 'touched point')} are fitted too."] if points else []
+    priors = "; the prior is the stated σ" if width == len(headers) else "; no prior σ is stated"
+    text = f"Estimates with one standard error, without bounds{priors}. "
+    words = [*extra, *_significance(found), *_far(found, shown)]
+    return Block("Parameters", (text, table, *words, *_correlations(found, shown)))
+
+
+def _row(found: Calibration, i: int) -> tuple[str, ...]:
+    p, std, prior = found.parameters[i], float(found.std[i]), float(found.prior[i])
+    unit, factor = _unit(p)
+    believed = "" if math.isnan(prior) else number(prior * factor)
+    if not found.fixed[i]:
+        # A free frame needs some value; this one goes with the rest of the arm as it was drawn.
+        some = fixed((p.nominal + float(found.x[i])) * factor, 3) if p.group in ("base", "tool") else ""
+        return p.name, unit, "no", fixed(p.nominal * factor, 3), some, "", "", "", believed
+    decimals = decimals_of(std * factor)
+    values = (fixed(value * factor, decimals) for value in (p.nominal, p.nominal + found.x[i], std, found.x[i]))
+    nominal, estimate, error, change = values
+    how = "yes" if found.identifiability.determined[i] else "by prior"
+    z = float(found.z[i])
+    times = "" if math.isnan(z) else fixed(z, decimals_of(max(abs(z), 0.1)))
+    return p.name, unit, how, nominal, estimate, error, change, times, believed
+
+
+def _unit(parameter: Parameter) -> tuple[str, float]:
+    return ("deg", math.degrees(1.0)) if parameter.unit == "rad" else ("mm", 1e3)
+
+
+def _significance(found: Calibration) -> list[str]:
+    """How many parameters of the arm itself differ from the drawing by more than chance."""
+    judged = _judged(found)
+    if not judged:
+        return []
+    sure = [i for i in judged if found.p_values[i] < _SURE]
+    of = f"{len(sure)} of {count(len(judged), 'determined parameter')} of the arm"
+    return [f"{of} differ significantly from nominal (individual p below 5 %, more than 1.96 standard errors)."]
+
+
+def determined_words(found: Calibration) -> str:
+    """How many unknowns are determined by themselves, and how many together."""
+    alone, rank, all_of = int(found.fixed.sum()), found.identifiability.rank, len(found.parameters)
+    if alone == all_of:
+        return f"all {all_of} unknowns are determined"
+    more = f", {rank - alone} more in combination" if rank > alone else ""
+    return f"{alone} of {all_of} unknowns are determined individually{more}"
+
+
+def differing(found: Calibration, most: int) -> str:
+    """The parameters of the arm that surely differ from the file, the surest first; empty where none does."""
+    sure = [i for i in _judged(found) if found.p_values[i] < _SURE]
+    if not sure:
+        return ""
+    sure.sort(key=lambda i: -abs(found.z[i]))
+    named = ", ".join(_deviation(found, i) for i in sure[:most])
+    if len(sure) == 1:
+        return f"One of the arm differs from the file: {named}"
+    return f"{len(sure)} of the arm differ from the file, {'most surely' if len(sure) > most else 'namely'} {named}"
+
+
+def undetermined_names(found: Calibration, most: int) -> str:
+    """The parameters that neither the data nor a prior determine by themselves."""
+    names = [p.name for p, fixed in zip(found.parameters, found.fixed, strict=True) if not fixed and p.group != "point"]
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _deviation(found: Calibration, i: int) -> str:
+    unit, factor = _unit(found.parameters[i])
+    error = float(found.std[i]) * factor
+    change, error_text = (fixed(v, decimals_of(error)) for v in (float(found.x[i]) * factor, error))
+    return f"{found.parameters[i].name} by {change} ± {error_text} {unit}"
+
+
+def _judged(found: Calibration) -> list[int]:
+    """Parameters of the arm itself whose deviation can be told from chance."""
+    return [i for i, p in enumerate(found.parameters) if p.group == "geometry" and math.isfinite(found.z[i])]
+
+
+def _far(found: Calibration, shown: list[int]) -> list[str]:
+    """Parameters of the arm that are farther off than parts are made."""
+    far = []
+    for i in shown:
+        p = found.parameters[i]
+        if p.group == "geometry" and found.fixed[i] and abs(found.x[i]) > (LENGTH if p.unit == "m" else ANGLE):
+            unit, factor = _unit(p)
+            far.append(f"{p.name} by {number(float(found.x[i]) * factor)} {unit}")
+    if not far:
+        return []
+    usual = f"{LENGTH * 1e3:g} mm, {math.degrees(ANGLE):g} deg"
+    return [f"Deviations beyond usual tolerances ({usual}): {', '.join(far)}. Is a zero or a length in the file wrong?"]
+
+
+def _correlations(found: Calibration, shown: list[int]) -> list[str | Table]:
+    """Pairs of estimates that hang together closely, the closest first."""
+    known = [i for i in shown if found.fixed[i]]
+    C = found.correlation
+    pairs = [(i, j) for a, i in enumerate(known) for j in known[a + 1 :] if abs(C[i, j]) > CORRELATED]
+    if not pairs:
+        return [f"No two estimates have a correlation above {CORRELATED:g}."] if len(known) > 1 else []
+    pairs.sort(key=lambda pair: -abs(C[pair]))
+    names = [p.name for p in found.parameters]
+    rows = tuple((names[i], names[j], fixed(float(C[i, j]), 3)) for i, j in pairs[:_LISTED])
+    more = f", the closest {_LISTED} of {len(pairs)}" if len(pairs) > _LISTED else ""
+    return [f"Correlations above {CORRELATED:g}{more}:", Table(("estimate", "with", "correlation"), rows, 2)]
+
+
+def undetermined_block(found: Calibration) -> Block:
+    """The combinations of parameters that no fit to these data can tell."""
+    known = found.identifiability
+    size = f"The data determine {known.rank} combinations of {count(len(found.parameters), 'unknown')}"
+    words = [sentence(text) for text in known.words]
+    helped = [p.name for p, k, d in zip(found.parameters, found.fixed, known.determined, strict=True) if k and not d]
+    by_prior = [f"Determined only with the stated σ's as priors: {', '.join(helped)}."] if helped else []
+    left = [f"{size}; undetermined combinations:" if words else f"{size}: all are determined."]
+    mend = ["'optimize-posture plan-measurements' proposes more informative postures."] if words else []
+    indices = ", ".join(f"{name} {value:.3g}" for name, value in known.observability.items())
+    good = f"below {_FINE} is good" if known.condition > _FINE else "good"
+    facts = Facts(
+        (
+            ("Condition", f"{number(known.condition)} (largest over smallest singular value; {good})"),
+            ("Observability", indices),
+        )
+    )
+    return Block("What the data do not determine", (*left, *words, *by_prior, *mend, facts))

@@ -1,0 +1,109 @@
+"""The first lines of a report where the data refute what the problem file states as known."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from posture_opt.model.effects import JointCoupling
+from posture_opt.report.parts.error_table import mm
+from posture_opt.units import number, plus_minus, shown
+
+if TYPE_CHECKING:
+    from posture_opt.calibration.assumptions.stated_knowledge import Contradiction
+    from posture_opt.calibration.calibration import Calibration
+
+_DIMENSIONS = {"m": "length", "rad": "angle"}
+_LISTED = 3
+_TURNED = math.radians(0.01)  # less is no turn that anyone would mend
+
+
+def doubts_lead(found: Calibration) -> tuple[str, ...]:
+    """What stands before any answer: data that are hardly this arm's, what they refute of the file, runaway frames."""
+    return (
+        *_disagreement(found),
+        *(_line(contradiction) for contradiction in found.contradictions),
+        *(_away(frame, far) for frame, far in found.far_frames.items()),
+        *_implausible(found),
+    )
+
+
+def refuted_of_robots(found: Sequence[Calibration]) -> tuple[str, ...]:
+    """What the data of several robots of one type refute, one line each."""
+    counts = Counter(c.cause for calibration in found for c in calibration.contradictions)
+    return tuple(
+        f"For {count} of {len(found)} robots {cause.words}: the value in the file is ignored for them."
+        for cause, count in counts.items()
+    )
+
+
+def _disagreement(found: Calibration) -> tuple[str, ...]:
+    if found.disagreement is None:
+        return ()
+    left, motion = found.disagreement.left, found.disagreement.motion
+    text = f"The data disagree with the arm of the file: even calibrated, it misses them by {mm(left)} mm RMS, where "
+    text += f"they move by {mm(motion)} mm. Is it another robot's file? Do all joints count in the direction, in the "
+    return (f"{text}order and from the zero of the problem file? Treat the results below with caution.",)
+
+
+def _implausible(found: Calibration) -> tuple[str, ...]:
+    """The geometry that is farthest off its drawing, where that is farther than any part is."""
+    units = {"rad": (math.degrees(1.0), "deg"), "m": (1e3, "mm")}
+    texts = [f"{name} by {plus_minus(x, std, *units[unit])}" for name, (x, std, unit) in found.implausible.items()]
+    if not texts:
+        return ()
+    more = f" and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
+    text = f"Implausibly large deviation from the file: {', '.join(texts[:_LISTED])}{more}. "
+    return (f"{text}Is it the right robot, and are the zeros of its joints those of the file?",)
+
+
+def _away(frame: str, far: float) -> str:
+    of = "from the measured points" if frame == "base" else "from the flange"
+    text = f"The {frame} is found {number(far)} m {of}, which is implausible: these data do not determine it. "
+    return f"{text}State it, or measure with more different orientations."
+
+
+def _line(found: Contradiction) -> str:
+    if isinstance(found.cause, JointCoupling):
+        return _coupled(found, found.cause)
+    if found.sigma:
+        ((name, (value, std, unit)),) = found.estimate.items()
+        dimension = _DIMENSIONS[unit]
+        text = f"The data contradict the standard deviation of {shown(found.sigma, dimension)} that the file states of "
+        text += f"{found.cause.target}.{name}: it is off by {shown(value, dimension, std)}. "
+        return f"{text}The stated value is ignored here, which {gain_words(found)}."
+    frame = found.cause.target
+    text = f"The data contradict the {frame} frame that the file states: the {frame} is off by {_off(found)}. "
+    return f"{text}It is treated as free here, which {gain_words(found)}. Correct the file, or write '{frame}: free'."
+
+
+def _coupled(found: Contradiction, coupling: JointCoupling) -> str:
+    ratio, std, _ = found.estimate["ratio"]
+    text = f"In these data {coupling.joint} is coupled to {coupling.follows} (ratio {plus_minus(ratio, std)}), which "
+    text += f"the file does not state. The coupling is added to the model, which {gain_words(found)}. Log the "
+    return f"{text}angle of {coupling.joint} against the link before it, or keep {coupling.kind} in the file."
+
+
+def gain_words(found: Contradiction) -> str:
+    """What setting all contradictions aside brings."""
+    return f"reduces the RMS error of the calibrated arm from {mm(found.rms_stated)} mm to {mm(found.rms)} mm"
+
+
+def _off(found: Contradiction) -> str:
+    """How far a frame is off, and how far it is turned where that is told."""
+    shift = [(v, s) for v, s, unit in found.estimate.values() if unit == "m"]
+    turn = [(v, s) for v, s, unit in found.estimate.values() if unit == "rad"]
+    length, std = _length(shift)
+    texts = [plus_minus(length, std, 1e3, "mm")] if shift else []
+    angle, error = _length(turn)
+    if angle > max(_TURNED, 3 * error):
+        texts.append(plus_minus(angle, error, math.degrees(1.0), "deg"))
+    return " and ".join(texts)
+
+
+def _length(parts: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Length of a vector of (value, standard error), and its own to first order."""
+    length = math.sqrt(sum(v**2 for v, _ in parts))
+    return length, math.sqrt(sum((v * s) ** 2 for v, s in parts)) / length if length else 0.0

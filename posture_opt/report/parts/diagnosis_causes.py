@@ -1,0 +1,211 @@
+"""What the report says of named causes: words, size, weight, and what else could stand for them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.diagnosis.causes.causes import tool_shifts
+from posture_opt.model.effects.cause import FittedSizes
+from posture_opt.report.parts.contradictions import gain_words
+from posture_opt.report.parts.diagnosis_sizes import (
+    fitted_effects,
+    fitted_sizes,
+    headline_of,
+    periodic_joints,
+)
+from posture_opt.report.parts.error_table import mm
+from posture_opt.report.parts.parts import sentence
+from posture_opt.report.text.blocks import Block, Facts, Table
+from posture_opt.report.text.units_text import length, percent
+from posture_opt.report.text.words import p_value, p_words
+from posture_opt.units import plus_minus
+
+if TYPE_CHECKING:
+    from posture_opt.calibration.estimation.fitted_arm import FittableProblem
+    from posture_opt.diagnosis.causes.causes import Finding
+    from posture_opt.diagnosis.diagnosis import Diagnosis
+
+_PAIRS, _SPLITS = 4, 8  # of causes that could be confused, and of measurements that tell them apart
+_IMITATED = 0.8  # of an effect at the tool: what geometry imitates by more is said
+_FULL = 4  # effects that are told in full; lighter ones stand in a table
+_VAGUE = 10.0  # times the standard error among what the data tell: the rest is open
+_LISTED = 5  # geometric parameters that are farthest off, for their errors
+
+
+def finding_words(finding: Finding, problem: FittableProblem) -> str:
+    """A finding in words; scatter of which the problem file states nothing is said to be so."""
+    noise = finding.noise
+    if noise is not None and noise.unstated and not _states(problem, finding):
+        return noise.unstated.format(target=noise.target, size=noise.headline(FittedSizes(finding.estimate)))
+    return finding.cause.words
+
+
+def _states(problem: FittableProblem, finding: Finding) -> bool:
+    """Whether the file says how the joint of a finding scatters from repeat to repeat."""
+    sources = problem.sources
+    names = [] if finding.noise is None else finding.noise.scatter(problem.robot)
+    return any(sources.scatter[i, i] > 0 for i, name in enumerate(sources.names) if name in names)
+
+
+def causes_block(found: Diagnosis) -> Block:
+    """Every named cause with its size, its evidence, and what it explains."""
+    if not found.effects:
+        return Block("Causes", ("None is found.",))
+    items: list[str | Facts | Table] = []
+    effects = [f for _, f in fitted_effects(found)]
+    short = effects[_FULL:] if len(effects) > _FULL + 1 else []
+    for i, finding in enumerate((f for f in found.effects if f not in short), 1):
+        what = f"{i}. {sentence(finding_words(finding, found.problem))}"
+        items += [what, Facts(tuple(_facts(found, finding)), view=view_key(found, finding))]
+    if short:
+        items += ["Lighter ones:", _lighter(found, short)]
+    figure = "diagnosis_curves" if effects else ""
+    return Block("Causes, the weightiest first", tuple(items), figure)
+
+
+def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
+    """Effects of less weight, one a line."""
+    rows = []
+    for finding in findings:
+        place = finding.place
+        assert place is not None
+        most = length(float(tool_shifts(found.model, place)[0].max()))
+        size = headline_of(found, finding)
+        rows.append((finding.cause.label, size, most, percent(finding.gain), p_value(finding.p_value)))
+    views = tuple(view_key(found, finding) for finding in findings)
+    return Table(("cause", "size", "at the tool up to", "RMS reduced by", "p-value"), tuple(rows), views=views)
+
+
+def view_key(found: Diagnosis, finding: Finding) -> str:
+    """By which the interactive view knows a cause."""
+    return f"cause-{found.effects.index(finding) + 1}"
+
+
+def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
+    place = finding.place
+    name = finding.kind if finding.target == "all" else f"{finding.kind} of {finding.target}"
+    rows = [("Name", name)]
+    sizes = finding.cause.sizes(fitted_sizes(found, finding))
+    rows += [(size.label[:1].upper() + size.label[1:], str(size)) for size in sizes]
+    if finding.effect is None and finding.noise is None and not finding.estimate:
+        rows += _geometry(found)
+    if not finding.determined:
+        rows.append(("Open", "these data do not determine the size: its 95 % region holds zero"))
+    if finding.stated is not None:
+        rows.append(("In the file", f"{finding.stated.stated_size}; the size here is the total"))
+    if place is not None:
+        rows.append(_at_tool(found, place))
+    rows.append(("Evidence", f"{p_words(finding.p_value)}, corrected for the whole search"))
+    gain = _gain(found, finding)
+    rows += [("Gain", gain)] if gain else []
+    planning = _planning(found, finding)
+    rows += [("Planning", planning)] if planning else []
+    if finding.confounded_with:
+        others = ", ".join(dict.fromkeys(rival.label for rival in finding.confounded_with))
+        rows.append(("Could be", f"{others} instead: see below"))
+    return rows
+
+
+def _planning(found: Diagnosis, finding: Finding) -> str:
+    """Whether tasks are planned with a cause, where that is not plain."""
+    entry = finding.effect or finding.noise
+    if entry is None:
+        return ""
+    place = finding.place
+    if place in found.delivery.dropped:
+        return "left out: held-out rows are predicted no worse without it"
+    return entry.planning_note(place in found.delivery.kept)
+
+
+def _at_tool(found: Diagnosis, place: int) -> tuple[str, str]:
+    alone, beyond = tool_shifts(found.model, place)
+    most, rms, own = float(alone.max()), *(float(np.sqrt(np.mean(v**2))) for v in (alone, beyond))
+    text = f"up to {length(most)} in these data, {length(rms, among=[most])} RMS"
+    if own < _IMITATED * rms:
+        text += f"; {length(own, among=[most])} RMS of it is beyond what geometry could imitate"
+    return "At the tool", text
+
+
+def _gain(found: Diagnosis, finding: Finding) -> str:
+    if finding.noise is not None:
+        return _covers(found) if finding.noise.uneven else ""
+    if finding.effect is None:
+        if finding.beforehand:
+            return gain_words(found.calibration.contradictions[0])
+        geometry = [f for f in found.effects if f.effect is None and f.noise is None and not f.beforehand]
+        if finding is not geometry[0]:
+            return ""  # its gain is that of all of them, which is said of the first
+        return (
+            f"{'all geometry together' if len(geometry) > 1 else 'calibration'} reduces the RMS by "
+            f"{percent(finding.gain)}: {mm(found.errors['nominal'].rms)} mm before, "
+            f"{mm(found.errors['calibrated'].rms)} mm after"
+        )
+    rms = found.errors["extended"].rms
+    without = rms / max(1 - finding.gain, 1e-9)
+    text = f"reduces the RMS by {percent(finding.gain)}: {mm(without)} mm without it, {mm(rms)} mm with it"
+    if finding.interval is not None and finding.interval[0] <= 0:
+        text += "; not significant"
+    return text
+
+
+def _covers(found: Diagnosis) -> str:
+    """The gain of stating uneven noise: regions that hold what they should; nothing of other noise."""
+    held = found.held
+    shape = held["extended"].shape
+    if shape is None or fitted_effects(found):
+        return ""
+    sizes = np.trace(shape, axis1=1, axis2=2)
+    alike = np.ptp(sizes) < 0.1 * sizes.mean()  # only the directions differ
+    most = sizes >= (0.0 if alike else np.quantile(sizes, 0.75))
+    after, before = (percent(float(held[name].inside[most].mean())) for name in ("extended", "calibrated"))
+    which = "the rows" if alike else "the quarter of rows that it spreads most"
+    return f"of {which}, {after} lie in their 95 % regions; without it {before}"
+
+
+def _geometry(found: Diagnosis) -> list[tuple[str, str]]:
+    """The surest parameters of the arm with its effects, with their standard errors."""
+    calibration, model = found.calibration, found.model
+    std = model.std[: len(calibration.parameters)]
+    far = [
+        (abs(float(x / s)), p.name, float(x), float(s), p.unit)
+        for p, x, s, whole in zip(calibration.parameters, model.x, std, calibration.std, strict=False)
+        if p.group == "geometry"
+        and 0 < whole < _VAGUE * s  # what the data leave open has a small part in what they tell
+    ]
+    far.sort(reverse=True)
+    units = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm")}
+    texts = [f"{name} {plus_minus(x, s, *units[unit])}" for _, name, x, s, unit in far[:_LISTED]]
+    return [("Surest", f"{', '.join(texts)}; 'corrections' of extended.yaml holds them all")] if texts else []
+
+
+def cyclic_block(found: Diagnosis) -> tuple[Block, ...]:
+    """The periodogram of the joints with cyclic errors; nothing where there are none."""
+    names = [found.model.residuals.data.joint_names[j] for j in periodic_joints(found)]
+    if not names:
+        return ()
+    text = (
+        f"Periodic joint errors were searched for at every frequency of each joint, in cycles per revolution; they are "
+        f"found in {', '.join(names)}. The p-values are corrected for that search."
+    )
+    return (Block("Periodic joint errors", (text,), "diagnosis_periodogram"),)
+
+
+def confusion_block(found: Diagnosis) -> tuple[Block, ...]:
+    """What each cause may be confused with, and the measurement that would tell them apart; nothing if nothing."""
+    splits: dict[str, list[str]] = {}
+    for finding in found.effects:
+        rivals = {rival.label: rival for rival in finding.confounded_with}
+        for label, rival in rivals.items():
+            splits.setdefault(finding.cause.discrimination(rival), []).append(f"{finding.cause.label} or {label}")
+    if not splits:
+        return ()
+    text = "These data fit either cause about equally well; the named one fits best. To discriminate them:"
+    texts = [f"{_listed(pairs)}: {split}." for split, pairs in splits.items()]
+    more = [f"And {len(texts) - _SPLITS} more measurements."] if len(texts) > _SPLITS else []
+    return (Block("Causes that could be confused", (text, *texts[:_SPLITS], *more)),)
+
+
+def _listed(pairs: list[str]) -> str:
+    return "; ".join(pairs[:_PAIRS]) + (f"; and {len(pairs) - _PAIRS} more" if len(pairs) > _PAIRS else "")

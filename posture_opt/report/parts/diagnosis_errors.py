@@ -1,0 +1,177 @@
+"""What the report on a diagnosis says of position errors: of three models here, and on a test file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.report.parts.diagnosis_sizes import MODELS, NoiseFloor, fitted_effects, noise_floor
+from posture_opt.report.parts.error_table import (
+    ELSEWHERE,
+    ERROR_HEADERS,
+    error_cells,
+    error_table,
+    held_out_sentence,
+    mm,
+)
+from posture_opt.report.parts.other_file_words import calibration_words, effects_words, file_words, range_items
+from posture_opt.report.text.blocks import Block, Facts, Table
+from posture_opt.report.text.units_text import count, percent
+from posture_opt.report.text.words import MODEL_NAMES
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.causes.sessions import Gain
+    from posture_opt.diagnosis.diagnosis import Diagnosis
+
+_CHOSEN = "Effects were selected and fitted anew in each round, from the other rows alone."
+
+
+def errors_block(found: Diagnosis) -> Block:
+    """Position errors of the three models, cross-validated, with the noise floor."""
+    rounds = min(found.request.folds, len(np.unique(found.groups)))
+    rows = [
+        (words, *error_cells(found.errors[name]), percent(float(found.held[name].inside.mean())))
+        for name, words in {**models_of(found), **_as_delivered(found)}.items()
+    ]
+    floor = noise_floor(found)
+    rows += [(floor.label, mm(floor.rms), "", "", "", "", "")] if floor.rms else []
+    headers = (*ERROR_HEADERS, "in its 95 % region")
+    texts = [f"{held_out_sentence(found.by, rounds)} The interval holds the RMS with 95 % confidence."]
+    if fitted_effects(found):
+        texts.append(_gain_text(found))
+    texts.append(delivered_words(found))
+    if floor.rms:
+        texts.append(f"{floor.sentence}{_beside(found, floor, rounds)}")
+    return Block("Gain from the causes found", (*texts, Table(headers, tuple(rows))), "diagnosis_errors")
+
+
+def _as_delivered(found: Diagnosis) -> dict[str, str]:
+    """The arm that is delivered, where it is neither the calibrated one nor that with all effects."""
+    return {"delivered": MODEL_NAMES["delivered"]} if found.delivery.model == "without_session" else {}
+
+
+def models_of(found: Diagnosis) -> dict[str, str]:
+    """The models that differ."""
+    return {name: words for name, words in MODELS.items() if name != "extended" or fitted_effects(found)}
+
+
+def _beside(found: Diagnosis, noise: NoiseFloor, rounds: int) -> str:
+    """How far noise, and what it costs to fit many parameters to few numbers, make up what is left."""
+    left, floor, said = found.errors["extended"], noise.rms, ""
+    fitted = found.model.count
+    numbers = len(found.model.residuals.data) * len(found.model.residuals.axes)
+    # Rows left out are predicted with the errors of a fit to the others: variance k/m more, of k parameters to m.
+    cost = floor * float(np.sqrt(1 + fitted / (numbers * (1 - 1 / max(rounds, 2)))))
+    if floor > left.interval[1]:
+        return ": more than the residual error, so the noise must be smaller than that."
+    if floor < left.interval[0]:
+        said = f"; fitting {fitted} parameters to {numbers} numbers raises that to {mm(cost)} mm"
+    if cost < left.interval[0]:
+        own = "no model does better" if noise.repeated else "the scatter of the arm itself adds to that"
+        return f"{said}; {own}."
+    if found.verdict == "unexplained":
+        return f"{said}: about as large as the residual error, so the unexplained part is small on average."
+    return f"{said}: about as large as the residual error, so nothing more can be gained."
+
+
+def _gain_text(found: Diagnosis) -> str:
+    gain = found.gain
+    span = f"{percent(gain.low)} to {percent(gain.high)} with 95 % confidence"
+    if gain.low > 0:
+        text = f"The effects reduce the RMS of the calibrated arm by {percent(gain.value)} ({span})."
+    else:
+        text = (
+            f"The effects bring no significant gain: the RMS of the calibrated arm drops by {percent(gain.value)} "
+            f"({span})."
+        )
+    return f"{text} {_CHOSEN}"
+
+
+def delivery_lead(found: Diagnosis) -> tuple[str, ...]:
+    """Which arm is delivered where it is not the one with all effects, and how well it explains these data."""
+    delivery, effects = found.delivery, found.model.effects
+    if not (delivery.session or delivery.dropped):
+        return ()
+    session, others = (", ".join(effects[i].label for i in places) for places in (delivery.session, delivery.dropped))
+    one = len(delivery.session) == 1
+    it, belongs = ("it", "belongs") if one else ("them", "belong")
+    if delivery.model == "without_session":
+        arm = f"the arm fitted without {session}, which {belongs} to this session"
+        arm += f", nor {others}, which held-out rows do not need then" if others else ""
+    else:
+        arm = f"the calibrated arm: {session} {belongs} to this session" if session else "the calibrated arm"
+        arm += f", and without {it} no other effect improves held-out rows" if session and others else ""
+        arm += "" if session else ": held-out rows are predicted no better with effects"
+    moved = any("time" in effects[i].needs for i in delivery.session)
+    average = " Quantities that drifted are delivered at their average." if moved else ""
+    return (
+        f"Delivered in extended.yaml is {arm}. Its RMS error on held-out rows is {mm(delivery.held.rms)} mm.{average}",
+    )
+
+
+def delivered_words(found: Diagnosis) -> str:
+    """How far the written file is off on the data that it was learned from."""
+    rms, gone = found.delivered
+    free = "but touched points" if found.request.data.touches else ""
+    free = "but the offsets of the targets" if len(found.request.data.target_names) > 1 else free
+    outliers = f" ({count(gone, 'outlier')} beside it left out)" if gone else ""
+    return f"extended.yaml, loaded again with nothing fitted {free}".rstrip() + (
+        f", is off by {mm(rms)} mm RMS on the data that it was learned from{outliers}."
+    )
+
+
+def elsewhere_lead(found: Diagnosis) -> tuple[str, ...]:
+    """Whether what is delivered holds on the test file, in a sentence or two; nothing without one."""
+    test = found.test
+    if test is None:
+        return ()
+    if any(test.gains):
+        return (effects_words(test.file, test.gain, tested_models(found)["extended"]),)
+    one = len(fitted_effects(found)) == 1
+    which = "The effect is" if one else "The effects are"
+    why = f"{'it belongs' if one else 'they belong'} to the first session"
+    why = "the arm is delivered without" if found.delivery.dropped else why
+    untested = (f"{which} not tested on the other file: {why}.",) if fitted_effects(found) else ()
+    return (*untested, calibration_words(test.file))
+
+
+def tested_models(found: Diagnosis) -> dict[str, str]:
+    """The models that predict the test file: that with effects as it is delivered, if it has any."""
+    names = models_of(found)
+    if not found.delivery.kept:
+        names.pop("extended", None)
+    elif len(found.delivery.kept) < len(fitted_effects(found)):
+        names["extended"] = MODEL_NAMES["delivered"]
+    return names
+
+
+def test_block(found: Diagnosis) -> Block:
+    """Another file, predicted by what this one taught; effect by effect."""
+    test = found.test
+    assert test is not None
+    models = tested_models(found)
+    table = error_table({words: test.models[name] for name, words in models.items()})
+    items: list[str | Facts | Table] = [file_words(test.file), table, *range_items(test.file, models)]
+    if test.worse:
+        labels = [f.cause.label for place, f in fitted_effects(found) if place in test.worse]
+        items.append(
+            f"These effects extrapolate badly, rows outside are predicted better without: {'; '.join(labels)}."
+        )
+    own = found.errors["calibrated"].rms
+    if not test.file.refitted and test.models["calibrated"].rms > ELSEWHERE * own:
+        items.append(
+            "Errors this large suggest that base or instrument were moved: --refit-frames fits base and tool again."
+        )
+    rows = [(f.cause.label, percent(f.gain), *_elsewhere(test.gains[place])) for place, f in fitted_effects(found)]
+    if rows:
+        items.append(Table(("effect", "gain here", "on the test file", "verdict"), tuple(rows)))
+    return Block("On the test file", tuple(items))
+
+
+def _elsewhere(gain: Gain | None) -> tuple[str, str]:
+    """What an effect brings on the other file, and whether that can be sure."""
+    if gain is None:
+        return "not tested", "left out"
+    sure = "not significant" if gain.value > 0 else "no gain"
+    return percent(gain.value), "holds" if gain.low > 0 else sure

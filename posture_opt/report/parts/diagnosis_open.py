@@ -1,0 +1,269 @@
+"""What stays open: the unexplained, what no such data can tell, and measurements that discriminate between causes."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.diagnosis.causes.causes import missing_inputs, unknowable
+from posture_opt.diagnosis.discrimination.discrimination_design import detection_probability
+from posture_opt.diagnosis.scores import levels
+from posture_opt.measurements.columns import AXES
+from posture_opt.measurements.orientation_columns import QUATERNION
+from posture_opt.report.parts.diagnosis_sizes import fitted_effects
+from posture_opt.report.parts.parts import sentence
+from posture_opt.report.text.blocks import Block, Facts, Table
+from posture_opt.report.text.units_text import angle, count, joint_unit, percent
+from posture_opt.report.text.words import UNLIKELY, p_value, p_words
+from posture_opt.units import fixed
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.diagnosis import Diagnosis
+    from posture_opt.diagnosis.discrimination.discrimination_plan import DiscriminatedPair, DiscriminationPlan
+    from posture_opt.diagnosis.noise.repeat_plan import RepeatPlan
+    from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
+    from posture_opt.measurements.measurements import Measurements
+    from posture_opt.robot.robot import Robot
+
+_FAINT = 0.1  # share of an effect that geometry leaves: ten times larger it would be as significant; a choice of taste
+_SURE = 0.99  # p-value that is written as 1
+_SHOWN = 8  # candidates of the table
+FILE = "split_measurements.csv"
+_REPEATED_DIGITS = 6
+_TITLE = "Measurements that discriminate between causes"
+_READ = (
+    "The angle is that between the effects of the two causes on these data, beside the geometry and the other effects "
+    "(0 deg: indistinguishable); 'now' is the probability that data like these refute the wrong one."
+)
+_IMPOSSIBLE = (
+    "Pairs without a number cannot be discriminated by the postures, sides of approach and payloads at hand: see above."
+)
+
+
+def left_block(found: Diagnosis) -> Block:
+    """Whether anything is left that no cause explains, how surely, and where."""
+    left = found.adequacy
+    title = "Unexplained structure"
+    if found.verdict != "unexplained":
+        p = "p ≈ 1" if left.p_value > _SURE else p_words(left.p_value)
+        return Block(title, (f"No unexplained structure remains ({p}).",))
+    items: list[str | Facts | Table] = []
+    rows = [("Depends on", "; ".join(component.words for component in found.unexplained))]
+    if found.unexplained or left.p_value < levels.LACK_OF_FIT:
+        items.append("Structure remains that is not noise, and no known cause explains it.")
+    if not found.unexplained:
+        rows = [("Seen along", left.place)] if items else []
+    if left.structure < UNLIKELY:
+        rows.append(
+            ("Neighbours", f"errors of rows with a similar {left.place} are correlated: {p_words(left.structure)}")
+        )
+    if left.lack_of_fit < UNLIKELY:
+        rows.append(
+            ("Repeats", f"the model misses poses by more than they repeat (lack of fit): {p_words(left.lack_of_fit)}")
+        )
+    items += [Facts(tuple(rows))] if rows else []
+    items += [uneven_words(errors) for errors in found.uneven]
+    items += [_to_repeat(plan) for plan in found.repeat_plans]
+    items += [
+        f"On {joint} the effects {', '.join(names)} add up to one curve: rather one unnamed shape than as many causes."
+        for joint, names in _sums(found).items()
+    ]
+    items.append("The figure shows the remaining errors over each joint.")
+    return Block(title, tuple(items), "diagnosis_left")
+
+
+def uneven_words(errors: UnevenErrors) -> str:
+    """Errors that look like a noisy joint, and what repeats say of them."""
+    text = f"{errors.effect.uneven_words.format(target=errors.effect.target)} ({p_words(errors.p_value)})"
+    if errors.refuted:
+        return f"{text}, but repeats of one posture do not scatter so: the errors are the same at every repeat."
+    return f"{text}; too few postures are repeated to tell scatter from structure."
+
+
+def _to_repeat(plan: RepeatPlan) -> str:
+    lines = ", ".join(map(str, plan.rows.line))
+    return (
+        f"To tell whether {plan.target} scatters, measure the postures of lines {lines} {plan.times} times each, "
+        f"moving away in between and returning from the same side; fill in {FILE} and diagnose again."
+    )
+
+
+def unexplained_lead(found: Diagnosis) -> tuple[str, ...]:
+    """What to repeat where only that is missing to tell scatter from structure; nothing elsewhere."""
+    plans = found.repeat_plans
+    if not plans:
+        return ()
+    joints, one = " and ".join(plan.target for plan in plans[:2]), plans[0]
+    more = f" and {count(len(plans) - 2, 'more joint')}" if len(plans) > 2 else ""
+    return (
+        f"Errors grow with {joints}{more}: repeat {count(len(one.rows), 'posture')} {one.times} times each to tell "
+        "scatter from structure.",
+    )
+
+
+def _sums(found: Diagnosis) -> dict[str, list[str]]:
+    """Joints on which several slow curves are needed at once."""
+    slow: dict[str, list[str]] = {}
+    for _, finding in fitted_effects(found):
+        if finding.effect is not None and finding.effect.slow:
+            slow.setdefault(finding.target, []).append(finding.cause.title)
+    return {joint: names for joint, names in slow.items() if len(names) > 1}
+
+
+def scores_block(found: Diagnosis) -> Block:
+    """The best candidates on the calibrated arm alone."""
+    scored = found.search.scored
+    text = (
+        f"{len(scored)} causes and unnamed curves were fitted one at a time to the residuals of the calibrated arm. "
+        "'explains' is the share of the sum of squares; 'not absorbed' the share of the effect that geometry cannot "
+        "imitate; the p-value is corrected for the number of candidates."
+    )
+    rows = tuple(
+        (
+            j.candidate.what.label,
+            "yes" if j.candidate.named else "no",
+            percent(j.share),
+            percent(j.rho),
+            p_value(j.p_value),
+        )
+        for j in scored[:_SHOWN]
+    )
+    headers = ("candidate", "in the catalogue", "explains", "not absorbed", "p-value")
+    return Block("Candidates", (text, Table(headers, rows, text_columns=2)), "diagnosis_scores")
+
+
+def absorbed_block(found: Diagnosis) -> Block:
+    """Causes that geometry absorbs in these data, and causes that were not searched for at all."""
+    search = found.search
+    hidden = [candidate.what.label for candidate, _ in search.absorbed]
+    faint = [j.candidate.what.label for j in search.scored if j.candidate.named and j.rho < _FAINT]
+    items: list[str | Facts | Table] = []
+    if hidden:
+        items.append(
+            f"Not identifiable in these data, as they act like lengths and angles of the arm: {_list(hidden)}. They "
+            "are absorbed, not absent; wider joint ranges reveal them."
+        )
+    if faint:
+        items.append(f"Hardly identifiable, as geometry absorbs more than nine tenths of them: {_list(faint)}.")
+    lacking = missing_inputs(found.model.residuals)
+    rows = tuple((what.capitalize(), f"{_kinds(kinds)}; {mend}") for what, mend, kinds in lacking.values())
+    if rows:
+        items += ["Not searched for, as the files lack the inputs that they depend on:", Facts(rows)]
+    if not items:
+        items.append("Every cause of the catalogue is identifiable in these data, if it is large enough.")
+    return Block("What these data cannot show", tuple(items))
+
+
+def _kinds(kinds: tuple[str, ...]) -> str:
+    return ", ".join(kind.replace("_", " ") for kind in kinds)
+
+
+def _list(names: list[str]) -> str:
+    names = list(dict.fromkeys(names))
+    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
+
+
+def unknowable_block(found: Diagnosis) -> Block:
+    """What no data of this kind can tell, why, and what would."""
+    limits = unknowable(found.model.residuals)
+    rows = tuple((x.kind.replace("_", " ").capitalize(), f"{sentence(x.reason)} To know: {x.mend}.") for x in limits)
+    if not rows:
+        return Block("What no data of this kind can show", ("No cause is hidden in principle.",))
+    return Block("What no data of this kind can show", (Facts(rows),))
+
+
+def split_block(found: Diagnosis) -> tuple[Block, ...]:
+    """Pairs that further postures discriminate, and these postures; nothing where no effect has a rival."""
+    plan = found.split
+    if plan is None:
+        return ()
+    pairs = _pairs(found, plan)
+    if not len(plan.rows):
+        text = "No posture, side of approach or payload at hand discriminates these; the measurements named above do."
+        return (Block(_TITLE, (f"{text} {_READ}", pairs)),)
+    often = "" if plan.rounds == 1 else f" in {plan.rounds} rounds"
+    items: list[str | Facts | Table] = [
+        f"{count(len(plan.rows), 'posture')}{often} refute the wrong cause of each pair, whichever it is; 'needed' is "
+        f"the number of measurements, from the first, that do so with a probability of 90 %. {_READ}",
+        pairs,
+        *([_IMPOSSIBLE] if any(s.count is None for each in plan.pairs.values() for s in each) else []),
+        _postures(found, plan),
+        "The postures keep clear of the arm itself and go no lower than its base or than these data; other obstacles "
+        f"are not checked, so drive slowly the first time. Fill in {FILE}, append its rows to the data, column by "
+        "column, and diagnose again.",
+    ]
+    return (Block(_TITLE, tuple(items)),)
+
+
+def _pairs(found: Diagnosis, plan: DiscriminationPlan) -> Table:
+    rows = []
+    for place, finding in fitted_effects(found):
+        for split in plan.pairs.get(place, ()):
+            names = finding.cause.label, split.rival.label
+            rows.append((*names, angle(split.angle), _probability(detection_probability(split.now)), *_then(split)))
+    table = Table(("cause", "rival", "angle", "now", "planned", "needed"), tuple(rows), text_columns=2)
+    return table if len(plan.rows) else Table(table.headers[:4], tuple(row[:4] for row in table.rows), text_columns=2)
+
+
+def _then(split: DiscriminatedPair) -> tuple[str, str]:
+    return ("", "") if split.count is None else (_probability(detection_probability(split.then)), str(split.count))
+
+
+def _probability(p: float) -> str:
+    return "above 99.9 %" if p > 0.999 else "below 0.1 %" if p < 0.001 else percent(p)
+
+
+def _postures(found: Diagnosis, plan: DiscriminationPlan) -> Table:
+    robot, rows = found.model.residuals.robot, plan.rows
+    heads = [f"{joint.name.replace('_', ' ')} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
+    sides = [f"{robot.joint_names[j]} approach" for j in plan.sided]
+    load = [] if rows.payload is None else ["payload [kg]"]
+    return Table(("no.", *heads, *sides, *load), tuple(_cells(robot, plan, i) for i in range(len(rows))), 0)
+
+
+def _cells(robot: Robot, plan: DiscriminationPlan, i: int) -> tuple[str, ...]:
+    rows = plan.rows
+    values = [fixed(float(v) * joint_unit(j.type)[1]) for v, j in zip(rows.q[i], robot.joints, strict=True)]
+    sides = ["upwards" if rows.approach[i, j] > 0 else "downwards" for j in plan.sided]
+    load = [] if rows.payload is None else [f"{rows.payload[i]:g}"]
+    return (str(i + 1), *values, *sides, *load)
+
+
+def split_csv(found: Diagnosis) -> str:
+    """The planned measurements with the columns of the data, what is to be measured left empty; empty without any."""
+    plan, data = found.split, found.request.data
+    parts = [("split", plan.rows, plan.rounds, 2)] if plan is not None and len(plan.rows) else []
+    # Postures that are to be repeated are commanded as they were.
+    parts += [(f"repeat {p.target}", p.rows, p.times, _REPEATED_DIGITS) for p in found.repeat_plans]
+    if not parts:
+        return ""
+    robot = found.model.residuals.robot
+    heads = [f"{j.name} [{joint_unit(j.type)[0]}]" for j in robot.joints]
+    labels = [name for name in ("pose", "goal") if getattr(data, f"{name}_given")]
+    every = tuple(range(robot.n)) if data.approach_given and found.repeat_plans else ()
+    sided = every or (plan.sided if plan is not None else ())
+    sides = [f"{robot.joint_names[j]}.approach" for j in sided]
+    load = ["payload [kg]"] if any(rows.payload is not None for _, rows, _, _ in parts) else []
+    empty = _unmeasured(data)
+    target = ["target"] if data.target_names else []
+    lines = [", ".join([*labels, *target, *heads, *sides, *load, *empty])]
+    factors = [math.degrees(1.0) if j.type == "revolute" else 1e3 for j in robot.joints]
+    for label, rows, times, digits in parts:
+        for i in [*range(len(rows))] * times:
+            values = [f"{v:.{digits}f}" for v in np.array(rows.q[i]) * factors + 0.0]
+            here = [f"{label} {i + 1}"] * len(labels)
+            here += [data.target_names[rows.target[i]]] if target else []
+            here += [*values, *(f"{rows.approach[i, j]:.0f}" for j in sided)]
+            here += ["" if rows.payload is None else f"{rows.payload[i]:g}"] if load else []
+            lines.append(", ".join([*here, *[""] * len(empty)]))
+    return "\n".join(lines) + "\n"
+
+
+def _unmeasured(data: Measurements) -> list[str]:
+    """Columns that only the measurement fills."""
+    turned = list(QUATERNION) if data.rotation is not None else []
+    logged = [("temperature [degC]", data.temperature), ("time [s]", data.time)]
+    axes = [f"{AXES[a]} [mm]" for a in np.flatnonzero(data.measured_axes)]
+    return [*axes, *turned, *(name for name, values in logged if values is not None)]

@@ -1,0 +1,56 @@
+"""Position errors of models in a report: how they were held out, their table, and the instrument that saw them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from posture_opt.calibration.assumptions.instrument import position_sigma
+from posture_opt.report.text.blocks import Table
+from posture_opt.report.text.units_text import count, decimals_of, stated_length
+from posture_opt.units import fixed, number
+
+if TYPE_CHECKING:
+    from posture_opt.calibration.estimation.error_statistics import Statistics
+    from posture_opt.measurements.measurements import Measurements
+    from posture_opt.problem.problem import Problem
+
+ELSEWHERE = 20
+"""Times the errors at home: no arm drifts that far."""
+ERROR_HEADERS = ("position error [mm]", "RMS", "interval of RMS", "mean", "95 % below", "max")
+_LEFT_OUT = {
+    "pose": "its pose",
+    "block": "its block of the workspace",
+    "place": "the point that it touches",
+}
+
+
+def held_out_sentence(by: str, rounds: int) -> str:
+    """What each row was predicted without."""
+    how = f"Every row is predicted by an arm that was fitted without {_LEFT_OUT[by]}"
+    return f"{how}." if by == "place" else f"{how}, in {rounds} rounds."
+
+
+def error_cells(s: Statistics) -> tuple[str, ...]:
+    """Lengths of position errors in mm, without the name of the model."""
+    low, high = (value * 1e3 for value in s.interval)
+    decimals = decimals_of(high, 3)
+    return (mm(s.rms), f"{fixed(low, decimals)} to {fixed(high, decimals)}", mm(s.mean), mm(s.p95), mm(s.max))
+
+
+def error_table(rows: Mapping[str, Statistics]) -> Table:
+    """Lengths of position errors in mm, a row a model."""
+    return Table(ERROR_HEADERS, tuple((name, *error_cells(statistics)) for name, statistics in rows.items()))
+
+
+def mm(metres: float) -> str:
+    """A length in mm, without its unit."""
+    return number(metres * 1e3)
+
+
+def instrument_words(problem: Problem, data: Measurements) -> str:
+    """How well the instrument measures a coordinate, where there is an instrument and its accuracy is stated."""
+    if data.position is None:
+        return f"none: the arm touches {count(len(data.point_names), 'fixed point')}"
+    sigma = position_sigma(problem, data)
+    return f"{stated_length(sigma)} (one standard deviation of a coordinate)" if sigma else "no accuracy is stated"

@@ -1,0 +1,73 @@
+"""The table of a report on what would help: which change leaves how much of the spread."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import singledispatch
+from typing import TYPE_CHECKING
+
+from posture_opt.model.arm import Arm
+from posture_opt.report.text.blocks import Block, Table
+from posture_opt.report.text.units_text import length, length_unit, percent, shift
+from posture_opt.report.text.words import source_size
+from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma, Improvement, MovedPart
+from posture_opt.units import number
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+
+_SHOWN = 6
+_LEAST = 0.005  # a smaller gain is none
+
+
+def improvements_block(problem: Problem, changes: Sequence[Improvement], part: str) -> Block:
+    """What would lower the standard deviation of the answer, most gain first; empty where nothing would.
+
+    Args:
+        part: of the spread that counts, ``across the direction``.
+    """
+    told = [change for change in changes if change.gain >= _LEAST][:_SHOWN]
+    if not told:
+        return Block("What would help", ())
+    unit, factor = length_unit([change.sigma_max for change in told])
+    rows = [(_words(c, problem.arm), number(c.sigma_max * factor, 3), percent(c.gain)) for c in told]
+    table = Table(("change", f"σ {part} [{unit}]", "reduction"), tuple(rows))
+    return Block("What would help", (table, *_notes(problem, told)))
+
+
+@singledispatch
+def _words(change: Improvement, arm: Arm) -> str:
+    raise NotImplementedError(type(change))
+
+
+@_words.register
+def _halved(change: HalvedSigma, arm: Arm) -> str:
+    halved = source_size(change.parameter, change.sigma / 2, arm)
+    return f"halve σ of {change.parameter} (to {halved})"
+
+
+@_words.register
+def _calibrated(change: CalibratedArm, arm: Arm) -> str:
+    assumed = ", assumed" if change.assumed else ""
+    return f"calibrate the arm at {change.postures} postures (instrument σ {length(change.instrument)}{assumed})"
+
+
+@_words.register
+def _moved(change: MovedPart, arm: Arm) -> str:
+    return f"move the part by {shift(change.shift)}"
+
+
+def _notes(problem: Problem, told: Sequence[Improvement]) -> tuple[str, ...]:
+    """What the table takes for granted."""
+    sources = problem.sources
+    notes = []
+    if any(isinstance(change, CalibratedArm) for change in told):
+        notes.append(
+            "Calibration removes constant errors (uncertainty: sigma); list errors that change from repeat to repeat "
+            "under uncertainty: scatter."
+        )
+    elif sources.scatter.any() and not sources.constant.any():
+        notes.append("Calibration would not help: all stated errors change from repeat to repeat.")
+    if any(isinstance(change, HalvedSigma) for change in told):
+        notes.append("Reductions from a smaller σ are those in the same posture; a new search may gain more.")
+    return tuple(notes)

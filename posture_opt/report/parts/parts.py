@@ -1,0 +1,264 @@
+"""Blocks and facts that several reports share: effects, sources, joint table, tool point, ellipse, budget, validity."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.model.arm import Arm
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
+from posture_opt.report.text.blocks import Table
+from posture_opt.report.text.units_text import (
+    joint_unit,
+    joint_value,
+    largest_of,
+    length,
+    lengths,
+    percent,
+    place,
+    shift,
+)
+from posture_opt.report.text.words import (
+    METHODS,
+    REGIONS,
+    Vector,
+    line_words,
+    roll_pitch_yaw,
+    source_size,
+    source_words,
+)
+from posture_opt.robot.robot import Joint, Robot
+from posture_opt.uncertainty.spread.joint_digits import READ, HasScatter, JointDigits, joint_digits
+from posture_opt.units import fixed, number
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.uncertainty.spread.spread import Spread
+
+_LISTED = 8  # sources named one by one
+_EFFECTS = 6  # named one by one
+_NEGLIGIBLE = 1e-3  # of the largest standard deviation of its kind
+_AT_LIMIT = 1e-6
+_NO_SHIFT = 1e-7  # m
+
+
+def robot_facts(problem: Problem) -> list[tuple[str, str]]:
+    """Name and size of the robot, and where its numbers come from."""
+    robot: Robot = problem.robot
+    size = f"{robot.n} joints"
+    name = f"{robot.name}, {size}" if robot.name and robot.name != f"{robot.n}-joint arm" else robot.name or size
+    source = [("Robot data", f"{group}: {source}") for group, source in robot.sources if group == "geometry"]
+    shape = [("Robot shape", "; ".join(robot.shape_notes))] if robot.shape_notes else []
+    return [("Robot", name), *source, *shape, *effect_facts(problem)]
+
+
+def effect_facts(problem: Problem) -> list[tuple[str, str]]:
+    """The effects that the arm is computed with; nothing for a plain arm."""
+    effects = problem.effects
+    if not effects:
+        return []
+    shown = [effect.stated_words for effect in effects[:_EFFECTS]]
+    if len(effects) > _EFFECTS:
+        shown.append(f"and {len(effects) - _EFFECTS} more")
+    return [("Effects", ", ".join(shown))]
+
+
+def input_facts(problem: Problem) -> list[tuple[str, str]]:
+    """What the task says, or leaves open, of the inputs that the effects depend on."""
+    texts = _inputs(problem.arm) if problem.arm.effects else []
+    return [("Conditions", ", ".join(texts))] if texts else []
+
+
+def _inputs(arm: Arm) -> list[str]:
+    asked = {need for effect in arm.effects for need in (*effect.asks, *effect.needs)}
+    inputs, texts = arm.inputs, []
+    if asked & {"masses", "payload"}:
+        texts.append(f"a payload of {inputs.payload:.6g} kg")
+    for joint in dict.fromkeys(e.target for e in arm.effects if "approach" in e.needs):
+        if joint in inputs.stated:
+            sense = "positive" if inputs.side(arm.robot.joint_names.index(joint)) > 0 else "negative"
+            texts.append(f"{joint} approached in {sense} direction")
+        else:
+            texts.append(f"{joint} approached from an unknown side")
+    if "temperature" in asked:
+        texts.append(f"{REFERENCE_TEMPERATURE + inputs.temperature:.6g} degC")
+    if "time" in asked:
+        texts.append(f"{inputs.time:.6g} s after the first measurement")
+    return texts
+
+
+def source_facts(problem: Problem) -> list[tuple[str, str]]:
+    """The standard deviations of the sources; equal ones of one kind together, negligible ones last."""
+    arm, sources = problem.arm, problem.sources
+    sigmas = dict(zip(sources.names, map(float, sources.sigma), strict=True))
+    largest: dict[str, float] = {}
+    for name, sigma in sigmas.items():
+        kind = name.rpartition(".")[2]
+        largest[kind] = max(largest.get(kind, 0.0), sigma)
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name, sigma in sorted(sigmas.items(), key=lambda s: s[1] < _NEGLIGIBLE * largest[s[0].rpartition(".")[2]]):
+        groups.setdefault((name.rpartition(".")[2], source_size(name, sigma, arm)), []).append(name)
+    texts = [f"{_group_words(names, arm)} {size}" for (_, size), names in groups.items()]
+    if len(texts) > _LISTED:
+        texts = [*texts[:_LISTED], f"and {len(texts) - _LISTED} more"]
+    correlated = ", some of them correlated" if sources.correlated else ""
+    return [("Uncertainty", ", ".join(texts) + f" (standard deviations{correlated})")]
+
+
+def _group_words(names: Sequence[str], arm: Arm) -> str:
+    if len(names) < 3:
+        return " and ".join(source_words(name, arm) for name in names)
+    owners = [name.rpartition(".")[0] for name in names]
+    what = source_words(names[0], arm).removeprefix(owners[0]).strip()
+    kind = [joint.name for joint in arm.robot.joints if joint.type == "revolute"]
+    if set(owners) >= set(kind) and set(owners) <= set(arm.robot.joint_names):
+        return f"{what} of every joint"
+    return f"{what} of {', '.join(owners)}"
+
+
+def note_facts(notes: Iterable[str]) -> list[tuple[str, str]]:
+    """Notes, one a line."""
+    return [("Note" if k == 0 else "", sentence(note)) for k, note in enumerate(dict.fromkeys(notes))]
+
+
+def frame_notes(robot: Robot) -> list[str]:
+    """What became of a base or tool that the problem file leaves free."""
+    free = {"base": robot.base_free, "tool": robot.tool_free}
+    return [
+        f"The {frame} frame is free (to be calibrated); its start value is used here."
+        for frame, is_free in free.items()
+        if is_free
+    ]
+
+
+def sentence(text: str) -> str:
+    """A note with a capital at its start and a full stop at its end; names of joints stay as they are."""
+    text = text.strip()
+    first = text.split(" ", 1)[0]
+    if first.isalpha():
+        text = text[0].upper() + text[1:]
+    return text if text.endswith((".", "!", "?", ")")) else text + "."
+
+
+def joint_table(problem: HasScatter, robot: Robot, q: Vector) -> Table:
+    """Every joint with its value, to the digits that rounding asks for, its limits and the margin to the nearer one."""
+    digits = joint_digits(problem, q, READ)
+    rows = [
+        (joint.name, _value(joint, value, digits), _limits(joint), _margin(joint, value))
+        for joint, value in zip(robot.joints, q, strict=True)
+    ]
+    return Table(("joint", "value", "limits", "margin"), tuple(rows))
+
+
+def nearest_limit(robot: Robot, q: Vector) -> list[tuple[str, str]]:
+    """The joint with the smallest margin to a limit, relative to its range; nothing without limits."""
+    ranges = [(joint, value, joint.upper - joint.lower) for joint, value in zip(robot.joints, q, strict=True)]
+    shares = [
+        (min(value - joint.lower, joint.upper - value) / size, joint, value)
+        for joint, value, size in ranges
+        if math.isfinite(size) and size > 0
+    ]
+    if not shares:
+        return []
+    _, joint, value = min(shares, key=lambda share: share[0])
+    return [("Nearest limit", f"{joint.name}, {_distance(joint, value)}")]
+
+
+def _distance(joint: Joint, value: float) -> str:
+    margin = _margin(joint, value)
+    return margin if margin.startswith(("at", "exceeded")) else f"{margin} away"
+
+
+def _limits(joint: Joint) -> str:
+    unit, factor = joint_unit(joint.type)
+    low, high = (f"{value * factor:.6g}" if math.isfinite(value) else "none" for value in (joint.lower, joint.upper))
+    return f"{low} to {high} {unit}"
+
+
+def joint_values(problem: HasScatter, q: Vector) -> str:
+    """A posture in one line, to be used as it is: joint1 12.345 deg, joint2 120.00 mm."""
+    digits = joint_digits(problem, q, READ)
+    joints = problem.arm.robot.joints
+    return ", ".join(f"{joint.name} {_value(joint, value, digits)}" for joint, value in zip(joints, q, strict=True))
+
+
+def _value(joint: Joint, value: float, digits: JointDigits) -> str:
+    unit, factor = joint_unit(joint.type)
+    return f"{digits.text(joint, value, 1 / factor)} {unit}"
+
+
+def _margin(joint: Joint, value: float) -> str:
+    margin = min(value - joint.lower, joint.upper - value)
+    if not math.isfinite(margin):
+        return "no limit"
+    if margin < -_AT_LIMIT:
+        return f"exceeded by {joint_value(-margin, joint.type)}"
+    return "at the limit" if margin < _AT_LIMIT else joint_value(margin, joint.type)
+
+
+def tool_facts(spread: Spread) -> list[tuple[str, str]]:
+    """Nominal place and orientation of the tool."""
+    angles = ", ".join(fixed(math.degrees(a)) for a in roll_pitch_yaw(spread.quaternion_wxyz))
+    return [
+        ("Tool point", f"{place(spread.position)} in the world frame"),
+        ("Orientation", f"roll, pitch, yaw = {angles} deg"),
+    ]
+
+
+def lean(spread: Spread, tool_axis: Vector, direction: Vector) -> float:
+    """The angle [rad] between the tool's axis (3,), tool frame, and a unit direction (3,), world frame."""
+    w, v = spread.quaternion_wxyz[0], np.asarray(spread.quaternion_wxyz[1:], dtype=float)
+    a, d = np.asarray(tool_axis, dtype=float), np.asarray(direction, dtype=float)
+    turned = a + 2 * np.cross(v, np.cross(v, a) + w * a)
+    return math.atan2(float(np.linalg.norm(np.cross(turned, d))), float(turned @ d))
+
+
+def ellipse_facts(spread: Spread, among: Sequence[float] = ()) -> list[tuple[str, str]]:
+    """The 95 % region of the tool point, with the factor that it is drawn with."""
+    ellipse = spread.ellipse
+    if not ellipse.rank:
+        return [(REGIONS[0], "a point: there is no uncertainty here")]
+    along = ", ".join(line_words(a) for a in spread.axes[::-1][: ellipse.rank])
+    half = lengths([float(s) for s in spread.region(0.95)[::-1][: ellipse.rank]], among=among)
+    word = "half length" if ellipse.rank == 1 else "semi-axes"
+    factor = f"{ellipse.factor(0.95):.3f} σ"
+    return [(REGIONS[ellipse.rank], f"{word} {half} along {along} ({factor})")]
+
+
+def first_order_fact(exact: float, linear: float, among: Sequence[float] = ()) -> tuple[str, str]:
+    """The first-order figure beside the exact one."""
+    if exact <= 0:
+        return "First order", "none"
+    change = linear / exact - 1
+    if abs(change) < 5e-4:
+        return "First order", f"{length(linear, among=among)}, equal to the exact value within 0.05 %"
+    word = "above" if change > 0 else "below"
+    return "First order", f"{length(linear, among=among)}, {percent(abs(change))} {word} the exact value"
+
+
+def mean_fact(spread: Spread, among: Sequence[float] = ()) -> tuple[str, str]:
+    """How far the mean tool point lies off the nominal one."""
+    off = math.sqrt(float(spread.bias @ spread.bias))
+    if off < max(_NO_SHIFT, _NEGLIGIBLE * largest_of(among)):
+        return "Mean shift", "negligible"
+    vector = shift(list(map(float, spread.bias)), among)
+    return "Mean shift", f"{length(off, among=among)} from the nominal tool point: {vector}"
+
+
+def method_fact(spread: Spread) -> tuple[str, str]:
+    """How the figures were computed."""
+    return "Method", METHODS.get(spread.method, spread.method)
+
+
+def sigma_of(problem: Problem) -> dict[str, float]:
+    """Standard deviation of every source [rad or m]."""
+    return dict(zip(problem.sources.names, map(float, problem.sources.sigma), strict=True))
+
+
+def validity_sentence(spread: Spread) -> str:
+    """Whether the linear ellipse may be trusted."""
+    return sentence(re.sub(r"\d+(\.\d+)?e-\d+", lambda found: number(float(found[0]), 2), spread.validity.text))

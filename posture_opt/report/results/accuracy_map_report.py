@@ -1,0 +1,221 @@
+"""The report on accuracy over a grid of targets: what the corrections take off, what scatters, what was measured."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.page.save import Files
+from posture_opt.report.parts.parts import frame_notes, input_facts, note_facts, robot_facts, source_facts
+from posture_opt.report.results.target_map_report import (
+    grid_words,
+    map_csv,
+    place_columns,
+    posture_columns,
+    served_sentence,
+)
+from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.text.units_text import count, length, length_unit, percent, place
+from posture_opt.report.text.words import direction_words
+from posture_opt.units import number
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.validation.accuracy_map import AccuracyMap
+    from posture_opt.validation.measured_errors import MeasuredErrors
+
+_FEW = 20  # rows: fewer say little about a share of 95 %
+
+
+def accuracy_map_report(found: AccuracyMap) -> Report:
+    """Problem, bias, spread, measured rows."""
+    problem = problem_of(found)
+    title = problem.name or "Map of accuracy"
+    measured = [measured_block(found.measured)] if found.measured is not None else []
+    blocks = (problem_block(problem, found), bias_block(found), spread_block(found), *measured)
+    return Report(title, lead(found), blocks)
+
+
+def lead(found: AccuracyMap) -> tuple[str, ...]:
+    """What is off without corrections, and what scatters with them."""
+    spread = f"95 % radius about the mean: {_range(found.radius95)}, depending on the target."
+    seen = () if found.measured is None else shares_sentences(found.measured)[-1:]
+    if not found.corrected:
+        return "The file states no corrections of the arm: the mean error is zero.", spread, *seen
+    off = _range(found.distance)
+    return f"Mean error without the corrections: {off}, depending on the target.", spread, *seen
+
+
+def _range(values: Array) -> str:
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    if high <= low * 1.005:
+        return length(high)
+    unit, factor = length_unit([high])
+    return f"{number(low * factor)} to {number(high * factor)} {unit}"
+
+
+def problem_block(problem: Problem, found: AccuracyMap) -> Block:
+    """What was asked, and where."""
+    targets = found.targets
+    task = targets.optimisation_problem.task
+    known = [f"{count(found.corrections, 'parameter')} of the arm"] * (found.corrections > 0)
+    known += [count(found.effects, "effect")] * (found.effects > 0)
+    corrected = " and ".join(known) or "none in the file"
+    rows = [
+        *robot_facts(problem),
+        *input_facts(problem),
+        ("Corrections", corrected),
+        ("Task", f"{task.kind} - {task.summary}"),
+        ("Direction", f"{direction_words(targets.target.direction)} in the world"),
+        ("Targets", grid_words(found.grid)),
+        *source_facts(problem),
+        *note_facts((*problem.notes, *frame_notes(problem.robot), *targets.notes)),
+    ]
+    text = f"At every target the arm takes the best posture for the task. {served_sentence(targets)}"
+    notes = note_facts((*problem.notes, *targets.notes))
+    short = (rows[0], ("Corrections", corrected), ("Targets", grid_words(found.grid)), *notes)
+    return Block("Problem", (Facts(tuple(rows)), text), brief=(Facts(short),))
+
+
+def bias_block(found: AccuracyMap) -> Block:
+    """Where the arm lands on average."""
+    if not found.corrected:
+        shift = length(float(np.nanmax(found.distance)))
+        text = f"Without corrections only the nonlinearity of the kinematics shifts the mean: by at most {shift}."
+        return Block("Mean error", (text,))
+    rows = [("without the corrections", found.distance)]
+    rows += [("with its base refitted", found.settled)] if np.isfinite(found.settled).any() else []
+    table = _table(found, rows)
+    own = []
+    if found.own is not None:
+        own = [f"At the position in the problem: {length(float(np.linalg.norm(found.own[0])))}."]
+    text = (
+        "The posture is computed with the nominal arm and executed by the calibrated arm. In the second row a new base "
+        "frame is fitted to the map: what is left can be removed only by correcting the arm."
+    )
+    return Block("Mean error without the corrections", (text, table, *own), figure="map_bias")
+
+
+def spread_block(found: AccuracyMap) -> Block:
+    """How far the arm scatters about its mean."""
+    rows = [("95 % radius", found.radius95), ("longest semi-axis of the 95 % region", _longest(found))]
+    own = []
+    if found.own is not None:
+        own = [f"At the position in the problem: {length(found.own[1])} (95 % probability)."]
+    text = "Distance of the tool point from its mean: parameter uncertainty and scatter."
+    return Block("Spread", (text, _table(found, rows), *own), figure="map_spread")
+
+
+def _longest(found: AccuracyMap) -> Array:
+    return np.asarray(found.semi_axes95[:, -1])
+
+
+def _table(found: AccuracyMap, rows: list[tuple[str, Array]]) -> Table:
+    unit, factor = length_unit([float(np.nanmax(values)) for _, values in rows])
+    points = found.grid.points
+    cells = []
+    for name, values in rows:
+        numbers = [number(factor * float(f(values))) for f in (np.nanmin, np.nanmedian, np.nanmax)]
+        cells.append((name, *numbers, place(points[int(np.nanargmax(values))]).removesuffix(" mm")))
+    headers = (f"[{unit}]", "min", "median", "max", "max at x, y, z [mm]")
+    return Table(headers, tuple(cells))
+
+
+def measured_block(measured: MeasuredErrors) -> Block:
+    """Measured rows beside what is predicted for them."""
+    near = measured.near
+    rows = [("all rows", measured.uncorrected, measured.corrected)]
+    if near.any():
+        rows.append(("rows on the map", measured.uncorrected[near], measured.corrected[near]))
+    unit, factor = length_unit([float(measured.uncorrected.max())])
+    cells = [
+        (name, str(len(off)), *(number(factor * value) for value in (_rms(off), _rms(left), _p95(left))))
+        for name, off, left in rows
+    ]
+    headers = ("", "rows", f"RMS, uncorrected [{unit}]", f"RMS, corrected [{unit}]", f"95 % below [{unit}]")
+    notes = note_facts(measured.notes)
+    facts = [Facts(tuple(notes))] if notes else []
+    return Block("Measured", (Table(headers, tuple(cells)), *shares_sentences(measured), *facts))
+
+
+def _rms(lengths: Array) -> float:
+    return float(np.sqrt(np.mean(lengths**2)))
+
+
+def _p95(lengths: Array) -> float:
+    return float(np.quantile(lengths, 0.95))
+
+
+def shares_sentences(measured: MeasuredErrors) -> tuple[str, ...]:
+    """How many rows keep what is predicted."""
+    if not measured.comparable:
+        return ()
+    near = int(measured.near.sum())
+    where = f" (within {length(measured.reach)} of its plane)" if measured.reach else ""
+    if near:
+        text = f"Of the {count(near, 'row')} in cells of the map{where} {percent(measured.share_near)} lie within"
+        first = f"{text} the 95 % radius predicted there, instrument noise included."
+        if near < _FEW:
+            first += " This is a small sample."
+    else:
+        first = f"No row lies in a cell of the map{where}: move the map to the measured region with --min and --max."
+    own = f"The 95 % regions predicted for their own postures contain {percent(measured.share)} of all rows"
+    return first, f"{own}{_verdict(measured)}."
+
+
+def _verdict(measured: MeasuredErrors) -> str:
+    """What the share says of the spread, if it is further from 95 % than chance takes it."""
+    rows = len(measured.cell)
+    if rows < _FEW:
+        return ""
+    # Neighbouring postures err alike: rows count for fewer than they are, so four standard errors.
+    chance = 4 * math.sqrt(0.95 * 0.05 / rows)
+    if measured.share < 0.95 - chance:
+        return ": the spread is understated"
+    return ": the spread is overstated" if measured.share > 0.95 + chance else ""
+
+
+def columns(found: AccuracyMap) -> dict[str, list[float]]:
+    """One row a target: place, mean error, 95 % region and radius, and the posture; NaN where there is none."""
+    axes = found.semi_axes95[:, ::-1]
+    values = {
+        **{f"bias {c} [mm]": found.bias[:, k] for k, c in enumerate("xyz")},
+        "bias [mm]": found.distance,
+        **{f"95 % semi-axis {k + 1} [mm]": axes[:, k] for k in range(axes.shape[1])},
+        "95 % radius [mm]": found.radius95,
+    }
+    lengths = {head: (1e3 * column).tolist() for head, column in values.items()}
+    return {**place_columns(found.targets), **lengths, **posture_columns(found.targets)}
+
+
+class AccuracyMapPresenter(Presenter["AccuracyMap"]):
+    """Mean error and scatter over a grid of targets."""
+
+    document = "map"
+    delivers: ClassVar[tuple[str, ...]] = ("map.csv",)
+
+    def summary(self) -> Summary:
+        found = self.result
+        off = [("Mean error without corrections", _range(found.distance))] if found.corrected else []
+        seen = [("Measured rows", str(len(found.measured.cell)))] if found.measured is not None else []
+        facts = (
+            ("Targets", grid_words(found.grid)),
+            ("Feasible", served_sentence(found.targets)),
+            *off,
+            ("95 % radius", f"{_range(found.radius95)} about the mean"),
+            *seen,
+        )
+        return Summary(f"Map of accuracy: {found.problem.name}", facts)
+
+    def report(self) -> Report:
+        return accuracy_map_report(self.result)
+
+    def columns(self) -> Columns:
+        return columns(self.result)
+
+    def files(self) -> Files:
+        return {"map.csv": map_csv(self.columns(), self.result.targets.optimisation_problem.robot.n).encode()}

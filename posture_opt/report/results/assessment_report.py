@@ -1,0 +1,256 @@
+"""The report on what a model gets wrong: errors by direction, the rules of measuring, whether the rest is scatter."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.parts.assessment_repeats import MODELS, goals_block, instrument_block, repeats_block
+from posture_opt.report.parts.parts import sentence
+from posture_opt.report.text.blocks import Block, Report, Summary, Table
+from posture_opt.report.text.units_text import count, length, lengths, percent, shift
+from posture_opt.report.text.words import MODEL_NAMES, REGIONS, direction_words, line_words
+from posture_opt.units import fixed, number
+from posture_opt.validation.assessment import Assessment
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.validation.model_errors import BlockMean, Deviation, ModelErrors
+    from posture_opt.validation.trends import Trend
+
+_INPUTS = {
+    # input of the data -> words, unit, factor from SI
+    "row": ("the rows of the file", "", 1.0),
+    "time": ("time", "h", 1 / 3600),
+    "temperature": ("temperature", "degC", 1.0),
+    "payload": ("payload", "kg", 1.0),
+}
+_HOURS = 2 * 3600.0  # s: shorter times are told in minutes
+_TOTALS = {1: "in all", 2: "in the plane", 3: "in space"}
+_NOTHING = 0.1  # of its standard error: a mean that a fit has made zero, as chance hardly would on all axes
+_WHOLE = 0.6  # of the whole range: a block as long was not cut along it
+_NORMAL = 0.0027  # of normal numbers lie beyond three standard deviations
+_RARE = 0.05  # probability of a share that says something
+
+
+def assessment_blocks(found: Assessment) -> tuple[Block, ...]:
+    """Every block on what a model gets wrong, the figures with them."""
+    return (
+        directions_block(found),
+        *([goals_block(found)] if found.goals is not None else []),
+        mean_block(found),
+        inputs_block(found),
+        scatter_block(found),
+        shape_block(found),
+        instrument_block(found),
+        repeats_block(found),
+    )
+
+
+def directions_block(found: Assessment) -> Block:
+    """Bias, RMS, mean, 95 % and maximum by axis and by the task's direction."""
+    models = {name: getattr(found, name) for name in MODELS}
+    smallest = min(d.rms for model in models.values() for d in model.deviations)
+    decimals = 3 if smallest >= 1e-5 or smallest <= 0 else 4
+    rows = [
+        (_direction_name(found, pair[0].name) if k == 0 else "", model, *_cells(d, decimals))
+        for pair in zip(*(model.deviations for model in models.values()), strict=True)
+        for k, (model, d) in enumerate(zip(MODELS.values(), pair, strict=True))
+    ]
+    headers = ("measured minus model [mm]", "model", "bias", "RMS", "mean", "95 % below", "max")
+    how = "Bias keeps its sign; RMS, mean, 95 % and max are of the length of the error vector."
+    notes = map(sentence, found.notes)
+    return Block("Errors by direction", (how, Table(headers, tuple(rows), text_columns=2), *notes), "residual_vectors")
+
+
+def _direction_name(found: Assessment, name: str) -> str:
+    if name in ("along", "across"):
+        assert found.direction is not None
+        return f"along the task ({direction_words(found.direction)})" if name == "along" else "across the task"
+    return _TOTALS[len(found.axes)] if name == "all" else name
+
+
+def _cells(d: Deviation, decimals: int) -> tuple[str, ...]:
+    return tuple(fixed(1e3 * value, decimals) for value in (d.bias, d.rms, d.mean, d.p95, d.max))
+
+
+def mean_block(found: Assessment) -> Block:
+    """The first rule: after calibration the mean of the residuals is zero, everywhere."""
+    rule = "After a good calibration the mean error is zero, over all rows and in every part of the workspace."
+    texts = [_mean_text(found, name) for name in MODELS]
+    if found.calibrated.zero and found.calibrated.blocks:
+        verdict = "Passed: nothing speaks against treating the residuals as scatter."
+    elif found.calibrated.zero:
+        verdict = "There are too few poses to test parts of the workspace separately."
+    else:
+        verdict = "Failed: these parameters do not explain all of the error."
+    return Block("Are the residuals pure scatter?", (rule, *texts, verdict), "residual_joints")
+
+
+def _mean_text(found: Assessment, name: str) -> str:
+    model: ModelErrors = getattr(found, name)
+    blocks = _blocks_text(found, model.blocks) if model.blocks else ""
+    if model.mean is None:
+        overall = "the mean of every touched point is zero, since its position is known from the touches only"
+    elif np.all(np.abs(model.mean.mean) <= _NOTHING * model.mean.error):
+        overall = "the mean over all rows is zero, as the fit enforces"
+    else:
+        mean, error = model.mean.mean.tolist(), model.mean.error.tolist()
+        verdict = "not significant" if model.mean.zero else "significantly different from zero"
+        size = f"{shift(mean)} with standard errors {shift(error, among=mean)}"
+        overall = f"the mean over all rows is {size}: {verdict} (p {p_value(model.mean.p_value)})"
+    return f"{MODELS[name].capitalize()}, {overall}.{blocks}"
+
+
+def _blocks_text(found: Assessment, blocks: tuple[BlockMean, ...]) -> str:
+    off = [block for block in blocks if not block.zero]
+    space = "workspace" if found.calibrated.mean is not None else "joint values"
+    if not off:
+        return f" In each of {len(blocks)} blocks of the {space} it does not differ significantly from zero either."
+    worst = max(off, key=lambda block: float(np.linalg.norm(block.test.mean)))
+    size, where = length(float(np.linalg.norm(worst.test.mean))), _box(found, blocks, worst)
+    return (
+        f" In {len(off)} of {len(blocks)} blocks of the {space} it is not zero; the largest, {size}, is where {where}."
+    )
+
+
+def _box(found: Assessment, blocks: tuple[BlockMean, ...], block: BlockMean) -> str:
+    """The sides of a block that are shorter than those of the whole, the shortest three."""
+    whole = np.ptp([[b.lower, b.upper] for b in blocks], axis=(0, 1))
+    part = (block.upper - block.lower) / np.maximum(whole, 1e-12)
+    shown = sorted(k for k in np.argsort(part)[:3] if part[k] < _WHOLE and whole[k] > 0)
+    return ", ".join(_side(found.block_axes[k], block.lower[k], block.upper[k]) for k in shown)
+
+
+def _side(axis: tuple[str, str], low: float, high: float) -> str:
+    name, unit = axis
+    if unit == "rad":
+        return f"{name} is {fixed(np.degrees(low), 0)} to {fixed(np.degrees(high), 0)} deg"
+    return f"{name} is {fixed(low)} to {fixed(high)} m"
+
+
+def p_value(p: float) -> str:
+    """= 0.23, = 0.004, below 0.001."""
+    return "below 0.001" if p < 1e-3 else f"= {number(p, 2)}"
+
+
+def inputs_block(found: Assessment) -> Block:
+    """Drift, heat, load and play: what moves the errors that are left."""
+    texts = [_trend_text(trend) for trend in found.trends if trend.found]
+    if texts:
+        texts.append("If the measured positions changed along with an input, they may be the actual cause.")
+    calm = [_INPUTS[trend.name][0] for trend in found.trends if not trend.found]
+    if calm:
+        texts.append(f"No significant trend over {_listed(calm)}.")
+    off = sorted((sides for sides in found.sides if sides.found), key=lambda sides: -abs(sides.difference))
+    if off:
+        sizes = ", ".join(f"{sides.joint} by {length(abs(sides.difference))}" for sides in off)
+        texts.append(f"The side from which a joint arrives changes the mean error along its motion: {sizes}.")
+    elif found.sides:
+        texts.append("The side from which a joint arrives has no significant influence.")
+    first = "After calibration the errors should depend neither on time nor on other inputs."
+    return Block("Errors over time and other inputs", (first, *texts), "residual_inputs")
+
+
+def _listed(words: list[str]) -> str:
+    return " or ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+
+
+def _trend_text(trend: Trend) -> str:
+    words, unit, factor = _INPUTS[trend.name]
+    if trend.name == "time" and trend.range[1] - trend.range[0] < _HOURS:
+        unit, factor = "min", 1 / 60
+    low, high = (f"{factor * value:.4g}" for value in trend.range)
+    span = "from the first row to the last" if trend.name == "row" else f"from {low} to {high} {unit}"
+    change = shift(trend.change.tolist())
+    return f"Over {words}, {span}, the mean error changes by {change} (significant, p {p_value(trend.p_value)})."
+
+
+def scatter_block(found: Assessment) -> Block:
+    """The second rule: the second moment of the residuals is their vector uncertainty."""
+    left = found.residual_scatter
+    if left is None:
+        return Block(
+            "Residual scatter",
+            ("The residuals are zero." if not found.calibrated.coordinate else "Too few poses for a 95 % region.",),
+        )
+    ellipse = left.ellipse
+    along = ", ".join(line_words(np.pad(a, (0, 3 - len(a)))) for a in ellipse.axes.T[::-1][: ellipse.rank])
+    half = lengths([float(s) for s in (left.factor * ellipse.semi_axes)[::-1][: ellipse.rank]])
+    if len(found.axes) < 3:
+        along = ", ".join(_in_plane(found, a) for a in ellipse.axes.T[::-1][: ellipse.rank])
+    poses = "" if left.dof == left.samples else f" in {count(left.dof, 'pose')}"
+    texts = [
+        f"C = (1/l) Σ Δx Δxᵀ over l = {left.samples} rows{poses} is the vector uncertainty of the calibrated model.",
+        f"Its {REGIONS[ellipse.rank]} has the semi-axes {half} along {along}: {left.factor:.3f} standard deviations "
+        f"for this number of samples ({ellipse.factor(0.95):.3f} if the covariance were known exactly). "
+        f"{percent(left.inside)} of the rows lie inside.",
+    ]
+    if not found.calibrated.zero:
+        texts.append("As the mean is not zero everywhere, C contains systematic errors besides scatter.")
+    return Block("Residual scatter", tuple(texts), "residual_region")
+
+
+def _in_plane(found: Assessment, axis: np.ndarray) -> str:
+    wide = np.zeros(3)
+    wide[list(found.axes)] = axis
+    return line_words(wide)
+
+
+def shape_block(found: Assessment) -> Block:
+    """Whether the residuals are normally distributed."""
+    from scipy.special import gammainc
+
+    share, coordinates = found.calibrated.beyond3, found.rows * len(found.axes)
+    beyond = round(share * coordinates)
+    chance = float(gammainc(beyond, coordinates * _NORMAL)) if beyond else 1.0  # of so many among normal ones
+    if chance < _RARE:
+        verdict = "large errors are more frequent than normal"
+    elif share > _NORMAL:
+        verdict = "the difference is not significant"
+    else:
+        verdict = "large errors are no more frequent than normal"
+    text = (
+        f"{percent(share)} of the coordinates lie beyond three standard deviations; of a normal distribution "
+        f"{percent(_NORMAL)} would: {verdict}."
+    )
+    return Block("Distribution of the residuals", (text,), "residual_shape")
+
+
+def _answer(found: Assessment) -> str:
+    before, after = (length(model.coordinate) for model in (found.nominal, found.calibrated))
+    return f"RMS error per coordinate: {before} before calibration, {after} calibrated."
+
+
+class AssessmentPresenter(Presenter[Assessment]):
+    """What a model gets wrong, and whether what remains is scatter."""
+
+    document = "assessment"
+
+    @property
+    def problem(self) -> Problem:
+        return problem_of(self.result.calibration.request)
+
+    def summary(self) -> Summary:
+        found = self.result
+        models = {"nominal": found.nominal, "calibrated": found.calibrated}
+        errors = [
+            (MODEL_NAMES[name].capitalize(), f"{length(m.coordinate)} a coordinate") for name, m in models.items()
+        ]
+        left = found.residual_scatter
+        inside = [] if left is None else [("In its 95 % region", f"{percent(left.inside)} of the rows")]
+        facts = (("Rows", f"{found.rows} in {found.poses} poses"), *errors, *inside)
+        return Summary(f"Assessment of a calibration: {self.problem.name}", facts)
+
+    def report(self) -> Report:
+        return Report(self.problem.name or "Assessment", (_answer(self.result),), assessment_blocks(self.result))
+
+    def columns(self) -> Columns:
+        """Errors of a coordinate by model."""
+        found = self.result
+        return {
+            "model": ["nominal", "calibrated"],
+            "error of a coordinate [m]": [found.nominal.coordinate, found.calibrated.coordinate],
+        }

@@ -1,0 +1,77 @@
+"""The report on a diagnosis of several robots of one type: what they have in common, and how they differ."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from posture_opt.model.effects.cause import FittedSizes
+from posture_opt.problem.effects_section import of_a_type
+from posture_opt.problem.fitted_problem import batch_yaml
+from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.page.save import Files
+from posture_opt.report.parts.diagnosis_causes import finding_words
+from posture_opt.report.parts.diagnosis_open import uneven_words
+from posture_opt.report.results.batch_report import batch_facts, batch_report
+from posture_opt.report.text.blocks import Block, Report, Summary, Table
+from posture_opt.report.text.words import p_value
+
+if TYPE_CHECKING:
+    from posture_opt.batch.batch_diagnosis import BatchDiagnosis
+    from posture_opt.problem.problem import Problem
+
+
+def batch_diagnosis_report(found: BatchDiagnosis) -> Report:
+    """The causes that a batch shows, and then the batch itself."""
+    batch, problem = batch_report(found.batch), problem_of(found.batch)
+    named = "; ".join(finding_words(f, problem) for f in found.effects)
+    lead = f"Causes beyond the model: {named}." if named else "The model explains the data of these robots."
+    if found.uneven and not named:
+        lead = "The errors of these robots are uneven; the cause is not identifiable from these data."
+    left = [uneven_words(errors) for errors in found.uneven]
+    return Report(problem.name or "Diagnosis", (lead, *left, *batch.lead[1:]), (_causes(problem, found), *batch.blocks))
+
+
+def _causes(problem: Problem, found: BatchDiagnosis) -> Block:
+    if not found.effects:
+        quiet = "" if found.uneven else ", and no joint is noisier than stated"
+        return Block("Causes", (f"No lengths are significantly correlated{quiet}.",))
+    rows = []
+    for finding in found.effects:
+        sizes = ", ".join(f"{size.label} {size}" for size in finding.cause.sizes(FittedSizes(finding.estimate)))
+        rows.append((finding_words(finding, problem), sizes, p_value(finding.p_value)))
+    text = "Correlated lengths cannot be identified from one robot alone."
+    return Block("Causes", (Table(("cause", "size", "p-value"), tuple(rows), text_columns=3), text))
+
+
+class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
+    """What several robots of one type show together."""
+
+    document = "diagnosis"
+    delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
+
+    @property
+    def problem(self) -> Problem:
+        return problem_of(self.result.batch)
+
+    def summary(self) -> Summary:
+        named = "; ".join(finding_words(f, self.problem) for f in self.result.effects) or "none"
+        facts = (("Verdict", self.result.verdict), ("Causes", named), *batch_facts(self.result.batch)[:3])
+        return Summary(f"Diagnosis of several robots of one type: {self.problem.name}", facts)
+
+    def report(self) -> Report:
+        return batch_diagnosis_report(self.result)
+
+    def columns(self) -> Columns:
+        """The causes that were found."""
+        found = self.result.effects
+        return {
+            "kind": [f.kind for f in found],
+            "target": [f.target for f in found],
+            "p_value": [f.p_value for f in found],
+        }
+
+    def files(self) -> Files:
+        """The section for the problem file."""
+        noises = [f.noise for f in self.result.effects if f.noise is not None]
+        of_arm = [noise for noise in noises if noise.of_arm and not of_a_type(noise)]
+        return {"uncertainty.yaml": batch_yaml(self.problem, self.result.batch, of_arm).encode()}

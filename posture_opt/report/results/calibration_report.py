@@ -1,0 +1,211 @@
+"""The report on a calibration: what the simulation gets wrong, and what the measurements say about the arm."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from posture_opt.model.effects import Effect
+from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.page.save import Files
+from posture_opt.report.parts.calibration_brief import calibration_brief, stood_elsewhere
+from posture_opt.report.parts.calibration_parameters import determined_words, parameters_block, undetermined_block
+from posture_opt.report.parts.contradictions import doubts_lead
+from posture_opt.report.parts.error_table import error_table, held_out_sentence, instrument_words, mm
+from posture_opt.report.parts.large_file_words import large_file_facts
+from posture_opt.report.parts.other_file_words import calibration_words, file_words, range_items
+from posture_opt.report.parts.parts import note_facts, robot_facts, sentence
+from posture_opt.report.results.assessment_report import assessment_blocks
+from posture_opt.report.results.comparison_report import comparison_blocks, comparison_lead
+from posture_opt.report.results.spread_check_report import spread_check_blocks, spread_check_lead
+from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.text.units_text import count
+from posture_opt.report.text.words import MODEL_NAMES
+from posture_opt.validation.assessment import assess
+from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
+from posture_opt.validation.spread_check import check_spread
+
+if TYPE_CHECKING:
+    from posture_opt.calibration.calibration import Calibration
+    from posture_opt.calibration.other_file import OtherFile
+    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.comparison.plan_comparison import Comparison
+    from posture_opt.validation.assessment import Assessment
+    from posture_opt.validation.spread_check import SpreadCheck
+
+_LISTED = 20
+_DOUBTS = 2  # in the lead
+
+
+def calibration_report(shown: CalibrationPresenter) -> Report:
+    """Data, errors before and after, parameters, what is not determined, outliers, test file."""
+    found = shown.result
+    blocks = (
+        data_block(shown.problem, found),
+        errors_block(shown.problem, found),
+        *assessment_blocks(shown.assessment),
+        *spread_check_blocks(shown.spread_check),
+        parameters_block(found),
+        undetermined_block(found),
+        outliers_block(found),
+        *([test_block(found, found.test)] if found.test is not None else []),
+        *comparison_blocks(shown.comparison),
+    )
+    return Report(shown.problem.name or "Calibration", calibration_lead(shown), blocks)
+
+
+def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
+    """The answer, what may be wrong with the data or the fit, what it means for the task, and for its spread."""
+    found = shown.result
+    explained = any(isinstance(c.cause, Effect) for c in found.contradictions)  # by the first line
+    warnings = () if explained else found.request.data.warnings
+    doubts = [sentence(note) for note in dict.fromkeys((*warnings, *found.fit.notes))]
+    more = (f"{len(doubts) - _DOUBTS} more notes of this kind stand under Data.",) if len(doubts) > _DOUBTS else ()
+    fails = () if found.test is None or found.test.improves else (calibration_words(found.test),)
+    return (
+        *doubts_lead(found),
+        _answer(found),
+        *fails,
+        *doubts[:_DOUBTS],
+        *more,
+        *comparison_lead(shown.comparison),
+        spread_check_lead(shown.spread_check),
+    )
+
+
+def _answer(found: Calibration) -> str:
+    before, after = (mm(s.rms) for s in (found.nominal, found.calibrated))
+    if found.calibrated.rms >= found.nominal.rms:
+        return f"Calibration does not help: position errors of {before} mm RMS become {after} mm."
+    return f"On rows held out from the fit, calibration reduces the RMS position error from {before} mm to {after} mm."
+
+
+def data_block(problem: Problem, found: Calibration) -> Block:
+    """The file, its rows, the instrument, and what looks odd."""
+    data = found.request.data
+    facts = [
+        ("File", Path(data.file).name or "table"),
+        ("Rows", f"{len(data)} in {count(len(np.unique(data.pose)), 'pose')}"),
+        *([("Targets", ", ".join(data.target_names))] if len(data.target_names) > 1 else []),
+        *large_file_facts(found.large),
+        ("Instrument", instrument_words(problem, data)),
+    ]
+    doubts = tuple(dict.fromkeys((*data.warnings, *found.fit.notes)))
+    every = (*data.warnings, *data.notes, *problem.notes, *found.notes)
+    notes = note_facts(note for note in every if note not in doubts[:_DOUBTS])
+    return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
+
+
+def errors_block(problem: Problem, found: Calibration) -> Block:
+    """Position errors before and after, cross-validated."""
+    how = held_out_sentence(found.by, min(found.request.folds, len(np.unique(found.request.data.pose))))
+    free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
+    frames = f" Before calibration, the arm has only its free {' and '.join(free)} fitted." if free else ""
+    gone = f" {count(len(found.outliers), 'outlier is', 'outliers are')} not counted." if found.outliers else ""
+    table = error_table({MODEL_NAMES["nominal"]: found.nominal, MODEL_NAMES["calibrated"]: found.calibrated})
+    text = f"{how}{frames} The interval holds the RMS with 95 % confidence.{gone}"
+    return Block("What the simulation gets wrong", (text, table))
+
+
+def outliers_block(found: Calibration) -> Block:
+    """Rows that were left out of the fit, with their lines."""
+    if not found.outliers:
+        return Block("Outliers", ("No row stands out.",))
+    sizes = np.linalg.norm(found.errors[list(found.outliers)], axis=1)
+    rows = tuple((str(line), mm(float(size))) for line, size in zip(found.lines, sizes, strict=True))
+    more = [f"and {len(rows) - _LISTED} more"] if len(rows) > _LISTED else []
+    gone = "1 row was left out of the fit" if len(rows) == 1 else f"{len(rows)} rows were left out of the fit"
+    text = f"{gone} of {Path(found.request.data.file).name or 'the table'}: far more off than the others explain."
+    return Block("Outliers", (text, Table(("line", "off by [mm]"), rows[:_LISTED], text_columns=0), *more))
+
+
+def test_block(found: Calibration, other: OtherFile) -> Block:
+    """Another file, predicted by what this one taught."""
+    names = {name: MODEL_NAMES[name] for name in other.models}
+    table = error_table({names[name]: statistics for name, statistics in other.models.items()})
+    hint = "So far off, base or instrument may have stood elsewhere: --refit-frames fits base and tool again."
+    items = (file_words(other), table, *range_items(other, names))
+    return Block("Test file", (*items, *([hint] if stood_elsewhere(found) else [])))
+
+
+class CalibrationPresenter(Presenter["Calibration"]):
+    """A calibration with what it is held against: its residuals, the spread it predicts, the task planned again."""
+
+    document = "calibration"
+    delivers: ClassVar[tuple[str, ...]] = ("calibrated.yaml",)
+
+    @property
+    def problem(self) -> Problem:
+        return problem_of(self.result.request)
+
+    @cached_property
+    def assessment(self) -> Assessment:
+        """What the model gets wrong, before and after."""
+        return assess(self.problem, self.result.request.data, self.result)
+
+    @cached_property
+    def spread_check(self) -> SpreadCheck:
+        """Whether the predicted spread is true."""
+        request = self.result.request
+        return check_spread(self.problem, request.data, self.result, folds=request.folds)
+
+    @cached_property
+    def models(self) -> dict[str, Problem]:
+        """The problem before and after calibration, each where the measurements saw base and tool."""
+        return calibrated_models(self.problem, self.result)
+
+    @cached_property
+    def comparison(self) -> Comparison | None:
+        """The task planned before and after; None where there is no task, or nobody asked."""
+        request = self.result.request
+        if not request.plan:
+            return None
+        return compare_models(self.problem.robot, self.models, seed=request.seed, measured=request.data.q)
+
+    def further_json(self) -> dict[str, Any]:
+        """The part of the document that the calibration itself does not know."""
+        plan = {} if self.comparison is None else {"posture": self.comparison.to_json()}
+        return {
+            "assessment": self.assessment.to_json(),
+            "coverage95": self.spread_check.coverage95,
+            "spread_check": self.spread_check.to_json(),
+            **plan,
+        }
+
+    def summary(self) -> Summary:
+        found = self.result
+        facts = (
+            ("Rows", f"{len(found.request.data)}, {count(len(found.outliers), 'outlier')}"),
+            (
+                "Position error",
+                f"{mm(found.nominal.rms)} mm RMS before calibration, {mm(found.calibrated.rms)} mm after",
+            ),
+            ("", "(cross-validated)"),
+            ("Parameters", determined_words(found)),
+        )
+        return Summary(f"Calibration: {self.problem.name}", facts)
+
+    def report(self) -> Report:
+        return calibration_report(self)
+
+    def brief(self) -> Report:
+        return calibration_brief(self.problem, self.result, self.assessment, calibration_lead(self))
+
+    def columns(self) -> Columns:
+        """The parameters with their standard errors, SI units."""
+        found = self.result
+        return {
+            "parameter": [p.name for p in found.parameters],
+            "estimate": [float(p.nominal + x) for p, x in zip(found.parameters, found.x, strict=True)],
+            "std": found.std,
+            "nominal": [p.nominal for p in found.parameters],
+            "unit": [p.unit for p in found.parameters],
+            "determined": found.fixed,
+        }
+
+    def files(self) -> Files:
+        """The calibrated arm as a problem file."""
+        return self.models["calibrated"].files("calibrated")

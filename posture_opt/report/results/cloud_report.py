@@ -1,0 +1,189 @@
+"""The report on a Monte Carlo cloud beside the closed form."""
+
+from __future__ import annotations
+
+import math
+from io import StringIO
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.page.save import Files
+from posture_opt.report.parts.parts import validity_sentence
+from posture_opt.report.results.spread_report import arm_block, covariance_table, posture_block, spread_facts
+from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.text.units_text import length_unit, lengths, stated_length
+from posture_opt.report.text.words import line_words, part_words
+from posture_opt.uncertainty.regions.regions import coverage_factor, deviation
+from posture_opt.uncertainty.simulation.sampling_errors import variance_intervals
+from posture_opt.units import fixed, number
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.uncertainty.simulation.cloud import Cloud
+
+
+def cloud_report(cloud: Cloud) -> Report:
+    """Problem, posture, cloud beside closed form, covariance."""
+    spread, problem = cloud.spread, problem_of(cloud.spread)
+    blocks = (arm_block(problem, spread), posture_block(spread), comparison_block(cloud), covariance_block(cloud))
+    return Report(problem.name or "Simulated spread of the tool point", lead(cloud), blocks)
+
+
+def lead(cloud: Cloud) -> tuple[str, ...]:
+    """How many samples lie where the closed form expects them, and how many do what the task asks."""
+    agree = f"{100 * cloud.coverage95:.2f} % of {cloud.n:,} simulated tool points lie in the predicted 95 % region."
+    seen = cloud.spread.for_task
+    if seen is None or cloud.success is None or seen.success_probability is None:
+        return (agree,)
+    clearance, closed = stated_length(seen.clearance), _percent(seen.success_probability)
+    counted = f"Probability of success (clearance {clearance}): {_percent(cloud.success)} simulated"
+    return agree, f"{counted}, {closed} predicted."
+
+
+def _percent(share: float) -> str:
+    """A share that was counted, as finely as thousands of samples tell it."""
+    return f"{100 * share:.2f} %"
+
+
+def comparison_block(cloud: Cloud) -> Block:
+    """Standard deviations, mean and coverage of the sample with their sampling intervals."""
+    low, high = cloud.coverage95_interval
+    inside = low <= 0.95 <= high
+    interval = f"sampling interval {100 * low:.2f} to {100 * high:.2f} %"
+    facts = (
+        ("Samples", f"{cloud.n:,}, seed {cloud.seed}"),
+        ("In the 95 % region", f"{100 * cloud.coverage95:.2f} % ({interval})"),
+        ("", _verdict(inside, cloud.coverage95)),
+        *_odds_facts(cloud),
+    )
+    items = (_axes_table(cloud), _mean_table(cloud), Facts(facts), validity_sentence(cloud.spread))
+    return Block("Simulation and closed form", items, figure="cloud")
+
+
+def _verdict(inside: bool, coverage: float) -> str:
+    if inside:
+        return "the interval contains 95 %: simulation and closed form agree"
+    side = "fewer" if coverage < 0.95 else "more"
+    return f"{side} than 95 %: the tool points are not exactly normally distributed, see below"
+
+
+def _odds_facts(cloud: Cloud) -> tuple[tuple[str, str], ...]:
+    """The counted odds beside those of the closed form."""
+    seen, interval = cloud.spread.for_task, cloud.success_interval
+    if seen is None or cloud.success is None or interval is None or seen.success_probability is None:
+        return ()
+    low, high = (f"{100 * share:.2f}" for share in interval)
+    counted = f"{_percent(cloud.success)} (sampling interval {low} to {high} %)"
+    agrees = interval[0] <= seen.success_probability <= interval[1]
+    says = f"{_percent(seen.success_probability)} predicted, {'inside' if agrees else 'outside'} this interval"
+    return ("Within the clearance", counted), ("", says)
+
+
+def _axes_table(cloud: Cloud) -> Table:
+    intervals = [[math.sqrt(max(float(v), 0.0)) for v in pair] for pair in cloud.eigenvalue_intervals[::-1]]
+    sampled = [math.sqrt(max(float(v), 0.0)) for v in cloud.eigenvalues[::-1]]
+    closed = [float(v) for v in cloud.spread.ellipse.semi_axes[::-1]]
+    unit, factor = length_unit([*sampled, *closed])
+    axes, ratios = cloud.spread.axes[::-1], [float(v) for v in cloud.ratio[::-1]]
+    rows = tuple(
+        (line_words(a), *_beside([c, s, *pair], closed[0], factor), fixed(ratio, 4))
+        for a, c, s, pair, ratio in zip(axes, closed, sampled, intervals, ratios, strict=True)
+    )
+    rows += tuple((words, *_task_cells(cloud, axis, factor)) for words, axis in _task_axes(cloud))
+    headers = ("standard deviation along", f"closed form [{unit}]", f"simulated [{unit}]", "95 % interval", "ratio")
+    return Table(headers, rows)
+
+
+def _task_axes(cloud: Cloud) -> tuple[tuple[str, Array], ...]:
+    """The axes of the task that are worth a row: the worst one of the part that counts, and the direction."""
+    seen = cloud.spread.for_task
+    if seen is None or seen.critical.within == "all":
+        return ()
+    part = part_words(seen.critical.within, seen.kind)
+    worst = ", worst axis" if len(seen.critical.covariance) > 1 else ""
+    rows = [(f"{part}{worst}", seen.critical.worst_axis)]
+    return tuple(rows if seen.critical.within == "along" else [*rows, (part_words("along", seen.kind), seen.direction)])
+
+
+def _task_cells(cloud: Cloud, axis: Array, factor: float) -> tuple[str, str, str, str]:
+    closed, sampled = (deviation(float(axis @ C @ axis), C) for C in (cloud.spread.covariance, cloud.covariance))
+    pair = variance_intervals(axis[None], np.array([sampled**2]), cloud.covariance_of_covariance)[0]
+    ends = [math.sqrt(max(float(v), 0.0)) for v in pair]
+    ratio = fixed(sampled / closed, 4) if closed > 0 else "-"
+    return *_beside([closed, sampled, *ends], float(cloud.spread.ellipse.semi_axes[-1]), factor), ratio
+
+
+def _beside(sizes: list[float], largest: float, factor: float) -> tuple[str, str, str]:
+    """Closed form, simulated, and the interval of the latter, beside the largest of the table."""
+    closed, sampled, low, high = (number(size * factor, 4, largest * factor) for size in sizes)
+    return closed, sampled, f"{low} to {high}"
+
+
+def _mean_table(cloud: Cloud) -> Table:
+    closed, sampled = [float(v) for v in cloud.spread.bias], [float(v) for v in cloud.bias]
+    errors = [coverage_factor(0.95, 1) * float(v) for v in cloud.bias_error]
+    unit, factor = length_unit([float(v) for v in cloud.spread.ellipse.semi_axes])
+    decimals = max(0, 2 - math.floor(math.log10(max(max(errors) * factor, 1e-9))))
+    rows = tuple(
+        (axis, *(fixed(v * factor, decimals) for v in (c, s)), f"± {fixed(e * factor, decimals)}")
+        for axis, c, s, e in zip("xyz", closed, sampled, errors, strict=True)
+    )
+    return Table(("mean shift along", f"closed form [{unit}]", f"simulated [{unit}]", "95 % interval"), rows)
+
+
+def covariance_block(cloud: Cloud) -> Block:
+    """Both covariances."""
+    tables = (covariance_table(cloud.covariance), covariance_table(cloud.spread.covariance))
+    items = ("Simulated:", tables[0], "Closed form:", tables[1])
+    return Block("Covariance of the tool point, world frame", items, brief=())
+
+
+def points_csv(cloud: Cloud) -> bytes:
+    """The simulated tool points in mm."""
+    text = StringIO()
+    np.savetxt(text, 1e3 * cloud.points, fmt="%.6f", delimiter=", ", header="x [mm], y [mm], z [mm]", comments="")
+    return text.getvalue().encode()
+
+
+def _summary(cloud: Cloud) -> Summary:
+    low, high = (100 * share for share in cloud.coverage95_interval)
+    posture, point, *_ = spread_facts(cloud.spread)
+    sizes = lengths([math.sqrt(max(float(v), 0.0)) for v in cloud.eigenvalues[::-1]])
+    ratios = ", ".join(fixed(float(ratio), 4) for ratio in cloud.ratio[::-1])
+    facts: tuple[tuple[str, str], ...] = (
+        posture,
+        point,
+        ("Standard deviations", sizes),
+        ("Ratio to the closed form", ratios),
+        ("In its 95 % region", f"{100 * cloud.coverage95:.2f} % (sampling interval {low:.2f} to {high:.2f} %)"),
+    )
+    if cloud.success is not None:
+        facts = (*facts, ("Within the clearance", _percent(cloud.success)))
+    return Summary(f"{cloud.n:,} simulated tool points at one posture, seed {cloud.seed}", facts)
+
+
+class CloudPresenter(Presenter["Cloud"]):
+    """A simulation beside the closed form."""
+
+    document = "spread"
+    delivers: ClassVar[tuple[str, ...]] = ("cloud.csv",)
+
+    @property
+    def problem(self) -> Problem:
+        return problem_of(self.result.spread)
+
+    def summary(self) -> Summary:
+        return _summary(self.result)
+
+    def report(self) -> Report:
+        return cloud_report(self.result)
+
+    def columns(self) -> Columns:
+        """The simulated tool points."""
+        return {f"{axis} [mm]": 1e3 * self.result.points[:, k] for k, axis in enumerate("xyz")}
+
+    def files(self) -> Files:
+        return {"cloud.csv": points_csv(self.result)}

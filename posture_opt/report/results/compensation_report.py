@@ -1,0 +1,188 @@
+"""The report on compensated targets: how far off they were, what is left, and by how much the joints changed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from posture_opt.compensation.compensation import rms
+from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
+from posture_opt.numerics import Array
+from posture_opt.report.page.presenter import Columns, Presenter
+from posture_opt.report.page.save import Files
+from posture_opt.report.parts.parts import frame_notes, note_facts, robot_facts
+from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.text.units_text import angle, count, length, length_unit
+from posture_opt.units import number
+
+if TYPE_CHECKING:
+    from posture_opt.compensation.compensation import Compensation
+    from posture_opt.problem.problem import Problem
+
+_MOST_ROWS = 40
+_NOTHING = 1e-9  # m: rounding
+_MUCH = math.radians(5.0)  # a change of a joint that is worth a look before the program runs
+
+
+def compensation_report(problem: Problem, found: Compensation) -> Report:
+    """What the compensation brings, what was computed with, the rows."""
+    blocks = (gain_block(problem, found), rows_block(found))
+    return Report(
+        f"Compensated targets: {problem.name}" if problem.name else "Compensated targets", lead(found), blocks
+    )
+
+
+def lead(found: Compensation) -> tuple[str, ...]:
+    """The answer: from how far off to how far off."""
+    among = [rms(found.off), rms(found.left)]
+    before, after = (length(size, among=among) for size in among)
+    first = f"Compensated, the tool is expected to miss {_targets(found)} by {after} (RMS) instead of {before}."
+    if among[0] < _NOTHING:
+        return (
+            f"There is nothing to compensate: the file knows no corrections and no effects of this arm. The tool is "
+            f"expected to miss {_targets(found)} by {after} (RMS).",
+        )
+    if among[1] > 0.8 * among[0]:
+        first += " What is uncertain of this arm is as large as what is known of its errors."
+    return (first, *_warning(found), *(f"Note: {note}." for note in found.notes))
+
+
+def _targets(found: Compensation) -> str:
+    return "its target" if len(found) == 1 else f"the {len(found)} targets"
+
+
+def _warning(found: Compensation) -> tuple[str, ...]:
+    """Where a joint changes by much, as near a singular posture."""
+    turns = np.array([joint.type == "revolute" for joint in found.problem.robot.joints])
+    change = np.where(turns, np.abs(found.q - found.near), 0.0)
+    row, joint = np.unravel_index(int(np.argmax(change)), change.shape)
+    if found.targets.near is None or change[row, joint] < _MUCH:
+        return ()
+    name, line = found.problem.robot.joints[joint].name, found.targets.line[row]
+    return (f"Check line {line} before it runs: {name} changes by {angle(float(change[row, joint]))}.",)
+
+
+def gain_block(problem: Problem, found: Compensation) -> Block:
+    """Errors before and after, in position and orientation; what the arm is computed with."""
+    left = length_unit([rms(found.off), rms(found.left)])
+    unit, factor = left
+    sizes = [("position, RMS", rms), ("position, largest", lambda v: float(np.max(v)))]
+    rows = [(f"{label} [{unit}]", *_numbers([f(v) for v in (found.off, found.left)], factor)) for label, f in sizes]
+    if found.oriented:
+        turned = (found.before.turned, found.after.rms_turned)
+        rows.append(("orientation, RMS [deg]", *(number(math.degrees(rms(v)), 2) for v in turned)))
+    table = Table(("", "as given", "compensated"), tuple(rows))
+    change = np.abs(found.q - found.near).max(axis=0)
+    facts = (
+        *robot_facts(problem),
+        *_computed_for(found),
+        ("Joints", _given(found)),
+        ("Largest change", ", ".join(_changes(found, change))),
+        *note_facts((*problem.sources.notes, *frame_notes(problem.robot))),
+    )
+    text = (
+        "'As given': what the known errors of this arm make of the given joint values. 'Compensated': what remains of "
+        "them, what is still uncertain of the arm, and its scatter."
+    )
+    return Block("Before and after", (text, table, Facts(facts)), "compensation")
+
+
+def _numbers(metres: Sequence[float], factor: float) -> list[str]:
+    """Lengths side by side, with digits for the larger one."""
+    beside = factor * max(metres)
+    return [number(factor * value, 3, beside) if value > _NOTHING else "0" for value in metres]
+
+
+def _computed_for(found: Compensation) -> list[tuple[str, str]]:
+    """The inputs of effects in the rows: of their columns, else of the task; nothing for an arm without effects."""
+    arm, rows = found.problem.arm, found.targets
+    asked = {need for effect in arm.effects for need in (*effect.asks, *effect.needs)}
+    texts = []
+    if asked & {"masses", "payload"}:
+        texts.append(f"a payload of {_range(rows.payload, arm.inputs.payload)} kg")
+    if "temperature" in asked:
+        texts.append(f"{_range(rows.temperature, REFERENCE_TEMPERATURE + arm.inputs.temperature)} degC")
+    if "approach" in asked:
+        stated = "the columns of the file, else " if bool(np.any(rows.side)) else ""
+        texts.append(f"the side of arrival from {stated}the row before")
+    return [("Computed for", ", ".join(texts))] if texts else []
+
+
+def _range(values: Array | None, stated: float) -> str:
+    """One value, or the least and the largest of a column."""
+    low, high = (stated, stated) if values is None else (float(np.min(values)), float(np.max(values)))
+    return f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
+
+
+def _given(found: Compensation) -> str:
+    if found.targets.near is None:
+        return "none were given: those of the drawn arm count, each row near the one before"
+    if found.targets.position is None:
+        return "given, and the targets are where the drawn arm would be with them"
+    return "given; the compensated ones stay as near to them as the target allows"
+
+
+def _changes(found: Compensation, change: np.ndarray) -> list[str]:
+    return [
+        f"{joint.name} {angle(float(v)) if joint.type == 'revolute' else length(float(v))}"
+        for joint, v in zip(found.problem.robot.joints, change, strict=True)
+    ]
+
+
+def rows_block(found: Compensation) -> Block:
+    """The rows with their compensated joint values."""
+    unit, factor = length_unit([rms(found.off), rms(found.left)])
+    heads = ("line", *(head for _, head, _ in found.heads), f"off [{unit}]", f"left [{unit}]")
+    rows = tuple(
+        (
+            str(found.targets.line[k]),
+            *(found.digits.text(joint, v, f) for (joint, _, f), v in zip(found.heads, found.q[k], strict=True)),
+            *_numbers([float(v[k]) for v in (found.off, found.left)], factor),
+        )
+        for k in range(min(len(found), _MOST_ROWS))
+    )
+    more = [f"{count(len(found) - _MOST_ROWS, 'row')} more in compensated.csv."] if len(found) > _MOST_ROWS else []
+    text = "Joint values are those of the model's joints, with its zeros and senses."
+    views = tuple(f"line-{row[0]}" for row in rows)
+    return Block("Compensated joint values", (text, Table(heads, rows, text_columns=0, views=views), *more))
+
+
+class CompensationPresenter(Presenter["Compensation"]):
+    """Compensated targets."""
+
+    document = "compensation"
+    delivers: ClassVar[tuple[str, ...]] = ("compensated.csv",)
+
+    def summary(self) -> Summary:
+        found = self.result
+        among = [rms(found.off), rms(found.left)]
+        turned: tuple[tuple[str, str], ...] = ()
+        if found.oriented:
+            turned = (("Orientation left", f"{angle(rms(found.after.rms_turned))} (RMS)"),)
+        facts = (
+            ("As given", f"{length(among[0], among=among)} off (RMS)"),
+            ("Compensated", f"{length(among[1], among=among)} expected (RMS)"),
+            *turned,
+            ("Largest change", angle(float(np.abs(found.q - found.near).max()))),
+        )
+        return Summary(f"{count(len(found), 'compensated target')}: {found.problem.name}", facts)
+
+    def report(self) -> Report:
+        return compensation_report(self.problem, self.result)
+
+    def columns(self) -> Columns:
+        """The joint values and the errors before and after."""
+        found = self.result
+        joints = {head: found.q[:, j] / factor for j, (_, head, factor) in enumerate(found.heads)}
+        return {
+            "line": found.targets.line.tolist(),
+            **joints,
+            "off [mm]": 1e3 * found.off,
+            "left [mm]": 1e3 * found.left,
+        }
+
+    def files(self) -> Files:
+        return {"compensated.csv": self.result.to_csv().encode()}

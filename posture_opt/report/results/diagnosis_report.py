@@ -1,0 +1,209 @@
+"""The report on a diagnosis: the causes of the errors, their gain, their rivals, and what stays unexplained."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from posture_opt.diagnosis.diagnosis import Diagnosis
+from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
+from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.page.save import Files
+from posture_opt.report.parts.contradictions import doubts_lead
+from posture_opt.report.parts.diagnosis_causes import causes_block, confusion_block, cyclic_block, finding_words
+from posture_opt.report.parts.diagnosis_errors import delivery_lead, elsewhere_lead, errors_block, test_block
+from posture_opt.report.parts.diagnosis_goals import goals_block, goals_lead
+from posture_opt.report.parts.diagnosis_open import (
+    FILE,
+    absorbed_block,
+    left_block,
+    scores_block,
+    split_block,
+    split_csv,
+    unexplained_lead,
+    unknowable_block,
+)
+from posture_opt.report.parts.diagnosis_sizes import MODELS, fitted_effects, headline_of, noise_floor
+from posture_opt.report.parts.error_table import instrument_words, mm
+from posture_opt.report.parts.large_file_words import large_file_facts
+from posture_opt.report.parts.parts import note_facts, robot_facts
+from posture_opt.report.results.comparison_report import comparison_blocks, comparison_lead
+from posture_opt.report.text.blocks import Block, Facts, Report, Summary
+from posture_opt.report.text.units_text import count
+from posture_opt.validation.calibrated_arm import compare_models
+
+if TYPE_CHECKING:
+    from posture_opt.diagnosis.causes.causes import Finding
+    from posture_opt.selection.comparison.plan_comparison import Comparison
+
+_MOST_NAMES = 3
+_NUMBERS = ("Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten")
+
+
+def diagnosis_report(
+    found: Diagnosis, comparison: Comparison | None = None, goals: MeasuredGoals | None = None
+) -> Report:
+    """The answer, the causes, their gain, their rivals, what stays unexplained, and the data."""
+    blocks = (
+        causes_block(found),
+        *cyclic_block(found),
+        errors_block(found),
+        *([test_block(found)] if found.test is not None else []),
+        *comparison_blocks(comparison, MODELS if fitted_effects(found) else MODELS | {"extended": "extended"}),
+        *goals_block(goals),
+        *confusion_block(found),
+        *split_block(found),
+        left_block(found),
+        scores_block(found),
+        absorbed_block(found),
+        unknowable_block(found),
+        data_block(found),
+    )
+    title = problem_of(found).name or "Diagnosis"
+    return Report(title, answer(found, comparison, goals), blocks)
+
+
+def answer(found: Diagnosis, comparison: Comparison | None, goals: MeasuredGoals | None) -> tuple[str, ...]:
+    """The causes in one sentence, and what knowing them brings in another."""
+    geometry = [f for f in found.effects if f.effect is None and f.noise is None]
+    causes = [f for f in found.effects if f not in geometry and f.determined] or geometry
+    vague = [f for f in found.effects if f not in geometry and not f.determined]
+    said = [_named(found, f) for f in causes[:_MOST_NAMES]]
+    more = len(causes) - len(said)
+    names = "; ".join(said) + (f"; and {count(more, 'more cause')}" if more else "")
+    beside = " The geometry differs from the file, too." if geometry and causes is not geometry else ""
+    beside += f" {_vague(found, vague)}" if vague else ""
+    if found.verdict == "none_found":
+        first = f"The model explains these data: no cause of error is found{_beyond(found)}."
+    elif found.verdict == "effects_found" and said:
+        first = f"{_counted(len(causes))} the errors: {names}.{beside}"
+    elif said:
+        first = f"{_counted(len(causes))} part of the error: {names}. The rest is unexplained.{beside}"
+    else:
+        cause = "cause of known size" if vague else "cause of the catalogue"
+        first = f"Errors remain{_beyond(found)} that no {cause} explains.{beside}"
+    return (
+        *doubts_lead(found.calibration),
+        first,
+        _improvement(found),
+        *unexplained_lead(found),
+        *delivery_lead(found),
+        *elsewhere_lead(found),
+        *comparison_lead(comparison),
+        *goals_lead(goals),
+    )
+
+
+def _beyond(found: Diagnosis) -> str:
+    """What the errors are compared with, where repeats tell it."""
+    return " beyond measurement noise" if noise_floor(found).repeated else ""
+
+
+def _named(found: Diagnosis, finding: Finding) -> str:
+    size, words = headline_of(found, finding), finding_words(finding, found.problem)
+    return f"{words} ({size})" if size and size not in words else words
+
+
+def _vague(found: Diagnosis, findings: list[Finding]) -> str:
+    """Causes whose size the data do not determine."""
+    names = "; ".join(finding_words(f, found.problem) for f in findings[:_MOST_NAMES])
+    more = f"; and {count(len(findings) - _MOST_NAMES, 'more cause')}" if len(findings) > _MOST_NAMES else ""
+    return f"Of a size that these data do not determine: {names}{more}."
+
+
+def _improvement(found: Diagnosis) -> str:
+    sizes = {name: found.errors[name].rms for name in MODELS}
+    text = f"On rows held out from the fit, the RMS error was {mm(sizes['nominal'])} mm before calibration, "
+    text += f"{mm(sizes['calibrated'])} mm calibrated"
+    if fitted_effects(found):
+        text += f", and {mm(sizes['extended'])} mm with {_these(len(fitted_effects(found)))}"
+    floor = noise_floor(found)
+    return text + (f"; {floor.clause}." if 0 < floor.rms < sizes["extended"] else ".")
+
+
+def _counted(n: int) -> str:
+    """One cause explains, two causes explain, 12 causes explain."""
+    if n == 1:
+        return "One cause explains"
+    return f"{_NUMBERS[n - 2] if n - 2 < len(_NUMBERS) else n} causes explain"
+
+
+def _these(n: int) -> str:
+    return "this effect" if n == 1 else f"these {n} effects"
+
+
+def data_block(found: Diagnosis) -> Block:
+    """The file, its rows, the instrument, and what looks odd."""
+    problem, data = problem_of(found), found.request.data
+    gone = found.calibration.lines
+    facts = [
+        ("File", Path(data.file).name or "table"),
+        ("Rows", f"{len(data)} in {count(len(np.unique(data.pose)), 'pose')}"),
+        *large_file_facts(found.large),
+        ("Instrument", instrument_words(problem, data)),
+        ("Geometry", f"{found.model.directions.shape[1]} combinations of parameters are fitted in every model"),
+        *([("Outliers", f"left out, lines {', '.join(map(str, gone[:10]))}{' …' * (len(gone) > 10)}")] if gone else []),
+    ]
+    notes = note_facts((*data.warnings, *data.notes, *problem.notes, *found.notes))
+    return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
+
+
+class DiagnosisPresenter(Presenter[Diagnosis]):
+    """A diagnosis with the task planned again by the arm that was found."""
+
+    document = "diagnosis"
+    delivers: ClassVar[tuple[str, ...]] = ("extended.yaml",)
+
+    @cached_property
+    def comparison(self) -> Comparison | None:
+        """The task planned with every model; None where there is no task, or nobody asked."""
+        request = self.result.request
+        if self.problem.task is None or not request.plan:
+            return None
+        return compare_models(self.problem.robot, self.result.models, seed=request.seed, measured=request.data.q)
+
+    @cached_property
+    def goals(self) -> MeasuredGoals | None:
+        """What each model would have chosen of the postures measured; None without a comparison, or without such."""
+        return None if self.comparison is None else measured_goals(self.result, self.result.models)
+
+    def further_json(self) -> dict[str, Any]:
+        """The part of the document that the diagnosis itself does not know."""
+        if self.comparison is None:
+            return {}
+        goals = {} if self.goals is None else {"goals": self.goals.to_json()}
+        return {"posture": goals | self.comparison.to_json()}
+
+    def summary(self) -> Summary:
+        found = self.result
+        errors = ", ".join(f"{mm(found.errors[name].rms)} mm {words}" for name, words in MODELS.items())
+        named = [finding_words(f, self.problem) for f in found.effects]
+        more = f"; and {len(named) - _MOST_NAMES} more" if len(named) > _MOST_NAMES else ""
+        facts = (
+            ("Verdict", found.verdict.replace("_", " ")),
+            ("Causes", "; ".join(named[:_MOST_NAMES]) + more or "none"),
+            ("RMS error", f"{errors} (held out)"),
+        )
+        return Summary(f"Diagnosis: {self.problem.name}", facts)
+
+    def report(self) -> Report:
+        return diagnosis_report(self.result, self.comparison, self.goals)
+
+    def columns(self) -> Columns:
+        """The causes that were found."""
+        found = self.result.effects
+        return {
+            "kind": [f.kind for f in found],
+            "target": [f.target for f in found],
+            "p_value": [f.p_value for f in found],
+            "gain": [f.gain for f in found],
+        }
+
+    def files(self) -> Files:
+        """The extended arm as a problem file, and what to measure to tell causes apart."""
+        further = split_csv(self.result)
+        extended: Files = self.result.extended.files("extended")
+        return extended | ({FILE: further.encode()} if further else {})

@@ -1,0 +1,322 @@
+"""The report on several features: the placement, a posture each, what another place costs, the order of visits."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.report.page.presenter import Columns, Presenter
+from posture_opt.report.parts.collision_parts import collision_facts
+from posture_opt.report.parts.improvement_parts import improvements_block
+from posture_opt.report.parts.parts import frame_notes, input_facts, note_facts, robot_facts, sentence, source_facts
+from posture_opt.report.parts.solution_checks import explain_report
+from posture_opt.report.parts.task_parts import critical_size, task_budget_block
+from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.text.text import render
+from posture_opt.report.text.units_text import (
+    angle,
+    count,
+    joint_unit,
+    length,
+    length_unit,
+    percent,
+    place,
+    probability,
+    stated_angle,
+    stated_length,
+)
+from posture_opt.report.text.words import CRITERIA, direction_words, part_words
+from posture_opt.selection.stations.features_solution import PlacementFigure
+from posture_opt.uncertainty.spread.joint_digits import READ, joint_digits
+from posture_opt.units import fixed, number
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.stations.features_solution import FeaturesSolution
+    from posture_opt.selection.stations.placement import PlacementRange
+
+_TOLD = 1e-4  # of a probability: what a report tells apart
+_SAME = 5e-4  # of a standard deviation: less is no difference
+_COMBINED = {
+    "worst": "the largest of all features",
+    "mean": "the mean of all features",
+    "success": "the probability of missing any feature",
+}
+
+
+class FeaturesSolutionPresenter(Presenter["FeaturesSolution"]):
+    """Features on one workpiece, or where they fail least."""
+
+    document = "solution"
+
+    def summary(self) -> Summary:
+        return _summary(self.result)
+
+    def report(self) -> Report:
+        return features_report(self.result)
+
+    def columns(self) -> Columns:
+        return _columns(self.result)
+
+    def explain(self) -> str:
+        """The optimisation problem of the first feature with its values at the solution."""
+        return render(explain_report(self.result.first))
+
+
+def features_report(found: FeaturesSolution) -> Report:
+    """The blocks of an answer, or those of a failure: which feature, why, and what would help."""
+    problem = found.problem
+    title = problem.name or "Posture selection"
+    if found.status == "infeasible":
+        return Report(title, _failed_lead(found), (
+            Block("Why", tuple(sentence(reason.message) for reason in found.reasons)),
+            Block("What would help", tuple(sentence(r.change) for r in found.relaxations)),
+            problem_block(problem, found),
+        ))  # fmt: skip
+    worst = found.stations[found.worst]
+    blocks = (
+        problem_block(problem, found),
+        _postures_block(found),
+        _placements_block(found),
+        _order_block(found),
+        task_budget_block(problem, worst.task_spread),
+        improvements_block(problem, found.improvements, part_words(worst.critical.within, found.task.kind)),
+        _checks_block(found),
+    )
+    return Report(title, _lead(found), tuple(block for block in blocks if block.items))
+
+
+def placement_words(w: Array, placement: PlacementRange | None = None) -> str:
+    """A placement in a line: x 512.0 mm, y -20.0 mm, z 100.0 mm, yaw 12.00 deg; at which ends of its range it lies."""
+    texts = []
+    for k, name in enumerate(("x", "y", "z", "yaw")):
+        text = f"{name} {angle(float(w[k])) if k == 3 else f'{fixed(1e3 * float(w[k]), 1)} mm'}"
+        if placement is not None and not placement.free[k]:
+            text += " (fixed)"
+        elif placement is not None and not (k == 3 and placement.all_round):
+            at_end = min(w[k] - placement.lower[k], placement.upper[k] - w[k]) < 1e-9
+            text += " (end of its range)" * bool(at_end)
+        texts.append(text)
+    return ", ".join(texts)
+
+
+def _lead(found: FeaturesSolution) -> tuple[str, ...]:
+    worst = found.stations[found.worst]
+    name = found.names[found.worst]
+    moved = found.placement.free.any()
+    where = "Place the workpiece at" if moved else "The workpiece stands at"
+    lines = [f"{where} {placement_words(found.w, found.placement)}."]
+    part = part_words(worst.critical.within, found.task.kind)
+    worst_of = f"Standard deviation {part} at the worst of {count(len(found.names), 'feature')}, {name}"
+    lines.append(f"{worst_of}: {critical_size(worst.critical)}.")
+    if found.task.combine == "mean":
+        lines.append(f"Mean over the features: {length(found.sigma)}.")
+    typical = found.typical if moved else None
+    if typical is not None and typical.success is None:
+        lines.append(f"This is {_gain(found, typical)} at a typical feasible placement.")
+    if found.success is not None:
+        lines.append(f"Probability that all features succeed: {_odds(found)}{_typical_odds(typical)}.")
+    if found.status != "optimal":
+        lines.append("The solver did not confirm an optimum; this is the best placement found.")
+    return tuple(lines)
+
+
+def _failed_lead(found: FeaturesSolution) -> tuple[str, ...]:
+    looked = found.statistics.placements
+    where = f"No placement was found at which every feature is feasible ({looked:,} tried). The nearest is at"
+    if not found.placement.free.any():
+        where = "Not every feature is feasible with the workpiece"
+    return (f"{where} {placement_words(found.w, found.placement)}.",)
+
+
+def _odds(found: FeaturesSolution) -> str:
+    success = found.success
+    assert success is not None
+    text = probability(success.probability)
+    if success.standard_error > 0:
+        text += f" (standard error {number(100 * success.standard_error, 2)} %)"
+    return text
+
+
+def _typical_odds(typical: PlacementFigure | None) -> str:
+    if typical is None or typical.success is None:
+        return ""
+    return f" ({probability(typical.success)} at a typical feasible placement)"
+
+
+def _gain(found: FeaturesSolution, other: PlacementFigure) -> str:
+    gain = 1 - found.sigma / other.sigma
+    if abs(gain) < _SAME:
+        return "the same as"
+    return f"{percent(abs(gain))} {'lower' if gain > 0 else 'higher'} than"
+
+
+def problem_block(problem: Problem, found: FeaturesSolution) -> Block:
+    """What was asked."""
+    task = found.task
+    what = CRITERIA[task.criterion].format(part=part_words(task.within, task.kind))
+    minimised = _COMBINED["success"] if task.combine == "success" else f"{what}: {_COMBINED[task.combine]}"
+    rows = [
+        *robot_facts(problem),
+        ("Task", f"{task.kind} - {task.summary}"),
+        ("Direction", f"{direction_words(np.array(task.direction))} in the frame of the workpiece"),
+        ("Features", f"{len(found.names)}, in one placement of the workpiece"),
+        ("Range", _range_words(found.placement)),
+        ("Minimised", minimised),
+        *input_facts(problem),
+    ]
+    if task.clearance is not None:
+        rows.append(("Clearance", f"{stated_length(task.clearance)} (radial)"))
+    rows += collision_facts(problem.scene)
+    rows += source_facts(problem)
+    rows += note_facts((*problem.notes, *frame_notes(problem.robot), *found.notes))
+    notes = note_facts((*problem.notes, *found.notes))
+    short = (rows[0], ("Range", _range_words(found.placement)), *source_facts(problem), *notes)
+    return Block("Problem", (Facts(tuple(rows)),), brief=(Facts(short),))
+
+
+def _range_words(placement: PlacementRange) -> str:
+    texts = []
+    for k, name in enumerate(("x", "y", "z", "yaw")):
+        write = stated_angle if k == 3 else stated_length
+        low, high = write(float(placement.lower[k])), write(float(placement.upper[k]))
+        texts.append(f"{name} {low} to {high}" if placement.free[k] else f"{name} {low}")
+    return ", ".join(texts)
+
+
+def _postures_block(found: FeaturesSolution) -> Block:
+    joints, digits = found.optimisation_problem.robot.joints, joint_digits(found.problem, found.postures, READ)
+    unit, factor = length_unit([float(s) for s in found.sigmas])
+    odds = [station.success_probability for station in found.stations]
+    known = all(p is not None for p in odds)
+    headers = ["feature", f"std. dev. [{unit}]", *(["success [%]"] if known else [])]
+    headers += [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in joints]
+    rows = []
+    for k, (name, station) in enumerate(zip(found.names, found.stations, strict=True)):
+        row = [name, number(float(found.sigmas[k]) * factor), *([_share(odds[k])] if known else [])]
+        row += [digits.text(j, v, 1 / joint_unit(j.type)[1]) for v, j in zip(station.q, joints, strict=True)]
+        rows.append(tuple(row))
+    views = tuple(f"feature-{k}" for k in range(1, len(rows) + 1))
+    table = Table(tuple(headers), tuple(rows), views=views)
+    points = Table(("feature", "tool point in the world"), tuple(
+        (name, place(station.spread.position)) for name, station in zip(found.names, found.stations, strict=True)
+    ), 2, views)  # fmt: skip
+    return Block("A posture for each feature", (table, points), figure="arm")
+
+
+def _share(p: float | None) -> str:
+    return "" if p is None else f"{100 * p:.4g}" if p < 0.9999 else "> 99.99"
+
+
+def _placements_block(found: FeaturesSolution) -> Block:
+    """What other placements cost; nothing where there is no choice."""
+    if not found.placement.free.any():
+        return Block("Placements", ())
+    this = PlacementFigure(found.w, found.sigma, None if found.success is None else found.success.probability)
+    named = [("centre of the range", found.centre), ("typical (median tried)", found.typical)]
+    shown = [("this one", this), *((name, other) for name, other in named if other is not None)]
+    shown += [("another optimum", other) for other in found.others]
+    unit, factor = length_unit([other.sigma for _, other in shown])
+    odds = found.task.combine == "success"
+    what = "mean std. dev." if found.task.combine == "mean" else "worst std. dev."
+    rows = []
+    for name, other in shown:
+        told = number(other.sigma * factor) if math.isfinite(other.sigma) else "not feasible"
+        more = percent(other.sigma / found.sigma - 1) if math.isfinite(other.sigma) and other is not this else "-"
+        place_of = (*(fixed(1e3 * float(v), 1) for v in other.w[:3]), fixed(math.degrees(other.w[3]), 2))
+        rows.append((name, *((_share(other.success), told) if odds else (told, more)), *place_of))
+    told_by = ("all succeed [%]", f"{what} [{unit}]") if odds else (f"{what} [{unit}]", "difference")
+    headers = ("placement", *told_by, "x [mm]", "y [mm]", "z [mm]", "yaw [deg]")
+    return Block("Placements", (Table(headers, tuple(rows)), *_base_sentence(found)), figure="bench")
+
+
+def _base_sentence(found: FeaturesSolution) -> tuple[str, ...]:
+    """The same seen from the part, for a base that is to be moved instead."""
+    c, s = math.cos(found.w[3]), math.sin(found.w[3])
+    x, y, z = -found.w[:3]
+    origin = (c * x + s * y, -s * x + c * y, z)
+    turned = angle(math.remainder(-float(found.w[3]), 2 * math.pi))
+    return (
+        f"To move the robot instead of the part: place the world origin, in which its base is stated, at "
+        f"{place(origin)} in the workpiece frame, rotated by {turned} about z.",
+    )
+
+
+def _order_block(found: FeaturesSolution) -> Block:
+    if len(found.names) < 2:
+        return Block("Visiting order", ())
+    order = found.order
+    turning = any(joint.type == "revolute" for joint in found.optimisation_problem.robot.joints)
+
+    def travel(value: float) -> str:
+        return angle(value) if turning else length(value)
+
+    listed = "file order" if order.order == tuple(range(len(found.names))) else "this order"
+    saved = order.as_listed - order.travel
+    gain = f", {travel(order.as_listed)} in file order" if saved > 1e-9 else ""
+    proof = "shortest possible" if order.exact else "found by exchanges; a shorter one may exist"
+    rows = (
+        ("Order", ", ".join(found.names[k] for k in order.order)),
+        (
+            "Joint travel",
+            f"{travel(order.travel)} in {listed}{gain} (sum over the moves of the largest joint motion; {proof})",
+        ),
+    )
+    return Block("Visiting order", (Facts(rows),))
+
+
+def _checks_block(found: FeaturesSolution) -> Block:
+    e = found.statistics
+    rows: list[tuple[str, str]] = []
+    if found.success is not None and abs(found.success.product - found.success.probability) > _TOLD:
+        rows.append(("Together", f"constant errors are shared by all features; if they were independent, the "
+                                 f"probability would be {probability(found.success.product)}"))  # fmt: skip
+    if found.task.combine == "success":
+        rows.append(("Compared", "optima for the product of the probabilities, for the worst and for the mean scatter, "
+                                 "by the probability that all succeed"))  # fmt: skip
+    if found.clearance is not None:
+        between = " and ".join(found.clearance.between)
+        rows.append(("Clearance", f"at least {length(found.clearance.distance)}, between {between}"))
+    if found.placement.free.any():
+        rows.append(("Search", f"{e.placements} placements, {e.feasible} of them feasible for all features; "
+                               f"{count(e.solves, 'joint solve')} by IPOPT"))  # fmt: skip
+        rows.append(("", f"the best optimum was found by {e.recurred} of {e.batches} independent batches"))
+    else:
+        rows.append(("Search", f"each feature on its own: {count(e.starts, 'random start')} in {e.batches} batches"))
+    rows.append(("Time", f"{e.seconds:.2f} s"))
+    return Block("Checks", (Facts(tuple(rows)),))
+
+
+def _summary(found: FeaturesSolution) -> Summary:
+    asked = found.problem.name or found.task.kind
+    if found.status == "infeasible":
+        why = sentence(found.reasons[0].message) if found.reasons else "no placement fits"
+        facts = [("Workpiece", f"fails least at {placement_words(found.w)}"), ("Why", why)]
+        return Summary(f"No placement for: {asked}", tuple(facts))
+    name = found.names[found.worst]
+    facts = [
+        ("Workpiece", placement_words(found.w)),
+        ("Worst feature", f"{name}, {critical_size(found.stations[found.worst].critical)}"),
+    ]
+    if found.success is not None:
+        facts.append(("All succeed", _odds(found)))
+    if found.typical is not None and found.typical.success is None:
+        facts.append(("Gain", f"{_gain(found, found.typical)} at a typical placement"))
+    word = "Best placement" if found.placement.free.any() else "Best postures"
+    return Summary(f"{word} of: {asked}", tuple(facts))
+
+
+def _columns(found: FeaturesSolution) -> dict[str, list[object]]:
+    """A row for each feature."""
+    joints = {joint.name: joint_unit(joint.type) for joint in found.optimisation_problem.robot.joints}
+    stations = found.stations
+    points = np.array([station.spread.position for station in stations])
+    return {
+        "feature": list(found.names[: len(stations)]),
+        **{f"{name} [{unit}]": [s.posture[name] * k for s in stations] for name, (unit, k) in joints.items()},
+        **{f"{c} [mm]": (1e3 * points[:, i]).tolist() for i, c in enumerate("xyz")},
+        "sigma_max [mm]": (1e3 * found.sigmas).tolist(),
+    }

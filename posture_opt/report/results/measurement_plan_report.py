@@ -1,0 +1,270 @@
+"""The report on what to measure next: the postures, what they are expected to tell, and against what."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.page.save import Files
+from posture_opt.report.parts.collision_parts import clear_words
+from posture_opt.report.parts.parts import note_facts, robot_facts, sentence
+from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
+from posture_opt.report.text.units_text import angle, count, joint_unit, length, percent, stated_angle, stated_length
+from posture_opt.units import fixed, number
+
+if TYPE_CHECKING:
+    from posture_opt.experiments.expected_errors import ExpectedErrors
+    from posture_opt.experiments.measurement_plan import MeasurementPlan
+    from posture_opt.problem.problem import Problem
+
+_MOST_ROWS = 60
+_WIDE = 100
+_NOTED = 1.1  # times the instrument's σ: from there on it is told
+_TINY = 1e-6  # an index below it says that something is open
+_OPEN = "unknown"
+_EXACT = 1e-7  # m, rad: rounding of a covariance in which a parameter hangs on others
+_SAID = {
+    "O1": "geometric mean of the singular values, a pose",
+    "O2": "smallest over largest",
+    "O3": "smallest",
+    "O4": "smallest squared over largest",
+    "O5": "harmonic, of the squares",
+}
+
+
+def measurement_plan_report(plan: MeasurementPlan) -> Report:
+    """What is planned, what it brings, the parameters, the postures in the order of their visit."""
+    problem = problem_of(plan)
+    blocks = (
+        planned_block(problem, plan),
+        gain_block(plan),
+        parameters_block(plan),
+        observability_block(plan),
+        postures_block(plan),
+    )
+    return Report(problem.name or "Measurement plan", answer(plan), blocks)
+
+
+def answer(plan: MeasurementPlan) -> tuple[str, ...]:
+    """What the plan brings, in one or two sentences."""
+    n = len(plan.q)
+    chosen = f"{n} planned postures are" if n > 1 else "1 planned posture is"
+    what = "for the parameters" if plan.purpose == "parameters" else "for the task"
+    if plan.equivalent is None:
+        first = f"{chosen} worth more than {plan.tried} random ones {what}."
+    elif plan.equivalent <= n:
+        first = f"{chosen} worth about as many random ones {what}: random postures suffice for this arm."
+    else:
+        first = f"{chosen} worth about {plan.equivalent} random ones {what}."
+    table = "The height of the table is not stated: add link_height before running these postures on the robot."
+    warned = () if plan.keeps_height else (table,)
+    if plan.target is None or math.isnan(plan.after.task):
+        return (first, *warned)
+    before = "" if math.isnan(plan.before.task) else f" ({length(plan.before.task)} without these measurements)"
+    counted = {"across": "across the direction ", "along": "along the direction "}.get(plan.target.within, "")
+    return (
+        first,
+        f"Expected RMS error {counted}at the posture of the task, from parameter uncertainty: {length(plan.after.task)}"
+        f"{before}.",
+        *warned,
+    )
+
+
+def planned_block(problem: Problem, plan: MeasurementPlan) -> Block:
+    """What is measured, where the arm may go, what was assumed."""
+    facts = [
+        ("Plan for", _purpose(plan)),
+        ("Measured", _measured(plan)),
+        *([("Given", _given(plan))] if plan.given is not None else []),
+        ("Kept clear", _room(plan)),
+    ]
+    notes = note_facts((*problem.notes, *plan.notes))
+    return Block("What is planned", (Facts((*robot_facts(problem), *facts, *notes)),))
+
+
+def _purpose(plan: MeasurementPlan) -> str:
+    if plan.purpose == "parameters":
+        return "the parameters of the arm: smallest volume of their confidence ellipsoid (D-optimal)"
+    return "the task: smallest variance of the tool point at its posture, in the critical direction (L-optimal)"
+
+
+def _measured(plan: MeasurementPlan) -> str:
+    position = f"{', '.join(plan.axes)} to {stated_length(plan.sigma)}"
+    turned = f", orientation to {stated_angle(plan.sigma_rotation)}" if plan.sigma_rotation else ""
+    often = "once" if plan.repeats == 1 else f"in {plan.repeats} rounds"
+    targets = f", of each of the targets {', '.join(plan.targets)}" if plan.targets else ""
+    scatter = ""
+    if plan.given is None and plan.spread > _NOTED:
+        own = plan.sigma * math.sqrt(plan.spread**2 - 1)
+        scatter = f"; the scatter of the arm itself, {length(own, 2)} per coordinate, is included"
+    postures = count(len(plan.q), "posture")
+    return f"{position}{turned} (one standard deviation){targets}, {often} at each of {postures}{scatter}"
+
+
+def _given(plan: MeasurementPlan) -> str:
+    assert plan.given is not None
+    noisy = ""
+    if plan.spread > _NOTED:
+        noisy = (
+            f"; the best fit to them leaves {number(plan.spread, 2)} times the σ of the instrument, which is included"
+        )
+    return f"{count(len(plan.given), 'row')} measured already{noisy}"
+
+
+def _room(plan: MeasurementPlan) -> str:
+    height = plan.workspace.height
+    above = f"links and tool point above {stated_length(height)}, " if height > -math.inf else ""
+    box = "the tool point in the stated box, " if plan.workspace.bounded else ""
+    return (
+        f"{above}{box}within the limits of the joints, and {clear_words(plan.workspace.scene)}; "
+        f"{percent(plan.share)} of all postures qualify. Other collisions are not checked: run slowly the first time"
+    )
+
+
+def gain_block(plan: MeasurementPlan) -> Block:
+    """The figures of merit before, after, and with random postures."""
+    known = [int(np.sum(np.isfinite(stage.std))) for stage in (plan.before, plan.after, plan.random)]
+    rows = [("parameters determined", *(str(n) for n in known))]
+    if plan.target is not None:
+        rows.append(("error at the task [mm]", *(_value(s.task * 1e3) for s in _stages(plan))))
+    n = len(plan.q)
+    told = "the given rows and " if plan.given is not None else ""
+    text = (
+        f"Before: from {told}the stated σ's. "
+        f"Random: the median of {count(plan.draws, 'plan')} of {count(n, 'random posture')} that keep clear as well. "
+    )
+    what = "standard errors (geometric mean)" if plan.purpose == "parameters" else "error at the task"
+    text += f"The {what} would be {_larger(plan.gain)} with random ones." if plan.gain > 1.005 else ""
+    return Block("What it brings", (text, Table(("", "before", "planned", "random"), tuple(rows))), "plan_points")
+
+
+def _larger(gain: float) -> str:
+    return f"{percent(gain - 1)} larger" if gain < 2 else f"{number(gain, 2)} times as large"
+
+
+def _stages(plan: MeasurementPlan) -> tuple[ExpectedErrors, ExpectedErrors, ExpectedErrors]:
+    return plan.before, plan.after, plan.random
+
+
+def _value(value: float) -> str:
+    return _OPEN if math.isnan(value) else number(value)
+
+
+def shown(plan: MeasurementPlan, i: int) -> bool:
+    """Whether a plan says something of parameter i: it can be told, and is not as good as exact already."""
+    return bool(plan.settled[i]) and not plan.before.std[i] < _EXACT
+
+
+def parameters_block(plan: MeasurementPlan) -> Block:
+    """Expected standard errors of every parameter."""
+    rows = []
+    for i, p in enumerate(plan.parameters):
+        if shown(plan, i):
+            unit, factor = ("deg", math.degrees(1.0)) if p.unit == "rad" else ("mm", 1e3)
+            rows.append((p.name, unit, *(_value(stage.std[i] * factor) for stage in _stages(plan))))
+    table = Table(("parameter", "unit", "before", "planned", "random"), tuple(rows), text_columns=2)
+    text = f"Expected standard errors; '{_OPEN}': not determined."
+    if plan.purpose == "task":
+        text += " They are a by-product of a plan for the task: a plan for parameters makes them small."
+    words = [sentence(word.replace("was measured", "is measured")) for word in plan.undetermined]
+    never = ["No posture can separate these with this instrument:", *words] if words else []
+    return Block("Parameters", (text, table, *never), "plan_errors")
+
+
+def observability_block(plan: MeasurementPlan) -> Block:
+    """The observability indices O1 to O5."""
+    names = plan.after.observability
+    rows = tuple((f"{n}, {_SAID[n]}", *(_index(s.observability[n]) for s in _stages(plan))) for n in names)
+    text = (
+        "Indices of the Jacobian of the measurements, scaled so that each parameter moves the tool point equally; "
+        "larger is better. O1 weighs all directions, O2 to O5 the worst."
+    )
+    return Block("Observability", (text, Table(("index", "before", "planned", "random"), rows)))
+
+
+def _index(value: float) -> str:
+    return number(value) if value > _TINY else "0"
+
+
+def postures_block(plan: MeasurementPlan) -> Block:
+    """The postures in order, with the tool point."""
+    units = [joint_unit(joint.type) for joint in plan.robot.joints]
+    heads = [f"{j.name} [{unit}]" for j, (unit, _) in zip(plan.robot.joints, units, strict=True)]
+    if len("  ".join([*heads, "no.", *3 * ["-1000.0"]])) > _WIDE:  # they will be broken: between words, then
+        heads = [head.replace("_", " ") for head in heads]
+    factors = np.array([factor for _, factor in units])
+    rows = tuple(
+        (str(k + 1), *(fixed(float(v)) for v in q * factors), *(fixed(float(v), 1) for v in 1e3 * point))
+        for k, (q, point) in enumerate(zip(plan.q[:_MOST_ROWS], plan.points, strict=False))
+    )
+    more = [f"and {len(plan.q) - _MOST_ROWS} more in plan.csv"] if len(plan.q) > _MOST_ROWS else []
+    views = tuple(f"posture-{row[0]}" for row in rows)
+    table = Table(("no.", *heads, "x [mm]", "y [mm]", "z [mm]"), rows, text_columns=0, views=views)
+    return Block("Postures, in the order of measurement", (*_travel(plan), table, *more))
+
+
+def _travel(plan: MeasurementPlan) -> list[str]:
+    tour = plan.tour
+    if len(plan.q) < 2:
+        return []
+    text = f"Joint travel in this order: {angle(tour.travel)}"
+    text += f" (sum of the largest joint motion of each move; {angle(tour.unordered)} as selected)."
+    text += f" {_sides(plan)}"
+    if not tour.blocked:
+        return [f"{text} Straight joint moves between them are collision-free."]
+    legs = ", ".join(f"{k + 1} to {k + 2}" for k in tour.blocked)
+    return [f"{text} Straight joint moves collide on the way from {legs}: add via points."]
+
+
+def _sides(plan: MeasurementPlan) -> str:
+    """From which sides the joints arrive."""
+    shares = dict(zip(plan.robot.joint_names, plan.tour.sides, strict=True))
+    one_sided = [name for name, share in shares.items() if share in (0.0, 1.0)]
+    if one_sided:
+        return f"Always approached from the same side: {', '.join(one_sided)}."
+    low, high = min(shares.values()), max(shares.values())
+    share = f"in positive direction in {percent(low)} to {percent(high)} of the moves"
+    return f"Every joint is approached from both sides ({share})."
+
+
+def points_csv(plan: MeasurementPlan) -> str:
+    """Where the nominal tool point comes to lie, world [mm], for the eye and for the instrument."""
+    rows = [f"{k}, {', '.join(fixed(1e3 * float(v)) for v in point)}" for k, point in enumerate(plan.points, start=1)]
+    return "\n".join(["posture, x [mm], y [mm], z [mm]", *rows]) + "\n"
+
+
+class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
+    """Which postures to measure next."""
+
+    document = "plan"
+    delivers: ClassVar[tuple[str, ...]] = ("plan.csv",)
+
+    def summary(self) -> Summary:
+        plan = self.result
+        known = [int(np.sum(np.isfinite(stage.std))) for stage in (plan.before, plan.after)]
+        worth = f"{plan.equivalent} random ones" if plan.equivalent else f"more than {plan.tried} random ones"
+        task = [] if plan.target is None or math.isnan(plan.after.task) else [("At the task", length(plan.after.task))]
+        facts = (
+            ("Plan for", plan.purpose),
+            ("Worth", worth),
+            ("Parameters determined", f"{known[1]} of {len(plan.parameters)} ({known[0]} before)"),
+            *task,
+            ("Joint travel", angle(plan.tour.travel)),
+        )
+        return Summary(f"Plan of {count(len(plan.q), 'posture')} to measure: {self.problem.name}", facts)
+
+    def report(self) -> Report:
+        return measurement_plan_report(self.result)
+
+    def columns(self) -> Columns:
+        """The postures in the order of the visit, and where the tool comes to lie."""
+        plan = self.result
+        joints = [(joint.name, *joint_unit(joint.type)) for joint in plan.robot.joints]
+        postures = {f"{name} [{unit}]": plan.q[:, k] * factor for k, (name, unit, factor) in enumerate(joints)}
+        return {**postures, **{f"{c} [mm]": 1e3 * plan.points[:, k] for k, c in enumerate("xyz")}}
+
+    def files(self) -> Files:
+        return {"plan.csv": self.result.to_csv().encode(), "plan_points.csv": points_csv(self.result).encode()}

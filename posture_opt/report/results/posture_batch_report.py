@@ -1,0 +1,100 @@
+"""The report on the answers to many problems: a row for each, and why some have none."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from posture_opt.report.page.presenter import Columns, Presenter
+from posture_opt.report.page.save import Files
+from posture_opt.report.text.blocks import Block, Report, Summary, Table
+from posture_opt.report.text.units_text import count, length, length_unit, percent
+from posture_opt.units import number
+
+if TYPE_CHECKING:
+    from posture_opt.selection.posture_batch import BatchAnswer, PostureBatch
+
+_SHOWN = 12  # rows on one screen
+
+
+class PostureBatchPresenter(Presenter["PostureBatch"]):
+    """Many problems, one row each."""
+
+    document = "answers"
+    delivers: ClassVar[tuple[str, ...]] = ("answers.csv",)
+
+    def summary(self) -> Summary:
+        facts = [("Solved", solved_sentence(self.result))]
+        if self.result.solved:
+            facts += [(which, f"{length(one.sigma_max)} (1 σ): {one.name}") for which, one in extremes(self.result)]
+        return Summary(f"Postures for {count(len(self.result.answers), 'problem')}", tuple(facts))
+
+    def report(self) -> Report:
+        found = self.result
+        ends = [f"{which} standard deviation: {length(one.sigma_max)}, {one.name}." for which, one in extremes(found)]
+        title = f"Postures for {count(len(found.answers), 'problem')}"
+        whole, short = answers_table(found.answers), answers_table(found.answers[:_SHOWN])
+        blocks = [Block("Answers", (whole,), figure="answers", brief=(short,))]
+        failed = [answer for answer in found.answers if answer.code]
+        if failed:
+            told = tuple(f"{answer.name}: {'; '.join(answer.reasons)}" for answer in failed)
+            blocks.insert(0, Block("Without an answer", told, brief=told[:_SHOWN]))
+        return Report(title, (solved_sentence(found), *ends), tuple(blocks))
+
+    def columns(self) -> Columns:
+        """A row for every problem, SI units."""
+        answers = self.result.answers
+        return {
+            "problem": [answer.name for answer in answers],
+            "code": [answer.code for answer in answers],
+            "status": [answer.status for answer in answers],
+            "sigma_max [m]": [answer.sigma_max for answer in answers],
+            "success probability": [answer.success_probability for answer in answers],
+            "reason": ["; ".join(answer.reasons) for answer in answers],
+        }
+
+    def files(self) -> Files:
+        columns = self.columns()
+        rows = [columns, *zip(*columns.values(), strict=True)]
+        return {"answers.csv": "".join(", ".join(map(_cell, row)) + "\n" for row in rows).encode()}
+
+
+def solved_sentence(found: PostureBatch) -> str:
+    """How many have a solution, and what the others lack."""
+    lacking = {2: "with bad input", 3: "without a solution", 4: "with too few data", 1: "stopped by a defect"}
+    codes = [answer.code for answer in found.answers]
+    others = [f"{codes.count(code)} {what}" for code, what in lacking.items() if code in codes]
+    text = f"{len(found.solved)} of {count(len(codes), 'problem')} solved"
+    return f"{text}; {', '.join(others)}." if others else f"{text}."
+
+
+def extremes(found: PostureBatch) -> list[tuple[str, BatchAnswer]]:
+    """The answers with the least and the largest standard deviation, where there are several."""
+    if len(found.solved) < 2:
+        return []
+    ordered = sorted(found.solved, key=lambda answer: answer.sigma_max)
+    return [("Smallest", ordered[0]), ("Largest", ordered[-1])]
+
+
+def answers_table(answers: tuple[BatchAnswer, ...]) -> Table:
+    """Name, what became of it, and its spread."""
+    known = [answer.sigma_max for answer in answers if not np.isnan(answer.sigma_max)]
+    unit, factor = length_unit(known or [0.0])
+    rows = [
+        (
+            answer.name,
+            answer.status,
+            "-" if np.isnan(answer.sigma_max) else number(factor * answer.sigma_max),
+            "-" if np.isnan(answer.success_probability) else percent(answer.success_probability),
+        )
+        for answer in answers
+    ]
+    return Table(("problem", "status", f"std. dev. [{unit}]", "success"), tuple(rows), text_columns=2)
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value:.6g}"
+    text = str(value)
+    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n') else text

@@ -1,0 +1,187 @@
+"""The report on the spread at one posture, in closed form."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.parts.budget_parts import budget_block, group_words, main_fact
+from posture_opt.report.parts.parts import (
+    ellipse_facts,
+    first_order_fact,
+    frame_notes,
+    input_facts,
+    joint_table,
+    joint_values,
+    mean_fact,
+    method_fact,
+    nearest_limit,
+    note_facts,
+    robot_facts,
+    source_facts,
+    tool_facts,
+    validity_sentence,
+)
+from posture_opt.report.parts.task_parts import (
+    beside_target,
+    clearance_facts,
+    critical_size,
+    lean_facts,
+    spread_lead,
+    task_budget_block,
+    task_facts,
+    task_items,
+)
+from posture_opt.report.text.blocks import Block, Facts, Item, Report, Summary, Table
+from posture_opt.report.text.units_text import length, length_unit, lengths, percent, place
+from posture_opt.report.text.words import line_words, part_words
+from posture_opt.uncertainty.regions.regions import deviation
+from posture_opt.units import number
+
+if TYPE_CHECKING:
+    from posture_opt.problem.problem import Problem
+    from posture_opt.uncertainty.spread.spread import Spread
+    from posture_opt.uncertainty.spread.task_spread import TaskSpread
+
+
+def spread_report(spread: Spread) -> Report:
+    """Problem, posture, spread, covariance, budget."""
+    problem = problem_of(spread)
+    blocks = (
+        arm_block(problem, spread),
+        posture_block(spread),
+        spread_block(spread),
+        covariance_block(spread),
+        spread_budget_block(problem, spread),
+    )
+    return Report(problem.name or "Spread of the tool point", lead(spread), blocks)
+
+
+def lead(spread: Spread) -> tuple[str, ...]:
+    """The standard deviation, in the part that the task counts where there is one, and the probability of success."""
+    seen = spread.for_task
+    if seen is None:
+        largest = length(float(spread.ellipse.semi_axes[-1]))
+        return (f"Standard deviation of the tool point: {largest} (worst axis).",)
+    return spread_lead(seen)
+
+
+def arm_block(problem: Problem, spread: Spread) -> Block:
+    """The robot, the sources, and the task where there is one."""
+    seen = spread.for_task
+    task = problem.task
+    asked = [] if seen is None or task is None else [
+        *task_facts(task, seen.direction), *clearance_facts(seen), *beside_target(spread),
+    ]  # fmt: skip
+    notes = note_facts((*problem.notes, *frame_notes(problem.robot), *spread.notes))
+    facts = (*robot_facts(problem), *asked, *input_facts(problem), *source_facts(problem), *notes)
+    short = (facts[0], *beside_target(spread), *input_facts(problem), *source_facts(problem), *notes)
+    return Block("Problem", (Facts(facts),), brief=(Facts(short),))
+
+
+def posture_block(spread: Spread) -> Block:
+    """Joints and tool."""
+    facts = (*tool_facts(spread), *lean_facts(spread))
+    brief = (("Joints", joint_values(spread.problem, spread.q)), *nearest_limit(spread.robot, spread.q), *facts)
+    return Block(
+        "Posture",
+        (joint_table(spread.problem, spread.robot, spread.q), Facts(facts)),
+        figure="arm",
+        brief=(Facts(brief),),
+    )
+
+
+def spread_block(spread: Spread) -> Block:
+    """Standard deviations along the axes, regions, mean shift, first order beside exact."""
+    semi_axes = [float(s) for s in spread.ellipse.semi_axes[::-1]]
+    unit, factor = length_unit(semi_axes)
+    first = spread.covariance_first_order
+    linear = [deviation(float(a @ first @ a), spread.covariance) for a in spread.axes[::-1]]
+    rows = tuple(
+        (line_words(a), *(number(v * factor, beside=semi_axes[0] * factor) for v in (s, f)))
+        for a, s, f in zip(spread.axes[::-1], semi_axes, linear, strict=True)
+    )
+    headers = ("axis", f"standard deviation [{unit}]", f"first order [{unit}]")
+    largest = math.sqrt(max(float(np.linalg.eigvalsh(spread.covariance_first_order)[-1]), 0.0))
+    facts = (
+        *ellipse_facts(spread, semi_axes),
+        mean_fact(spread, semi_axes),
+        first_order_fact(semi_axes[0], largest, semi_axes),
+        method_fact(spread),
+    )
+    task, valid = task_items(spread, semi_axes), validity_sentence(spread)
+    items: tuple[Item, ...] = (*task, Table(headers, rows), Facts(facts), valid)
+    seen = spread.for_task
+    groups = spread.budget_groups if seen is None else seen.budget_groups
+    contributions = Facts((main_fact(spread.tool_point.arm, groups),))
+    brief: tuple[Item, ...] = (*(task or (Facts(facts[:3]), valid)), contributions)
+    return Block("Spread of the tool point", items, figure="cloud", brief=brief)
+
+
+def covariance_block(spread: Spread) -> Block:
+    """The covariance in mm²."""
+    table = covariance_table(spread.covariance)
+    return Block("Covariance of the tool point, world frame", (table,), brief=() if spread.for_task else None)
+
+
+def covariance_table(C: Array) -> Table:
+    """A (3, 3) covariance in mm² or µm²."""
+    # Squares of small numbers are smaller still: below 0.1 mm the table is in µm².
+    unit, factor = ("µm", 1e6) if float(np.trace(C)) < 1e-8 else ("mm", 1e3)
+    floor = 1e-12 * float(np.trace(C))
+    beside = float(np.abs(C).max()) * factor**2
+    entries = [[number(float(v) * factor**2, 4, beside) if abs(v) > floor else "0" for v in row] for row in C]
+    rows = tuple((f"{name} [{unit}^2]", *row) for name, row in zip("xyz", entries, strict=True))
+    return Table(("", "x", "y", "z"), rows)
+
+
+def spread_budget_block(problem: Problem, spread: Spread) -> Block:
+    """The error budget along the longest axis, or along the critical axis of the task."""
+    if spread.for_task is not None:
+        return task_budget_block(problem, spread.for_task)
+    text = f"Contribution of each source to the variance along {line_words(spread.axes[-1])}, the longest axis:"
+    return budget_block(problem, spread.budget_groups, text)
+
+
+def spread_facts(spread: Spread) -> tuple[tuple[str, str], ...]:
+    """The posture and the spread of its tool point, in four lines."""
+    seen = spread.for_task
+    first, axis = (
+        (spread.budget_groups[0], "the longest axis") if seen is None else (seen.budget_groups[0], "the critical axis")
+    )
+    task = () if seen is None else (("For the task", _critical_words(seen)),)
+    return (
+        ("Posture", joint_values(spread.problem, spread.q)),
+        ("Tool point", place(spread.position)),
+        ("Standard deviations", lengths([float(s) for s in spread.ellipse.semi_axes[::-1]])),
+        *task,
+        (
+            "Largest contribution",
+            f"{group_words(first, spread.tool_point.arm)}, {percent(first.share)} of {axis}",
+        ),
+    )
+
+
+def _critical_words(seen: TaskSpread) -> str:
+    return f"{critical_size(seen.critical)} {part_words(seen.critical.within, seen.kind)}"
+
+
+class SpreadPresenter(Presenter["Spread"]):
+    """The spread at one posture in closed form."""
+
+    document = "spread"
+
+    def summary(self) -> Summary:
+        return Summary("Spread of the tool point at one posture", spread_facts(self.result))
+
+    def report(self) -> Report:
+        return spread_report(self.result)
+
+    def columns(self) -> Columns:
+        """The error budget of the longest axis."""
+        shares = self.result.budget
+        return {"parameter": [share.parameter for share in shares], "share": [share.share for share in shares]}

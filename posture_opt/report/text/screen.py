@@ -1,0 +1,99 @@
+"""A report on one screen: what each block says in brief, long tables cut, and in the last line what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from posture_opt.report.text.blocks import Block, Item, Report, Table
+from posture_opt.report.text.text import render
+
+SCREEN = 45
+"""Lines of the report, the last of which says what else there is."""
+_LEAST = 3  # rows of a table that is cut
+_NAMED = 3  # sections that the last line names
+
+
+def on_a_screen(report: Report, width: int, saved: Sequence[str], brief: Report | None = None) -> Report:
+    """The report in at most ``SCREEN`` lines of ``width`` columns: its title, its lead, and what fits of its blocks.
+
+    Args:
+        brief: what to show in place of the report as far as it fits; None: its blocks in brief.
+        saved: what ``--out`` writes beside the report, for the last line.
+    """
+    kept = [_Shown(block.short) for block in (brief or report).blocks if block.short.items]
+    while _lines(short := _ended(report, kept, saved), width) > SCREEN and kept:
+        excess = _lines(short, width) - SCREEN
+        place = next((k for k in reversed(range(len(kept))) if kept[k].rows > _LEAST), None)
+        if place is None:
+            kept.pop(_dispensable([shown.block for shown in kept], excess, width))
+        else:
+            kept[place] = replace(kept[place], limit=max(_LEAST, kept[place].rows - excess))
+    return short
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """A block with so many rows of its longest table at the most."""
+
+    whole: Block
+    limit: int | None = None
+
+    @property
+    def longest(self) -> int:
+        """Rows of the longest table."""
+        return max((len(item.rows) for item in self.whole.items if isinstance(item, Table)), default=0)
+
+    @property
+    def rows(self) -> int:
+        """Rows that are shown of it."""
+        return self.longest if self.limit is None else self.limit
+
+    @property
+    def block(self) -> Block:
+        """The block, and behind a table that is cut how many more rows there are."""
+        items: list[Item] = []
+        for item in self.whole.items:
+            if isinstance(item, Table) and len(item.rows) == self.longest > self.rows:
+                items += [replace(item, rows=item.rows[: self.rows]), f"… {len(item.rows) - self.rows} more"]
+            else:
+                items.append(item)
+        return replace(self.whole, items=tuple(items))
+
+
+def _dispensable(kept: Sequence[Block], excess: int, width: int) -> int:
+    """The last block that is so long that the rest fits without it, else the last."""
+    sizes = [_lines(Report("", (), (block,)), width) - 1 for block in kept]
+    return max((k for k, size in enumerate(sizes) if size >= excess), default=len(kept) - 1)
+
+
+def _ended(report: Report, kept: Sequence[_Shown], saved: Sequence[str]) -> Report:
+    """The kept blocks, and a line on the others."""
+    blocks = tuple(shown.block for shown in kept)
+    shown = {block.title for block in blocks}
+    left = [block.title for block in report.blocks if block.title not in shown]
+    whole = not left and all(block in report.blocks for block in blocks)
+    return replace(report, blocks=(*blocks, Block("", (more_words([] if whole else left, whole, saved),))))
+
+
+def more_words(left: Iterable[str], whole: bool, saved: Sequence[str]) -> str:
+    """What ``--full`` and ``--out`` would show."""
+    titles = [_lowered(title) for title in left]
+    more = [f"{len(titles) - _NAMED} more sections"] if len(titles) > _NAMED + 1 else []
+    named = [*titles[:_NAMED], *more] if more else titles
+    what = f"all details, with {_listed(named)}" if named else "all details"
+    full = "" if whole else f"--full prints {what}. "
+    return f"{full}--out DIR writes {_listed(['report.html with figures', *saved])}."
+
+
+def _lowered(title: str) -> str:
+    """A title inside a sentence; abbreviations keep their capitals."""
+    return title if title[1:2].isupper() else title[:1].lower() + title[1:]
+
+
+def _listed(words: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+
+
+def _lines(report: Report, width: int) -> int:
+    return render(report, width).rstrip("\n").count("\n") + 1

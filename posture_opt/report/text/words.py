@@ -1,0 +1,145 @@
+"""Names of sources, regions and directions, and p-values, in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from posture_opt.model.arm import Arm
+from posture_opt.report.text.units_text import stated_angle, stated_length
+from posture_opt.selection.tasks.registered_tasks import direction_name
+from posture_opt.units import fixed, shown
+
+Vector: TypeAlias = Sequence[float] | NDArray[np.float64]
+
+_PARAMETERS = {
+    "theta": "angle",
+    "d": "offset",
+    "a": "link length",
+    "alpha": "twist",
+    "beta": "tilt",
+    "x": "frame, x",
+    "y": "frame, y",
+    "z": "frame, z",
+    "roll": "frame, roll",
+    "pitch": "frame, pitch",
+    "yaw": "frame, yaw",
+}
+CRITERIA = {
+    "worst": "the largest standard deviation {part}",
+    "trace": "the mean square error {part}",
+    "area": "the area of the uncertainty ellipse {part}",
+    "miss": "the probability of missing the clearance",
+    "none": "no part of the spread {part}",
+}
+REGIONS = {0: "95 % region", 1: "95 % interval", 2: "95 % ellipse", 3: "95 % ellipsoid"}
+"""What the 95 % region of a covariance of that rank is called."""
+MODEL_NAMES = {
+    "nominal": "before calibration",
+    "calibrated": "calibrated",
+    "extended": "with effects",
+    "delivered": "as delivered",
+}
+"""Models of one arm, by their names in JSON."""
+PARTS = {"across": "across the direction", "along": "along the direction", "all": "in space"}
+"""The parts of a spread in columns of files, whatever the task."""
+UNLIKELY = 0.05
+"""Family-wise p-value below which noise is no explanation."""
+_LEAST_P = 1e-6
+METHODS = {
+    "exact": "closed form, exact for normally distributed errors",
+    "exact, planar": "closed form, exact for normally distributed errors, correlated ones too",
+    "exact given shared factors, integrated over them": (
+        "exact for normally distributed errors given the factors that correlated ones share, integrated over these"
+    ),
+}
+
+
+def part_words(within: str, kind: str) -> str:
+    """The part of the spread that a task of that kind counts: across the insertion direction."""
+    return "in space" if within == "all" else f"{within} the {direction_name(kind)}"
+
+
+def source_words(name: str, arm: Arm) -> str:
+    """A named source of error in words: ``joint1.theta`` is the joint1 angle."""
+    if said := _source_of_effect(name, arm):
+        return said
+    owner, _, parameter = name.rpartition(".")
+    prismatic = any(joint.name == owner and joint.type == "prismatic" for joint in arm.robot.joints)
+    if prismatic and parameter == "d":
+        return f"{owner} travel"
+    if owner in ("base", "tool"):
+        return f"{owner} {parameter}"
+    return f"{owner} {_PARAMETERS[parameter]}" if owner and parameter in _PARAMETERS else name
+
+
+def source_size(name: str, sigma: float, arm: Arm) -> str:
+    """The standard deviation of a source with its unit."""
+    if said := _spread_of_effect(name, sigma, arm):
+        return said
+    factor = arm.robot.parameters.get(name)
+    return stated_length(sigma) if factor is not None and factor.kind == "translate" else stated_angle(sigma)
+
+
+def _source_of_effect(name: str, arm: Arm) -> str:
+    """A parameter of an effect, or a side that is not known, as a source of error; empty for other sources."""
+    if name in arm.unknown_sides:
+        return f"{name.removesuffix('.side')} side of approach"
+    for effect in arm.effects:
+        if name in effect.parameter_names:
+            parameter = name.removeprefix(f"{effect.name}.")
+            what = effect.title if len(effect.dimensions) == 1 else f"{effect.title}, {parameter}"
+            return f"{effect.target} {what}"
+    return ""
+
+
+def _spread_of_effect(name: str, sigma: float, arm: Arm) -> str:
+    """The standard deviation of a parameter of an effect with its unit; empty for other sources."""
+    if name in arm.unknown_sides:
+        return "either side"
+    dimension = arm.dimensions.get(name)
+    return "" if dimension is None else shown(sigma, dimension)
+
+
+def p_words(p: float) -> str:
+    """A p-value: "p = 0.012", "p = 9e-06", "p < 1e-6"."""
+    return f"p {p_value(p)}" if p < _LEAST_P else f"p = {p_value(p)}"
+
+
+def p_value(p: float) -> str:
+    """The same for a table: "0.012", "9e-06", "< 1e-6"."""
+    return "< 1e-6" if p < _LEAST_P else f"{p:.2g}" if p < UNLIKELY else f"{p:.2f}"
+
+
+def direction_words(d: Vector) -> str:
+    """A unit vector: along a coordinate axis by its name, else by its components."""
+    for k, axis in enumerate("xyz"):
+        if abs(abs(d[k]) - 1) < 1e-9:
+            return f"{'+' if d[k] > 0 else '-'}{axis}"
+    return f"({', '.join(fixed(v, 3) for v in d)})"
+
+
+def line_words(d: Vector) -> str:
+    """An axis without a sense: x, or its components."""
+    return direction_words(d).lstrip("+-") if max(map(abs, d)) > 1 - 1e-9 else direction_words(d)
+
+
+def roll_pitch_yaw(quaternion_wxyz: Vector) -> tuple[float, float, float]:
+    """Angles about the fixed axes x, y, z [rad] of an orientation, as in ``rpy`` of the problem file."""
+    w, x, y, z = quaternion_wxyz
+    sine = max(-1.0, min(1.0, 2 * (w * y - z * x)))
+    if abs(sine) > 1 - 1e-12:
+        # Roll and yaw turn about one axis there: all of it is given to the yaw.
+        return 0.0, math.copysign(math.pi / 2, sine), -2 * math.copysign(1, sine) * math.atan2(x, w)
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    # Half a turn is one orientation with two names.
+    return _upper(roll), math.asin(sine), _upper(yaw)
+
+
+def _upper(radians: float) -> float:
+    return math.pi if radians < -math.pi + 1e-6 else radians

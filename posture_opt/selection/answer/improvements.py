@@ -1,0 +1,195 @@
+"""What would help: by how much the spread falls with a smaller σ, with a calibrated arm, or with the part elsewhere.
+
+Smaller errors are judged in the postures of the answer: a new search could only gain more. A part that is moved has new
+postures, found by local searches from those of the answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.selection.answer.expected_calibration import Calibrating, after_calibration
+from posture_opt.selection.program.optimisation_problem import OptimisationProblem
+from posture_opt.selection.program.task_target import Reach, TaskTarget
+from posture_opt.selection.search.engine import STEPS, Engine
+from posture_opt.selection.search.search_outcome import is_clear
+from posture_opt.uncertainty.regions.critical import Critical
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.spread.budget import Share
+
+_LEAST = 0.01  # of the variance: sources with a smaller share are not asked about
+_MOST = 8  # of them
+_SHORT = 0.05  # of the size of the workspace: how far the part is moved, rounded down to 1, 2 or 5
+_AROUND = 8  # directions across that of the task
+_STARTS = 4  # other postures that the moved part is tried with
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """A change, the standard deviation [m] that it would leave and the relative gain, ``1 − after/before``."""
+
+    change: ClassVar[str]
+    sigma_max: float
+    gain: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers, SI."""
+        return {"change": self.change, **vars(self)}
+
+
+@dataclass(frozen=True)
+class HalvedSigma(Improvement):
+    """One stated standard deviation [rad or m] halved, the correlations kept."""
+
+    change = "halve_sigma"
+    parameter: str
+    sigma: float
+
+
+@dataclass(frozen=True)
+class CalibratedArm(Improvement):
+    """Errors that stay from repeat to repeat known as well as ``postures`` measured points tell.
+
+    Args:
+        instrument: standard deviation of each coordinate of a measured point [m]; ``assumed`` where the file has none.
+    """
+
+    change = "calibrate"
+    postures: int
+    instrument: float
+    assumed: bool
+
+
+@dataclass(frozen=True)
+class MovedPart(Improvement):
+    """The part shifted by ``shift`` [m], world."""
+
+    change = "move_part"
+    shift: tuple[float, float, float]
+
+
+class AnsweredStation(Protocol):
+    """What is asked of one posture of an answer, a ``Solution``."""
+
+    @property
+    def problem(self) -> Any: ...
+    @property
+    def critical(self) -> Critical: ...
+    @property
+    def budget(self) -> tuple[Share, ...]: ...
+    def sigma_under(self, sources: Sources) -> float:
+        """σ_max [m] in the same posture under other errors."""
+
+
+class MovableAnswer(Protocol):
+    """What is asked of an answer whose target may stand elsewhere, a ``Solution``."""
+
+    @property
+    def problem(self) -> Any: ...
+    @property
+    def optimisation_problem(self) -> OptimisationProblem: ...
+    @property
+    def target(self) -> TaskTarget: ...
+    @property
+    def engine(self) -> Engine | None: ...
+    @property
+    def q(self) -> Array: ...
+    @property
+    def alternatives(self) -> Sequence[Any]: ...
+    def sigma_at(self, target: TaskTarget, q: Array) -> float:
+        """σ_max [m] at another target in the posture (n,)."""
+
+
+def improvements(
+    stations: Sequence[AnsweredStation], combined: Callable[[Array], Any], place: MovableAnswer | None = None
+) -> tuple[Improvement, ...]:
+    """What would lower the standard deviation of an answer with a posture at each of K stations, most gain first.
+
+    Args:
+        combined: of (K,) standard deviations [m], the figure that the answer is told by.
+        place: the answer, where its part could also stand elsewhere.
+    """
+    before = float(combined(np.array([station.critical.sigma_max for station in stations])))
+    if not before > 0:
+        return ()
+    problem = stations[0].problem
+
+    def gain(sigma: float) -> tuple[float, float]:
+        return sigma, 1.0 - sigma / before
+
+    def under(sources: Sources) -> tuple[float, float]:
+        return gain(float(combined(np.array([station.sigma_under(sources) for station in stations]))))
+
+    found: list[Improvement] = [
+        HalvedSigma(*under(_halved(problem.sources, name)), name, sigma)
+        for name, sigma in _weighty(stations, problem.sources)
+    ]
+    known = after_calibration(problem, Calibrating.of(problem))
+    if known is not None:
+        found.append(CalibratedArm(*under(known.sources), known.postures, known.instrument, known.assumed))
+    moved = None if place is None else _moved(place, before)
+    if moved is not None:
+        found.append(MovedPart(*gain(moved[0]), moved[1]))
+    return tuple(sorted(found, key=lambda change: -change.gain))
+
+
+def _weighty(stations: Sequence[AnsweredStation], sources: Sources) -> list[tuple[str, float]]:
+    """Name and σ of the sources with the largest shares in the variance of any station."""
+    shares: dict[str, float] = {}
+    for station in stations:
+        for share in station.budget:
+            shares[share.parameter] = max(shares.get(share.parameter, 0.0), share.share)
+    sigma = dict(zip(sources.names, map(float, sources.sigma), strict=True))
+    ranked = sorted((name for name in shares if shares[name] >= _LEAST and name in sigma), key=lambda n: -shares[n])
+    return [(name, sigma[name]) for name in ranked[:_MOST]]
+
+
+def _halved(sources: Sources, name: str) -> Sources:
+    scale = np.where(np.array(sources.names) == name, 0.5, 1.0)
+    both = np.outer(scale, scale)
+    return Sources(sources.names, sources.covariance * both, sources.notes, sources.scatter * both)
+
+
+def _moved(place: MovableAnswer, before: float) -> tuple[float, tuple[float, float, float]] | None:
+    """The least σ_max [m] with the part a short way off, and the way; None where the place was free, or none is better.
+
+    All places are tried in one batch of local searches, from the posture of the answer and from its alternatives.
+    """
+    target, problem = place.target, place.optimisation_problem
+    if target.kind != "point":
+        return None
+    targets = [target.with_position(target.lower + shift) for shift in _shifts(target, problem.reach)]
+    engine = place.engine or Engine(problem, place.problem.solver, compiled=False)
+    known = [place.q, *(np.array(list(a.posture.values())) for a in place.alternatives[1 : 1 + _STARTS])]
+    of = np.repeat(np.arange(len(targets)), len(known))
+    ends = engine.descended_each(np.tile(np.array(known), (len(targets), 1)), targets, of, STEPS)
+    parameters = np.array([aim.parameters for aim in targets])[of]
+    candidates = zip(engine.screened(ends.q, parameters), is_clear(place.problem.scene, ends.q), of, strict=True)
+    left = [(c.sigma, k, c.q) for c, clear, k in candidates if clear and c.feasible and c.sigma < before]
+    if not left:
+        return None
+    _, k, q = min(left, key=lambda end: end[:2])
+    x, y, z = map(float, targets[k].lower - target.lower)
+    return place.sigma_at(targets[k], q), (x, y, z)
+
+
+def _shifts(target: TaskTarget, reach: Reach) -> list[Array]:
+    """Short ways [m] across the direction of the task and along it; a planar arm stays in its plane."""
+    length, within = _round_length(_SHORT * reach.radius), reach.directions @ reach.directions.T
+    axes = [axis for axis in (*target.basis.T, target.direction) if np.linalg.norm(within @ axis) > 0.5]
+    angles = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    around = np.round(np.column_stack([np.cos(angles), np.sin(angles)]), 15)  # a quarter turn leaves no 1e-17
+    ways = [w @ np.array(axes[:2]) for w in around] if len(axes) > 1 else [axes[0], -axes[0]]
+    ways += [sign * axis for axis in axes[2:] for sign in (1.0, -1.0)]
+    return [length * way for way in ways]
+
+
+def _round_length(length: float) -> float:
+    """Rounded down to 1, 2 or 5 times a power of ten [m]."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= length * (1 + 1e-9)))

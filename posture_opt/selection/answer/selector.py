@@ -1,0 +1,284 @@
+"""``PostureSelector``: one problem, its optimisation problem built once, solved again and again."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, get_args
+
+import numpy as np
+
+from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
+from posture_opt.interrupts import interruptible
+from posture_opt.numerics import Array, Progress
+from posture_opt.selection.answer.held_joints import explain_held, held_joints, released, with_held_joints
+from posture_opt.selection.answer.infeasible import Explanation, explain_infeasibility, infeasible
+from posture_opt.selection.answer.solution import Solution, Status
+from posture_opt.selection.program.optimisation_problem import Alignment, OptimisationProblem
+from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, TaskTarget
+from posture_opt.selection.search.aligner import Aligner
+from posture_opt.selection.search.batches import until_found_often, until_recurrence
+from posture_opt.selection.search.engine import CandidatePosture, Engine
+from posture_opt.selection.search.has_task import HasTask
+from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart
+from posture_opt.selection.search.search_outcome import SearchOutcome, Seek, searched
+from posture_opt.selection.search.search_statistics import SearchStatistics, Sweep, sweep
+from posture_opt.selection.tasks import Task
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.spread.task_spread import lies_in_plane
+
+_MOST_ALTERNATIVES = 8  # a 6R wrist has that many branches (Pieper 1968)
+_ONE_ONLY = (
+    "No random start met all requirements; one posture was found by relaxing them in turn. Whether a better one "
+    "exists is not known."
+)
+_FREED = 64  # starts with held joints released, to say which of them is in the way
+_UNCHECKED = "Collisions are not checked: the shape of the arm is not known (robot: shape: {radius: 60 mm})."
+_LINK_HEIGHT = " To keep the arm above its table add subject_to: [{kind: link_height, at_least: 50 mm}]."
+
+
+class PostureSelector:
+    """The posture selection of one problem, for repeated solves with other targets.
+
+    Args:
+        problem: with a task and uncertain parameters.
+        compiled: None compiles the optimisation problem where a C compiler is found (some seconds once, then cached);
+            False interprets it; True insists.
+
+    Raises:
+        InputError: no task, nothing uncertain, or a task that the arm cannot do.
+    """
+
+    def __init__(self, problem: HasTask, *, compiled: bool | None = None) -> None:
+        self._problem, self._compiled = problem, compiled
+        self.task: Task = one_target(task_of(problem))
+        arm = with_held_joints(problem.arm, self.task)
+        self.tool_point: ToolPoint = ToolPoint.of(arm, sources_of(problem))
+        self.reach: Reach = Reach.of(arm, self.task.tool_axis)
+        self.target: TaskTarget = TaskTarget.of(self.task, self.reach)
+        self._aligner = Aligner(arm, self.task, self.reach, compiled)
+        self._engines: dict[tuple[str, Alignment, bool, bool], Engine] = {}
+        self.engine(self.target).optimisation_problem.check_axis(self.target)
+
+    def engine(self, target: TaskTarget, guarded: bool | None = None) -> Engine:
+        """The functions that solve targets of this kind; built on first use.
+
+        Args:
+            guarded: whether rows keep the arm clear of collisions; default: where there are obstacles.
+        """
+        return self.engine_of_all([target], guarded)
+
+    def engine_of_all(self, targets: Sequence[TaskTarget], guarded: bool | None = None) -> Engine:
+        """The functions that solve every one of some targets of a kind: what one of them cannot have, none has."""
+        scene = self._problem.scene
+        guarded = scene.explicit if guarded is None else guarded and scene.active
+        in_plane = all(lies_in_plane(target.direction, self.reach.normal) for target in targets)
+        alignments = [self._aligner.at(target) for target in targets]
+        kind = targets[0].kind, max(alignments, key=get_args(Alignment).index), in_plane
+        key = *kind, guarded
+        if key not in self._engines:
+            problem = OptimisationProblem(self.tool_point, self.task, self.reach, *kind, scene if guarded else None)
+            self._engines[key] = Engine(problem, self._problem.solver, self._compiled)
+        return self._engines[key]
+
+    @interruptible()
+    def solve(
+        self,
+        position: Sequence[float] | None = None,
+        direction: Sequence[float] | None = None,
+        clearance: float | None = None,
+        *,
+        seed: int | None = None,
+        starts: int | None = None,
+    ) -> Solution:
+        """The best posture for the task, or for another position [m], direction or clearance [m], world frame.
+
+        Args:
+            position: (3,) [m].
+            direction: (3,) of any length.
+            clearance: radial [m].
+            seed: of the random starts; default: the problem's.
+            starts: feasible postures that local searches start from; default: as many as it takes to find the best
+                optimum several times.
+
+        Raises:
+            NoSolutionError: nothing feasible; carries the nearest posture and the reasons.
+            InputError: a target that is not three finite numbers.
+        """
+        seed = self._problem.solver.seed if seed is None else seed
+        return self.solve_target(self._target(position, direction, clearance), seed, starts)
+
+    def solve_target(
+        self, target: TaskTarget, seed: int, starts: int | None = None, known: Array | None = None
+    ) -> Solution:
+        """The best posture for a target; a ``known`` one (n,) is improved beside the random starts."""
+        began = time.perf_counter()
+
+        def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
+            found = until_found_often(engine, target, np.random.default_rng(seed), starts)
+            return found if known is None else found.with_known(engine, known), None
+
+        return self._answer(self._searched(seek, target), began)
+
+    def feasible(self, starts: int) -> bool:
+        """Whether so many starts find a posture that does the task; why there is none is not asked."""
+
+        def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
+            rng = np.random.default_rng(self._problem.solver.seed)
+            return until_found_often(engine, self.target, rng, starts), None
+
+        return bool(self._searched(seek, self.target).feasible)
+
+    @interruptible()
+    def solve_thoroughly(
+        self,
+        *,
+        seed: int | None = None,
+        workers: int = 1,
+        progress: Progress | None = None,
+        target: TaskTarget | None = None,
+    ) -> Solution:
+        """The best posture with the evidence that it is: found again by independent starts, the freedom left swept.
+
+        At the target of the task, or at another one.
+        """
+        began = time.perf_counter()
+        solver, aim = self._problem.solver, self.target if target is None else target
+        first = solver.seed if seed is None else seed
+
+        def seek(engine: Engine) -> tuple[MultistartResult, Sweep | None]:
+            found = until_recurrence(engine, aim, first, solver.starts, workers, progress)
+            return found, sweep(engine, found.target, np.random.default_rng(first)) if found.found else None
+
+        return self._answer(self._searched(seek, aim), began)
+
+    def _searched(self, seek: Seek, target: TaskTarget) -> SearchOutcome:
+        free = self.engine(target, guarded=False)
+        return searched(seek, free, lambda: self.engine(target, guarded=True), self._problem.scene)
+
+    def _target(
+        self, position: Sequence[float] | None, direction: Sequence[float] | None, clearance: float | None
+    ) -> TaskTarget:
+        target = self.target
+        if position is not None:
+            target = target.with_position(np.asarray(position, dtype=float))
+        if direction is not None:
+            target = target.with_direction(np.asarray(direction, dtype=float), self.reach)
+        if clearance is not None:
+            if not clearance > 0:
+                raise InputError(Issue(f"the clearance {clearance} is not above zero", ("clearance",), clearance))
+            target = replace(target, clearance=float(clearance))
+        return target
+
+    def _answer(self, outcome: SearchOutcome, began: float) -> Solution:
+        found, by_starts, by_sweep = outcome.found, outcome.by_starts, outcome.by_sweep
+        problem = outcome.engine.optimisation_problem
+        feasible = outcome.feasible or self._rescued(found, began)
+        best = feasible[0]
+        # A solve that stalled is no optimum; it counts only where nothing better is known.
+        ended = [c for c in feasible if c.optimal] or feasible[:1]
+        apart = distinct(np.array([c.q for c in ended]), self._problem.robot) if by_sweep else range(len(ended))
+        optima = [ended[k] for k in apart]
+        seconds = time.perf_counter() - began
+        statistics = SearchStatistics.of(found, outcome.swept, by_starts, best, len(optima), seconds)
+
+        ranked = np.array([c.q for c in optima[:_MOST_ALTERNATIVES]])
+        notes = (*self._problem.notes, problem.axis_note(found.target), *self.remarks())
+        if not by_starts and not by_sweep:
+            notes = (*notes, _ONE_ONLY)
+        notes += self._beside(best.q, found.target)
+        status: Status = "optimal" if best.optimal else "feasible"
+        seen = np.vstack([best.q, found.sampled.Q])
+        return Solution(
+            self._problem, problem, found.target, status, best.q, statistics, ranked, notes,
+            feasible=seen, engine=outcome.engine,
+        )  # fmt: skip
+
+    def _rescued(self, found: MultistartResult, began: float) -> list[CandidatePosture]:
+        """What the inquiry into the failure found to be feasible after all; else the error with the reasons."""
+        engine = self.engine(found.target, guarded=True)  # what is offered keeps the arm clear of collisions too
+        why = self._with_joints_released(found) or explain_infeasibility(engine, found)
+        if why.reasons:
+            solution = infeasible(self._problem, engine, found, why, time.perf_counter() - began)
+            raise NoSolutionError("\n".join(reason.message for reason in why.reasons), solution)
+        rescued = engine.polished(engine.candidates(why.q[None], found.target)[0], found.target)
+        if not rescued.feasible:
+            raise SolverError(
+                "the solver failed: each requirement can be met, but no posture was found that meets all of them; "
+                "more starts may help (solver: {starts: 500})"
+            )
+        return [rescued]
+
+    def _with_joints_released(self, found: MultistartResult) -> Explanation | None:
+        """The nearest posture and the reasons, where the task could be done if no joint were held; None elsewhere."""
+        problem: Any = self._problem
+        robot, held = problem.robot, held_joints(problem.robot, self.task)
+        if not held:
+            return None
+        selector = PostureSelector(replace(problem, task=released(robot, self.task)), compiled=False)
+        freed = multistart(selector.engine(found.target), found.target, np.random.default_rng(0), _FREED)
+        if not freed.found or not freed.found[0].feasible:
+            return None
+        return explain_held(robot, held, freed.found[0].q)
+
+    def _beside(self, q: Array, target: TaskTarget) -> tuple[str, ...]:
+        """How far the tool point of an arm that moves in a plane stays off a target that does not lie in it."""
+        if not self.reach.normals.shape[1]:
+            return ()
+        point = np.array(self.tool_point.walk(q.tolist())[0].position, dtype=float)
+        N = self.reach.normals
+        off = N @ (N.T @ (point - np.clip(point, target.lower, target.upper)))
+        distance = float(np.linalg.norm(off))
+        if target.kind == "anywhere" or distance <= PLANE_TOLERANCE:
+            return ()
+        vector = ", ".join(f"{v * 1e3 + 0.0:.2f}" for v in off)
+        return (
+            f"The corrected arm has a constant out-of-plane error that no posture can remove: its tool point is "
+            f"{distance * 1e3:.2g} mm from the target, by ({vector}) mm.",
+        )
+
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences on what is not looked at."""
+        scene = self._problem.scene
+        if self._problem.robot.n < 3 or scene.active or scene.switched_off:
+            return ()
+        tipped = any(f.kind == "rotate" and f.axis != 2 and abs(f.nominal) > 1e-6 for f in self._problem.robot.base)
+        asked = any(term.keeps_clear for term in self.task.subject_to)
+        return (_UNCHECKED + ("" if tipped or asked else _LINK_HEIGHT),)
+
+
+def task_of(problem: HasTask) -> Task:
+    """The task, or an InputError where there is none."""
+    if problem.task is None:
+        raise InputError(Issue("the problem states no task", ("task",), mend="add task: {kind: insert}"))
+    return problem.task
+
+
+def one_target(task: Task) -> Task:
+    """The same task, or an InputError where it has several targets."""
+    if task.features:
+        mend = (
+            "solve the task as it is (its report maps the bench), or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
+        )
+        raise InputError(
+            Issue("this takes a task with one target, and the task has features", ("task", "features"), mend=mend)
+        )
+    if task.on_path:
+        mend = (
+            "solve the task as it is (its report maps the bench), or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
+        )
+        raise InputError(Issue("this takes a task with one target, and the task has a path", ("task",), mend=mend))
+    return task
+
+
+def sources_of(problem: HasTask) -> Sources:
+    """The sources of error, or an InputError where there are none that could make a difference."""
+    # Stricter than for one posture: a spread of zero is an answer there, but no reason for any choice.
+    if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
+        mend = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
+        raise InputError(
+            Issue("nothing is uncertain, so no posture is better than another", ("uncertainty",), mend=mend)
+        )
+    return problem.sources

@@ -1,0 +1,38 @@
+"""The objective of a task with its first and second derivatives as functions of the joints alone, for export."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from posture_opt.selection.answer.selector import PostureSelector
+from posture_opt.selection.search.has_task import HasTask
+
+DESCRIPTIONS = {
+    "q": "joint values [rad or m]",
+    "objective": "what the selection minimises: {told}",
+    "gradient": "of the objective by the joints, per rad or m",
+    "hessian": "second derivatives of the objective by the joints",
+}
+
+
+def task_objective(problem: HasTask) -> tuple[ca.Function, dict[str, str]]:
+    """``q -> (objective, gradient, hessian)``, a number, ``∂objective/∂q`` (n,) and ``∂²objective/∂q²`` (n, n), with a
+    description of each.
+
+    By the criterion ``worst`` the objective is the largest variance [m²] in the directions that the task minds, as the
+    selection has it; further terms of the task are added with their weights, and the variance is not scaled.
+
+    Raises:
+        InputError: no task, several targets, or a task that the arm cannot do.
+    """
+    selector = PostureSelector(problem, compiled=False)
+    found = selector.engine(selector.target).optimisation_problem
+    nlp = found.nlp
+    objective = ca.substitute(nlp.objective, nlp.p, ca.DM(selector.target.parameters))
+    q = ca.SX.sym("q", nlp.x.numel())
+    value = ca.substitute(objective, nlp.x, q)
+    hessian, gradient = ca.hessian(value, q)
+    entries = ca.cse([value, ca.densify(gradient), ca.densify(ca.triu2symm(ca.triu(hessian)))])
+    told = " + ".join(label.replace(", over scale", " [m^2]") for label, _ in nlp.terms)
+    function = ca.Function("objective", [q], entries, ["q"], ["objective", "gradient", "hessian"])
+    return function, {key: text.format(told=told) for key, text in DESCRIPTIONS.items()}

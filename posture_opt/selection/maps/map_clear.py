@@ -1,0 +1,79 @@
+"""The targets of a map whose best posture collides: sought again, with rows that keep the arm clear."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from posture_opt.collision.scene import Scene
+from posture_opt.numerics import Array
+from posture_opt.selection.maps.map_candidate import MapCandidate
+from posture_opt.selection.maps.map_neighbours import Neighbourhood, Pairs
+from posture_opt.selection.maps.map_search import best_candidates
+from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.engine import Engine
+from posture_opt.selection.search.search_outcome import is_clear
+from posture_opt.workers import Workers
+
+_CHUNK = 256  # postures that are looked at together
+
+
+def clear_candidates(
+    scene: Scene,
+    guarded: Callable[[TaskTarget], Engine],
+    targets: Sequence[TaskTarget],
+    candidates: Sequence[MapCandidate],
+    pairs: Sequence[Pairs],
+    workers: Workers,
+    *,
+    seed: int,
+) -> list[MapCandidate]:
+    """The candidates of the targets, those replaced that collide; the others are the best of all and stay.
+
+    Args:
+        guarded: the engine with the rows, for a target.
+        pairs: targets that try each other's postures.
+    """
+    again = colliding(scene, candidates, workers)
+    found = list(candidates)
+    if not again:
+        return found
+    work = [targets[k] for k in again]
+    points = np.array([target.lower for target in work])
+    engines = [guarded(target) for target in work]
+    arm = engines[0].optimisation_problem.arm
+    neighbourhood = Neighbourhood.of(arm, work[0].direction, points, among(pairs, again))
+    better, _ = best_candidates(engines, work, neighbourhood, workers, seed=seed)
+    for k, candidate in zip(again, better, strict=True):
+        found[k] = candidate
+    return found
+
+
+def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers) -> list[int]:
+    """The candidates with a posture that comes too near to something."""
+    held = [k for k, candidate in enumerate(candidates) if candidate.best is not None]
+    if not held or not scene.active:
+        return []
+    chunks = [held[i : i + _CHUNK] for i in range(0, len(held), _CHUNK)]
+    postures = [np.array([best.q for k in chunk if (best := candidates[k].best) is not None]) for chunk in chunks]
+    clear = workers.in_order(_clear, scene, postures)
+    return [k for chunk, told in zip(chunks, clear, strict=True) for k, yes in zip(chunk, told, strict=True) if not yes]
+
+
+def _clear(scene: Scene, Q: Array) -> list[bool]:
+    return [bool(yes) for yes in is_clear(scene, Q)]
+
+
+def among(pairs: Sequence[Pairs], chosen: Sequence[int]) -> list[Pairs]:
+    """The pairs of targets that are both chosen, numbered as they stand there."""
+    most = max((int(max(here.max(initial=0), there.max(initial=0))) for here, there in pairs), default=0)
+    place = np.full(max(most, *chosen) + 1, -1)
+    place[list(chosen)] = np.arange(len(chosen))
+    kept = []
+    for here, there in pairs:
+        a, b = place[here], place[there]
+        both = (a >= 0) & (b >= 0)
+        if both.any():
+            kept.append((a[both], b[both]))
+    return kept

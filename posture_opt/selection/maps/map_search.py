@@ -1,0 +1,129 @@
+"""The best postures of many targets at once: random starts for all of them in batches, then what neighbours know.
+
+Targets that lie side by side mostly have the same best branch of the inverse kinematics, and targets that joint 1 turns
+onto each other have the same branches. So each target tries the postures of both: a better posture spreads over the
+map, a missing one is found beside a known one, and of equally good ones all targets take the same. What still stands
+out from its neighbours is searched again with many more starts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from posture_opt.numerics import Progress
+from posture_opt.selection.maps.map_candidate import MapCandidate
+from posture_opt.selection.maps.map_exchange import NeighbourExchange, is_better
+from posture_opt.selection.maps.map_exploration import Effort, Exploration, explore
+from posture_opt.selection.maps.map_neighbours import Neighbourhood
+from posture_opt.selection.maps.map_points import NeighbourSolves
+from posture_opt.selection.maps.map_rounds import worked_on
+from posture_opt.selection.maps.map_starts import freedom
+from posture_opt.selection.maps.map_trials import BETTER
+from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.engine import CandidatePosture, Engine
+from posture_opt.workers import Workers
+
+_FIRST: Effort = (48, 48, 48)  # of every target of a small map
+_FINE: Effort = (24, 24, 24)  # of every target of a larger one, where neighbours know more of each other: of seven arms
+# at 26 x 26 targets 3 of 4732 fell short of the best known by 0.5 % with either; at 10 x 9, one of a Panda's 90 more
+_FEW = 256  # targets: up to here a map is small
+_SECOND: Effort = (144, 144, 144)  # of those at the edge of the reach, and of a share of the others
+_THIRD: Effort = (96, 288, 288)  # of those that stand out
+_SHARE = 0.05  # of the targets, where any way is left free
+_ODD = 2e-3  # of the objective: a target so much above what its neighbours let expect stands out
+_MOST = 0.03  # of the targets: how many of them are searched again
+
+
+def best_candidates(
+    engines: Sequence[Engine],
+    targets: Sequence[TaskTarget],
+    neighbourhood: Neighbourhood,
+    workers: Workers,
+    *,
+    seed: int,
+    progress: Progress | None = None,
+) -> tuple[list[MapCandidate], NeighbourSolves]:
+    """The best candidate of every target (N of them, points), each with the engine that solves it.
+
+    Args:
+        neighbourhood: which targets try each other's postures.
+        workers: who works on the chunks; the answer does not depend on it.
+        seed: of the random starts.
+    """
+    candidates: list[MapCandidate] = [MapCandidate("not reached", None, math.nan)] * len(targets)
+
+    def explored(indices: Iterable[int], effort: Effort) -> Iterator[tuple[int, MapCandidate]]:
+        def item(chunk: Sequence[int]) -> Exploration:
+            mine, known = [targets[k] for k in chunk], [candidates[k] for k in chunk]
+            return Exploration(mine, chunk, known, effort, seed)
+
+        for k, row in worked_on(workers, explore, engines, indices, item):
+            yield k, MapCandidate.unpacked(row)
+
+    first = _FIRST if len(targets) <= _FEW else _FINE
+    for done, (k, candidate) in enumerate(explored(range(len(targets)), first), start=1):
+        candidates[k] = candidate
+        if progress is not None:
+            progress(done, steps_of(len(targets)))
+    share = _SHARE if freedom(engines[0], targets[0]) > 0 else 0.0
+    for k, candidate in explored(_to_search_more(candidates, neighbourhood, share, seed), _SECOND):
+        candidates[k] = candidate
+    alone = [candidate.best for candidate in candidates]
+    exchange = NeighbourExchange(engines, targets, neighbourhood, workers, seed, candidates)
+    exchange.spread({k for k, best in enumerate(alone) if best is not None})
+    searched: set[int] = set()
+    while odd := _standing_out(exchange, searched):
+        searched |= set(odd)
+        better = set()
+        for k, candidate in explored(odd, _THIRD):
+            better |= {k} if is_better(candidate, candidates[k]) else set()
+            candidates[k] = candidate
+        exchange.spread(better)
+    solves = _statistics(alone, exchange, searched)
+    exchange.agree()
+    return candidates, solves
+
+
+def steps_of(count: int) -> int:
+    """In how many steps the progress of a map is told: one a target, and a third more for all that follows."""
+    return count + count // 3
+
+
+def _standing_out(exchange: NeighbourExchange, searched: set[int]) -> list[int]:
+    """Targets that are worse than their neighbours let expect, the worst first, as many as are still worth a search."""
+    excess = exchange.excess()
+    left = math.ceil(_MOST * len(excess)) - len(searched)
+    odd = [int(k) for k in np.argsort(-excess, kind="stable") if excess[k] > _ODD and int(k) not in searched]
+    return odd[: min(max(left, 0), math.ceil(left / 2))]
+
+
+def _statistics(
+    alone: Sequence[CandidatePosture | None], exchange: NeighbourExchange, searched: set[int]
+) -> NeighbourSolves:
+    now = [candidate.best for candidate in exchange.candidates]
+    gains = [1 - new.sigma / old.sigma for old, new in zip(alone, now, strict=True) if old and new and old.sigma > 0]
+    better = [gain for gain in gains if gain > BETTER]
+    again = {k for k in exchange.tried if alone[k] is not None} | searched
+    found = sum(new is not None for new in now) - sum(old is not None for old in alone)
+    return NeighbourSolves(len(again), len(better), max(better, default=0.0), found)
+
+
+def _to_search_more(
+    candidates: Sequence[MapCandidate], neighbourhood: Neighbourhood, share: float, seed: int
+) -> list[int]:
+    """A share of the targets, from which rare branches spread; and all that few random starts arrive at.
+
+    These are where reach begins or ends, and where no start met the requirements. Where no start reached any target,
+    all of them.
+    """
+    reached = np.array([candidate.fate != "not reached" for candidate in candidates])
+    if not reached.any():
+        return list(range(len(candidates)))
+    chosen = reached & (np.random.default_rng(seed).random(len(candidates)) < share)
+    chosen |= np.array([candidate.fate == "requirement not met" for candidate in candidates])
+    for here, there in neighbourhood.on_grid:
+        chosen[here[reached[here] != reached[there]]] = True
+    return [int(k) for k in np.flatnonzero(chosen)]

@@ -1,0 +1,239 @@
+"""``Engine``: the functions that screen, lead and improve the postures of one optimisation problem, built once."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from posture_opt.model.compiled import BatchFunction
+from posture_opt.numerics import Array, Codes, DerivedAgain
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.program.optimisation_problem import OptimisationProblem
+from posture_opt.selection.program.pose_request import PoseRequest, held_request, request_for
+from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.clusters import clusters
+from posture_opt.selection.search.elastic_problem import ElasticProblem
+from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, InverseKinematics
+from posture_opt.selection.search.local_search import LocalOptima, LocalSearch
+from posture_opt.selection.solvers import Outcome, Polish, Solver
+
+
+@dataclass(frozen=True)
+class CandidatePosture:
+    """One posture (n,): objective (scaled), worst violation of a row, σ_max [m], and the solver's word on it.
+
+    ``count`` local searches ended there.
+    """
+
+    q: Array
+    objective: float
+    violation: float
+    sigma: float
+    optimal: bool = False
+    message: str = "not improved"
+    count: int = 1
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every row is met."""
+        return self.violation <= ROW_TOLERANCE
+
+
+STEPS = 60
+"""Of a local search that is followed to its end."""
+
+_PRICE = 1e3  # of the objective for each m or rad of violation: the multipliers of rows are seldom larger
+_LAST_WORDS = 4  # of the solver, in one search
+
+
+@dataclass(frozen=True)
+class Engine(DerivedAgain):
+    """The functions that solve one optimisation problem again and again, built once."""
+
+    optimisation_problem: OptimisationProblem
+    solver: Solver
+    compiled: bool | None
+
+    @property
+    def robot(self) -> Robot:
+        """Of the optimisation problem."""
+        return self.optimisation_problem.robot
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return engine_of, (self._packed,)
+
+    @cached_property
+    def _packed(self) -> bytes:
+        # A fresh copy, without the symbols that the optimisation problem has cached.
+        return pickle.dumps((replace(self.optimisation_problem), self.solver, self.compiled))
+
+    @cached_property
+    def ik(self) -> InverseKinematics:
+        """Brings random postures onto the target."""
+        problem = self.optimisation_problem
+        arm, task, spun = problem.arm, problem.task, problem.task.heading is not None
+        return InverseKinematics(arm, task.tool_axis, problem.reach.directions, self.compiled, spun=spun)
+
+    @cached_property
+    def screen(self) -> BatchFunction:
+        """Postures (N, n) and parameters to objective, worst violation of a row, first term and variance."""
+        return BatchFunction(self.optimisation_problem.nlp.screen, compiled=self.compiled)
+
+    @cached_property
+    def local(self) -> LocalSearch:
+        """Follows postures to local optima."""
+        return LocalSearch(self.optimisation_problem.nlp, self.ik.step, self.solver.tolerance, self.compiled)
+
+    @cached_property
+    def elastic(self) -> ElasticProblem:
+        """By how little requirements must give, where they cannot all be met."""
+        return ElasticProblem(self.optimisation_problem)
+
+    @cached_property
+    def last_word(self) -> Polish:
+        """The solver of the problem, for what the local search does not settle: seldom, so that it is not compiled."""
+        return self.solver.build(self.optimisation_problem.nlp)
+
+    def request(
+        self, target: TaskTarget, count: int, rng: np.random.Generator, *, whole_box: bool = False
+    ) -> PoseRequest:
+        """What ``count`` starts are led to."""
+        aligned = self.optimisation_problem.axis_rows > 0
+        return request_for(target, count, aligned, rng, whole_box=whole_box, slack_of_axis=self._slack_of_axis)
+
+    @property
+    def _slack_of_axis(self) -> float:
+        problem = self.optimisation_problem
+        return problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
+
+    def descended(self, Q: Array, target: TaskTarget, steps: int, multipliers: Array | None = None) -> LocalOptima:
+        """The postures (N, n) after at most ``steps`` steps of the local search."""
+        return self.local.descend(Q, target.parameters, self._held(target), steps, multipliers)
+
+    def descended_each(self, Q: Array, targets: Sequence[TaskTarget], of: Codes, steps: int) -> LocalOptima:
+        """The same, the posture in row r (N, n) for ``targets[of[r]]``."""
+        parameters = np.array([target.parameters for target in targets])[of]
+        held = np.vstack([self._held(target) for target in targets])[of]
+        return self.local.descend(Q, parameters, held, steps)
+
+    def _held(self, target: TaskTarget) -> Array:
+        return held_request(target, self.optimisation_problem.axis_rows > 0, self._slack_of_axis).rows
+
+    def candidates(
+        self,
+        Q: Array,
+        target: TaskTarget,
+        optimal: Sequence[bool] | None = None,
+        counts: Sequence[int] | None = None,
+    ) -> list[CandidatePosture]:
+        """The postures (N, n) as candidates for one target, with what a local search says of them."""
+        screened = self.screened(Q, target.parameters)
+        if optimal is None or counts is None:
+            return screened
+        words = ("not converged", "converged")
+        return [
+            CandidatePosture(c.q, c.objective, c.violation, c.sigma, yes, words[yes], n)
+            for c, yes, n in zip(screened, optimal, counts, strict=True)
+        ]
+
+    def screened(self, Q: Array, parameters: Array) -> list[CandidatePosture]:
+        """The postures (N, n) as candidates for the target of ``parameters`` (p,), or of one row (N, p) each."""
+        objective, violation, _, variance = (column[:, 0] for column in self.screen(Q, parameters))
+        columns = (column.tolist() for column in (objective, violation, np.sqrt(np.maximum(variance, 0.0))))
+        return [CandidatePosture(*row) for row in zip(Q, *columns, strict=True)]
+
+    def scale_of(self, variances: Array) -> float:
+        """What the objective is divided by: the median of some postures' own terms (N,), one where it has no unit."""
+        middle = 1.0 if self.optimisation_problem.task.criterion == "miss" else median(variances)
+        return middle if middle > 0 else 1.0
+
+    def polished(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
+        """The local optimum that a posture leads to; the posture itself where nothing better was found.
+
+        A start may gain a little objective from the last digits of its rows: a tie goes to the local search.
+        """
+        end = self.settled(self.descended(start.q[None], target, STEPS), target)[0]
+        return end if _better(end, start) else self.tidied([replace(start, message=end.message)], target)[0]
+
+    def settled(self, found: LocalOptima, target: TaskTarget, count: Codes | None = None) -> list[CandidatePosture]:
+        """Where local searches ended, as people write it; the solver has the last word on a few that are not optimal.
+
+        Args:
+            count: (N,) how many searches each of them stands for.
+        """
+        counts = np.ones(len(found.q), dtype=int) if count is None else count
+        ends = self.candidates(found.q, target, found.optimal.tolist(), counts.tolist())
+        # Only where it would change the answer.
+        limit = min((end.objective for end in ends if end.optimal and end.feasible), default=np.inf)
+        doubtful = [k for k, end in enumerate(ends) if not end.optimal and (end.objective < limit or not end.feasible)]
+        for k in doubtful[: _LAST_WORDS if np.isinf(limit) or any(ends[k].feasible for k in doubtful) else 0]:
+            ends[k] = self._last_word(ends[k], target)
+        return self.tidied(ends, target)
+
+    def _last_word(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
+        if self.optimisation_problem.freedom == 0:
+            return start  # nothing is left to choose, and IPOPT would refuse more equalities than joints
+        outcome: Outcome = self.last_word(start.q, target.parameters)
+        if not np.all(np.isfinite(outcome.x)):
+            return replace(start, message=outcome.message)
+        end = replace(self.candidates(outcome.x[None], target)[0], optimal=outcome.optimal, message=outcome.message)
+        end = replace(end, count=start.count)
+        return end if _better(end, start) else replace(start, message=outcome.message)
+
+    def clusters(self, Q: Array, size: Codes | None = None) -> tuple[Codes, Codes]:
+        """As :func:`clusters`, by the joints that matter."""
+        return clusters(Q, self.robot, size, self.optimisation_problem.nlp.indifferent)
+
+    def tidied(self, candidates: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
+        """The same postures as people write them: joints that do not matter at zero, whole turns taken off."""
+        if not candidates:
+            return []
+        lower, upper, turns, idle = self._ends
+        Q = np.array([candidate.q for candidate in candidates])
+        turned = Q - turns * np.rint(Q * (0.5 / np.pi))
+        Q = np.where((turned >= lower) & (turned <= upper), turned, Q)
+        Q[:, idle] = np.clip(0.0, lower[idle], upper[idle])
+        # Where the objective is flat, a whole degree is as good as 179.98.
+        rounded = np.clip(np.where(turns > 0, np.deg2rad(np.rint(np.rad2deg(Q))), Q), lower, upper)
+        tidy = self.candidates(np.concatenate([rounded, Q]), target)
+        found = []
+        for k, given in enumerate(candidates):
+            best = next((c for c in (tidy[k], tidy[k + len(Q)]) if not _worse(c, given)), given)
+            found.append(
+                CandidatePosture(
+                    best.q, best.objective, best.violation, best.sigma, given.optimal, given.message, given.count
+                )
+            )
+        return found
+
+    @cached_property
+    def _ends(self) -> tuple[Array, Array, Array, list[int]]:
+        """Limits and whole turns of the joints, and those that matter to nothing."""
+        robot = self.robot
+        turns = np.array([2 * np.pi * (joint.type == "revolute") for joint in robot.joints])
+        return np.array(robot.lower), np.array(robot.upper), turns, list(self.optimisation_problem.nlp.indifferent)
+
+
+@lru_cache(maxsize=4)
+def engine_of(packed: bytes) -> Engine:
+    """The engine of what travels in its place, as functions cannot; built once in a process that gets it again."""
+    return Engine(*pickle.loads(packed))
+
+
+def _better(end: CandidatePosture, start: CandidatePosture) -> bool:
+    return end.feasible and (not start.feasible or end.objective <= start.objective + 1e-6 + _PRICE * start.violation)
+
+
+def _worse(tidy: CandidatePosture, given: CandidatePosture) -> bool:
+    return tidy.violation > given.violation + 1e-9 or tidy.objective > given.objective + 1e-9
+
+
+def median(values: Array) -> float:
+    """The median of (N,) values; NumPy's own loads its masked arrays first, which a cold start can do without."""
+    ordered = np.sort(values)
+    return float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2

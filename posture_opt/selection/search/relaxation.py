@@ -1,0 +1,227 @@
+"""``Relaxation``: a change that would make a task possible, and the requirements that are missed without it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from posture_opt.collision.scene import ITSELF, row_name
+from posture_opt.numerics import Array
+from posture_opt.robot.posture import Posture
+from posture_opt.selection.program.nlp import Row
+from posture_opt.selection.program.optimisation_problem import OptimisationProblem
+from posture_opt.selection.program.task_target import Reach, TaskTarget
+from posture_opt.selection.search.elastic_problem import AXIS, LIMITS, TARGET, Compromise, ElasticProblem
+
+YAW = "yaw"
+"""The requirement to hold the spin of the tool."""
+_VISIBLE = 1e-6  # rad or m beyond a limit that is worth a word
+_MOSTLY = 0.9  # cosine: a move in about that direction
+
+
+@dataclass(frozen=True)
+class Reason:
+    """One requirement that cannot be met: its name, a sentence, and by how much [unit]."""
+
+    requirement: str
+    message: str
+    amount: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """What to change, in words; what is missed until then; the posture (joint name -> rad or m) that then does.
+
+    ``cost`` compares changes: a move in units of the arm's size, angles in rad, bounds relative to their size.
+    """
+
+    change: str
+    reasons: tuple[Reason, ...]
+    posture: dict[str, float]
+    cost: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers, SI."""
+        return {"change": self.change, "reasons": [vars(reason) for reason in self.reasons], "posture": self.posture}
+
+
+def relaxation(
+    problem: OptimisationProblem, elastic: ElasticProblem, target: TaskTarget, names: Sequence[str], way: Compromise
+) -> Relaxation:
+    """The relaxation of the requirements ``names`` that a compromise shows to suffice."""
+    posture = Posture(problem.robot, way.q)
+    lacking = dict(zip(elastic.requirements, map(float, way.lacking), strict=True))
+    told = _Told(problem, elastic, target, way.q)
+    parts = [part for name in names if lacking[name] > 0 for part in told.parts(name, lacking[name], len(names) > 1)]
+    changes = list(dict.fromkeys(change for change, _ in parts))
+    return Relaxation(" and ".join(changes), tuple(reason for _, reason in parts), posture, way.cost)
+
+
+def plane_reason(reach: Reach, target: TaskTarget) -> Reason | None:
+    """The reason why an arm that moves in a plane, or on a line, cannot reach a target outside of it."""
+    if not reach.misses(target.lower, target.upper):
+        return None
+    shift = reach.outside(target.lower, target.upper)
+    distance = float(np.linalg.norm(shift))
+    message = (
+        f"the target lies {distance * 1e3:.4g} mm outside the plane that this arm moves in: "
+        f"move it by {millimetres(shift)}"
+    )
+    return Reason(TARGET, message, distance, "m")
+
+
+@dataclass(frozen=True)
+class _Told:
+    problem: OptimisationProblem
+    elastic: ElasticProblem
+    target: TaskTarget
+    q: Array
+
+    def parts(self, name: str, amount: float, beside_others: bool) -> list[tuple[str, Reason]]:
+        """(what to change, what is missed) for each part of a requirement."""
+        if name == TARGET:
+            return [self._target(beside_others)]
+        if name == AXIS:
+            return [self._axis(amount)]
+        return self._limits() if name == LIMITS else [self._further(name)]
+
+    def _target(self, beside_others: bool) -> tuple[str, Reason]:
+        point = np.array(self.problem.tool_point.walk(self.q.tolist())[0].position, dtype=float)
+        gap = np.clip(point, self.target.lower, self.target.upper) - point
+        distance = float(np.linalg.norm(gap))
+        condition = "" if beside_others else self._condition()
+        change = f"move the target by {millimetres(-gap)}{self._way(-gap)}"
+        message = (
+            f"the target is out of reach by {distance * 1e3:.4g} mm{condition}; the nearest point that the tool "
+            f"reaches is {millimetres(point)}: {change}"
+        )
+        return change, Reason(TARGET, message, distance, "m")
+
+    def _condition(self) -> str:
+        """What holds at the nearest point, beside the limits of the joints."""
+        axis = ["the tool axis along the direction"] if self.problem.axis_rows else []
+        further = [name for name in self.elastic.further if name != ITSELF]
+        conditions = [*axis, *(["all further requirements met"] if further else [])]
+        return f" with {' and '.join(conditions)}" if conditions else ""
+
+    def _way(self, shift: Array) -> str:
+        """A word for the direction of a move, where there is one."""
+        distance = float(np.linalg.norm(shift))
+        screws = self.problem.tool_point.walk(self.q.tolist())[0].screws
+        foot = np.array(screws[len(self.problem.robot.base)].origin, dtype=float)
+        out = (self.target.lower + self.target.upper) / 2 - foot
+        out[2] = 0.0
+        if distance == 0 or not np.isfinite(out).all() or np.linalg.norm(out) < 1e-9:
+            return ""
+        along, up = float(shift @ out / np.linalg.norm(out)) / distance, float(shift[2]) / distance
+        words = [(-along, "towards the base"), (along, "away from the base"), (up, "up"), (-up, "down")]
+        cosine, word = max(words)
+        return f", {distance * 1e3:.4g} mm{f' {word}' if cosine >= _MOSTLY else ''}"
+
+    def _axis(self, missing: float) -> tuple[str, Reason]:
+        allowed = math.degrees(self.target.tilt)
+        needed = allowed + math.degrees(missing)
+        change = f"set tilt: {_up(needed, 1):g} deg"
+        message = (
+            f"at this target the tool axis comes no closer than {needed:.3g} deg to the direction, and "
+            f"{allowed:.3g} deg are allowed; {change}, or move the target"
+        )
+        return f"{change} (now {allowed:.3g} deg)", Reason(AXIS, message, missing, "rad")
+
+    def _limits(self) -> list[tuple[str, Reason]]:
+        parts = []
+        for value, joint in zip(self.q, self.problem.robot.joints, strict=True):
+            amount = max(joint.lower - value, value - joint.upper, 0.0)
+            if amount > _VISIBLE:
+                bound = joint.lower if value < joint.lower else joint.upper
+                told, limit, beyond = (shown(v, joint.unit) for v in (value, bound, amount))
+                what = "target and tool axis" if self.problem.axis_rows else "target"
+                message = (
+                    f"{joint.name} would have to go to {told}, {beyond} beyond its limit {limit}, to meet the {what}"
+                )
+                change = f"let {joint.name} go to {told} (limit {limit})"
+                parts.append((change, Reason(f"{joint.name}.limits", message, float(amount), joint.unit)))
+        return parts
+
+    def _further(self, name: str) -> tuple[str, Reason]:
+        """The row of a term or obstacle that lacks most."""
+        rows = [row for row in self.problem.nlp.rows if row.requirement == name]
+        nlp = self.problem.nlp
+        at = ca.Function("at", [nlp.x, nlp.p], [ca.vertcat(row.expression, row.lower, row.upper) for row in rows])
+        values = [np.asarray(v, dtype=float).ravel().tolist() for v in at.call([self.q, self.target.parameters])]
+        missing = [max(low - value, value - high) for value, low, high in values]
+        k = int(np.argmax(missing))
+        if rows[0].name == YAW:
+            return self._yaw(values[0][0], values[1][0])
+        return self._row(rows[k], missing[k], *values[k])
+
+    def _yaw(self, sine: float, cosine: float) -> tuple[str, Reason]:
+        off = abs(math.atan2(sine, cosine))
+        message = f"at this target the tool turns no nearer than {math.degrees(off):.4g} deg to the wanted yaw"
+        change = f"change the yaw by {_up(math.degrees(off), 2):g} deg, or leave it out"
+        return change, Reason(YAW, message, off, "rad")
+
+    def _row(self, row: Row, missing: float, value: float, low: float, high: float) -> tuple[str, Reason]:
+        told, bound = row.shown(value), row.shown(low if value < low else high)
+        below = told < bound
+        reached, stated = shown(told, row.unit), shown(bound, row.unit)
+        if below:
+            message = f"{row.name} is {reached} at most, and at least {stated} is required"
+        else:
+            message = f"{row.name} is {reached} at least, and at most {stated} is allowed"
+        if row.name in self._obstacles:
+            change = self._too_near(self._obstacles[row.name], missing, value, low)
+            return change, Reason(row.name, message, missing, row.unit)
+        key = "at_least" if below else "at_most"
+        change = f"set {key} of {row.requirement} to {enough(told, row.unit, below)} (now {stated})"
+        return change, Reason(row.name, message, abs(told - bound), row.unit)
+
+    @property
+    def _obstacles(self) -> dict[str, str]:
+        """Name of a row of the cell -> of what has to make room."""
+        scene = self.problem.scene
+        if scene is None:
+            return {}
+        return {row_name(o.name): f"obstacle {o.name} must give" for o in scene.obstacles} | {
+            ITSELF: "links that are not neighbours would have to give"
+        }
+
+    def _too_near(self, what: str, missing: float, value: float, margin: float) -> str:
+        """How much room there must be; a smaller clearance is offered where there is any."""
+        room = f"{what} {_up(missing * 1e3, 1):g} mm"
+        if value <= 0:
+            return room
+        return f"{room}, or set clearance of the cell to {enough(value, 'm', True)} (now {shown(margin, 'm')})"
+
+
+def _up(value: float, digits: int) -> float:
+    """Rounded up: the change must do."""
+    return float(math.ceil(value * 10**digits - 1e-9) / 10**digits)
+
+
+def enough(bound: float, unit: str, least: bool) -> str:
+    """A bound that is met with it, rounded to the side that does: down for a least value, up for a largest one."""
+    size = {"rad": math.degrees(1.0), "m": 1e3, "probability": 1e2}.get(unit, 1.0)
+    digits = 3 - math.floor(math.log10(max(abs(bound) * size, 1e-12)))  # four of them
+    rounded = (math.floor if least else math.ceil)(bound * size * 10**digits) / 10**digits
+    return shown(rounded / size, unit)
+
+
+def shown(value: float, unit: str) -> str:
+    """A quantity as people write it."""
+    if unit == "rad":
+        return f"{math.degrees(value):.4g} deg"
+    if unit == "probability":
+        return f"{100 * value:.6g} %"
+    return f"{value * 1e3:.4g} mm" if unit == "m" else f"{value:.4g} {unit}"
+
+
+def millimetres(vector: Array) -> str:
+    """A vector [m] in mm, to a tenth."""
+    return "(" + ", ".join(f"{round(v * 1e3, 1) + 0.0:.1f}" for v in vector) + ") mm"

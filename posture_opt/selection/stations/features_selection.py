@@ -1,0 +1,285 @@
+"""``select_for_features``: the placement of a workpiece and a posture for each of its features."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from posture_opt.errors import InputError, Issue, NoSolutionError
+from posture_opt.numerics import Array, Progress
+from posture_opt.selection.answer.selector import PostureSelector
+from posture_opt.selection.answer.solution import Solution, Status, critical_basis
+from posture_opt.selection.program.task_target import TaskTarget
+from posture_opt.selection.search.has_task import HasTask
+from posture_opt.selection.search.search_outcome import is_clear
+from posture_opt.selection.stations.bench_map import placement_sigma
+from posture_opt.selection.stations.features_failure import FeaturesFailure
+from posture_opt.selection.stations.features_solution import (
+    FeaturesSolution,
+    PlacementFigure,
+    PlacementStatistics,
+)
+from posture_opt.selection.stations.placed_stations import PlacedStations, Postures
+from posture_opt.selection.stations.placement import PlacementRange
+from posture_opt.selection.stations.placement_search import (
+    FOUND_BY,
+    PlacementOptimum,
+    PlacementSearch,
+    failing,
+    search_placement,
+)
+from posture_opt.selection.stations.visiting_order import best_order, nearest_ties, nearest_turns
+from posture_opt.selection.tasks import Task
+from posture_opt.selection.tasks.workpiece import Combine
+from posture_opt.uncertainty.spread.joint_success import PlaceErrors, success_of_all
+from posture_opt.uncertainty.spread.spread import propagate
+
+_COMPARED = 3  # optima of the odds that are compared by them, errors that stay included
+_EXPLAINED = 3  # features that fail, for which the reason is looked into
+_MOST_OTHERS = 5
+_SAME = 1e-4  # of a standard deviation: features that differ by less are the same
+
+
+def select_for_features(
+    problem: HasTask, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
+) -> FeaturesSolution:
+    """The placement and the postures whose spread hurts the task least.
+
+    ``min over w, q_1 … q_K`` of the largest or the mean standard deviation of the features, or of the odds that one is
+    missed; subject to the range of the placement and to all that holds for one posture.
+
+    Raises:
+        NoSolutionError: no placement at which every feature can be done; carries the one that fails least.
+        InputError: as `select_posture`.
+    """
+    return _FeaturesSelection.of(problem, seed).answer(workers, progress)
+
+
+@dataclass(frozen=True, eq=False)
+class _FeaturesSelection:
+    problem: Any
+    task: Task
+    placement: PlacementRange
+    seed: int
+
+    @classmethod
+    def of(cls, problem: HasTask, seed: int | None) -> _FeaturesSelection:
+        assert problem.task is not None
+        placement = PlacementRange.of(problem.task.workpiece)
+        return cls(problem, problem.task, placement, problem.solver.seed if seed is None else seed)
+
+    def answer(self, workers: int, progress: Progress | None) -> FeaturesSolution:
+        began = time.perf_counter()
+        if not self.placement.free.any():
+            return self._where_it_stands(workers, progress, began)
+        searches = [self._search(combine, workers, progress) for combine in self._combinations]
+        own = searches[0]
+        if not own.optima:
+            raise self._failure(own, began)
+        found = [self._at(own, optimum, began) for optimum in own.optima[: _COMPARED if len(searches) > 1 else 1]]
+        for search in searches[1:]:
+            # What another aim found is a candidate too, as it is and with its postures solved again for this one:
+            # errors that stay favour postures that are alike, and what is best for each alone may not be.
+            found += [self._at(search, optimum, began) for optimum in search.optima[:1]]
+            found += [self._at(own, self._for(own, optimum), began) for optimum in search.optima[:1]]
+        return max(found, key=lambda one: 0.0 if one.success is None else one.success.probability)
+
+    @property
+    def _combinations(self) -> tuple[Combine, ...]:
+        return ("success", "worst", "mean") if self.task.combine == "success" else (self.task.combine,)
+
+    @cached_property
+    def _by_odds(self) -> PostureSelector:
+        return self._single({"criterion": "miss"})
+
+    @cached_property
+    def _by_spread(self) -> PostureSelector:
+        return self._single({})
+
+    def _selector(self, combine: Combine) -> PostureSelector:
+        return self._by_odds if combine == "success" else self._by_spread
+
+    def _single(self, criterion: dict[str, str]) -> PostureSelector:
+        """Of one feature at a point: the placed features are its targets."""
+        first = self.task.features[0]
+        clearances = [c for c in (self.task.clearance, *(f.clearance for f in self.task.features)) if c is not None]
+        given = {
+            "features": (), "workpiece": None, "combine": "worst", "position": first.position,
+            "direction": first.direction or self.task.direction, "clearance": next(iter(clearances), None),
+            **criterion,
+        }  # fmt: skip
+        single = replace(self.problem, task=self.task.model_copy(update=given))
+        return PostureSelector(single, compiled=None if self.placement.free.any() else False)
+
+    def _stations(self, selector: PostureSelector, combine: Combine, guarded: bool | None = None) -> PlacedStations:
+        targets = tuple(self._target(selector, feature) for feature in self.task.features)
+        at = [target.moved(self.placement.centre) for target in targets]
+        self._check_plane(selector)
+        engines = tuple(selector.engine(target, guarded) for target in at)
+        for engine, target in zip(engines, at, strict=True):
+            engine.optimisation_problem.check_axis(target)
+        return PlacedStations(engines, targets, self.placement, combine)
+
+    def _target(self, selector: PostureSelector, feature: Any) -> TaskTarget:
+        """In the frame of the workpiece."""
+        target = selector.target.with_position(np.array(feature.position))
+        direction = feature.direction or self.task.direction
+        target = target.with_direction(np.array(direction), selector.reach)
+        clearance = feature.clearance or self.task.clearance
+        return replace(target, clearance=np.nan if clearance is None else clearance)
+
+    def _check_plane(self, selector: PostureSelector) -> None:
+        """The yaw turns directions: in a plane that is not level they would leave it."""
+        normal = selector.reach.normal
+        turns = self.placement.lower[3] != 0 or self.placement.upper[3] != 0
+        if normal is not None and turns and abs(normal[2]) < 1 - 1e-9:
+            mend = "leave the yaw out"
+            issue = Issue("the arm moves in a plane that a yaw turns the part out of", ("task", "workpiece", "yaw"))
+            raise InputError(replace(issue, mend=mend))
+
+    def _search(self, combine: Combine, workers: int, progress: Progress | None) -> PlacementSearch:
+        """As for one target: without rows that keep the arm clear of itself, unless the answer is not."""
+        selector, scene = self._selector(combine), self.problem.scene
+        # Another aim gives a candidate and no more.
+        wanted = {1: FOUND_BY, 3: FOUND_BY - 1}[len(self._combinations)] if combine == self.task.combine else 1
+        found = search_placement(self._stations(selector, combine), self.seed, workers, progress, wanted)
+        alone = combine == self.task.combine  # what another aim finds is solved again, clear of collisions
+        if not alone or not found.optima or scene.explicit or is_clear(scene, found.optima[0].postures).all():
+            return found
+        return search_placement(self._stations(selector, combine, guarded=True), self.seed, workers, progress, wanted)
+
+    def _for(self, own: PlacementSearch, other: PlacementOptimum) -> PlacementOptimum:
+        """An optimum of another aim, with the postures that are best there by this one's."""
+        found = own.stations.best(other.w[None], 24, np.random.default_rng(self.seed), other.found.Q)
+        return PlacementOptimum(found, float(own.stations.combined(found)[0]), False)
+
+    def _at(self, search: PlacementSearch, optimum: PlacementOptimum, began: float) -> FeaturesSolution:
+        """Every feature solved on its own where the workpiece is, from the joint answer and from random starts."""
+        stations = search.stations
+        selector = self._selector(stations.combine)
+        solved = [
+            selector.solve_target(target, self.seed, known=q if np.isfinite(q).all() else None)
+            for target, q in zip(stations.at(optimum.w), optimum.postures, strict=True)
+        ]
+        every = search.screened
+        sigma = placement_sigma(stations, every)
+        feasible = np.isfinite(sigma)
+        drawn = np.flatnonzero(feasible)[1:] if feasible[0] else np.flatnonzero(feasible)
+        value = stations.combined(every)
+        middle = drawn[np.argsort(value[drawn], kind="stable")[len(drawn) // 2]] if len(drawn) else None
+        scene = self.problem.scene
+        rest = [o for o in search.optima if o is not optimum and is_clear(scene, o.postures).all()]
+        figure = _Figures(self.problem, stations, self.task.combine == "success")
+        statistics = PlacementStatistics(
+            len(every.W), int(feasible.sum()), every.tried, search.solves, search.batches, search.recurred,
+            time.perf_counter() - began,
+        )  # fmt: skip
+        return self._solution(
+            stations, optimum.w, solved, statistics,
+            optimal=optimum.optimal,
+            centre=figure.of(every, 0),
+            typical=None if middle is None else figure.of(every, int(middle)),
+            others=tuple(figure.of(other.found, 0) for other in rest[:_MOST_OTHERS]),
+        )  # fmt: skip
+
+    def _solution(
+        self, stations: PlacedStations, w: Array, solved: Sequence[Solution], statistics: PlacementStatistics,
+        *, optimal: bool = True, **beside: Any,
+    ) -> FeaturesSolution:  # fmt: skip
+        robot = solved[0].optimisation_problem.robot
+        solved = self._ties(solved)
+        Q = np.array([solution.q for solution in solved])
+        turned = nearest_turns(robot, Q, best_order(robot, Q).order)
+        if best_order(robot, turned).travel < best_order(robot, Q).travel - 1e-9:
+            solved = [replace(solution, q=q) for solution, q in zip(solved, turned, strict=True)]
+        status: Status = "optimal" if optimal and all(s.status == "optimal" for s in solved) else "feasible"
+        notes = tuple(dict.fromkeys(note for solution in solved for note in solution.notes))
+        return FeaturesSolution(
+            self.problem,
+            self.task,
+            stations,
+            status,
+            w,
+            tuple(solved),
+            statistics,
+            tuple(feature.name for feature in self.task.features),
+            notes=notes,
+            **beside,
+        )
+
+    def _ties(self, solved: Sequence[Solution]) -> Sequence[Solution]:
+        """Of postures that scatter alike, such as mirrored elbows, those that the joints travel least between."""
+        if self.task.criterion != "worst" or self.task.combine == "success" or self.task.minimize:
+            return solved
+        alike = [[a for a in s.alternatives if a.sigma_max <= (1 + _SAME) * s.critical.sigma_max] for s in solved]
+        options = [
+            np.array([s.q, *(list(a.posture.values()) for a in same)]) for s, same in zip(solved, alike, strict=True)
+        ]
+        robot = solved[0].optimisation_problem.robot
+        chosen = nearest_ties(robot, options)
+        return [replace(s, q=each[k]) if k else s for s, each, k in zip(solved, options, chosen, strict=True)]
+
+    def _where_it_stands(self, workers: int, progress: Progress | None, began: float) -> FeaturesSolution:
+        """A placement that is fixed leaves single problems."""
+        combine = self.task.combine
+        selector = self._selector(combine)
+        stations, w = self._stations(selector, combine), self.placement.lower
+        solved: list[Solution] = []
+        for k, target in enumerate(stations.at(w)):
+            try:
+                solved.append(selector.solve_thoroughly(seed=self.seed, workers=workers, target=target))
+            except NoSolutionError as error:
+                raise self._explained(stations).error(w, [k], [error], 1, began) from None
+            if progress is not None:
+                progress(k + 1, len(stations.targets))
+        starts = sum(solution.statistics.tried for solution in solved)
+        recurred = min(solution.statistics.recurred for solution in solved)
+        batches = max(solution.statistics.batches for solution in solved)
+        statistics = PlacementStatistics(1, 1, starts, 0, batches, recurred, time.perf_counter() - began)
+        return self._solution(stations, w, solved, statistics)
+
+    def _explained(self, stations: PlacedStations) -> FeaturesFailure:
+        return FeaturesFailure(self.problem, self.task, stations, self.seed)
+
+    def _failure(self, search: PlacementSearch, began: float) -> NoSolutionError:
+        """The placement at which least is missing, and why the features fail there that do."""
+        stations, every = search.stations, search.screened
+        m = int(np.argmin(failing(every)))
+        selector = self._selector(stations.combine)
+        errors: list[NoSolutionError] = []
+        failed = [int(k) for k in np.flatnonzero(every.gap[m] > 0)]
+        for k in failed[:_EXPLAINED]:
+            try:
+                selector.solve_target(stations.targets[k].moved(every.W[m]), self.seed, 8)
+            except NoSolutionError as error:
+                errors.append(error)
+        return self._explained(stations).error(every.W[m], failed, errors, len(every.W), began)
+
+
+@dataclass(frozen=True)
+class _Figures:
+    """What placements cost, beside the answer."""
+
+    problem: Any
+    stations: PlacedStations
+    with_odds: bool
+
+    def of(self, found: Postures, m: int) -> PlacementFigure:
+        """Of row m."""
+        sigma = float(placement_sigma(self.stations, found)[m])
+        odds = self._odds(found.W[m], found.Q[m]) if self.with_odds and np.isfinite(sigma) else None
+        return PlacementFigure(found.W[m], sigma, odds)
+
+    def _odds(self, w: Array, Q: Array) -> float:
+        places = [
+            PlaceErrors.of(
+                propagate(self.problem, q), critical_basis(engine.optimisation_problem, target), target.clearance
+            )
+            for engine, target, q in zip(self.stations.engines, self.stations.at(w), Q, strict=True)
+        ]
+        return success_of_all(places).probability

@@ -1,0 +1,75 @@
+"""How far outside of its range a workpiece must go for all of its features to be possible; how it must be turned.
+
+Placements beyond the range are tried at random; from the nearest one at which every feature can be done the way back
+to the range is searched, and then the neighbourhood of what was found, so that the move told is one that suffices and
+nearly the least.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.selection.stations.placed_stations import PlacedStations
+from posture_opt.selection.stations.placement import PlacementRange
+
+_TRIED = 192  # placements beyond the range
+_ALONG = 12  # of the way back
+_ROUNDS = 3
+_STARTS = 8
+
+
+def nearest_feasible(stations: PlacedStations, seed: int) -> Array | None:
+    """(4,) a placement outside of the range, yaw within it, at which every feature can be done; None if none was seen.
+
+    The smallest shift [m] that was found.
+    """
+    rng, box = np.random.default_rng(seed), stations.placement
+    reach = stations.engines[0].optimisation_problem.reach
+    far = np.append(np.full(3, reach.radius), 0.0)
+    share = rng.random((_TRIED, 1)) ** 2  # more of them near the range
+    inside = box.lower + rng.random((_TRIED, 4)) * (box.upper - box.lower)
+    return _led_back(stations, inside + share * rng.uniform(-1, 1, (_TRIED, 4)) * far, rng)
+
+
+def turned_feasible(stations: PlacedStations, seed: int) -> Array | None:
+    """(4,) a placement in the range of x, y and z, with any yaw, at which every feature can be done, turned least."""
+    rng, box = np.random.default_rng(seed), stations.placement
+    if box.all_round:
+        return None
+    tried = box.lower + rng.random((_TRIED, 4)) * (box.upper - box.lower)
+    tried[:, 3] = box.centre[3] + rng.uniform(-math.pi, math.pi, _TRIED)
+    return _led_back(stations, tried, rng)
+
+
+def outside(box: PlacementRange, W: Array) -> Array:
+    """(M,) how far placements lie outside of a range, a radian counted as a metre."""
+    return np.asarray(np.linalg.norm(W - np.clip(W, box.lower, box.upper), axis=1))
+
+
+def _led_back(stations: PlacedStations, W: Array, rng: np.random.Generator) -> Array | None:
+    box = stations.placement
+    anywhere = replace(stations, placement=PlacementRange(np.full(4, -np.inf), np.full(4, np.inf)))
+    best: Array | None = None
+    known: Array | None = None
+    for _ in range(2 * _ROUNDS + 1):
+        found = anywhere.best(anywhere.in_plane(W), _STARTS, rng, known)
+        feasible = np.flatnonzero((found.gap == 0).all(axis=1))
+        if len(feasible):
+            nearest = feasible[np.argmin(outside(box, found.W[feasible]))]
+            if best is None or outside(box, found.W[nearest][None])[0] < outside(box, best[None])[0]:
+                best, known = found.W[nearest], found.Q[nearest][None]
+        if best is None:
+            return None
+        # In turn: the way back to the range, and what lies about the best.
+        edge = np.clip(best, box.lower, box.upper)
+        away = outside(box, best[None])[0]
+        if away < 1e-6:
+            return best
+        along = np.linspace(0, 1, _ALONG, endpoint=False)[:, None]
+        about = rng.uniform(-1, 1, (2 * _ALONG, 4)) * np.where(best == edge, 0.3 * (box.upper - box.lower), away / 3)
+        W = np.vstack([edge + along * (best - edge), np.clip(best + about, edge - away, edge + away)])
+    return best

@@ -1,0 +1,97 @@
+"""``workpiece`` and ``features`` of a task: where a part stands, as far as that is free, and what is done at it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
+
+from posture_opt.errors import BadValueError
+from posture_opt.selection.tasks.direction import Direction
+from posture_opt.spec import Spec
+from posture_opt.units import DIMENSIONS, Length, parse_quantity
+
+Combine = Literal["worst", "mean", "success"]
+"""The largest spread of the features, their mean, or the probability that all of them succeed."""
+
+MOST_FEATURES = 30
+"""Of one task: so many were tried."""
+
+
+def _span(dimension: str) -> Any:
+    """A value, or [least, most]: always kept as two numbers, which are equal where the value is fixed."""
+    example = DIMENSIONS[dimension][1]
+
+    def read(value: Any) -> tuple[float, float]:
+        if not isinstance(value, list | tuple):
+            fixed = parse_quantity(value, dimension)
+            return fixed, fixed
+        if len(value) != 2:
+            raise BadValueError(
+                f"a range has two ends, {len(value)} {'is' if len(value) == 1 else 'are'} given",
+                f"write one value, which is fixed, or [least, most], for example [-{example}, {example}]",
+            )
+        low, high = (parse_quantity(end, dimension) for end in value)
+        if low > high:
+            raise BadValueError(
+                f"the range [{value[0]}, {value[1]}] is empty: its least is above its most", "swap them"
+            )
+        return low, high
+
+    text = {"type": "string", "description": f"{dimension} with its unit", "examples": [example]}
+    schema = {"anyOf": [text, {"type": "array", "items": text, "minItems": 2, "maxItems": 2}], "examples": [example]}
+    return Annotated[tuple[float, float], BeforeValidator(read), WithJsonSchema({**schema, "dimension": dimension})]
+
+
+if TYPE_CHECKING:
+    LengthSpan = tuple[float, float]
+    AngleSpan = tuple[float, float]
+else:
+    LengthSpan = _span("length")
+    AngleSpan = _span("angle")
+
+
+class Workpiece(Spec):
+    """The pose of the frame that features (or a path) stand in: ``Trans(x, y, z) Rz(yaw)`` in the world.
+
+    Each coordinate is one value, which is fixed, or ``[least, most]``, within which it is chosen.
+    """
+
+    x: LengthSpan = (0.0, 0.0)
+    y: LengthSpan = (0.0, 0.0)
+    z: LengthSpan = (0.0, 0.0)
+    yaw: AngleSpan = (0.0, 0.0)
+
+    @property
+    def lower(self) -> tuple[float, float, float, float]:
+        """The least of x, y, z [m] and yaw [rad]."""
+        return self.x[0], self.y[0], self.z[0], self.yaw[0]
+
+    @property
+    def upper(self) -> tuple[float, float, float, float]:
+        """The most of x, y, z [m] and yaw [rad]."""
+        return self.x[1], self.y[1], self.z[1], self.yaw[1]
+
+
+class Feature(Spec):
+    """One place of the workpiece at which the task is done, in the frame of the workpiece."""
+
+    name: Annotated[str, Field(min_length=1, description="told in reports, unique", examples=["hole 1"])]
+    position: tuple[Length, Length, Length]
+    direction: Direction | None = Field(None, description="default: that of the task")
+    clearance: Annotated[Length, Field(gt=0)] | None = Field(None, description="default: that of the task")
+
+
+def _distinct(features: tuple[Feature, ...]) -> tuple[Feature, ...]:
+    names = [feature.name for feature in features]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise BadValueError(f"two features have the name '{twice[0]}'", "give each a name of its own")
+    if len(features) > MOST_FEATURES:
+        raise BadValueError(
+            f"{len(features)} features are given, {MOST_FEATURES} at most are placed together", "split the task"
+        )
+    return features
+
+
+Features = Annotated[tuple[Feature, ...], AfterValidator(_distinct)]

@@ -1,0 +1,64 @@
+"""``Critical``: the part of a spread that a task cares about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.uncertainty.regions.coverage_radius import coverage_radius
+from posture_opt.uncertainty.regions.regions import RANK_TOLERANCE, deviation
+
+Within = Literal["across", "along", "all"]
+"""The part of the spread: across the direction of the task, along it, or all of it."""
+
+
+@dataclass(frozen=True)
+class Critical:
+    """The part of the spread that the task cares about.
+
+    Args:
+        within: ``across`` the direction, ``along`` it, or ``all`` of it.
+        basis: (m, 3) unit vectors, one a row, world.
+        covariance: (m, m) in that basis [m²].
+        bias: (m,) [m].
+        sigma_max: largest standard deviation [m].
+        worst_axis: (3,) the direction of it, world; its largest component is positive.
+    """
+
+    within: Within
+    basis: Array
+    covariance: Array
+    bias: Array
+    sigma_max: float
+    worst_axis: Array
+
+    @classmethod
+    def of(cls, within: Within, basis: Array, covariance: Array, bias: Array) -> Critical:
+        """The part in ``basis`` (3, m) of a covariance (3, 3) [m²] and a mean shift (3,) [m], world."""
+        C, b = basis.T @ covariance @ basis, basis.T @ bias
+        values, vectors = np.linalg.eigh(C)
+        if values[-1] <= RANK_TOLERANCE * np.trace(covariance):
+            C = np.zeros_like(C)  # what nothing moves: rounding
+        worst = basis @ vectors[:, -1]
+        worst = worst * np.sign(worst[np.argmax(np.abs(worst))])  # as the axes of an ellipse: a line, told one way
+        sigma_max = deviation(float(values[-1]), covariance)
+        return cls(within, basis.T, C, b, sigma_max, worst)
+
+    @cached_property
+    def radius95(self) -> float:
+        """Distance from the target that 95 % of all tool points stay within [m]."""
+        return coverage_radius(0.95, self.covariance, self.bias)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers, SI."""
+        return {
+            "within": self.within,
+            "sigma_max": self.sigma_max,
+            "basis": self.basis.tolist(),
+            "covariance": self.covariance.tolist(),
+            "radius95": self.radius95,
+        }

@@ -1,0 +1,256 @@
+"""``simulate``: the scatter of the tool point by Monte Carlo, through the full forward model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.interrupts import interruptible
+from posture_opt.numerics import Array
+from posture_opt.result import Result
+from posture_opt.robot.posture import Posture, PostureLike
+from posture_opt.uncertainty.moments.pose_covariance import FRAME
+from posture_opt.uncertainty.regions.regions import NORMAL95, RANK_TOLERANCE, Ellipsoid
+from posture_opt.uncertainty.simulation.adaptive import AdaptiveResult
+from posture_opt.uncertainty.simulation.adaptive import adaptive as adaptive_trials
+from posture_opt.uncertainty.simulation.sampler import PowerSums, Sampler
+from posture_opt.uncertainty.simulation.sampling_errors import Interval, square, variance_intervals, wilson_interval
+from posture_opt.uncertainty.spread.spread import HasSources, Spread, budget_json, ellipse_json, propagate, task_json
+from posture_opt.uncertainty.spread.task_spread import TaskSpread
+
+LARGEST = 100_000_000
+_BLOCK = 5_000  # samples walked at once: bounds the memory whatever n is
+_KEPT = 1_000_000  # points kept for figures and files
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cloud(Result):
+    """A sample of the tool pose beside the closed form.
+
+    The 95 % intervals are those of sampling alone, from the fourth moments of the sample itself, so that they
+    hold for a bent, non-Gaussian cloud too.
+
+    Args:
+        spread: the closed form at the same posture.
+        n: number of samples; ``seed``: of the generator; both reproduce the cloud.
+        points: (min(n, 1 000 000), 3) the first tool points [m].
+        mean: (3,) [m].
+        covariance: (3, 3) with n − 1 in the denominator [m²].
+        covariance_of_covariance: (6, 6) of the entries xx, xy, xz, yy, yz, zz [m⁴].
+        pose_covariance: (6, 6) of shift and rotation vector (v, ω) from the nominal pose, world-aligned axes.
+        inside: number of samples in the 95 % region of the closed form; ``hits``: within the clearance of the task.
+        notes: sentences for the report.
+        adaptive: how n was found, in the coordinates of ``spread.basis`` about the nominal point; None where n was
+            given.
+    """
+
+    spread: Spread
+    n: int
+    seed: int
+    points: Array
+    mean: Array
+    covariance: Array
+    covariance_of_covariance: Array
+    pose_covariance: Array
+    inside: int
+    hits: int
+    notes: tuple[str, ...] = ()
+    adaptive: AdaptiveResult | None = None
+
+    @property
+    def posture(self) -> Posture:
+        """Joint name -> value [rad or m], printed in degrees."""
+        return self.spread.posture
+
+    @property
+    def bias(self) -> Array:
+        """(3,) sample mean minus nominal tool point [m]."""
+        return self.mean - self.spread.position
+
+    @property
+    def bias_error(self) -> Array:
+        """(3,) standard error of the mean [m]."""
+        return np.asarray(np.sqrt(np.diag(self.covariance) / self.n))
+
+    @property
+    def covariance_error(self) -> Array:
+        """(3, 3) standard error of each entry of the covariance [m²]."""
+        return square(np.sqrt(np.clip(np.diag(self.covariance_of_covariance), 0, None)))
+
+    @property
+    def covariance_interval(self) -> Array:
+        """(3, 3, 2) 95 % sampling interval of each entry of the covariance [m²]."""
+        half = NORMAL95 * self.covariance_error
+        return np.stack([self.covariance - half, self.covariance + half], axis=-1)
+
+    @cached_property
+    def ellipse(self) -> Ellipsoid:
+        """Of the sample, in the coordinates of ``spread.basis``."""
+        return Ellipsoid(self.mean, self.covariance).project(self.spread.basis)
+
+    @property
+    def eigenvalues(self) -> Array:
+        """(m,) of the sample covariance [m²], ascending."""
+        return self.ellipse.semi_axes**2
+
+    @property
+    def eigenvalue_intervals(self) -> Array:
+        """(m, 2) 95 % sampling intervals [m²].
+
+        Eigenvalues nearer to each other than their intervals repel in every sample; see `variance_intervals`.
+        """
+        return variance_intervals(
+            self.ellipse.axes.T @ self.spread.basis, self.eigenvalues, self.covariance_of_covariance
+        )
+
+    @property
+    def coverage95(self) -> float:
+        """The part of the samples that lies in the 95 % region of the closed form."""
+        return self.inside / self.n
+
+    @property
+    def coverage95_interval(self) -> Interval:
+        """95 % interval of the true coverage (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209)."""
+        return wilson_interval(self.inside, self.n)
+
+    @cached_property
+    def for_task(self) -> TaskSpread | None:
+        """The sample as the task of the problem sees it; its odds are those of a normal point with these moments."""
+        seen = self.spread.for_task
+        return None if seen is None else seen.sampled(self.covariance, self.bias)
+
+    @property
+    def success(self) -> float | None:
+        """The part of the samples that stays within the clearance; None without a clearance."""
+        seen = self.spread.for_task
+        return None if seen is None or seen.success_probability is None else self.hits / self.n
+
+    @property
+    def success_interval(self) -> Interval | None:
+        """95 % interval of the true probability of success (Wilson 1927); None without a clearance."""
+        return None if self.success is None else wilson_interval(self.hits, self.n)
+
+    @property
+    def ratio(self) -> Array:
+        """(m,) standard deviations of the sample over those of the closed form, along the closed form's axes."""
+        axes = self.spread.axes
+        sampled = np.einsum("mi,ij,mj->m", axes, self.covariance, axes)
+        closed = np.einsum("mi,ij,mj->m", axes, self.spread.covariance, axes)
+        # Along an axis without variance both are zero, and agree.
+        varies = closed > RANK_TOLERANCE * closed[-1]
+        return np.asarray(np.sqrt(np.divide(sampled, closed, out=np.ones_like(closed), where=varies)))
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``spread.json``, of the sample; budget, first order and validity are those of the model."""
+        closed = self.spread.to_json()
+        about = {key: value for key, value in closed.items() if key != "integration"}
+        sampled = {
+            "covariance": self.covariance.tolist(),
+            "bias": self.bias.tolist(),
+            "pose_covariance": self.pose_covariance.tolist(),
+            "pose_covariance_frame": FRAME,
+            "pose_covariance_integration": None,
+            "ellipse": ellipse_json(self.ellipse, self.spread.basis),
+            "method": "Monte Carlo",
+            "budget": budget_json(self.spread.budget),
+            **task_json(self.for_task),
+            "success_probability": self.success,
+            "success_probability_interval95": None if self.success_interval is None else list(self.success_interval),
+            "notes": list(self.notes),
+        }
+        drawn = {"n": self.n, "seed": self.seed, "adaptive": self._adaptive()}
+        beside = {"closed_form": closed, "ratio": self.ratio.tolist()}
+        return {**about, **sampled, **drawn, **self._errors(), **beside}
+
+    def _errors(self) -> dict[str, Any]:
+        return {
+            "mean": self.mean.tolist(),
+            "bias_standard_error": self.bias_error.tolist(),
+            "covariance_standard_error": self.covariance_error.tolist(),
+            "covariance_interval95": self.covariance_interval.tolist(),
+            "eigenvalues": self.eigenvalues.tolist(),
+            "eigenvalue_intervals95": self.eigenvalue_intervals.tolist(),
+            "coverage95": {"value": self.coverage95, "interval95": list(self.coverage95_interval)},
+        }
+
+    def _adaptive(self) -> dict[str, Any] | None:
+        found = self.adaptive
+        if found is None:
+            return None
+        return {"stable": found.stable, "blocks": found.blocks, "kp": found.kp, "kq": found.kq}
+
+
+@interruptible()
+def simulate(
+    problem: HasSources, posture: PostureLike, n: int = 5000, seed: int = 0, adaptive: bool = False, digits: int = 2
+) -> Cloud:
+    """Draw n sets of errors ``p ~ N(0, Σ)`` and send each through the full forward model.
+
+    Args:
+        problem: names ``robot`` and ``sources``.
+        posture: n joint values [rad or m], or joint name -> value.
+        n: number of samples; not used with ``adaptive``.
+        seed: the same seed gives the same cloud.
+        adaptive: draw until means, standard deviations, correlations and coverage factor are stable in ``digits``
+            significant digits (JCGM 102:2011, 7.8), at most two million.
+
+    Raises:
+        InputError: no posture, no sources, n < 2 or above 1e8, a negative seed, fewer than one digit.
+    """
+    _check(n, seed)
+    spread = propagate(problem, posture)
+    if not adaptive:
+        return cloud_of(spread, n, seed)
+    draw = Sampler.of(spread)
+    found = adaptive_trials(lambda size, rng: draw(rng, size)[0] @ spread.basis.T, digits=digits, seed=seed)
+    state = "stable" if found.stable else "not yet stable"
+    note = f"{found.n} samples drawn: {state} in {digits} significant digits (JCGM 102:2011, 7.8)"
+    # Blocks of another size take the same numbers from the generator, so this is the sample that was found stable.
+    cloud = cloud_of(spread, found.n, seed)
+    return replace(cloud, adaptive=found, notes=(*cloud.notes, note))
+
+
+def cloud_of(spread: Spread, n: int, seed: int) -> Cloud:
+    """The cloud about a closed-form spread, drawn in blocks: memory does not grow with n beyond the kept points."""
+    rng = np.random.default_rng(seed)
+    draw = Sampler.of(spread)
+    sums = PowerSums(spread)
+    kept: list[Array] = []
+    for start in range(0, n, _BLOCK):
+        shift, rotation = draw(rng, min(_BLOCK, n - start))
+        sums.add(shift, rotation)
+        if start < _KEPT:
+            kept.append(shift[: _KEPT - start] + spread.position)
+    offset, covariance = sums.moments(n)
+    return Cloud(
+        spread=spread,
+        n=n,
+        seed=seed,
+        points=np.concatenate(kept),
+        mean=spread.position + spread.bias + offset[:3],
+        covariance=covariance[:3, :3],
+        covariance_of_covariance=sums.covariance_of_covariance(n),
+        pose_covariance=covariance,
+        inside=sums.inside,
+        hits=sums.hits,
+        notes=spread.notes,
+    )
+
+
+def _check(n: Any, seed: Any) -> None:
+    issues = []
+    if isinstance(n, bool) or not isinstance(n, int | np.integer):
+        issues.append(Issue(f"the number of samples is {n!r}", ("n",), n, "give a whole number such as 5000"))
+    elif n < 2:
+        issues.append(Issue(f"{n} samples have no covariance", ("n",), n, "give 2 or more; 5000 are usual"))
+    elif n > LARGEST:
+        mend = "give at most 1e8; 2e6 fix a variance to 0.1 %"
+        issues.append(Issue(f"{n} samples are too many", ("n",), n, mend))
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        issues.append(Issue(f"the seed is {seed!r}", ("seed",), seed, "give a whole number of 0 or more"))
+    if issues:
+        raise InputError(issues)

@@ -1,0 +1,224 @@
+"""The ``uncertainty`` section of the problem file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from posture_opt.errors import BadValueError, InputError, Issue, one_of
+from posture_opt.files import located
+from posture_opt.model.arm import Arm
+from posture_opt.robot.corrections import name_issues
+from posture_opt.robot.robot import Robot
+from posture_opt.spec import Spec
+from posture_opt.uncertainty.sources.covariance_file import read_covariance
+from posture_opt.uncertainty.sources.repeatability import joint_sigmas
+from posture_opt.uncertainty.sources.sources import Sources, covariance_issues
+from posture_opt.units import Angle, Length, Quantity, parse_quantity
+
+Correlation = Annotated[tuple[str, str, float], Field(examples=[["joint1.a", "joint2.a", 0.8]])]
+
+
+_ANGLES = ("theta", "alpha", "beta", "roll", "pitch", "yaw")
+_LENGTHS = ("d", "a", "x", "y", "z")
+
+
+class MeasurementSpec(Spec):
+    """Standard deviations of the measuring instrument, used with data."""
+
+    position: Length = Field(ge=0, description="of each coordinate of the measured point")
+    orientation: Angle | None = Field(None, ge=0, description="of each component of the measured rotation")
+    degrees_of_freedom: int | None = Field(
+        None, ge=1, description="of an estimate of it (GUM, G.3), as from repeats; left out where it is known"
+    )
+
+
+class UncertaintySpec(Spec):
+    """Where the scatter of the tool point comes from: standard deviations, a covariance file, or a data sheet.
+
+    ``sigma``, or ``covariance``, says how well the parameters of this arm are known: errors that stay. ``scatter`` and
+    ``repeatability`` say how they change from repeat to repeat, independently of what is known of them: where both
+    speak of a parameter their variances add up. Only ``sigma`` with ``repeatability`` is refused for a joint's value:
+    there, one of the two is nearly always the other one written once more.
+    """
+
+    sigma: dict[str, Quantity] = Field({}, description="JOINT.PARAMETER: standard deviation")
+    correlation: tuple[Correlation, ...] = Field((), description="[parameter, parameter, coefficient]")
+    covariance: str | None = Field(None, min_length=1, description="CSV file with named rows and columns")
+    scatter: dict[str, Quantity] = Field(
+        {}, description="JOINT.PARAMETER: standard deviation from repeat to repeat, added to what else is said of it"
+    )
+    repeatability: Length | None = Field(None, gt=0, description="data sheet's RP of ISO 9283")
+    weights: dict[str, Annotated[float, Field(ge=0)]] = Field({}, description="JOINT: share in the repeatability")
+    measurement: MeasurementSpec | None = None
+
+    def build(self, arm: Arm, folder: Path, attached: Mapping[str, str] | None = None) -> Sources:
+        """The sources of ``arm``; a covariance file is looked up in ``attached``, name -> text, then from ``folder``.
+
+        Raises:
+            InputError: everything wrong with the section, keys relative to it.
+        """
+        robot = arm.robot
+        dimensions = {n: "angle" if f.kind == "rotate" else "length" for n, f in robot.parameters.items()}
+        dimensions |= arm.dimensions
+        issues = [*self._contradictions(), *self._weight_issues(robot)]
+        named = Sources()
+        try:
+            from_file = self.covariance and not self.sigma  # both are a contradiction, which is told already
+            named = self._from_file(dimensions, folder, attached or {}) if from_file else self._from_sigma(dimensions)
+        except InputError as error:
+            issues += error.issues
+        scatter = {name: _sigma(name, text, dimensions, issues, "scatter") for name, text in self.scatter.items()}
+        if issues:
+            raise InputError(issues)
+        return self.completed(named, robot, scatter)
+
+    def completed(self, named: Sources, robot: Robot, scatter: Mapping[str, float]) -> Sources:
+        """The sources ``named`` with a repeatability, stated or of the data sheet, and with the ``scatter`` [rad or m].
+
+        Raises:
+            InputError: sigma and repeatability speak of one joint.
+        """
+        both = scatter and self.covariance
+        note = ("scatter from repeat to repeat is added to what is not known of the arm",) if both else ()
+        return self._with_repeatability(named, robot).plus(Sources.scattering(scatter, note))
+
+    def check(self) -> None:
+        """All of ``build`` that needs neither robot nor files: the last word of a name tells angles from lengths.
+
+        Raises:
+            InputError: everything wrong with the section, keys relative to it.
+        """
+        issues = self._contradictions()
+        try:
+            self._from_sigma(None)
+        except InputError as error:
+            issues += error.issues
+        for name, text in self.scatter.items():
+            _sigma(name, text, None, issues, "scatter")
+        if issues:
+            raise InputError(issues)
+
+    def _contradictions(self) -> list[Issue]:
+        issues = []
+        if self.covariance and (self.sigma or self.correlation):
+            mend = "the file holds variances and correlations alike; leave out sigma and correlation"
+            issues.append(Issue("covariance and sigma are both given", ("covariance",), self.covariance, mend))
+        if self.weights and self.repeatability is None:
+            mend = "add repeatability, or leave out weights"
+            issues.append(Issue("weights share out a repeatability, and none is given", ("weights",), mend=mend))
+        return issues
+
+    def _weight_issues(self, robot: Robot) -> list[Issue]:
+        names = robot.joint_names
+        issues = [
+            Issue("the robot has no such joint", ("weights", name), name, one_of(name, names, "joints"))
+            for name in self.weights
+            if name not in names
+        ]
+        if self.weights and not any(self.weights.get(name, 1.0) for name in names):
+            issues.append(Issue("all weights are zero", ("weights",), mend="give one joint a weight above 0"))
+        return issues
+
+    def _from_file(self, dimensions: dict[str, str], folder: Path, attached: Mapping[str, str]) -> Sources:
+        assert self.covariance is not None
+        text = attached.get(self.covariance)
+        try:
+            names, covariance = read_covariance(located(folder, self.covariance), dimensions, text)
+        except InputError as error:
+            raise InputError([issue if issue.file else issue.at("covariance") for issue in error.issues]) from None
+        covariance = (covariance + covariance.T) / 2
+        issues = covariance_issues(names, covariance)
+        if issues:
+            raise InputError([replace(issue, key=("covariance",), value=self.covariance) for issue in issues])
+        return Sources(names, covariance, (f"covariance from {self.covariance}",))
+
+    def _from_sigma(self, dimensions: dict[str, str] | None) -> Sources:
+        issues: list[Issue] = []
+        sigma = {name: _sigma(name, text, dimensions, issues) for name, text in self.sigma.items()}
+        names = tuple(sigma)
+        pairs = self._pairs(names, issues)
+        if issues:
+            raise InputError(issues)
+        values = np.array(list(sigma.values()))
+        correlation = np.eye(len(names))
+        for (a, b), rho in pairs.items():
+            i, j = names.index(a), names.index(b)
+            correlation[i, j] = correlation[j, i] = rho
+        covariance = correlation * np.outer(values, values)
+        issues = covariance_issues(names, covariance)
+        if issues:
+            raise InputError([issue.at("correlation") for issue in issues])
+        return Sources(names, covariance)
+
+    def _pairs(self, names: tuple[str, ...], issues: list[Issue]) -> dict[tuple[str, str], float]:
+        pairs: dict[tuple[str, str], float] = {}
+        for index, (a, b, rho) in enumerate(self.correlation):
+            key = ("correlation", index)
+            pair = (min(a, b), max(a, b))
+            for name in dict.fromkeys((a, b)):
+                if name not in names:
+                    mend = f"add it under sigma, or correlate one of: {', '.join(names) or 'none stated'}"
+                    issues.append(Issue(f"'{name}' has no sigma", key, name, mend))
+            if not -1 <= rho <= 1:
+                issues.append(Issue(f"the correlation {rho:g} lies outside [-1, 1]", key, rho, "write for example 0.8"))
+            if a == b:
+                issues.append(Issue(f"'{a}' is correlated with itself", key, a, "name two different parameters"))
+            elif pair in pairs:
+                issues.append(Issue(f"the correlation of {a} and {b} is stated twice", key, rho, "keep one"))
+            pairs[pair] = rho
+        return pairs
+
+    def _with_repeatability(self, named: Sources, robot: Robot) -> Sources:
+        if self.repeatability is None and (robot.repeatability is None or self._stated):
+            return named
+        if self.repeatability is None:
+            assert robot.repeatability is not None
+            value, source = robot.repeatability.value, robot.repeatability.source
+            joints = joint_sigmas(robot, value, {})
+            note = f"no uncertainty stated: data-sheet repeatability {value * 1e3:g} mm taken ({source})"
+            return replace(joints, notes=(note, *joints.notes))
+        joints = joint_sigmas(robot, self.repeatability, self.weights)
+        if self.covariance:
+            return named.plus(joints)
+        try:
+            return named.joined(joints)
+        except InputError as error:
+            mend = "the repeatability holds the scatter of all joints: leave these out of sigma, or leave it out"
+            raise InputError([replace(i, key=("repeatability",), mend=mend) for i in error.issues]) from None
+
+    @property
+    def _stated(self) -> bool:
+        return bool(self.sigma or self.covariance or self.scatter)
+
+
+def _sigma(
+    name: str, text: Any, dimensions: dict[str, str] | None, issues: list[Issue],
+    word: Literal["sigma", "scatter"] = "sigma",
+) -> float:  # fmt: skip
+    key = (word, name)
+    known = _usual_parameters(name) if dimensions is None else dimensions
+    unknown = name_issues(name, known)
+    if unknown:
+        issues.extend(issue.at(word) for issue in unknown)
+        return 0.0
+    try:
+        value = parse_quantity(text, known[name])
+    except BadValueError as error:
+        issues.append(error.issue(key, text))
+        return 0.0
+    if value < 0:
+        mend = f"write {str(text).strip().lstrip('-').strip()}"
+        issues.append(Issue(f"the standard deviation {text} is negative", key, text, mend))
+    return value
+
+
+def _usual_parameters(name: str) -> dict[str, str]:
+    """The parameters that a joint of some robot has, of the joint that ``name`` speaks of, with their dimensions."""
+    joint = name.rpartition(".")[0] or name
+    return {f"{joint}.{word}": "angle" for word in _ANGLES} | {f"{joint}.{word}": "length" for word in _LENGTHS}

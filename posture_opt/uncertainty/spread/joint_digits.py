@@ -1,0 +1,85 @@
+"""How many digits of joint values are worth writing: rounding is to be small beside the scatter of the tool point."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from posture_opt.model.arm import Arm
+from posture_opt.numerics import Array
+from posture_opt.robot.robot import Joint
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.units import fixed
+
+SHARE = 0.01
+"""Of the scatter: by how much rounding may move the tool point, every joint rounded to the worse side."""
+READ = 0.1
+"""The same for postures that people read: rounding then adds at most half a percent to the standard deviation."""
+UNSTATED = 1e-4
+"""m: the scatter that counts where none is stated; rounding then moves the tool point by less than 1 µm."""
+_FINEST = 1e-12  # rad or m: beyond what a controller, or a float of half a turn, can tell
+
+
+class HasScatter(Protocol):
+    """Anything that names an arm and its sources of error, such as a ``Problem``."""
+
+    @property
+    def arm(self) -> Arm: ...
+    @property
+    def sources(self) -> Sources: ...
+
+
+@dataclass(frozen=True)
+class JointDigits:
+    """The steps that joint values may be rounded to.
+
+    Args:
+        turn: of revolute joints [rad]; slide: of prismatic ones [m].
+    """
+
+    turn: float
+    slide: float
+
+    def decimals(self, joint: Joint, factor: float) -> int:
+        """Decimals of a joint value in a unit of ``factor`` rad or m."""
+        step = self.turn if joint.type == "revolute" else self.slide
+        return max(0, math.ceil(-math.log10(step / factor) - 1e-9))
+
+    def text(self, joint: Joint, value: float, factor: float) -> str:
+        """A joint value [rad or m] as a number in a unit of ``factor`` rad or m."""
+        return fixed(value / factor, self.decimals(joint, factor))
+
+
+def joint_digits(problem: HasScatter, postures: ArrayLike, share: float = SHARE) -> JointDigits:
+    """The digits with which rounding moves the tool point by less than a ``share`` of its scatter.
+
+    With the columns ``J_j`` of the Jacobian and steps ``h_j``, rounding moves the tool point by at most
+    ``Σ_j |J_j| h_j / 2``; where joints turn and slide, each kind may take half. The scatter is the root mean square of
+    the standard deviations along the three axes, ``√(tr C / 3)``.
+
+    Args:
+        problem: names ``arm`` and ``sources``.
+        postures: (N, n) or (n,) [rad or m]; the digits serve for all of them.
+    """
+    types = [joint.type for joint in problem.arm.robot.joints]
+    steps: dict[str, float] = {"revolute": math.radians(1.0), "prismatic": 1e-3}  # at most a whole degree or mm
+    for q in np.atleast_2d(np.asarray(postures, dtype=float)):
+        reach = np.linalg.norm(np.asarray(problem.arm.jacobian(q), dtype=float)[:3], axis=0)
+        allowed = 2 * share * scatter(problem, q) / len(set(types))
+        for kind in set(types):
+            moved = float(sum(length for length, of in zip(reach, types, strict=True) if of == kind))
+            if moved > 0:
+                steps[kind] = min(steps[kind], allowed / moved)
+    return JointDigits(max(steps["revolute"], _FINEST), max(steps["prismatic"], _FINEST))
+
+
+def scatter(problem: HasScatter, q: Array) -> float:
+    """The standard deviation of the tool point that rounding is compared with at a posture (n,) [m]."""
+    tool_point, values = ToolPoint.of(problem.arm, problem.sources), [float(value) for value in q]
+    first = np.asarray(tool_point.pose_first_order(values, tool_point.walk(values)[0]), dtype=float)[:3, :3]
+    return math.sqrt(max(float(np.trace(first)), 0.0) / 3) or UNSTATED

@@ -1,0 +1,52 @@
+"""``Orientation``: how far the tool leans and turns about its axis by the errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from posture_opt.model.chain import Vector
+from posture_opt.numerics import Array
+from posture_opt.uncertainty.spread.spread import Spread
+
+
+@dataclass(frozen=True)
+class Orientation:
+    """Standard deviations of the rotation of the tool [rad]: the largest tilt of its axis, and the spin about it.
+
+    From the covariance of the pose; ``tilt_first_order`` and ``spin_first_order`` are those of ``J Σ Jᵀ``, which terms
+    bound and minimise.
+    """
+
+    tilt: float
+    spin: float
+    tilt_first_order: float
+    spin_first_order: float
+
+    @classmethod
+    def of(cls, spread: Spread, tool_axis: Vector) -> Orientation:
+        """At the posture of a spread, of the tool axis (3,), tool frame."""
+        tool_point, q = spread.tool_point, spread.q
+        reached, _ = tool_point.walk(q)
+        axis = np.array(reached.columns, dtype=float).T @ (np.array(tool_axis) / math.hypot(*tool_axis))
+        linear = np.asarray(tool_point.pose_first_order(q, reached), dtype=float)
+        return cls(*_sizes(spread.pose_covariance[3:, 3:], axis), *_sizes(linear[3:, 3:], axis))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers, SI."""
+        return {
+            "tilt_sigma_max": self.tilt,
+            "spin_sigma": self.spin,
+            "tilt_sigma_max_first_order": self.tilt_first_order,
+            "spin_sigma_first_order": self.spin_first_order,
+        }
+
+
+def _sizes(turning: Array, axis: Array) -> tuple[float, float]:
+    """Largest standard deviation across an axis (3,), and about it, of a rotation with covariance (3, 3)."""
+    across = np.linalg.svd(axis[None])[2][1:].T
+    tilt = float(np.linalg.eigvalsh(across.T @ turning @ across)[-1])
+    return math.sqrt(max(tilt, 0.0)), math.sqrt(max(float(axis @ turning @ axis), 0.0))

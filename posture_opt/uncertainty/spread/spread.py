@@ -1,0 +1,288 @@
+"""``propagate``: where the tool point scatters at one posture, without sampling."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from posture_opt.errors import InputError, Issue
+from posture_opt.model.arm import HasArm
+from posture_opt.model.chain import Walk
+from posture_opt.numerics import Array
+from posture_opt.result import Result
+from posture_opt.robot.posture import Posture, PostureLike, limit_notes, read_posture
+from posture_opt.robot.robot import Robot
+from posture_opt.uncertainty.moments.integration import Integration
+from posture_opt.uncertainty.moments.pose_covariance import FRAME, PoseCovariance, pose_covariance
+from posture_opt.uncertainty.moments.second_order import Validity, second_order
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.regions.regions import Ellipsoid
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.spread.budget import Share, budgets
+from posture_opt.uncertainty.spread.budget_groups import ShareGroup, share_groups
+from posture_opt.uncertainty.spread.task_spread import HasDirection, TaskSpread, task_spread
+
+
+class HasSources(HasArm, Protocol):
+    """Anything that names an arm, its sources of error and perhaps its task, such as a ``Problem``."""
+
+    @property
+    def sources(self) -> Sources: ...
+    @property
+    def task(self) -> HasDirection | None: ...
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Spread(Result):
+    """Moments of the tool pose at a posture; everything in the world frame unless said.
+
+    Args:
+        problem: what was asked about; ``tool_point`` its robot and sources, as `budget` wants them.
+        q: (n,) joint values [rad or m].
+        position: (3,) nominal tool point [m].
+        quaternion_wxyz: (4,) nominal orientation, w ≥ 0.
+        covariance: (3, 3) of the tool point by ``method``, exact wherever a closed form exists [m²].
+        covariance_first_order: (3, 3) ``J Σ Jᵀ`` [m²].
+        bias: (3,) mean minus nominal tool point [m].
+        integration: how a mean over factors that correlated errors share was taken, None in closed form.
+        basis: (2, 3) or (3, 3) rows spanning the space of the ellipse: the plane of a planar arm, else all of it.
+        notes: sentences for the report.
+    """
+
+    problem: HasSources
+    tool_point: ToolPoint
+    q: tuple[float, ...]
+    position: Array
+    quaternion_wxyz: Array
+    covariance: Array
+    covariance_first_order: Array
+    bias: Array
+    basis: Array
+    integration: Integration | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that ``q`` is a posture of."""
+        return self.tool_point.robot
+
+    @property
+    def posture(self) -> Posture:
+        """Joint name -> value [rad or m], printed in degrees."""
+        return Posture(self.robot, self.q)
+
+    @property
+    def method(self) -> str:
+        """How `covariance` was computed: ``exact``, ``exact, planar``, or at nodes whose error `integration` states."""
+        return self.tool_point.method
+
+    @property
+    def method_json(self) -> dict[str, Any]:
+        """`method` and, unless it is a closed form, what `integration` says of the error."""
+        return {"method": self.method} | ({"integration": self.integration.to_json()} if self.integration else {})
+
+    @cached_property
+    def pose(self) -> PoseCovariance:
+        """Covariance of the pose, and how it was found."""
+        return pose_covariance(self.tool_point, self.q, self.covariance)
+
+    @property
+    def pose_covariance(self) -> Array:
+        """(6, 6) of shift [m] and rotation vector ``log(R R₀ᵀ)`` [rad] from the nominal pose, world-aligned axes.
+
+        Its block of the shift is `covariance`. Rotation vectors end at π: it holds while `pose` says
+        ``within_half_turn``.
+        """
+        return self.pose.covariance
+
+    @property
+    def exact(self) -> Array:
+        """The same as `covariance`."""
+        return self.covariance
+
+    @property
+    def first_order(self) -> Array:
+        """The same as `covariance_first_order`."""
+        return self.covariance_first_order
+
+    @cached_property
+    def ellipse(self) -> Ellipsoid:
+        """About the mean, in the coordinates of `basis`: two-dimensional for planar arms, else three."""
+        return Ellipsoid(self.position + self.bias, self.covariance).project(self.basis)
+
+    @property
+    def axes(self) -> Array:
+        """(m, 3) unit vectors along the axes of the ellipse in the world, one a row, the shortest axis first."""
+        return np.asarray(self.ellipse.axes.T @ self.basis)
+
+    @cached_property
+    def for_task(self) -> TaskSpread | None:
+        """The spread as the task of the problem sees it; None where the problem names no task."""
+        task = self.problem.task
+        if task is None:
+            return None
+        normal = np.cross(*self.basis) if len(self.basis) == 2 else None
+        return task_spread(task, self.tool_point, self.q, (self.bias, self.covariance), normal)
+
+    def region(self, p: float) -> Array:
+        """(m,) semi-axes [m], ascending, of the region that holds the tool point with probability p."""
+        return self.ellipse.region(p)
+
+    @cached_property
+    def axis_budgets(self) -> tuple[tuple[Share, ...], ...]:
+        """The error budget of every axis of the ellipse, in the order of `axes`."""
+        return budgets(self.tool_point, self.q, self.axes)
+
+    @property
+    def budget(self) -> tuple[Share, ...]:
+        """The error budget of the longest axis of the ellipse, the largest share first."""
+        return self.axis_budgets[-1]
+
+    @cached_property
+    def budget_groups(self) -> tuple[ShareGroup, ...]:
+        """The same budget, sources whose errors cancel taken together."""
+        return share_groups(self.budget, self.tool_point, self.q, self.axes[-1])
+
+    @cached_property
+    def validity(self) -> Validity:
+        """Whether the first-order ellipse may be trusted here."""
+        reached, _ = self.tool_point.walk(self.q)
+        parts = second_order(reached, self.tool_point.indices, self.tool_point.covariance)
+        return Validity.of(parts.first, parts.curvature, parts.bias)
+
+    def to_json(self) -> dict[str, Any]:
+        """The document ``spread.json``: SI units, finite numbers only."""
+        return {
+            "posture": self.posture,
+            "tool": {"position": self.position.tolist(), "quaternion_wxyz": self.quaternion_wxyz.tolist()},
+            "covariance": self.covariance.tolist(),
+            "covariance_first_order": self.covariance_first_order.tolist(),
+            "bias": self.bias.tolist(),
+            "pose_covariance": self.pose_covariance.tolist(),
+            "pose_covariance_frame": FRAME,
+            "pose_covariance_integration": self.pose.integration and self.pose.integration.to_json(),
+            "pose_covariance_within_half_turn": self.pose.within_half_turn,
+            "ellipse": ellipse_json(self.ellipse, self.basis),
+            **self.method_json,
+            "budget": budget_json(self.budget),
+            "budget_groups": groups_json(self.budget_groups),
+            "budget_of_axes": [budget_json(shares) for shares in self.axis_budgets],
+            **task_json(self.for_task),
+            "validity": self.validity.to_json(),
+            "notes": list(self.notes),
+        }
+
+
+def propagate(problem: HasSources, posture: PostureLike) -> Spread:
+    """Mean and covariance of the tool pose at one posture, without sampling.
+
+    With errors ``p ~ N(0, Σ)`` of the parameters the covariance of the tool point is ``C = Cov f(q, p)`` (3, 3) [m²],
+    world: in closed form for independent errors and for planar arms; else exact given the factors that correlated
+    errors share, and integrated over these until it has converged. It is positive semidefinite at any σ. Effects enter
+    to first order; ``J Σ Jᵀ`` of everything stands beside C.
+
+    Args:
+        problem: names ``arm`` and ``sources``.
+        posture: n joint values [rad or m], or joint name -> value. Limits are not enforced; a note says where
+            they are exceeded.
+
+    Raises:
+        InputError: a posture that is none, or a problem without sources of error.
+    """
+    robot, sources = problem.arm.robot, problem.sources
+    q = read_posture(robot, posture)
+    require_sources(sources)
+    tool_point = ToolPoint.of(problem.arm, sources)
+    moments = tool_point.moments(q)
+    covariance = _symmetric(moments.covariance)
+    return Spread(
+        problem=problem,
+        tool_point=tool_point,
+        q=tuple(q),
+        position=moments.position,
+        quaternion_wxyz=quaternion(moments.walk),
+        covariance=covariance,
+        covariance_first_order=_symmetric(moments.first_order),
+        bias=moments.mean - moments.position,
+        basis=ellipse_basis(tool_point, covariance),
+        integration=moments.integration,
+        notes=(*sources.notes, *limit_notes(robot, q)),
+    )
+
+
+def require_sources(sources: Sources) -> None:
+    """Raise InputError where nothing is uncertain."""
+    if sources.empty:
+        mend = "add for example uncertainty: {sigma: {joint1.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
+        raise InputError(Issue("nothing is uncertain, so nothing scatters", ("uncertainty",), mend=mend))
+
+
+def ellipse_basis(tool_point: ToolPoint, covariance: Array) -> Array:
+    """(2, 3) the plane of a planar arm whose tool point cannot leave it, else (3, 3) the world's axes."""
+    plane = tool_point.plane
+    if plane is None:
+        return np.eye(3)
+    normal = np.array(plane.normal)
+    # Rounding of a plane that is tilted in the world leaves 1e-16 of the variance in its normal.
+    if normal @ covariance @ normal > 1e-14 * np.trace(covariance):
+        return np.eye(3)
+    e1, e2 = np.array(plane.e1), np.array(plane.e2)
+    # As one looks at it: what points up, or along a positive axis, is drawn upwards.
+    return np.array([e1, e2 if e2[np.abs(e2).argmax()] > 0 else -e2])
+
+
+def ellipse_json(ellipse: Ellipsoid, basis: Array) -> dict[str, Any]:
+    """Semi-axes of one standard deviation [m] and, one a row, their unit vectors in the world."""
+    return {
+        "semi_axes_1sigma": ellipse.semi_axes.tolist(),
+        "axes": (ellipse.axes.T @ basis).tolist(),
+        "coverage95_factor": ellipse.factor(0.95),
+        "dimension": len(basis),
+    }
+
+
+def budget_json(shares: Sequence[Share]) -> list[dict[str, Any]]:
+    """The shares as the documents list them."""
+    return [{"parameter": share.parameter, "share": share.share} for share in shares]
+
+
+def groups_json(groups: Sequence[ShareGroup]) -> list[dict[str, Any]]:
+    """Sources whose errors cancel together, as the documents list them."""
+    return [{"parameters": list(group.parameters), "share": group.share} for group in groups]
+
+
+def task_json(seen: TaskSpread | None) -> dict[str, Any]:
+    """What the task sees, and the budget of its worst axis; null without a task."""
+    if seen is None:
+        return dict.fromkeys(("task", "critical", "success_probability", "critical_budget", "critical_budget_groups"))
+    return {
+        "task": seen.kind,
+        **seen.to_json(),
+        "critical_budget": budget_json(seen.budget),
+        "critical_budget_groups": groups_json(seen.budget_groups),
+    }
+
+
+def quaternion(reached: Walk) -> Array:
+    """(4,) w, x, y, z with w ≥ 0 of the tool's orientation in the world."""
+    R = np.array(reached.columns, dtype=float).T
+    # The symmetric 4 x 4 matrix 4 q qᵀ: its largest column is the quaternion without cancellation.
+    (a, b, c), (d, e, f), (g, h, i) = R
+    K = np.array([
+        [1 + a + e + i, h - f, c - g, d - b],
+        [h - f, 1 + a - e - i, b + d, c + g],
+        [c - g, b + d, 1 - a + e - i, f + h],
+        [d - b, c + g, f + h, 1 - a - e + i],
+    ])  # fmt: skip
+    column = K[:, np.diag(K).argmax()]
+    unit: Array = column / np.linalg.norm(column)
+    return unit if unit[0] >= 0 else -unit
+
+
+def _symmetric(matrix: Any) -> Array:
+    array = np.asarray(matrix, dtype=float)
+    return np.asarray((array + array.T) / 2)

@@ -1,0 +1,225 @@
+"""``TaskSpread``: the part of a spread that a task minds, its odds, and the sources that it comes from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from posture_opt.numerics import Array
+from posture_opt.uncertainty.moments.pose_covariance import pose_covariance
+from posture_opt.uncertainty.moments.tool_point import ToolPoint
+from posture_opt.uncertainty.regions.clearance import within_clearance
+from posture_opt.uncertainty.regions.critical import Critical, Within
+from posture_opt.uncertainty.regions.regions import deviation
+from posture_opt.uncertainty.spread.budget import Share, budget
+from posture_opt.uncertainty.spread.budget_groups import ShareGroup, share_groups
+from posture_opt.uncertainty.spread.held_part import HeldPart
+from posture_opt.uncertainty.spread.peg_spread import PegSpread, peg_spread
+from posture_opt.uncertainty.spread.yaw_spread import YawSpread
+
+Vector = tuple[float, float, float]
+_IN_PLANE = 1e-9  # cosine: a direction that leaves the plane of an arm by less lies in it
+
+
+class HasDirection(Protocol):
+    """What a spread needs to know of a task; ``direction`` and ``position`` [m] in the world, ``clearance`` [m]."""
+
+    within: ClassVar[Within]
+
+    @property
+    def kind(self) -> str: ...
+    @property
+    def direction(self) -> Vector: ...
+    @property
+    def position(self) -> Vector | None: ...
+    def direction_at(self, point: Vector) -> Vector: ...
+    @property
+    def clearance(self) -> float | None: ...
+    @property
+    def part(self) -> HeldPart | None: ...
+    @property
+    def yaw_lever(self) -> float: ...
+    @property
+    def minds_yaw(self) -> bool: ...
+    @property
+    def expansion(self) -> float | None: ...
+
+
+@dataclass(frozen=True)
+class TaskSpread:
+    """A spread as a task sees it.
+
+    Args:
+        kind: of the task.
+        axes: (3, 3) the frame to look at it in, one axis a row, world: two across the direction, then the direction.
+        clearance: radial [m], NaN without one.
+        critical: the part of the spread that counts.
+        sigma_along: standard deviation along the direction [m].
+        tool_point, q: whose budget it is, at which posture.
+        peg: where the task has a peg, its two ends; ``critical`` is then that of the worse one.
+        yaw: rotation about the direction, where the task minds it.
+        expansion: coverage factor of the expanded uncertainty, where one is asked for.
+    """
+
+    kind: str
+    axes: Array
+    clearance: float
+    critical: Critical
+    sigma_along: float
+    tool_point: ToolPoint
+    q: tuple[float, ...]
+    peg: PegSpread | None = None
+    yaw: YawSpread | None = None
+    expansion: float | None = None
+
+    @property
+    def direction(self) -> Array:
+        """(3,) unit vector of the task, world."""
+        return np.asarray(self.axes[2])
+
+    @cached_property
+    def success_probability(self) -> float | None:
+        """Probability to stay within the clearance, mean shift included; None without a clearance."""
+        if self.peg is not None:
+            return self.peg.success
+        return within_clearance(self.critical.covariance, self.clearance, self.critical.bias)
+
+    @cached_property
+    def budget(self) -> tuple[Share, ...]:
+        """Share of each source in the variance along the worst axis, largest first."""
+        return budget(self.tool_point, self.q, self.critical.worst_axis)
+
+    @cached_property
+    def budget_groups(self) -> tuple[ShareGroup, ...]:
+        """The same budget, sources whose errors cancel taken together."""
+        return share_groups(self.budget, self.tool_point, self.q, self.critical.worst_axis)
+
+    def sampled(self, covariance: Array, bias: Array) -> TaskSpread:
+        """The same task with another covariance (3, 3) [m²] and mean shift (3,) [m], of a sample say."""
+        critical = Critical.of(self.critical.within, self.critical.basis.T, covariance, bias)
+        return replace(self, peg=None, yaw=None, critical=critical, sigma_along=sigma_along(self.direction, covariance))
+
+    def hits(self, shift: Array, rotation: Array) -> int:
+        """How many tool poses stay within the clearance.
+
+        Args:
+            shift: (N, 3) of the tool point from the nominal one [m]; rotation: (N, 3) rotation vectors [rad], world.
+        """
+        within = np.linalg.norm(shift @ self.critical.basis.T, axis=1) <= self.clearance
+        if self.peg is not None:
+            within &= (
+                np.linalg.norm(self.peg.top_shift(shift, rotation) @ self.critical.basis.T, axis=1) <= self.clearance
+            )
+        return int(np.count_nonzero(within))
+
+    def of_task(self, task: HasDirection, basis: Array, covariance: Array) -> TaskSpread:
+        """The same with what the task minds besides: the yaw, the expanded uncertainty, the other end of a peg.
+
+        Args:
+            basis: (3, m) of what counts; covariance: (3, 3) of the tool point [m²], world.
+        """
+        seen = replace(self, expansion=task.expansion)
+        if task.minds_yaw:
+            turning = pose_covariance(self.tool_point, self.q, covariance).covariance[3:, 3:]
+            seen = replace(seen, yaw=YawSpread.of(turning, self.direction, task.yaw_lever, self.critical))
+        return seen if task.part is None else seen._with_peg(task.part, basis)
+
+    @property
+    def expanded(self) -> tuple[float, float] | None:
+        """Expanded uncertainty [m] along the direction and in the worst one that counts; None where none is asked for.
+
+        ``U = k u`` with the standard uncertainty u (JCGM 100:2008, 6.2.1).
+        """
+        if self.expansion is None:
+            return None
+        return self.expansion * self.sigma_along, self.expansion * self.critical.sigma_max
+
+    def _with_peg(self, part: HeldPart, basis: Array) -> TaskSpread:
+        peg = peg_spread(part, self.tool_point, self.q, (self.critical, basis), self.clearance)
+        if peg.top.sigma_max <= peg.tip.sigma_max:
+            return replace(self, peg=peg)
+        return replace(self, peg=peg, critical=peg.top, tool_point=part.behind(self.tool_point))
+
+    def to_json(self) -> dict[str, Any]:
+        """What the documents say of it."""
+        return {
+            "critical": self.critical.to_json() | {"sigma_along": self.sigma_along},
+            "success_probability": self.success_probability,
+            **({} if self.peg is None else {"peg": self.peg.to_json()}),
+            **({} if self.yaw is None else {"yaw": self.yaw.to_json()}),
+            **self._expanded_json(),
+        }
+
+    def _expanded_json(self) -> dict[str, Any]:
+        if self.expanded is None:
+            return {}
+        along, worst = self.expanded
+        return {"expanded_uncertainty": {"coverage_factor": self.expansion, "along": along, "worst": worst}}
+
+
+def task_spread(
+    task: HasDirection, tool_point: ToolPoint, q: tuple[float, ...], moments: tuple[Array, Array], normal: Array | None
+) -> TaskSpread:
+    """What a task makes of the spread of a tool point at a posture.
+
+    Args:
+        moments: mean shift (3,) [m] and covariance (3, 3) [m²] of the tool point, world.
+        normal: (3,) of the plane that the tool point never leaves, None for an arm in space.
+    """
+    bias, covariance = moments
+    at = tool_point.walk([float(v) for v in q])[0].position
+    direction = task.direction_at((float(at[0]), float(at[1]), float(at[2])))
+    d = np.array(direction) / math.hypot(*direction)
+    axes = np.vstack([across_basis(d, normal).T, d])
+    basis = task_basis(task.within, d, normal)
+    critical = Critical.of(task.within, basis, covariance, bias)
+    clearance = math.nan if task.clearance is None else task.clearance
+    seen = TaskSpread(task.kind, axes, clearance, critical, sigma_along(d, covariance), tool_point, q)
+    return seen.of_task(task, basis, covariance)
+
+
+def sigma_along(direction: Array, covariance: Array) -> float:
+    """Standard deviation [m] of a covariance (3, 3) [m²] along a unit vector (3,); zero where it is rounding."""
+    return deviation(float(direction @ covariance @ direction), covariance)
+
+
+def task_basis(within: Within, direction: Array, normal: Array | None) -> Array:
+    """(3, m) orthonormal basis of the part of the spread that counts.
+
+    Args:
+        direction: (3,) unit vector, world.
+        normal: (3,) of the plane that the tool point never leaves, None for an arm in space. Across a direction in
+            that plane there is one axis and not two.
+    """
+    if within == "along":
+        return direction[:, None]
+    if within == "across":
+        return across_basis(direction, normal)[:, : 1 if lies_in_plane(direction, normal) else 2]
+    if normal is None:
+        return np.eye(3)
+    return across_basis(normal, None)
+
+
+def lies_in_plane(direction: Array, normal: Array | None) -> bool:
+    """Whether a unit vector (3,) lies in the plane with that normal (3,); not where there is no plane."""
+    return normal is not None and abs(float(normal @ direction)) < _IN_PLANE
+
+
+def across_basis(direction: Array, normal: Array | None) -> Array:
+    """(3, 2) orthonormal basis of the plane across a unit vector (3,); its first vector in the arm's plane if it can.
+
+    Its sign is the one that people expect: the largest component positive.
+    """
+    d = direction
+    if normal is not None and lies_in_plane(d, normal):
+        b1 = np.cross(normal, d)
+    else:
+        helper = np.eye(3)[np.argmin(np.abs(d))]
+        b1 = helper - d * (helper @ d)
+    b1 = b1 / np.linalg.norm(b1)
+    b1 = b1 * np.sign(b1[np.argmax(np.abs(b1))])
+    return np.column_stack([b1, np.cross(d, b1)]) + 0.0
