@@ -213,7 +213,7 @@ def most_like(line: str, lines: list[str]) -> int:
 
     likeness = [difflib.SequenceMatcher(None, words(line), words(other)).ratio() for other in lines] or [0.0]
     if max(likeness) < LEAST_LIKENESS:
-        raise StaleError(f"no line is like {line.strip()!r} any more: mend the block by hand")
+        raise StaleError(f"no line is like {line.strip()!r} any more: fix the block by hand")
     return likeness.index(max(likeness))
 
 

@@ -27,21 +27,21 @@ class Issue:
     """One thing wrong with the input, with everything that is known about its place.
 
     ``key`` is the path of the entry in the file, e.g. ``("task", "direction")`` or
-    ``("robot", "joints", 0, "a")``; ``mend`` says what to write instead.
+    ``("robot", "joints", 0, "a")``; ``hint`` says what to write instead.
     """
 
     message: str
     key: KeyPath = ()
     value: Any = None
-    mend: str = ""
+    hint: str = ""
     file: str = ""
     line: int = 0
 
     def __str__(self) -> str:
         place = f"{self.file}:{self.line}: " if self.file and self.line else f"{self.file}: " if self.file else ""
         key = f"{key_text(self.key)}: " if self.key else ""
-        mend = f" – {self.mend}" if self.mend else ""
-        return _printable(f"{place}{key}{self.message}{mend}")
+        hint = f" – {self.hint}" if self.hint else ""
+        return _printable(f"{place}{key}{self.message}{hint}")
 
     def at(self, *prefix: str | int) -> Issue:
         """The same issue with ``prefix`` put before its key path."""
@@ -76,19 +76,19 @@ def as_given(value: Any) -> str:
 
 
 class BadValueError(ValueError):
-    """A value that an entry cannot have: what is wrong and how to mend it, as two fields.
+    """A value that an entry cannot have: what is wrong and how to fix it, as two fields.
 
     A ValueError, because validators have to raise one; it becomes an ``Issue`` where the key of the entry is known.
     """
 
-    def __init__(self, message: str, mend: str = "") -> None:
-        super().__init__(f"{message}; {mend}" if mend else message)
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(f"{message}; {hint}" if hint else message)
         self.message: str = message
-        self.mend: str = mend
+        self.hint: str = hint
 
     def issue(self, key: KeyPath, value: Any = None) -> Issue:
         """The issue about the entry at ``key``, which holds ``value``."""
-        return Issue(self.message, key, value, self.mend)
+        return Issue(self.message, key, value, self.hint)
 
 
 class PostureOptError(Exception):

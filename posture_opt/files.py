@@ -1,4 +1,4 @@
-"""Every file that is read is opened here: those that users name are found, or refused with the mend, and never read
+"""Every file that is read is opened here: those that users name are found, or refused with a hint, and never read
 beyond a limit; those that travel with the package are texts.
 """
 
@@ -27,7 +27,7 @@ def located(folder: Path, name: str) -> Path:
         return folder / Path(name).expanduser()
     except RuntimeError:
         user = name.split("/")[0]
-        raise InputError(Issue(f"there is no home folder {user}", value=name, mend="write the whole path")) from None
+        raise InputError(Issue(f"there is no home folder {user}", value=name, hint="write the whole path")) from None
 
 
 def _check_name(name: str) -> None:
@@ -37,7 +37,7 @@ def _check_name(name: str) -> None:
     try:
         os.fsencode(name).decode("utf-8")
     except UnicodeError:
-        raise InputError(Issue("the file name is not UTF-8", value=name, mend="rename the file")) from None
+        raise InputError(Issue("the file name is not UTF-8", value=name, hint="rename the file")) from None
 
 
 def is_there(path: Path) -> bool:
@@ -73,8 +73,8 @@ def opened(path: Path, most: int) -> Iterator[BinaryIO]:
             yield stream
     except FileNotFoundError:
         near = Path(nearest_file(path)).name
-        mend = f"did you mean {near} in the same folder?" if near else ""
-        raise InputError(Issue("no such file", mend=mend)) from None
+        hint = f"did you mean {near} in the same folder?" if near else ""
+        raise InputError(Issue("no such file", hint=hint)) from None
     except OSError as error:
         raise InputError(Issue(f"the file cannot be read ({error.strerror or error})")) from None
 
@@ -82,7 +82,7 @@ def opened(path: Path, most: int) -> Iterator[BinaryIO]:
 def _check(status: os.stat_result, most: int) -> None:
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
-        raise InputError(Issue(f"this is {kind}, not a file", mend="name a file"))
+        raise InputError(Issue(f"this is {kind}, not a file", hint="name a file"))
     if status.st_size > most:
         raise InputError(Issue(f"the file is larger than {most / 1e6:g} MB"))
 

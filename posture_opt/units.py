@@ -160,8 +160,8 @@ def parse_quantity(value: Any, dimension: str) -> float:
         if value == 0:
             return 0.0
         units = dict.fromkeys((example.split(" ", 1)[1], si))
-        mend = " or ".join(f"{value:g} {unit}" for unit in units)
-        raise BadValueError(f"the {dimension} has no unit (here {value:g})", f"write {mend}")
+        hint = " or ".join(f"{value:g} {unit}" for unit in units)
+        raise BadValueError(f"the {dimension} has no unit (here {value:g})", f"write {hint}")
     match = _NUMBER.match(value)
     if match is None:
         raise BadValueError(f"{as_given(value)} is not a finite number with a unit", f"write for example {example}")

@@ -200,8 +200,8 @@ def _counted(calibrations: tuple[Calibration, ...], errors: list[Array]) -> Arra
 def _check(problem: CalibrationProblem, data: Measurements) -> None:
     names = data.robot_names
     if len(names) < 2:
-        mend = "measure several robots of the type and name them in a column 'robot'"
-        raise InputError(Issue("the data are of one robot: how a batch varies cannot be known from it", mend=mend))
+        hint = "measure several robots of the type and name them in a column 'robot'"
+        raise InputError(Issue("the data are of one robot: how a batch varies cannot be known from it", hint=hint))
     if len(names) < FEWEST:
         raise InsufficientDataError(
             f"{len(names)} robots ({', '.join(names)}) do not tell how the type varies: measure {FEWEST} robots or "

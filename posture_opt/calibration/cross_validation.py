@@ -59,7 +59,7 @@ def refitted(
         frames: fit free frames and nothing else.
     """
     data = residuals.data
-    errors, inside, restless = np.zeros((len(data), 3)), np.zeros(len(data), dtype=bool), 0
+    errors, inside, not_converged = np.zeros((len(data), 3)), np.zeros(len(data), dtype=bool), 0
     for left_out in folds:
         learn = found.kept.copy()
         learn[left_out] = False
@@ -71,13 +71,13 @@ def refitted(
                 training, x, found.directions, found.prior, robust=False, near=found.minimum.x,
                 weight=float(np.sqrt(found.design * found.variance)), design=found.design,
             )  # fmt: skip
-            x, restless = again.x, restless + (not again.at_rest)
+            x, not_converged = again.x, not_converged + (not again.at_rest)
         rest = residuals.take(left_out)
         errors[left_out] = position_errors(rest, x)
         taught = position_errors(training, x)[:, residuals.axes]
         inside[left_out] = _inside(rest, errors[left_out], taught, x, again)
         tell()
-    return HeldOut(errors, inside, unsettled=restless)
+    return HeldOut(errors, inside, unsettled=not_converged)
 
 
 def held_out(

@@ -164,8 +164,8 @@ def check_sense(residuals: Residuals, errors: Array) -> None:
         f"even calibrated, the arm misses the measured points by {left * 1e3:.4g} mm (RMS), where they move by "
         f"{motion * 1e3:.4g} mm"
     )
-    mend = "is it another robot's file? do all joints count in the direction and from the zero of the problem file?"
-    raise InputError(Issue(message, mend=mend, file=residuals.data.file))
+    hint = "is it another robot's file? do all joints count in the direction and from the zero of the problem file?"
+    raise InputError(Issue(message, hint=hint, file=residuals.data.file))
 
 
 def _rms(errors: Array) -> float:

@@ -103,18 +103,18 @@ def matched(learned: Measurements, other: Measurements) -> Measurements:
     """
     known, file = learned.target_names, other.file
     if len(other.robot_names) > 1:
-        raise InputError(Issue("the test file holds several robots", mend="test with one robot at a time", file=file))
+        raise InputError(Issue("the test file holds several robots", hint="test with one robot at a time", file=file))
     if other.touches != learned.touches:
         seen, taught = ("touched points", "positions")[:: 1 if other.touches else -1]
         raise InputError(
-            Issue(f"the test file holds {seen}, the first file {taught}", mend="test with data of one kind", file=file)
+            Issue(f"the test file holds {seen}, the first file {taught}", hint="test with data of one kind", file=file)
         )
     for name in other.target_names:
         if name not in known:
-            mend = f"{one_of(name, known)}" if known else "leave out the column: the first file names no targets"
-            raise InputError(Issue(f"the first file has no target '{name}'", ("target",), name, mend, file))
+            hint = f"{one_of(name, known)}" if known else "leave out the column: the first file names no targets"
+            raise InputError(Issue(f"the first file has no target '{name}'", ("target",), name, hint, file))
     if len(known) > 1 and not other.target_names:
-        mend = f"add a column 'target' with one of: {', '.join(known)}"
-        raise InputError(Issue("the test file does not say which target it measures", mend=mend, file=file))
+        hint = f"add a column 'target' with one of: {', '.join(known)}"
+        raise InputError(Issue("the test file does not say which target it measures", hint=hint, file=file))
     codes = np.array([known.index(name) for name in other.target_names] or [0], dtype=np.intp)
     return replace(other, target=codes[other.target], target_names=known)

@@ -80,8 +80,8 @@ class PostureCommands(click.Group):
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         if args and args[0] not in COMMANDS:
             near = nearest(args[0], COMMANDS)
-            mend = f"Did you mean '{near}'?" if near else f"Commands: {', '.join(sorted(COMMANDS))}."
-            raise click.UsageError(f"No such command '{args[0]}'. {mend}", ctx)
+            hint = f"Did you mean '{near}'?" if near else f"Commands: {', '.join(sorted(COMMANDS))}."
+            raise click.UsageError(f"No such command '{args[0]}'. {hint}", ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

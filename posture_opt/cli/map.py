@@ -90,7 +90,7 @@ def _counts(text: str | None, issues: list[Issue]) -> tuple[int, ...] | None:
         return None
     parts = [part.strip() for part in re.split(r"[xX×*,]", text)]
     if not all(re.fullmatch(r"\d{1,6}", part) for part in parts):
-        mend = "write for example 15x15, or 9x9x1 along x, y, z"
-        issues.append(Issue(f"'{text}' is no grid", ("--grid",), text, mend))
+        hint = "write for example 15x15, or 9x9x1 along x, y, z"
+        issues.append(Issue(f"'{text}' is no grid", ("--grid",), text, hint))
         return None
     return tuple(map(int, parts))

@@ -148,8 +148,8 @@ class StarterFile:
         for name, made in files.items():
             there = common.out / name
             if is_file(there) and content(there, MAX_BYTES) != made:
-                mend = f"name it with --problem {there} in place of --robot, or choose another folder"
-                raise InputError(Issue(f"{there} exists and says something else", ("--out",), str(common.out), mend))
+                hint = f"name it with --problem {there} in place of --robot, or choose another folder"
+                raise InputError(Issue(f"{there} exists and says something else", ("--out",), str(common.out), hint))
         return cls(files)
 
     def write(self, common: Common) -> None:

@@ -18,7 +18,7 @@ else:
 
 @dataclass(frozen=True)
 class Named(Text):
-    """A text that may be one of some names; whether it is one, the command itself says, with the mend.
+    """A text that may be one of some names; whether it is one, the command itself says, with a hint.
 
     Args:
         names: those known, asked for where a completion script is made.

@@ -142,7 +142,7 @@ def schema_command(out: Path | None, debug: bool) -> None:
     '# yaml-language-server: $schema=problem.schema.json'.
     """
     if out is not None and is_file(out) and TITLE.encode() not in content(out, _LARGEST):
-        mend = "choose another name"
-        raise InputError(Issue(f"{out} exists and is no schema of problem files", ("--out",), str(out), mend))
+        hint = "choose another name"
+        raise InputError(Issue(f"{out} exists and is no schema of problem files", ("--out",), str(out), hint))
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **json_schema()}
     write_text(out, json.dumps(schema, indent=2, ensure_ascii=False, allow_nan=False) + "\n")

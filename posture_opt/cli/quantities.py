@@ -32,8 +32,8 @@ def _check(entry: str, kind: str, given: dict[str, str], joints: tuple[Joint, ..
     """Refuse an entry of ``--sigma`` that repeats a former one, is no σ, or is meant for joints that the arm lacks."""
     if kind in given:
         what = "length" if kind == "prismatic" else "angle"
-        mend = "give one for all joints, or each its own in a problem file"
-        raise BadValueError(f"two {what}s, {given[kind]} and {entry}", mend)
+        hint = "give one for all joints, or each its own in a problem file"
+        raise BadValueError(f"two {what}s, {given[kind]} and {entry}", hint)
     if parse_quantity(entry, "length" if kind == "prismatic" else "angle") < 0:
         raise BadValueError(f"the standard deviation {entry} is negative", f"write {entry.lstrip('- ')}")
     if not any(joint.type == kind for joint in joints):
@@ -92,8 +92,8 @@ def frame_of(option: str, text: str) -> str | dict[str, list[str]]:
     parts = entries(text)
     if len(parts) not in (3, 6):
         count = "1 entry" if len(parts) == 1 else f"{len(parts)} entries"
-        mend = f'write x, y, z: {option} "0, 0, 150 mm", or add roll, pitch, yaw: "0, 0, 150 mm, 0, 0, 90 deg"'
-        raise InputError(Issue(f"{count} where 3 or 6 belong", (option,), text, mend))
+        hint = f'write x, y, z: {option} "0, 0, 150 mm", or add roll, pitch, yaw: "0, 0, 150 mm, 0, 0, 90 deg"'
+        raise InputError(Issue(f"{count} where 3 or 6 belong", (option,), text, hint))
     issues = []
     for index, part in enumerate(parts):
         try:
@@ -161,16 +161,16 @@ def requested_posture(text: str, robot: Robot) -> dict[str, float]:
     issues: list[Issue] = []
     if not by_name and len(pairs) != robot.n:
         given = f"{len(pairs)} {'value' if len(pairs) == 1 else 'values'}"
-        mend = f"give one value each, in this order: {', '.join(robot.joint_names)}"
+        hint = f"give one value each, in this order: {', '.join(robot.joint_names)}"
         raise InputError(
-            Issue(f"{given} for {robot.n} {'joint' if robot.n == 1 else 'joints'}", ("--posture",), text, mend)
+            Issue(f"{given} for {robot.n} {'joint' if robot.n == 1 else 'joints'}", ("--posture",), text, hint)
         )
     named = pairs if by_name else [(name, *pair) for name, pair in zip(robot.joint_names, pairs, strict=True)]
     posture = {pair[0]: _joint_value(pair, robot, issues) for pair in named}
     missing = [name for name in robot.joint_names if name not in posture]
     if missing:
-        mend = f"the joints are {', '.join(robot.joint_names)}"
-        issues.append(Issue(f"no value for {', '.join(missing)}", ("--posture",), text, mend))
+        hint = f"the joints are {', '.join(robot.joint_names)}"
+        issues.append(Issue(f"no value for {', '.join(missing)}", ("--posture",), text, hint))
     if len(posture) != len(named):
         issues.append(Issue("a joint is named twice", ("--posture",), text))
     if issues:

@@ -167,8 +167,8 @@ def placed(problem: Problem) -> Iterator[None]:
         yield
     except InputError as error:
         issues = [_named_as_option(problem.placed(issue)) for issue in error.issues]
-        mend = 'write for example --sigma "0.02 deg"'
-        raise InputError([replace(i, mend=mend) if i.key == ("--sigma",) else i for i in issues]) from None
+        hint = 'write for example --sigma "0.02 deg"'
+        raise InputError([replace(i, hint=hint) if i.key == ("--sigma",) else i for i in issues]) from None
 
 
 def _named_as_option(issue: Issue) -> Issue:

@@ -68,8 +68,8 @@ class RobotOptions:
             found: dict[str, Any] = {"kind": "urdf", "file": self.robot}
             return {**found, **{key: link for key, link in links.items() if link}, **self.replaced()}
         if self.robot not in preset_names():
-            mend = f"{did_you_mean(str(self.robot), preset_names())} Or name a URDF or problem file"
-            raise InputError(Issue(f"there is no preset '{self.robot}'", ("--robot",), self.robot, mend))
+            hint = f"{did_you_mean(str(self.robot), preset_names())} Or name a URDF or problem file"
+            raise InputError(Issue(f"there is no preset '{self.robot}'", ("--robot",), self.robot, hint))
         return {"kind": "preset", "name": self.robot, **self.replaced()}
 
     def replaced(self) -> dict[str, Any]:

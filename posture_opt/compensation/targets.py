@@ -61,7 +61,7 @@ def read_targets(source: TableLike, robot: Robot) -> Targets:
     the tool point.
 
     Raises:
-        InputError: everything wrong with the file, each with line, column and the mend.
+        InputError: everything wrong with the file, each with line, column and a hint.
     """
     table = open_table(source, column_kinds(robot))
     faults = table.faults
@@ -99,25 +99,25 @@ def _missing(columns: dict[str, Column], meant: set[str], robot: Robot, line: in
     there = {*columns, *meant}
     for name in _MEASURED_ONLY:
         if name in columns:
-            faults.add("targets have no such column", name, mend="leave it out: it belongs to measurements", line=line)
+            faults.add("targets have no such column", name, hint="leave it out: it belongs to measurements", line=line)
     joints = [joint for joint in robot.joints if joint.name in there]
     axes = [axis for axis in AXES if axis in there]
     for joint in robot.joints if joints else ():
         if joint.name not in there:
             unit = "deg" if joint.type == "revolute" else "mm"
-            mend = f"add {joint.name} [{unit}], or leave out all joints"
-            faults.add("the column of this joint is missing", joint.name, mend=mend, line=line)
+            hint = f"add {joint.name} [{unit}], or leave out all joints"
+            faults.add("the column of this joint is missing", joint.name, hint=hint, line=line)
     still = still_axes(robot)
     for axis, fixed in zip(AXES, still, strict=True):
         if axes and axis not in there and not fixed:
-            faults.add(f"the column {axis} is missing", axis, mend=f"add {axis} [mm]", line=line)
+            faults.add(f"the column {axis} is missing", axis, hint=f"add {axis} [mm]", line=line)
     if not axes and not joints:
         faults.add(
-            "nothing says where to go", mend="add x [mm], y [mm], z [mm], or a column for every joint", line=line
+            "nothing says where to go", hint="add x [mm], y [mm], z [mm], or a column for every joint", line=line
         )
     incomplete_orientation(there, robot, line, faults)
     if is_oriented(columns, robot) and not axes:
-        faults.add("an orientation without a place", mend="add x [mm], y [mm], z [mm]", line=line)
+        faults.add("an orientation without a place", hint="add x [mm], y [mm], z [mm]", line=line)
 
 
 def _near(cells: Cells, columns: Mapping[str, Column], robot: Robot, faults: Faults) -> Array | None:
@@ -131,8 +131,8 @@ def _near(cells: Cells, columns: Mapping[str, Column], robot: Robot, faults: Fau
         for row in np.flatnonzero((values > joint.upper + _BEYOND) | (values < joint.lower - _BEYOND)):
             bounds = ", ".join(f"{bound / column.factor:.6g}" for bound in (joint.lower, joint.upper))
             message = f"{values[row] / column.factor:.6g} {column.unit} lies beyond its limits [{bounds}]"
-            mend = "correct the value, its unit, or the limits of the joint"
-            faults.add(message, joint.name, values[row], mend, int(cells.line[row]))
+            hint = "correct the value, its unit, or the limits of the joint"
+            faults.add(message, joint.name, values[row], hint, int(cells.line[row]))
     return np.clip(q, robot.lower, robot.upper)
 
 

@@ -112,7 +112,7 @@ class Workspace:
 def _range(joint: Joint, margin: float) -> tuple[float, float]:
     lower, upper = joint.lower, joint.upper
     if joint.type == "prismatic" and not (math.isfinite(lower) and math.isfinite(upper)):
-        raise InputError(Issue(f"{joint.name} has no limits to plan within", mend=f"state the limits of {joint.name}"))
+        raise InputError(Issue(f"{joint.name} has no limits to plan within", hint=f"state the limits of {joint.name}"))
     if joint.type == "revolute" and not upper - lower <= 2 * math.pi:  # a full turn more is the same posture
         lower = -math.pi if lower <= -math.pi and upper >= math.pi else max(lower, upper - 2 * math.pi)
         return lower, lower + 2 * math.pi

@@ -103,10 +103,10 @@ def plan_measurements(
     target, notes = _target(problem, needed=purpose == "task")
     floored = height > -math.inf or (within is not None and within[0][2] > -math.inf)
     notes += (NO_TOOL,) * (given is None and _at_flange(problem))
-    with opened(workers, executor) as crew:
+    with opened(workers, executor) as pool:
         return plan(
             problem, workspace, count, given=given, purpose=purpose, target=target, seed=seed, candidates=candidates,
-            repeats=repeats, keeps_height=floored or not _upright(problem), notes=notes, workers=crew,
+            repeats=repeats, keeps_height=floored or not _upright(problem), notes=notes, workers=pool,
             progress=progress,
         )  # fmt: skip
 
@@ -136,8 +136,8 @@ def _target(problem: PlannedProblem, needed: bool) -> tuple[Target | None, tuple
     if problem.task is None and not needed:
         return None, ()
     if problem.task is None:
-        mend = "add task: {kind: insert, position: [...]}, or plan for parameters"
-        raise InputError(Issue("the problem states no task to plan for", ("task",), mend=mend))
+        hint = "add task: {kind: insert, position: [...]}, or plan for parameters"
+        raise InputError(Issue("the problem states no task to plan for", ("task",), hint=hint))
     try:
         solution = planned_posture(problem)
         if solution.status == "infeasible":

@@ -93,14 +93,14 @@ def _marks(block: RowBlock, columns: Sequence[Column], faults: Faults, spec: Dat
     try:
         return NumberText.of(texts(), spec.decimal, spec.thousands)
     except BadValueError as error:
-        faults.stop(error.message, error.mend)
+        faults.stop(error.message, error.hint)
 
 
 def _labels(texts: Sequence[Any], lines: Sequence[int], column: Column, names: dict[str, int], faults: Faults) -> Codes:
     words = [_word(text) for text in texts]
     for word, line in zip(words, lines, strict=True) if "" in words else ():
         if not word:
-            faults.add("the cell is empty", column.name, mend="name it, or leave out the column", line=line)
+            faults.add("the cell is empty", column.name, hint="name it, or leave out the column", line=line)
     return np.fromiter((names.setdefault(word, len(names)) for word in words), dtype=np.intp, count=len(words))
 
 
@@ -151,17 +151,17 @@ def _number(cell: Any, line: int, column: Column, optional: bool, marks: NumberT
         message = f"{text[:40]} is {'larger than anything measured' if math.isfinite(value) else 'not a finite number'}"
     except ValueError:
         message = f"'{text[:40]}' is not a number"
-    mend = "leave out the row"
+    hint = "leave out the row"
     if optional:  # a side
         faults.add(f"'{text[:40]}' is no side", column.name, cell, "write 1 or -1", line)
         return math.nan
     if text[:1].isdigit() or text[:1] in "+-.":
-        mend = _mend(text, marks)
-    faults.add(message, column.name, cell, mend, line)
+        hint = _hint(text, marks)
+    faults.add(message, column.name, cell, hint, line)
     return 0.0
 
 
-def _mend(text: str, marks: NumberText) -> str:
+def _hint(text: str, marks: NumberText) -> str:
     if "." in text and marks.decimal == ",":
         return "write a decimal comma as in the other rows, or say data: {thousands: '.'} in the problem file"
     if "," in text:

@@ -7,11 +7,11 @@ from typing import Any, NoReturn
 from posture_opt.errors import InputError, Issue, KeyPath
 
 _LISTED = 20  # a file of another kind has a fault in every cell; what is wrong is seen from the first ones
-_ALIKE = 3  # faults of one column with one mend that are told in full
+_ALIKE = 3  # faults of one column with one hint that are listed in full
 
 
 class Faults:
-    """Issues of one file: of those of one column with one mend the first are kept, all are counted."""
+    """Issues of one file: of those of one column with one hint the first are kept, all are counted."""
 
     def __init__(self, file: str) -> None:
         self.file = file
@@ -19,14 +19,14 @@ class Faults:
         self._kept: dict[tuple[str, str], list[Issue]] = {}
         self._more: dict[tuple[str, str], list[int]] = {}
 
-    def add(self, message: str, column: str = "", value: Any = None, mend: str = "", line: int = 0) -> None:
+    def add(self, message: str, column: str = "", value: Any = None, hint: str = "", line: int = 0) -> None:
         """One more fault; ``column`` is the key of the message."""
         self.count += 1
-        alike = (column, mend or message)
+        alike = (column, hint or message)
         kept = self._kept.setdefault(alike, [])
         if len(kept) < _ALIKE or not line:
             key: KeyPath = (column,) if column else ()
-            kept.append(Issue(message, key, value, mend, self.file, line))
+            kept.append(Issue(message, key, value, hint, self.file, line))
         else:
             self._more.setdefault(alike, []).append(line)
 
@@ -51,8 +51,8 @@ class Faults:
         where = f"line {lines[0]}" if len(lines) == 1 else f"lines {min(lines)} to {max(lines)}"
         return Issue(f"{many} ({where})", (alike[0],) if alike[0] else (), file=self.file)
 
-    def stop(self, message: str, mend: str = "", line: int = 0) -> NoReturn:
+    def stop(self, message: str, hint: str = "", line: int = 0) -> NoReturn:
         """A fault behind which nothing more can be read."""
-        self.add(message, mend=mend, line=line)
+        self.add(message, hint=hint, line=line)
         self.refuse()
         raise AssertionError("a fault was added")

@@ -72,14 +72,14 @@ class Header:
 
     def _tell_one(self, line: int, faults: Faults, kinds: dict[str, Kind]) -> None:
         for name, near in self.unknown.items():
-            mend = f"did you mean '{near}'?" if near else f"known are {', '.join(kinds)}"
-            message, column, value, said = ("unknown column", name, name, mend) if name else _NAMELESS
+            hint = f"did you mean '{near}'?" if near else f"known are {', '.join(kinds)}"
+            message, column, value, said = ("unknown column", name, name, hint) if name else _NAMELESS
             faults.add(message, column, value, said, line)
-        for name, mend in self.unitless.items():
-            faults.add("the column has no unit", name, None, mend, line)
+        for name, hint in self.unitless.items():
+            faults.add("the column has no unit", name, None, hint, line)
         for name, head in self.missing.items():
             what = "the column of this joint is missing" if name else "nothing is measured"
-            faults.add(what, name, mend=f"add {head}", line=line)
+            faults.add(what, name, hint=f"add {head}", line=line)
 
     def _tell_all(self, line: int, faults: Faults) -> None:
         parts = []
@@ -90,9 +90,9 @@ class Header:
             parts.append(f"unknown {listed(told, _NAMED)}")
         if self.unitless:
             parts.append(f"no unit in {listed(self.unitless)}")
-        faults.add(f"the header does not fit: {'; '.join(parts)}", mend=self._mend(), line=line)
+        faults.add(f"the header does not fit: {'; '.join(parts)}", hint=self._hint(), line=line)
 
-    def _mend(self) -> str:
+    def _hint(self) -> str:
         pairs = {near: head for head, near in self.unknown.items() if near and near not in (*LABELS, *_INPUTS)}
         if self.unknown and self.missing:
             told = ", ".join(f'{name}: "{head}"' for name, head in pairs.items()) or _example(self)
@@ -100,8 +100,8 @@ class Header:
             option = (told.split(", ")[0]).replace(': "', "=").rstrip('"')
             return f'rename them, or say which is which: {which} in the problem file, or --column "{option}" …'
         if self.unitless:
-            heads = ", ".join(mend.removeprefix("write ") for mend in self.unitless.values())
-            units = ", ".join(f"{name}: {_unit_in(mend)}" for name, mend in list(self.unitless.items())[:2])
+            heads = ", ".join(hint.removeprefix("write ") for hint in self.unitless.values())
+            units = ", ".join(f"{name}: {_unit_in(hint)}" for name, hint in list(self.unitless.items())[:2])
             return f"write {heads}, or in the problem file data: {{units: {{{units}, …}}}}"
         return "rename them or leave them out" if self.unknown else "add them"
 
@@ -113,8 +113,8 @@ def _example(header: Header) -> str:
     return f'{next(iter(header.missing)) or "x"}: "{next(iter(header.unknown))}"'
 
 
-def _unit_in(mend: str) -> str:
-    return mend.rpartition("[")[2].rstrip("]")
+def _unit_in(hint: str) -> str:
+    return hint.rpartition("[")[2].rstrip("]")
 
 
 def read_header(
@@ -151,7 +151,7 @@ def _read(heads: Sequence[str], robot: Robot, line: int, faults: Faults, spec: D
         if name not in kinds:
             others.append(name)
         elif name in header.found:
-            faults.add("two columns have this name", name, mend="keep one", line=line)
+            faults.add("two columns have this name", name, hint="keep one", line=line)
         else:
             unit = _stated_unit(name, unit, spec, line, faults)
             factor, offset = _scale(name, unit, sized.get(name, ""), line, header, faults)
@@ -177,8 +177,8 @@ def _named(heads: Sequence[str], spec: DataSpec, line: int, faults: Faults) -> l
             found[at[0]] = (name, _bracketed(heads[at[0]]))
         elif at:
             which = listed(str(k + 1) for k in at)
-            mend = f"name it by its number: data: {{columns: {{{name}: {at[0] + 1}}}}}"
-            faults.add(f"the columns {which} are called '{wanted}'", name, wanted, mend, line)
+            hint = f"name it by its number: data: {{columns: {{{name}: {at[0] + 1}}}}}"
+            faults.add(f"the columns {which} are called '{wanted}'", name, wanted, hint, line)
         elif all(other != name for other, _ in found):
             faults.add(f"there is no column {wanted!r}", name, wanted, _near_head(heads, wanted), line)
     return found
@@ -230,20 +230,20 @@ def _scale(name: str, unit: str, dimension: str, line: int, header: Header, faul
         if unit not in ("", "-", "1"):
             faults.add(f"a column without dimension has the unit '{unit}'", name, unit, f"write {name}", line)
         return 1.0, 0.0
-    mend = f"write {name} [{_UNITS[dimension]}]"
+    hint = f"write {name} [{_UNITS[dimension]}]"
     if not unit:
-        header.unitless[name] = mend
+        header.unitless[name] = hint
     elif dimension == "temperature":
         if unit in _CELSIUS:
             return 1.0, _CELSIUS[unit]
-        faults.add(f"'{unit}' is not a unit of temperature", name, unit, mend, line)
+        faults.add(f"'{unit}' is not a unit of temperature", name, unit, hint, line)
     elif unit == DIMENSIONS[dimension][0]:  # needs no table of units
         return 1.0, 0.0
     else:
         try:
             return parse_quantity(f"1 {unit}", dimension), 0.0
         except BadValueError as error:
-            faults.add(error.message, name, unit, mend, line)
+            faults.add(error.message, name, unit, hint, line)
     return 1.0, 0.0
 
 
@@ -251,7 +251,7 @@ def _clashes(robot: Robot, faults: Faults) -> None:
     taken = {*AXES, *QUATERNION, *LABELS, *_INPUTS, *(f"{name}.approach" for name in robot.joint_names)}
     for name in robot.joint_names:
         if name in taken:
-            faults.add("a joint has the name of a column of measurements", name, mend="rename the joint in the problem")
+            faults.add("a joint has the name of a column of measurements", name, hint="rename the joint in the problem")
 
 
 def _alike(head: str, free: Sequence[str], robot: Robot) -> str:
@@ -276,9 +276,9 @@ def _anothers(header: Header, robot: Robot, line: int, faults: Faults) -> bool:
         return False
     ours, theirs = ", ".join(robot.joint_names), listed(unknown, _NAMED)
     message = f"no column is a joint of the problem's robot ({ours}), but there are {theirs}"
-    mend = "is it another robot's file? name its problem file, or say which columns are this robot's joints: "
-    mend += f'data: {{columns: {{{robot.joint_names[0]}: "{unknown[0]}", …}}}}'
-    faults.add(message, mend=mend, line=line)
+    hint = "is it another robot's file? name its problem file, or say which columns are this robot's joints: "
+    hint += f'data: {{columns: {{{robot.joint_names[0]}: "{unknown[0]}", …}}}}'
+    faults.add(message, hint=hint, line=line)
     return True
 
 
@@ -300,6 +300,6 @@ def _contradictions(header: Header, there: set[str], robot: Robot, line: int, fa
     measured = [axis for axis in AXES if axis in there]
     if "point" in header.found and measured:
         message = f"both point and {', '.join(measured)} are given"
-        mend = "point takes the place of x, y, z where no instrument measures; leave out one of the two"
-        faults.add(message, "point", mend=mend, line=line)
+        hint = "point takes the place of x, y, z where no instrument measures; leave out one of the two"
+        faults.add(message, "point", hint=hint, line=line)
     incomplete_orientation(there, robot, line, faults)

@@ -40,11 +40,11 @@ def incomplete_orientation(there: Container[str], robot: Robot, line: int, fault
         lacking = ", ".join(name for name in group if name not in there)
         if lacking:
             first = next(name for name in group if name in there)
-            mend = f"give all of {', '.join(group)} or none"
-            faults.add(f"{_WORDS[group]} lacks {lacking}", first, mend=mend, line=line)
+            hint = f"give all of {', '.join(group)} or none"
+            faults.add(f"{_WORDS[group]} lacks {lacking}", first, hint=hint, line=line)
     if len(given) > 1:
         both = " and ".join(", ".join(group) for group in given)
-        faults.add(f"the orientation is stated twice, by {both}", given[1][0], mend="keep one", line=line)
+        faults.add(f"the orientation is stated twice, by {both}", given[1][0], hint="keep one", line=line)
 
 
 def rotation_of(cells: Cells, columns: dict[str, Column], robot: Robot, faults: Faults) -> Array | None:
@@ -64,8 +64,8 @@ def unit_quaternions(cells: Cells, line: Codes, faults: Faults) -> Array:
     rotation = _together(cells, QUATERNION)
     norm = np.linalg.norm(rotation, axis=1)
     for row in np.flatnonzero(np.abs(norm - 1) > _NORM):
-        mend = "a rotation has norm 1; are the columns in the order of their names?"
-        faults.add(f"the quaternion has norm {norm[row]:.4g}", "qw", norm[row], mend, int(line[row]))
+        hint = "a rotation has norm 1; are the columns in the order of their names?"
+        faults.add(f"the quaternion has norm {norm[row]:.4g}", "qw", norm[row], hint, int(line[row]))
     divisor = np.where((norm > 0) & (np.abs(norm - 1) > _EXACT), norm, 1.0)
     return _upper_half(rotation / divisor[:, None])
 
@@ -89,10 +89,10 @@ def _of_vectors(vectors: Array, columns: dict[str, Column], line: Codes, faults:
     in_degrees = [name for name in VECTOR if columns[name].unit in ("deg", "°")]
     if in_degrees:
         message = f"{', '.join(in_degrees)} in degrees: a rotation vector is in rad"
-        mend = (
+        hint = (
             'are they angles about fixed axes? data: {columns: {roll: "rx [deg]", pitch: "ry [deg]", yaw: "rz [deg]"}}'
         )
-        faults.add(message, in_degrees[0], mend=mend)
+        faults.add(message, in_degrees[0], hint=hint)
     angle = np.linalg.norm(vectors, axis=1)
     for row in np.flatnonzero(angle > _TURN * 1.01) if not in_degrees else ():
         message = f"the rotation vector has a length of {angle[row]:.4g} rad, more than a turn"

@@ -30,11 +30,11 @@ _TRUSTED = 0.2  # unexplained share up to which scale and sign of the fitted map
 
 @dataclass(frozen=True)
 class Guess:
-    """Columns read in another way: the joint values that follow, what is said of it, and the mend."""
+    """Columns read in another way: the joint values that follow, what is said of it, and a hint."""
 
     q: Array
     message: str
-    mend: str
+    hint: str
     column: str
 
 
@@ -68,7 +68,7 @@ def _far_off(data: Measurements, position: Array, robot: Robot, faults: Faults) 
     far = np.flatnonzero(off > _FAR * size)
     for row in map(int, far):
         message = f"the point lies {off[row]:.3g} m from the middle of all, and the arm is {size:.3g} m long"
-        faults.add(message, mend="leave out the row", line=int(data.line[row]))
+        faults.add(message, hint="leave out the row", line=int(data.line[row]))
     return bool(len(far))
 
 
@@ -94,8 +94,8 @@ def _wrong_lengths(
         ratio = float(scales[guesses.index(unit)])
         names = ", ".join(column.name for column in those)
         message = f"the measured points move {ratio:.3g} times as far along {names} as the nominal robot's tool"
-        mend = f"the numbers look like {unit}: write " + ", ".join(f"{column.name} [{unit}]" for column in those)
-        faults.add(message, those[0].name, mend=mend)
+        hint = f"the numbers look like {unit}: write " + ", ".join(f"{column.name} [{unit}]" for column in those)
+        faults.add(message, those[0].name, hint=hint)
     return any(guesses)
 
 
@@ -132,7 +132,7 @@ def _guess(
     if guess is None or not best < min(_GOOD, misfit / _BETTER):
         return False
     said = f"the nominal robot explains the data to {_percent(best)} if {guess.message}, as given only to"
-    faults.add(f"{said} {_percent(misfit)}", guess.column, mend=guess.mend)
+    faults.add(f"{said} {_percent(misfit)}", guess.column, hint=guess.hint)
     return True
 
 
@@ -155,8 +155,8 @@ def _guesses(q: Array, robot: Robot, columns: dict[str, Column]) -> Iterator[Gue
                 other = q.copy()
                 other[:, some] *= factor
                 which = ", ".join(names[j] for j in some)
-                mend = "write " + ", ".join(f"{names[j]} [{meant}]" for j in some)
-                yield Guess(other, f"the numbers of {which} are {meant}", mend, names[some[0]])
+                hint = "write " + ", ".join(f"{names[j]} [{meant}]" for j in some)
+                yield Guess(other, f"the numbers of {which} are {meant}", hint, names[some[0]])
     for i, name in enumerate(names):
         other = q.copy()
         other[:, i] *= -1
@@ -191,7 +191,7 @@ def _mirrored(found: AffineFit, robot: Robot, named: list[str], faults: Faults) 
     if not robot.base_free:
         guess = _which(square, named) or guess
     message = f"the measured frame is left-handed: the points are the mirror image of the nominal robot's ({guess})"
-    faults.add(message, named[0], mend=f"correct the columns {', '.join(named)}")
+    faults.add(message, named[0], hint=f"correct the columns {', '.join(named)}")
     return True
 
 

@@ -50,7 +50,7 @@ def read_measurements(source: TableLike, problem: HasData) -> Measurements:
         problem: names ``robot`` and ``data``.
 
     Raises:
-        InputError: everything wrong with the file, each with line, column and the mend.
+        InputError: everything wrong with the file, each with line, column and a hint.
     """
     table = open_table(source, column_kinds(problem.robot), problem.data)
     faults = table.faults
@@ -148,7 +148,7 @@ def _position(cells: Cells, q: Array, robot: Robot, faults: Faults) -> Array:
         elif still[k]:
             position[:, k] = nominal_poses(robot, q[:1])[0][0, k]
         else:
-            faults.add(f"the column {axis} is missing, and this arm moves along {axis}", axis, mend=f"add {axis} [mm]")
+            faults.add(f"the column {axis} is missing, and this arm moves along {axis}", axis, hint=f"add {axis} [mm]")
     return position
 
 

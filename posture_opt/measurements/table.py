@@ -65,7 +65,7 @@ def open_table(source: TableLike, known: Collection[str] = (), spec: DataSpec | 
         file = source.attrs.get("file") if named else None
         return _memory_table(((head, np.asarray(source.iloc[:, i])) for i, head in enumerate(heads)), lines, file)
     kind = type(source).__name__
-    raise InputError(Issue(f"measurements are a CSV file or a pandas DataFrame, not {kind}", mend="give the path"))
+    raise InputError(Issue(f"measurements are a CSV file or a pandas DataFrame, not {kind}", hint="give the path"))
 
 
 LINES = "line"
@@ -171,5 +171,5 @@ def _fitted(row: list[str], width: int) -> bool:
 def _ragged(row: list[str], width: int, line: int, faults: Faults) -> None:
     cells = "1 cell" if len(row) == 1 else f"{len(row)} cells"
     halves = width < len(row) <= 2 * width and all(map(is_number, row))
-    mend = "decimal commas? then separate the columns by semicolons" if halves else ""
-    faults.add(f"{cells} in the row, {width} columns in the header", mend=mend, line=line)
+    hint = "decimal commas? then separate the columns by semicolons" if halves else ""
+    faults.add(f"{cells} in the row, {width} columns in the header", hint=hint, line=line)

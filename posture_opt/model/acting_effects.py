@@ -47,7 +47,7 @@ class ActingEffects:
 
     @cached_property
     def unknown_sides(self) -> tuple[str, ...]:
-        """``JOINT.side`` of every joint of an effect whose side of arrival no task states: −1 or +1, odds equal."""
+        """``JOINT.side`` of every joint of an effect whose side of arrival no task states: −1 or +1 alike."""
         return tuple(f"{joint}.side" for joint in dict.fromkeys(e.target for e in self.effects if self._sideless(e)))
 
     @cached_property

@@ -105,7 +105,7 @@ class Arm:
 
     @property
     def unknown_sides(self) -> tuple[str, ...]:
-        """``JOINT.side`` of every joint of an effect whose side of arrival no task states: −1 or +1, odds equal."""
+        """``JOINT.side`` of every joint of an effect whose side of arrival no task states: −1 or +1 alike."""
         return self._acting.unknown_sides
 
     @cached_property

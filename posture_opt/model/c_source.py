@@ -73,7 +73,7 @@ _KEYWORDS = """
 def _check_names(function: casadi.Function, name: str) -> None:
     arguments = [*map(function.name_in, range(function.n_in())), *map(function.name_out, range(function.n_out()))]
     issues = [
-        Issue(f"{word!r} is no C identifier that is free", mend="use letters, digits and _, and no word of C itself")
+        Issue(f"{word!r} is no C identifier that is free", hint="use letters, digits and _, and no word of C itself")
         for word in (name, *arguments)
         if not (word.isascii() and word.isidentifier())
         or word in _KEYWORDS.split()

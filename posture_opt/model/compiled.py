@@ -135,7 +135,7 @@ class BatchFunction:
         inputs = [_rows(array) for array in arrays]
         rows = next((len(array) for array in inputs if len(array) != 1), 1)
         issues = [
-            Issue(f"input {name} has shape {np.shape(given)}", mend=f"give ({size},) or ({rows}, {size})")
+            Issue(f"input {name} has shape {np.shape(given)}", hint=f"give ({size},) or ({rows}, {size})")
             for name, size, array, given in zip(self._names, self._sizes, inputs, arrays, strict=True)
             if array.ndim != 2 or array.shape[1] != size or len(array) not in (1, rows)
         ]
@@ -225,7 +225,7 @@ def library_of(
         return shared_library(f"{casadi.CasadiMeta.version()}{_BATCH_C}{identity()}", source, level), ""
     except (BuildError, RuntimeError) as error:  # RuntimeError: CasADi has no C for a part of the function
         if wanted:
-            raise InputError(Issue(f"nothing compiled: {error}", mend="install a C compiler or set CC")) from error
+            raise InputError(Issue(f"nothing compiled: {error}", hint="install a C compiler or set CC")) from error
         return None, str(error)
 
 

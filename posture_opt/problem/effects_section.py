@@ -168,9 +168,9 @@ def _pair_fault(sources: Sources, a: str, b: str) -> Issue | None:
     at = {name: k for k, name in enumerate(sources.names)}
     for name in (a, b):
         if name not in at or sources.constant[at[name], at[name]] <= 0:
-            return Issue(f"'{name}' has no σ to be correlated", mend=f"add uncertainty: {{sigma: {{{name}: 0.1 mm}}}}")
+            return Issue(f"'{name}' has no σ to be correlated", hint=f"add uncertainty: {{sigma: {{{name}: 0.1 mm}}}}")
     if sources.constant[at[a], at[b]] != 0:
-        return Issue(f"the correlation of {a} and {b} is stated twice", mend="keep one, here or under uncertainty")
+        return Issue(f"the correlation of {a} and {b} is stated twice", hint="keep one, here or under uncertainty")
     return None
 
 

@@ -1,4 +1,4 @@
-"""Validation errors of pydantic in the words of this package: one issue a cause, with its key and the mend."""
+"""Validation errors of pydantic in the words of this package: one issue a cause, with its key and a hint."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ def _unknown_task(key: KeyPath, value: Any) -> Issue | None:
     broken = next((task for task in registered_tasks().broken if task.name == value), None)
     if key != ("task", "kind") or broken is None:
         return None
-    return Issue(str(broken), key, value, f"mend {broken.package}, or uninstall it")
+    return Issue(str(broken), key, value, f"repair {broken.package}, or uninstall it")
 
 
 def _unknown_word(key: KeyPath, value: Any, words: Sequence[str]) -> Issue:
@@ -210,8 +210,8 @@ def _type_issue(key: KeyPath, kind: str, value: Any, data: Any, fallback: str) -
         return Issue(f"{message} (here {as_given(value)})", key, value)
     if value is None:
         return Issue(f"nothing stands here, {expected} is expected", key, value, _such_as(key, data))
-    mend = f"put it in quotes: '{value}'" if kind == "string_type" and not _container(value) else _such_as(key, data)
-    return Issue(f"{as_given(value)} is not {expected}", key, value, mend)
+    hint = f"put it in quotes: '{value}'" if kind == "string_type" and not _container(value) else _such_as(key, data)
+    return Issue(f"{as_given(value)} is not {expected}", key, value, hint)
 
 
 def _such_as(key: KeyPath, data: Any, name: str = "") -> str:

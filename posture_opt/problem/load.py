@@ -23,14 +23,14 @@ def load_problem(path: str | PathLike[str]) -> Problem:
     """The problem in a YAML file, or, where there is none of that name, the built-in problem: ``insert_planar_2r``.
 
     Raises:
-        InputError: everything wrong with the file, each with line, key and the mend.
+        InputError: everything wrong with the file, each with line, key and a hint.
     """
     file, name = Path(path), fspath(path)
     if not is_there(file):
         if name in builtin_names():
             file = problems_folder() / f"{name}.yaml"
         elif near := _near_builtin(name):
-            raise InputError(Issue(f"no such file: {name}", mend=near))
+            raise InputError(Issue(f"no such file: {name}", hint=near))
     return build_problem(read_yaml(file), file.parent, file.stem)
 
 
@@ -38,7 +38,7 @@ def problem_from_dict(data: Mapping[str, Any], folder: str | PathLike[str] = "."
     """The problem of a mapping with the keys of a problem file; relative file names in it start at ``folder``.
 
     Raises:
-        InputError: everything wrong with the data, each with key and the mend.
+        InputError: everything wrong with the data, each with key and a hint.
     """
     if not isinstance(data, Mapping):
         raise InputError(Issue(f"a problem is a mapping of sections, not {type(data).__name__}"))
@@ -52,7 +52,7 @@ def builtin_names() -> tuple[str, ...]:
 
 
 def _near_builtin(name: str) -> str:
-    """The mend of a name that is nothing yet: built-in problems that are called like it; empty where a file is."""
+    """A hint for an unknown name: built-in problems that are called like it; empty where a file is."""
     if nearest_file(Path(name)):
         return ""
     begun = [known for known in builtin_names() if known.startswith(name)]

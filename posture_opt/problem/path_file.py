@@ -68,10 +68,10 @@ def _columns(raw: RawTable) -> dict[str, tuple[int, float]]:
         name, unit = (match["name"], (match["unit"] or "").strip()) if match else (head.strip(), "")
         if name not in (*_POINT, *_AXIS):
             near = nearest(name, (*_POINT, *_AXIS))
-            mend = f"did you mean '{near}'?" if near else "a path has x [mm], y [mm], z [mm] and optionally dx, dy, dz"
-            raw.faults.add("unknown column", name, name, mend, raw.line)
+            hint = f"did you mean '{near}'?" if near else "a path has x [mm], y [mm], z [mm] and optionally dx, dy, dz"
+            raw.faults.add("unknown column", name, name, hint, raw.line)
         elif name in found:
-            raw.faults.add("two columns have this name", name, mend="keep one", line=raw.line)
+            raw.faults.add("two columns have this name", name, hint="keep one", line=raw.line)
         else:
             found[name] = index, _factor(name, unit, raw)
     _missing(found, raw)
@@ -98,10 +98,10 @@ def _missing(found: dict[str, tuple[int, float]], raw: RawTable) -> None:
     """Planar arms may leave out z; dx, dy, dz come together."""
     for name in ("x", "y"):
         if name not in found:
-            raw.faults.add("the column is missing", name, mend=f"add {name} [mm]", line=raw.line)
+            raw.faults.add("the column is missing", name, hint=f"add {name} [mm]", line=raw.line)
     axis = [name for name in _AXIS if name in found]
     if axis and axis[:2] != ["dx", "dy"]:
-        raw.faults.add(f"{', '.join(axis)} alone make no direction", axis[0], mend="add dx, dy, dz", line=raw.line)
+        raw.faults.add(f"{', '.join(axis)} alone make no direction", axis[0], hint="add dx, dy, dz", line=raw.line)
 
 
 def _number(cell: str, name: str, line: int, faults: Faults) -> float:
@@ -125,10 +125,10 @@ def _check(points: Array, axes: Array | None, lines: list[int], raw: RawTable) -
     if len(points) < 2:
         faults.stop(f"a path has at least two points, {len(points)} given", "add rows", raw.line + len(points))
     for k in repeated(_tuples(points)):
-        faults.add(f"the point of line {lines[k]} again", mend="leave out one of the two rows", line=lines[k + 1])
+        faults.add(f"the point of line {lines[k]} again", hint="leave out one of the two rows", line=lines[k + 1])
     short = [] if axes is None else np.flatnonzero(np.linalg.norm(axes, axis=1) < _SHORTEST).tolist()
     for k in short:
-        faults.add("dx, dy, dz of length zero point nowhere", "dx", mend="write for example 0, 0, -1", line=lines[k])
+        faults.add("dx, dy, dz of length zero point nowhere", "dx", hint="write for example 0, 0, -1", line=lines[k])
     faults.refuse()
 
 

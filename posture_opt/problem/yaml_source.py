@@ -74,20 +74,20 @@ def _read_text(path: Path) -> str:
         found = content(path, MAX_BYTES)
     except InputError as error:
         named = naming(path, error).issues
-        raise InputError([replace(issue, mend=issue.mend or _STARTER) for issue in named]) from None
+        raise InputError([replace(issue, hint=issue.hint or _STARTER) for issue in named]) from None
     try:
         return found.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = found[: error.start].count(b"\n") + 1
         message = f"not UTF-8 text (byte 0x{found[error.start]:02x})"
-        raise InputError(Issue(message, mend="save the file as UTF-8", file=str(path), line=line)) from None
+        raise InputError(Issue(message, hint="save the file as UTF-8", file=str(path), line=line)) from None
 
 
 def parse_yaml(text: str, file: str = "") -> Document:
     """The document in a text; ``file`` is what messages call it."""
     node = _compose(text, file)
     if node is None:
-        raise InputError(Issue("the file is empty", file=file, mend=_STARTER))
+        raise InputError(Issue("the file is empty", file=file, hint=_STARTER))
     if not isinstance(node, yaml.MappingNode):
         kind = "a list" if isinstance(node, yaml.SequenceNode) else "a single value"
         line = node.start_mark.line + 1
@@ -127,14 +127,14 @@ def _yaml_issue(error: yaml.MarkedYAMLError, text: str, file: str) -> Issue:
         return Issue("the file holds several YAML documents", (), None, "keep one; remove the line '---'", file, line)
     lines = text.splitlines()
     here = lines[line - 1].strip() if 0 < line <= len(lines) else ""
-    mend = "indent with spaces, not tabs" if "'\\t'" in problem else ""
+    hint = "indent with spaces, not tabs" if "'\\t'" in problem else ""
     if "mapping values are not allowed" in problem:
-        mend = "is a ':' too many in the line, or is the indentation wrong?"
+        hint = "is a ':' too many in the line, or is the indentation wrong?"
     elif "expected <block end>" in problem:
-        mend = "is the line indented like its neighbours?"
+        hint = "is the line indented like its neighbours?"
     elif "undefined alias" in problem:
-        mend = "a text that begins with * or & stands in quotes"
-    return Issue(f"not YAML: {problem}" + (f", at '{here[:60]}'" if here else ""), (), None, mend, file, line)
+        hint = "a text that begins with * or & stands in quotes"
+    return Issue(f"not YAML: {problem}" + (f", at '{here[:60]}'" if here else ""), (), None, hint, file, line)
 
 
 class _Reader:
@@ -153,7 +153,7 @@ class _Reader:
         line = node.start_mark.line + 1
         if self._nodes > _MOST_NODES:
             message = f"the aliases (*name) of the file unfold to more than {_MOST_NODES} entries"
-            raise InputError(Issue(message, key[:1], mend="write the entries out", file=self.file, line=line))
+            raise InputError(Issue(message, key[:1], hint="write the entries out", file=self.file, line=line))
         if id(node) in self._open:
             raise InputError(Issue("an alias (*name) contains itself", key[:1], None, "", self.file, line))
         self.lines.setdefault(key, line)

@@ -77,12 +77,12 @@ def name_issues(name: str, known: Iterable[str]) -> list[Issue]:
     own = [parameter.rpartition(".")[2] for parameter in every if parameter.rpartition(".")[0] == joint]
     if own:
         near = _nearest_word(part, own)
-        mend = (f"did you mean '{joint}.{near}'? " if near else "") + f"{joint} has {', '.join(own)}"
+        hint = (f"did you mean '{joint}.{near}'? " if near else "") + f"{joint} has {', '.join(own)}"
     else:
         near = nearest(name, every)
         owners = dict.fromkeys(parameter.rpartition(".")[0] for parameter in every)
-        mend = (f"did you mean '{near}'? " if near else "") + f"parameters have: {listed(owners, 12)}"
-    return [Issue("the robot has no such parameter", (name,), name, mend)]
+        hint = (f"did you mean '{near}'? " if near else "") + f"parameters have: {listed(owners, 12)}"
+    return [Issue("the robot has no such parameter", (name,), name, hint)]
 
 
 def _nearest_word(part: str, known: list[str]) -> str:

@@ -70,11 +70,11 @@ def _by_name(robot: Robot, posture: Mapping[str, Any]) -> list[Any]:
     issues = []
     for name in posture:
         if name not in names:
-            mend = did_you_mean(str(name), names)
-            issues.append(Issue("the robot has no such joint", ("posture", str(name)), posture[name], mend))
+            hint = did_you_mean(str(name), names)
+            issues.append(Issue("the robot has no such joint", ("posture", str(name)), posture[name], hint))
     missing = [name for name in names if name not in posture]
     if missing:
-        issues.append(Issue(f"no value for {', '.join(missing)}", ("posture",), mend="give every joint a value"))
+        issues.append(Issue(f"no value for {', '.join(missing)}", ("posture",), hint="give every joint a value"))
     if issues:
         raise InputError(issues)
     return [posture[name] for name in names]

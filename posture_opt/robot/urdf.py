@@ -128,10 +128,10 @@ def _faults(path: list[UrdfJoint]) -> Iterator[Issue]:
             yield replace(error.issue(()), line=joint.line)
     if not moving:
         message = f"no joint moves between '{path[0].parent}' and '{path[-1].child}'"
-        yield Issue(message, mend="choose another tip_link or base_link")
+        yield Issue(message, hint="choose another tip_link or base_link")
     if len(moving) > MAX_JOINTS:
         message = f"{len(moving)} moving joints are more than the {MAX_JOINTS} that a serial arm may have here"
-        yield Issue(message, mend="choose a tip_link nearer to the base_link")
+        yield Issue(message, hint="choose a tip_link nearer to the base_link")
 
 
 def _check(joint: UrdfJoint) -> None:

@@ -55,7 +55,7 @@ def read_elements(data: bytes) -> tuple[Element, ...]:
     except expat.ExpatError as error:
         raise InputError(Issue(f"the file is not XML: {expat.ErrorString(error.code)}", line=error.lineno)) from None
     except (LookupError, ValueError) as error:  # of an encoding that nobody knows
-        raise InputError(Issue(f"the file is not XML: {error}", mend="save the file as UTF-8", line=1)) from None
+        raise InputError(Issue(f"the file is not XML: {error}", hint="save the file as UTF-8", line=1)) from None
     return tuple(reader.elements)
 
 
@@ -83,9 +83,9 @@ class _ElementReader:
         self.around.pop()
 
     def _doctype(self, name: str, *declared: object) -> NoReturn:
-        mend = "remove <!DOCTYPE …>, and write numbers and names in place of its &entities;"
+        hint = "remove <!DOCTYPE …>, and write numbers and names in place of its &entities;"
         message = "a robot description has no DOCTYPE and no entities"
-        raise InputError(Issue(message, mend=mend, line=self.parser.CurrentLineNumber))
+        raise InputError(Issue(message, hint=hint, line=self.parser.CurrentLineNumber))
 
 
 _LARGEST = 1e18  # limits of 1e16 mean that there is none; squares of squares are still numbers
@@ -125,11 +125,11 @@ def _robot(data: bytes, name: str) -> Element:
     if unexpanded := next(filter(None, map(_xacro, elements)), None):
         stem = name.removesuffix(".xacro").removesuffix(".urdf").removesuffix(".xml")
         there = f"{stem}.urdf" if name != f"{stem}.urdf" else f"{stem}_expanded.urdf"
-        raise InputError(replace(unexpanded, mend=f"expand it first: xacro {name} > {there}"))
+        raise InputError(replace(unexpanded, hint=f"expand it first: xacro {name} > {there}"))
     root = elements[0]
     if root.tag != "robot":
         message = f"the file is no URDF: it begins with <{root.tag}>, not <robot>"
-        raise InputError(Issue(message, mend="name a URDF file", line=root.line))
+        raise InputError(Issue(message, hint="name a URDF file", line=root.line))
     return root
 
 
@@ -219,14 +219,14 @@ class _UrdfReader:
     def _text(self, element: Element, key: str, owner: str) -> str:
         if not element.attributes.get(key):
             message = f"{owner} lacks its {key}"
-            self.issues.append(Issue(message, mend=f'write <{element.tag} {key}="…">', line=element.line))
+            self.issues.append(Issue(message, hint=f'write <{element.tag} {key}="…">', line=element.line))
         return element.attributes.get(key, "")
 
     def _end(self, joint: Element, tag: str, owner: str) -> str:
         """The link that ``<parent>`` or ``<child>`` of a joint names."""
         if element := joint.first(tag):
             return self._text(element, "link", f"<{tag}> of {owner}")
-        self.issues.append(Issue(f"{owner} has no <{tag}>", mend=f'write <{tag} link="…"/>', line=joint.line))
+        self.issues.append(Issue(f"{owner} has no <{tag}>", hint=f'write <{tag} link="…"/>', line=joint.line))
         return ""
 
     def _origin(self, element: Element, owner: str) -> Array:
@@ -254,7 +254,7 @@ class _UrdfReader:
         given, wanted = element.attributes[key], "one finite number" if count == 1 else f"{count} finite numbers"
         fault = "is not plausible" if finite else f"does not hold {wanted}"
         message = f'{owner}: <{element.tag} {key}="{given}"> {fault}'
-        self.issues.append(Issue(message, value=given, mend="is the exponent right?" * finite, line=element.line))
+        self.issues.append(Issue(message, value=given, hint="is the exponent right?" * finite, line=element.line))
         return [0.0] * count
 
 

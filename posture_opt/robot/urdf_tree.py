@@ -128,21 +128,21 @@ class UrdfTree:
     def faults(self) -> Iterator[Issue]:
         """What keeps links and joints from being trees, each with its line where one joint is to blame."""
         if not self.links:
-            yield Issue("the file has no <link>", mend="name a URDF file")
+            yield Issue("the file has no <link>", hint="name a URDF file")
         known = set(self.links)
         for joint in self.joints:
             for end in (joint.parent, joint.child):
                 if end not in known:
                     message = f"joint '{joint.name}' names a link '{end}' that the file does not have"
-                    yield Issue(message, mend=one_of(end, self.links, "links"), line=joint.line)
+                    yield Issue(message, hint=one_of(end, self.links, "links"), line=joint.line)
         for name in _twice(self.links):
-            yield Issue(f"two links are named '{name}'", mend="rename one, and the joints that mean it")
+            yield Issue(f"two links are named '{name}'", hint="rename one, and the joints that mean it")
         for name in _twice(joint.name for joint in self.joints):
-            yield Issue(f"two joints are named '{name}'", mend="rename one")
+            yield Issue(f"two joints are named '{name}'", hint="rename one")
         carrying = {joint.child: joint for joint in self.joints}
         for name in _twice(joint.child for joint in self.joints):
             message = f"link '{name}' hangs on two joints, one of them '{carrying[name].name}'"
-            yield Issue(message, mend="cut the closed loop: a serial arm has none", line=carrying[name].line)
+            yield Issue(message, hint="cut the closed loop: a serial arm has none", line=carrying[name].line)
         if len(carrying) == len(self.joints):
             yield from self._loops()
 
@@ -155,7 +155,7 @@ class UrdfTree:
             open_links += [joint.child for joint in self.below(link) if joint.child not in reached]
         if looped := [joint for joint in self.joints if joint.child not in reached]:
             message = f"the joints form a closed loop, '{looped[0].name}' among them"
-            yield Issue(message, mend="cut it: a serial arm has none", line=looped[0].line)
+            yield Issue(message, hint="cut it: a serial arm has none", line=looped[0].line)
 
 
 def _twice(names: Iterable[str]) -> list[str]:

@@ -81,7 +81,7 @@ class PostureBatch(Result):
 
     @property
     def code(self) -> int:
-        """Zero where every problem has an answer; else the least of the other exit codes: what to mend first."""
+        """Zero where every problem has an answer; else the least of the other exit codes: what to fix first."""
         return min((answer.code for answer in self.answers if answer.code), default=0)
 
     @cached_property
@@ -124,10 +124,10 @@ def select_postures(
     names = [name for name, problem in problems.items() if not isinstance(problem, PostureOptError)]
     if not names:
         issues = [issue for error in problems.values() if isinstance(error, InputError) for issue in error.issues]
-        raise InputError(issues or Issue("no problem is named", mend="name problem files"))
+        raise InputError(issues or Issue("no problem is named", hint="name problem files"))
     found = {name: _failed(error) for name, error in problems.items() if isinstance(error, PostureOptError)}
-    with opened(workers, executor) as crew:
-        for k, row in crew.run(solved, seed, [problems[name] for name in names]):
+    with opened(workers, executor) as pool:
+        for k, row in pool.run(solved, seed, [problems[name] for name in names]):
             found[names[k]] = row
             if progress is not None:
                 progress(len(found), len(problems))

@@ -118,7 +118,7 @@ def measured_errors(
     elif free:
         notes.append(f"{' and '.join(free)} {'is' if len(free) == 1 else 'are'} {FITTED}")
     if not len(data):
-        raise InputError(Issue("no row measures the tool point of this problem", ("--data",), mend="name other data"))
+        raise InputError(Issue("no row measures the tool point of this problem", ("--data",), hint="name other data"))
     errors = [_errors(one, data) for one in (uncorrected, problem)]
     instrument = position_sigma(problem, data)
     place, _ = nominal_poses(problem.robot, data.q)

@@ -124,8 +124,8 @@ def _opened(path: Path) -> BinaryIO:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         stream.close()
-        mend = "wait for it, or name another file"
-        raise InputError(Issue("another run uses this file", _OPTION, str(path), mend, str(path))) from None
+        hint = "wait for it, or name another file"
+        raise InputError(Issue("another run uses this file", _OPTION, str(path), hint, str(path))) from None
     return stream
 
 
@@ -165,8 +165,8 @@ def _check_begun(path: Path, content: bytes, head: Mapping[str, Any]) -> None:
     """A file without a whole first line is empty, or the beginning of that line."""
     text = json.dumps(head, separators=(",", ":")).encode()
     if not (_digest(text) + b" " + text + b"\n").startswith(content):
-        mend = "name a new file, or one that --checkpoint made"
-        raise InputError(Issue("this is no checkpoint", _OPTION, str(path), mend, str(path)))
+        hint = "name a new file, or one that --checkpoint made"
+        raise InputError(Issue("this is no checkpoint", _OPTION, str(path), hint, str(path)))
 
 
 def _check_head(path: Path, found: Any, head: Mapping[str, Any]) -> None:

@@ -56,8 +56,8 @@ class DaskWorkers(Workers):
                 for k in islice(numbers, 1):
                     done.add(self._submitted(running, part, shared, items[k], k))
         except (dask.scheduler.KilledWorker, dask.comm.CommClosedError, CancelledError) as error:
-            mend = "start it again; what a --checkpoint holds is not lost"
-            raise InputError(Issue(f"the workers were lost ({type(error).__name__})", _OPTION, mend=mend)) from error
+            hint = "start it again; what a --checkpoint holds is not lost"
+            raise InputError(Issue(f"the workers were lost ({type(error).__name__})", _OPTION, hint=hint)) from error
         finally:
             self._client.cancel(list(running))
 
@@ -86,8 +86,8 @@ def scheduled(address: str, workers: int = 1) -> DaskWorkers:
     try:
         dask = import_module("distributed")
     except ImportError:
-        mend = "install it: pip install 'posture_opt[cluster]'; on one machine --workers does as well"
-        raise InputError(Issue("this needs the library Dask distributed", _OPTION, address, mend)) from None
+        hint = "install it: pip install 'posture_opt[cluster]'; on one machine --workers does as well"
+        raise InputError(Issue("this needs the library Dask distributed", _OPTION, address, hint)) from None
     # What befalls workers is told by whether there is an answer.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     if address == LOCAL:
@@ -104,8 +104,8 @@ def scheduled(address: str, workers: int = 1) -> DaskWorkers:
     try:
         client = dask.Client(address, timeout=_SECONDS, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
-        mend = "is it a scheduler of Dask, of a like version? start one: dask scheduler"
-        raise InputError(Issue(f"what answers is no scheduler ({error})", _OPTION, address, mend)) from error
+        hint = "is it a scheduler of Dask, of a like version? start one: dask scheduler"
+        raise InputError(Issue(f"what answers is no scheduler ({error})", _OPTION, address, hint)) from error
     found = DaskWorkers(client, (client,))
     try:
         _check_workers(client, address)
@@ -117,7 +117,7 @@ def scheduled(address: str, workers: int = 1) -> DaskWorkers:
 
 def _check_answer(address: str) -> None:
     """An address that nobody answers at is told at once; Dask would go on trying."""
-    mend = "start one, dask scheduler --port 8786, or take --scheduler local"
+    hint = "start one, dask scheduler --port 8786, or take --scheduler local"
     try:
         host, port = urlsplit(address).hostname, urlsplit(address).port
     except ValueError:
@@ -128,26 +128,26 @@ def _check_answer(address: str) -> None:
         socket.create_connection((host, port), _ANSWER).close()
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        raise InputError(Issue(f"no scheduler answers ({reason})", _OPTION, address, mend)) from error
+        raise InputError(Issue(f"no scheduler answers ({reason})", _OPTION, address, hint)) from error
 
 
 def _check_workers(client: Any, address: str) -> None:
     try:
         client.wait_for_workers(1, timeout=_SECONDS)
     except TimeoutError as error:
-        mend = f"start one: dask worker {address} --nworkers 2 --nthreads 1"
-        raise InputError(Issue("the scheduler has no workers", _OPTION, address, mend)) from error
+        hint = f"start one: dask worker {address} --nworkers 2 --nthreads 1"
+        raise InputError(Issue("the scheduler has no workers", _OPTION, address, hint)) from error
     try:
         versions = client.run(version)
     except ImportError as error:
-        mend = "install the same version on every machine"
-        raise InputError(Issue("a worker lacks posture_opt", _OPTION, address, mend)) from error
+        hint = "install the same version on every machine"
+        raise InputError(Issue("a worker lacks posture_opt", _OPTION, address, hint)) from error
     other = {worker: found for worker, found in versions.items() if found != __version__}
     if other:
         worker, found = next(iter(other.items()))
-        mend = "install the same version on every machine"
+        hint = "install the same version on every machine"
         raise InputError(
-            Issue(f"the worker {worker} has version {found}, here is {__version__}", _OPTION, address, mend)
+            Issue(f"the worker {worker} has version {found}, here is {__version__}", _OPTION, address, hint)
         )
 
 

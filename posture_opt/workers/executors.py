@@ -34,8 +34,8 @@ class ExecutorWorkers(Workers):
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     yield running.pop(future), future.result()
         except (BrokenExecutor, CancelledError) as error:
-            mend = "start it again; what a --checkpoint holds is not lost"
-            raise InputError(Issue(f"the executor lost its workers ({type(error).__name__})", mend=mend)) from error
+            hint = "start it again; what a --checkpoint holds is not lost"
+            raise InputError(Issue(f"the executor lost its workers ({type(error).__name__})", hint=hint)) from error
         finally:
             for future in running:
                 future.cancel()

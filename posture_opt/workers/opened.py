@@ -50,8 +50,8 @@ def opened(workers: int = 1, executor: Executor | None = None) -> Workers:
         return _made("executors", "ExecutorWorkers", executor)
     if isinstance(executor, DaskClient):
         return _made("dask_cluster", "DaskWorkers", executor)
-    mend = "give one of concurrent.futures, or a dask.distributed Client"
-    raise InputError(Issue(f"{type(executor).__name__} is no executor", ("executor",), mend=mend))
+    hint = "give one of concurrent.futures, or a dask.distributed Client"
+    raise InputError(Issue(f"{type(executor).__name__} is no executor", ("executor",), hint=hint))
 
 
 def _made(file: str, name: str, argument: Any) -> Workers:

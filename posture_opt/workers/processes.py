@@ -112,8 +112,8 @@ def _send(worker: ProcessWorker, message: Any) -> None:
 def _counted(lost: int) -> int:
     if lost + 1 < _MOST_LOST:
         return lost + 1
-    mend = "take fewer workers (--workers 1): most often memory is short"
-    raise InputError(Issue(f"{_MOST_LOST} worker processes were ended over one part of the work", mend=mend))
+    hint = "take fewer workers (--workers 1): most often memory is short"
+    raise InputError(Issue(f"{_MOST_LOST} worker processes were ended over one part of the work", hint=hint))
 
 
 def _serve(pipe: Connection, parent: int) -> None:
@@ -143,6 +143,6 @@ def _end_with(parent: int) -> None:
         ctypes.CDLL(None).prctl(_DEATH_OF_PARENT, signal.SIGKILL)
     if os.getppid() != parent and multiprocessing.get_start_method() == "fork":
         os._exit(1)  # it ended before this was asked for
-    mother = multiprocessing.parent_process()
-    if mother is not None:
-        threading.Thread(target=lambda: (wait([mother.sentinel]), os._exit(1)), daemon=True).start()
+    parent_process = multiprocessing.parent_process()
+    if parent_process is not None:
+        threading.Thread(target=lambda: (wait([parent_process.sentinel]), os._exit(1)), daemon=True).start()

@@ -149,8 +149,8 @@ def of_sizes(data: po.Measurements, nominal: float, calibrated: float, extended:
         ((2.0, 3.0, 1.0), "The gain holds", True),
         ((3.0, 1.0, 2.0), "The effects bring no gain", False),
         ((2.0, 1.0, 3.0), "The effects do not hold on the test file, which is worse with them than before", False),
-        ((2.16, 17.2, 13.7), "Calibration does not hold on the test file, and the effects do not mend that", False),
-        ((1.0, 2.0, 3.0), "Calibration does not hold on the test file, and the effects do not mend that", False),
+        ((2.16, 17.2, 13.7), "Calibration does not hold on the test file, and the effects do not correct that", False),
+        ((1.0, 2.0, 3.0), "Calibration does not hold on the test file, and the effects do not correct that", False),
     ],
 )
 def test_the_words_suit_every_order(

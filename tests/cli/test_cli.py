@@ -112,7 +112,7 @@ def test_wrong_usage_is_exit_code_2(words: list[str], message: str) -> None:
         (["export", *PLANAR, "--to", "c", "--name", "1x"], "'1x' is no C identifier"),
     ],
 )
-def test_bad_input_is_exit_code_2_with_the_mend(words: list[str], message: str) -> None:
+def test_bad_input_is_exit_code_2_with_the_hint(words: list[str], message: str) -> None:
     result = run(*words)
     assert result.exit_code == 2
     assert message in result.stderr

@@ -57,7 +57,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     points = position(wavy(q)) + noise
     write(place / "data.csv", q[:90], points[:90])
     write(place / "other.csv", q[90:], points[90:])
-    write(place / "mended.csv", q[90:], position(q[90:]) + noise[90:])  # the gear has been changed
+    write(place / "repaired.csv", q[90:], position(q[90:]) + noise[90:])  # the gear has been changed
     write(place / "few.csv", q[:2], points[:2])
     time = np.linspace(0.0, 3600.0, 90)
     creep = np.stack([DRIFT * time / 3600, np.zeros(90)], axis=1)
@@ -146,7 +146,7 @@ def test_files_and_report_tell_the_story(written: tuple[Path, Result]) -> None:
 
 
 def test_a_gain_that_does_not_hold_elsewhere_is_none(folder: Path) -> None:
-    words = ["--problem", folder / "problem.yaml", "--test", folder / "mended.csv"]
+    words = ["--problem", folder / "problem.yaml", "--test", folder / "repaired.csv"]
     result = run(folder / "data.csv", *words, "--json")
     assert result.exit_code == 0, result.stderr
     found = json.loads(result.stdout)

@@ -370,7 +370,7 @@ def test_few_chosen_rows_of_a_real_arm_predict_the_others_better_than_random_one
         return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
 
     random = [left(np.random.default_rng(seed).choice(1000, 20, replace=False)) for seed in range(7)]
-    # 0.135 mm against 0.150: geometry fitted to all 1000 rows leaves 0.113, which no choice of rows mends.
+    # 0.135 mm against 0.150: geometry fitted to all 1000 rows leaves 0.113, which no choice of rows corrects.
     assert left(chosen) < 0.95 * np.median(random)
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-WORDS = frozenset({"notes", "words", "undetermined", "reason", "mend", "label"})
+WORDS = frozenset({"notes", "words", "undetermined", "reason", "hint", "mend", "label"})
 """Keys whose text is for people: how a thing is said may change, what is found may not."""
 
 

@@ -91,10 +91,10 @@ def hunt(cases: list[Case], options: argparse.Namespace) -> list[dict[str, Any]]
     from posture_opt.workers import opened
     from posture_opt.workers.dask_cluster import scheduled
 
-    crew = scheduled(options.scheduler, options.workers) if options.scheduler else opened(options.workers)
+    pool = scheduled(options.scheduler, options.workers) if options.scheduler else opened(options.workers)
     done: dict[int, dict[str, Any]] = {}
-    with crew:
-        for k, result in crew.run(_trial, options, cases):
+    with pool:
+        for k, result in pool.run(_trial, options, cases):
             done[k] = _tell(result, len(done), cases)
     return [done[k] for k in range(len(cases))]
 

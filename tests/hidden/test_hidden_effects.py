@@ -66,7 +66,7 @@ def test_lengths_that_vary_together_and_a_noisy_joint_are_told_apart_in_a_batch(
 def test_what_no_such_data_can_show_is_said_with_what_would(family: str, kind: str, tmp_path: Path) -> None:
     answer = hunted(tmp_path, family, 0.0)[1]
     said = {entry["kind"]: entry for entry in answer["unknowable"]}
-    assert "measure" in said[kind]["mend"]
+    assert "measure" in said[kind]["hint"]
     assert said[kind]["reason"]
     assert kind not in [e["kind"] for e in answer["effects"]]
 

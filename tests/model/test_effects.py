@@ -129,7 +129,7 @@ def test_a_fault_stands_at_its_place_in_the_file(sites: Any) -> None:
         problem_from_dict(data)
     (issue,) = caught.value.issues
     assert issue.key[:2] == ("effects", 0)
-    assert "joint1, joint2" in issue.message + issue.mend
+    assert "joint1, joint2" in issue.message + issue.hint
 
 
 RR = """
@@ -158,7 +158,7 @@ task: {kind: insert, direction: [0, 1, 0], position: [0.5 m, 0.4 m, 0 m]}
         ({"kind": "hysteresis", "joint": "joint1", "travel": "0 deg"}, "greater than 0"),
     ],
 )
-def test_a_wrong_entry_is_told_with_its_mend(entry: dict[str, Any], said: str) -> None:
+def test_a_wrong_entry_is_told_with_its_hint(entry: dict[str, Any], said: str) -> None:
     data = yaml.safe_load(RR)
     data["effects"] = [entry]
     with pytest.raises(InputError) as caught:
@@ -182,7 +182,7 @@ def test_masses_that_are_missing_are_asked_for() -> None:
         problem_from_dict(data)
     (issue,) = caught.value.issues
     assert "masses" in issue.message
-    assert "mass and com" in issue.mend
+    assert "mass and com" in issue.hint
 
 
 def test_masses_of_a_table_reach_the_torque() -> None:

@@ -1,4 +1,4 @@
-"""Bad problem files: each names file, line, key and the mend, all faults of a file at once, with exit code 2."""
+"""Bad problem files: each names file, line, key and a hint, all faults of a file at once, with exit code 2."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def faults(folder: Path, text: str) -> list[str]:
 
 
 CASES = {
-    # what is added to ROBOT: line, key and message, mend
+    # what is added to ROBOT: line, key and message, hint
     "unknown key": ("tsk: {kind: insert}", 7, "tsk: unknown key", "did you mean 'task'"),
     "unknown key inside": ("task: {kind: insert, dirction: [0, 0, 1]}", 7, "task.dirction: unknown key", "'direction'"),
     "missing unit": ("task: {kind: insert, position: [1, 0 m, 0 m]}", 7, "task.position[0]: the length has", "1 m"),
@@ -131,13 +131,13 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_fault_names_line_key_and_mend(case: str, tmp_path: Path) -> None:
-    added, line, message, mend = CASES[case]
+def test_fault_names_line_key_and_hint(case: str, tmp_path: Path) -> None:
+    added, line, message, hint = CASES[case]
     found = faults(tmp_path, ROBOT + added + "\n")
     assert len(found) == 1, "one cause, one message"
     assert found[0].startswith(f"problem.yaml:{line}: ")
     assert message in found[0]
-    assert mend in found[0]
+    assert hint in found[0]
     assert not re.search(r"pydantic|Input should|literal\[|function-|extra_forbidden", found[0])
 
 
@@ -250,7 +250,7 @@ def test_all_faults_of_all_sections_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("robot", "name", "mend"),
+    ("robot", "name", "hint"),
     [
         ("ur10e", "wrist_1.thta", "did you mean 'wrist_1.theta'? wrist_1 has theta, d, a, alpha, beta"),
         ("ur10e", "wrist_1", "wrist_1 has theta, d, a, alpha, beta"),
@@ -259,10 +259,10 @@ def test_all_faults_of_all_sections_at_once(tmp_path: Path) -> None:
         ("ur10f", "wrist_1.thta", "did you mean 'wrist_1.theta'? wrist_1 has "),  # the robot itself is not known
     ],
 )
-def test_unknown_parameter_offers_those_of_its_joint_first(robot: str, name: str, mend: str, tmp_path: Path) -> None:
+def test_unknown_parameter_offers_those_of_its_joint_first(robot: str, name: str, hint: str, tmp_path: Path) -> None:
     text = f"robot: {{kind: preset, name: {robot}}}\nuncertainty: {{sigma: {{{name}: 0.02 deg}}}}\n"
     found = faults(tmp_path, text)[-1]
-    start = f"problem.yaml:2: uncertainty.sigma.{name}: the robot has no such parameter – {mend}"
+    start = f"problem.yaml:2: uncertainty.sigma.{name}: the robot has no such parameter – {hint}"
     assert found.startswith(start)
     assert found.count(",") < 13, "a short list"
 
@@ -279,7 +279,7 @@ def test_urdf_without_such_a_link(tmp_path: Path) -> None:
     found = faults(tmp_path, "robot:\n  kind: urdf\n  file: arm.urdf\n  base_link: base\n  tip_link: tool\n")
     assert len(found) == 1
     assert found[0].startswith("problem.yaml:5: robot.tip_link: ")
-    assert "tip" in found[0].split("–")[1], "the mend names a link that exists"
+    assert "tip" in found[0].split("–")[1], "the hint names a link that exists"
 
 
 def test_urdf_that_does_not_exist(tmp_path: Path) -> None:

@@ -401,12 +401,12 @@ def test_the_miss_is_that_of_the_arm_as_drawn(commanded: tuple[Path, Known, Resu
     again = compared(problem, found.calibration)
     assert again is not None
     before, landed = again.answered["nominal"]
-    _, landing = again.answered["calibrated"]
+    _, predicted_error = again.answered["calibrated"]
     drawn = SimulatedArm(found.case.table).points(before.q)[0]  # where the workpiece stands, or is put
     true = found.arm.points(before.q)[0] - drawn
     np.testing.assert_allclose(landed.miss[:2], true[:2], atol=4 * 2e-5)  # 80 poses tell the arm to about 20 µm
-    assert landing.distance < 1e-7
-    assert landing.critical_error < landed.critical_error
+    assert predicted_error.distance < 1e-7
+    assert predicted_error.critical_error < landed.critical_error
 
 
 def test_a_calibrated_problem_is_changed_without_its_files(known: Known) -> None:

@@ -448,11 +448,11 @@ def test_an_effect_that_grew_is_found_on_top_of_the_known_one(world: World) -> N
     data = po.read_measurements(world.folder / "worn.csv", world.extended)
     found = po.diagnose(world.extended, data, flips=99)
     assert [(f.kind, f.target) for f in found.effects if f.effect is not None] == [("backlash", "joint1")]
-    mended = extended_problem(world.extended, found)
-    (width,) = next(e.values for e in mended.effects if e.kind == "backlash")
+    corrected = extended_problem(world.extended, found)
+    (width,) = next(e.values for e in corrected.effects if e.kind == "backlash")
     assert width == pytest.approx(8e-4, abs=8e-5)
-    assert len(mended.effects) == 3
-    assert mended.sources.names.count("backlash(joint1).width") == 1
+    assert len(corrected.effects) == 3
+    assert corrected.sources.names.count("backlash(joint1).width") == 1
 
 
 def test_a_calibration_takes_the_effects_of_the_file_as_known(world: World) -> None:

@@ -130,7 +130,7 @@ def test_a_fault_that_the_file_has_keeps_its_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "mend"),
+    ("name", "hint"),
     [
         ("insert_pandas", "did you mean the built-in 'insert_panda'\\?"),
         ("insert_pan", "the built-in 'insert_panda', 'insert_panda_block' or 'insert_panda_cell'"),
@@ -139,9 +139,9 @@ def test_a_fault_that_the_file_has_keeps_its_line(tmp_path: Path) -> None:
     ],
 )
 def test_a_name_that_is_no_problem_lists_those_that_are(
-    name: str, mend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, hint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=mend):
+    with pytest.raises(InputError, match=hint):
         po.load_problem(name)
     assert po.load_problem("insert_panda").name == "Vertical insertion with a Panda"

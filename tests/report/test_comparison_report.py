@@ -14,12 +14,12 @@ from posture_opt.report.results.comparison_report import (
     comparison_table,
     distinct_columns,
 )
-from posture_opt.selection.comparison.plan_comparison import Comparison, Landing, PlannedPosture
+from posture_opt.selection.comparison.plan_comparison import Comparison, PlannedPosture, PredictedError
 from posture_opt.selection.comparison.posture_distance import PostureDistance
 from posture_opt.uncertainty.spread.spread_parts import SpreadParts
 
 
-def planned(degrees: float, sigma: float, error: float, odds: float | None = None) -> PlannedPosture:
+def planned(degrees: float, sigma: float, error: float, p_success: float | None = None) -> PlannedPosture:
     """The posture of an arm of one joint."""
     robot = SimpleNamespace(joints=(SimpleNamespace(name="joint1", type="revolute"),))
     solution: Any = SimpleNamespace(
@@ -27,7 +27,7 @@ def planned(degrees: float, sigma: float, error: float, odds: float | None = Non
         critical=SimpleNamespace(sigma_max=sigma, within="across"),
     )  # fmt: skip
     miss = np.array([error / 2, 0.0, 0.0])
-    return PlannedPosture(solution, Landing(miss, miss[:1], sigma, error, odds, np.eye(3) * sigma**2))
+    return PlannedPosture(solution, PredictedError(miss, miss[:1], sigma, error, p_success, np.eye(3) * sigma**2))
 
 
 def compared(plans: dict[str, PlannedPosture]) -> Comparison:
@@ -73,8 +73,8 @@ def with_parts(scatter: float, systematic: float, distance: PostureDistance | No
     """The calibrated arm's posture with what is known of its spread [m]."""
     parts = SpreadParts(scatter / 2, scatter, systematic / 2, systematic, ("joint1.a",))
     plan = planned(2.0, 1e-3, 1.9e-3)
-    assert plan.landing is not None
-    return replace(plan, landing=replace(plan.landing, parts=parts, from_measured=distance))
+    assert plan.predicted_error is not None
+    return replace(plan, predicted_error=replace(plan.predicted_error, parts=parts, from_measured=distance))
 
 
 def test_the_lead_tells_scatter_from_what_the_data_leave_open() -> None:

@@ -121,7 +121,7 @@ class TestText:
         moved = np.linalg.norm(solution.spread.position - np.asarray(problem.arm.position(np.array(shown))))
         assert moved < 0.1 * solution.critical.sigma_max  # what people read; programs have a digit more
 
-    def test_the_answer_the_odds_and_the_floor_are_those_of_the_solution(self, planar: tuple[Any, Any]) -> None:
+    def test_the_answer_the_probability_and_the_floor_are_those_of_the_solution(self, planar: tuple[Any, Any]) -> None:
         _, solution = planar
         report = " ".join(solution.report().split())
         sigma = f"{1e3 * solution.critical.sigma_max:.1f} mm"

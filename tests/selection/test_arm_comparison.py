@@ -93,7 +93,7 @@ def test_arms_with_other_joints_do_not_judge_each_other():
 def test_features_are_judged_at_the_worst_of_them():
     tray = po.load_problem("insert_scara_tray")
     found = po.compare({"a": tray, "b": tray.with_robot({**tray.document["robot"], "payload": "1 kg"})})
-    assert len(found.arms["a"].judged["b"].landings) == 6
+    assert len(found.arms["a"].judged["b"].predicted_errors) == 6
     assert found.arms["a"].judged["b"].sigma_max == pytest.approx(found.arms["a"].answer.sigmas.max(), rel=1e-6)
 
 

@@ -63,7 +63,7 @@ def log_miss(C, bias, clearance):
 
 @pytest.mark.parametrize("ratio", [1.0, 0.5, 0.2, 0.05])
 @pytest.mark.parametrize("clearance", [0.5, 1.0, 3.0, 8.0])
-def test_odds_in_the_plane_are_those_of_the_quadrature(ratio, clearance):
+def test_probability_in_the_plane_are_those_of_the_quadrature(ratio, clearance):
     C, bias = np.diag([1.0, ratio**2]), np.array([0.1, 0.2])
     # 48 nodes of the trapezoid rule: the thinner the ellipse, the sharper the integrand. A fifth keeps four digits.
     atol = 1e-6 if ratio >= 0.5 else 2e-4
@@ -71,12 +71,12 @@ def test_odds_in_the_plane_are_those_of_the_quadrature(ratio, clearance):
 
 
 @pytest.mark.parametrize("clearance", [0.5, 1.0, 2.0, 4.0, 8.0, 20.0])
-def test_odds_on_a_line_are_two_normal_tails(clearance):
+def test_probability_on_a_line_are_two_normal_tails(clearance):
     # A rational approximation of erfc: seven digits near the middle, a constant factor far out.
     found = log_miss(np.eye(1), np.array([0.3]), clearance)
     assert found == pytest.approx(log_miss_probability([[1.0]], clearance, [0.3]), rel=5e-4)
 
 
 @pytest.mark.parametrize("C", [np.eye(1), np.diag([1.0, 0.2])])
-def test_odds_keep_a_slope_where_the_probability_is_below_every_float(C):
+def test_probability_keep_a_slope_where_the_probability_is_below_every_float(C):
     assert log_miss(C, np.zeros(len(C)), 60.0) > log_miss(C, np.zeros(len(C)), 61.0) > -2000

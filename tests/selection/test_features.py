@@ -119,7 +119,7 @@ def test_document_holds_what_the_interface_says() -> None:
     assert document["clearance"] is None or document["clearance"]["distance"] > 0
 
 
-def test_odds_of_all_against_the_whole_chain_sampled() -> None:
+def test_probability_of_all_against_the_whole_chain_sampled() -> None:
     """Errors under sigma are one draw for all pins, scatter a new one each; nothing is linear here."""
     problem, found = solved("insert_panda_block")
     n, rng, names = 60_000, np.random.default_rng(2), problem.sources.names
@@ -218,9 +218,9 @@ def test_the_worst_feature_stands_for_all_where_one_posture_is_asked_for() -> No
     assert posture.critical.sigma_max == pytest.approx(found.sigmas.max(), rel=1e-6)
     compared = compare_plans({"nominal": problem, "calibrated": replace(problem, name="calibrated")})
     assert compared is not None
-    solution, landing = compared.answered["calibrated"]
+    solution, predicted_error = compared.answered["calibrated"]
     assert solution.critical.sigma_max == pytest.approx(found.sigmas.max(), rel=1e-4)
-    assert landing.distance < 1e-6
+    assert predicted_error.distance < 1e-6
 
 
 def test_workers_do_not_change_the_answer() -> None:

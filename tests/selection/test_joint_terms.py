@@ -1,4 +1,4 @@
-"""Terms on joints, torque, orientation and odds, against Pinocchio, sampled poses and the numbers that were asked."""
+"""Terms on joints, torque, orientation and probability, against Pinocchio, sampled poses and given numbers."""
 
 from __future__ import annotations
 
@@ -211,7 +211,7 @@ def test_joints_with_dots_in_their_names_can_be_named() -> None:
         po.select_posture(problem(robot, direction=[0, -1, 0], position=["0 m", "0.9 m", "0 m"], subject_to=[near]))
 
 
-# --- odds ---------------------------------------------------------------------------------------------------------
+# --- probability ---
 
 
 def test_success_is_bounded_in_terms_of_the_probability() -> None:

@@ -103,15 +103,15 @@ def test_what_is_reached_but_not_allowed_is_told_apart() -> None:
     limit = np.radians(120)
     problem = po.problem_from_dict(planar(subject_to=[{"kind": "limit_margin", "at_least": "60 deg"}]))
     found = map_targets(problem, counts=(8, 8), low=(-1.55, -1.5, 0), high=(1.6, 1.45, 0))
-    fates = []
+    statuses = []
     for point, map_point in zip(found.grid.points, found.map_points, strict=True):
         postures = elbows(*point[:2])
         allowed = [q for q in postures if max(map(abs, q)) <= limit]
-        fates.append("feasible" if allowed else "requirement not met" if postures else "not reached")
+        statuses.append("feasible" if allowed else "requirement not met" if postures else "not reached")
         if allowed:
             assert map_point.sigma_max == pytest.approx(min(sigma_x(*q) for q in allowed), rel=1e-4)
-    assert [map_point.fate for map_point in found.map_points] == fates
-    assert len(set(fates)) == 3
+    assert [map_point.status for map_point in found.map_points] == statuses
+    assert len(set(statuses)) == 3
 
 
 def test_the_answer_does_not_depend_on_the_workers() -> None:

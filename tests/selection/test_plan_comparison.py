@@ -39,12 +39,12 @@ def test_the_last_model_judges_every_posture(models: dict[str, Problem]) -> None
     found = compare_plans(models)
     assert found is not None
     assert found.reference == "calibrated"
-    solution, landing = found.answered["nominal"]
+    solution, predicted_error = found.answered["nominal"]
     truth = position(solution.q[None], (1.0, 1.0 + LONGER))[0] - (0.9, 0.4)
     # What the arm misses by its longer link; the bias of joints that scatter by 0.3 mrad is below 0.1 µm.
-    np.testing.assert_allclose(landing.miss[:2], truth, atol=1e-7)
-    assert landing.distance == pytest.approx(abs(truth[0]), abs=1e-7)
-    assert landing.critical_error > landing.distance
+    np.testing.assert_allclose(predicted_error.miss[:2], truth, atol=1e-7)
+    assert predicted_error.distance == pytest.approx(abs(truth[0]), abs=1e-7)
+    assert predicted_error.critical_error > predicted_error.distance
     assert found.answered["calibrated"][1].distance < 1e-7
     document = found.to_json()
     assert set(document) == {"nominal", "calibrated", "reasons"}

@@ -118,7 +118,7 @@ def test_no_sampled_posture_beats_the_answer(criterion: str) -> None:
     def value(q: np.ndarray) -> float:
         C = B.T @ covariance_by_differences(given.robot, q, sigma) @ B
         measure = {"worst": np.linalg.eigvalsh(C)[-1], "trace": np.trace(C), "area": np.sqrt(np.linalg.det(C))}
-        # The odds fall with the worst axis above all; one sampled comparison of theirs is made in test_criteria.
+        # The probability fall with the worst axis above all; one sampled comparison of theirs is made in test_criteria.
         return float(measure.get(criterion, -miss_exponent(C)))
 
     def miss_exponent(C: np.ndarray) -> float:

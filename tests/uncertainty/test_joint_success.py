@@ -1,4 +1,4 @@
-"""The odds that all places succeed, against plain sampling and against what is known in closed form."""
+"""The probability that all places succeed, against plain sampling and against what is known in closed form."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_scatter_alone_is_the_product_exactly() -> None:
     assert found.standard_error == 0
 
 
-def test_one_place_is_its_own_odds_exactly() -> None:
+def test_one_place_is_its_own_probability_exactly() -> None:
     place = drawn(3, 1, 4, 0.5)[0]
     expected = success_probability(place.shared @ place.shared.T + place.scatter, 1.0, place.bias)
     assert success_of_all([place]).probability == pytest.approx(expected, rel=1e-12)

@@ -1,4 +1,4 @@
-"""A peg in the tool: both ends, their joint odds and the tilt, against poses sampled without a line of the package."""
+"""A peg in the tool: both ends, their joint probability and the tilt, against independently sampled poses."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def sampled_ends(given: Any, q: np.ndarray, length: float) -> tuple[np.ndarray, 
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_both_ends_and_their_odds_are_those_of_sampled_poses(arm: str) -> None:
+def test_both_ends_and_their_probability_are_those_of_sampled_poses(arm: str) -> None:
     rough = po.select_posture(problem(arm))
     clearance = 1.5 * rough.critical.sigma_max
     solution = po.select_posture(problem(arm, clearance=f"{clearance} m"))
@@ -72,7 +72,7 @@ def test_both_ends_and_their_odds_are_those_of_sampled_poses(arm: str) -> None:
     m = B.shape[1]
     inside = (np.linalg.norm(both[:, :m], axis=1) <= clearance) & (np.linalg.norm(both[:, m:], axis=1) <= clearance)
     share = float(inside.mean())
-    error = 3 * np.sqrt(share * (1 - share) / DRAWN) + peg.odds.error
+    error = 3 * np.sqrt(share * (1 - share) / DRAWN) + peg.p_success.error
     # Rotations of some degrees bend the cloud: the planar arm's is not quite Gaussian.
     assert solution.success_probability == pytest.approx(share, abs=error + (2e-3 if arm == "planar_3r" else 0))
     assert seen.critical.sigma_max == max(peg.tip.sigma_max, peg.top.sigma_max)
@@ -106,25 +106,27 @@ def test_simulated_poses_hit_as_often_as_the_closed_form_says(arm: str) -> None:
 
 @pytest.mark.parametrize("m", [1, 2])
 @pytest.mark.parametrize("offset", [0.0, 0.7, 1.6])
-def test_joint_odds_are_those_of_a_sample(m: int, offset: float) -> None:
+def test_joint_probability_are_those_of_a_sample(m: int, offset: float) -> None:
     rng = np.random.default_rng(m)
     for _ in range(4):
         root = rng.normal(size=(2 * m, 2 * m)) * rng.uniform(0.2, 1.0)
         bias = np.zeros(2 * m)
         bias[0] = offset
-        odds = both_within(root @ root.T, 1.0, bias)
+        p_success = both_within(root @ root.T, 1.0, bias)
         x = rng.standard_normal((400_000, 2 * m)) @ root.T + bias
         inside = (np.linalg.norm(x[:, :m], axis=1) <= 1) & (np.linalg.norm(x[:, m:], axis=1) <= 1)
         share = float(inside.mean())
-        assert odds.probability == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / 400_000) + odds.error)
-        assert odds.error < 2e-3
+        assert p_success.probability == pytest.approx(
+            share, abs=4 * np.sqrt(share * (1 - share) / 400_000) + p_success.error
+        )
+        assert p_success.error < 2e-3
 
 
-def test_ends_that_err_alike_have_the_odds_of_one() -> None:
+def test_ends_that_err_alike_have_the_probability_of_one() -> None:
     C = np.array([[1.0, 0.3], [0.3, 0.5]])
-    odds = both_within(np.kron(np.ones((2, 2)), C), 1.3, np.zeros(4))
+    p_success = both_within(np.kron(np.ones((2, 2)), C), 1.3, np.zeros(4))
     alone = both_within(np.block([[C, np.zeros((2, 2))], [np.zeros((2, 2)), 1e-12 * np.eye(2)]]), 1.3, np.zeros(4))
-    assert odds.probability == pytest.approx(alone.probability, abs=odds.error + alone.error + 1e-9)
+    assert p_success.probability == pytest.approx(alone.probability, abs=p_success.error + alone.error + 1e-9)
 
 
 def test_the_worse_end_is_what_is_made_small() -> None:

@@ -267,7 +267,7 @@ def test_all_faults_of_a_posture_are_named_at_once():
     assert len(caught.value.issues) == 2
 
 
-def test_nothing_uncertain_is_refused_with_the_mend():
+def test_nothing_uncertain_is_refused_with_the_hint():
     with pytest.raises(InputError, match=r"uncertainty: \{repeatability: 0.05 mm\}"):
         propagate(stated(robot=load_preset("planar_2r"), sources=Sources()), BENT)
 

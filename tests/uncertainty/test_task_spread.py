@@ -1,4 +1,4 @@
-"""The part of a spread that a task minds, at any posture: across or along, its odds, its budget."""
+"""The part of a spread that a task minds, at any posture: across or along, its probability of success, its budget."""
 
 from __future__ import annotations
 

@@ -47,10 +47,10 @@ def plain(document: Any) -> str:
 
 
 def test_parts_and_their_errors(client: Any) -> None:
-    crew = opened(executor=client)
-    assert crew.in_order(squared, 3, range(20)) == [[3 * k * k] for k in range(20)]
+    pool = opened(executor=client)
+    assert pool.in_order(squared, 3, range(20)) == [[3 * k * k] for k in range(20)]
     with pytest.raises(ValueError, match="two is no number"):
-        crew.in_order(failing, None, range(5))
+        pool.in_order(failing, None, range(5))
 
 
 def test_a_worker_killed_over_a_part_is_survived(client: Any, tmp_path: Path) -> None:

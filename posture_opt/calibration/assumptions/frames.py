@@ -38,8 +38,8 @@ def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals,
     """
     if len(data.robot_names) > 1:
         names = ", ".join(f"'{name}'" for name in data.robot_names)
-        mend = "calibrate the batch, or one robot at a time"
-        raise InputError(Issue(f"measurements of several robots: {names}", ("column robot",), mend=mend))
+        hint = "calibrate the batch, or one robot at a time"
+        raise InputError(Issue(f"measurements of several robots: {names}", ("column robot",), hint=hint))
     notes = []
     sigma = position_sigma(problem, data)
     if not sigma:
@@ -78,8 +78,8 @@ def _distances(problem: CalibrationProblem, data: Measurements, sigma: float) ->
     for index, (a, b, length) in enumerate(problem.data.distances):
         missing = [name for name in (a, b) if name not in data.point_names]
         if missing:
-            mend = f"the points of the data are: {', '.join(data.point_names)}"
-            issues.append(Issue(f"no row touches '{missing[0]}'", ("data", "distances", index), missing[0], mend))
+            hint = f"the points of the data are: {', '.join(data.point_names)}"
+            issues.append(Issue(f"no row touches '{missing[0]}'", ("data", "distances", index), missing[0], hint))
         else:
             found.append((data.point_names.index(a), data.point_names.index(b), float(length), sigma))
     if issues:
@@ -151,8 +151,8 @@ def frames_again(residuals: Residuals, x: Array) -> tuple[Residuals, Array]:
     if poses * wide.block <= directions.shape[1]:
         counted = "1 pose is" if poses == 1 else f"{poses} poses are"
         message = f"{counted} too few to fit base and tool again and to judge by what is left"
-        mend = "test with 20 poses or more, or without --refit-frames"
-        raise InputError(Issue(message, mend=mend, file=data.file))
+        hint = "test with 20 poses or more, or without --refit-frames"
+        raise InputError(Issue(message, hint=hint, file=data.file))
     return wide, estimate(wide, start_at, directions).x
 
 

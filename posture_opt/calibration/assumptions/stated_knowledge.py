@@ -26,7 +26,7 @@ from posture_opt.numerics import Array
 
 FRAMES = ("base", "tool")
 _LARGE = 0.1  # evidence per residual: errors a tenth larger than without what is stated
-_SURE = 20.0  # evidence in all: odds of e²⁰
+_SURE = 20.0  # evidence in all: probability of e²⁰
 _PRICE = 5.0  # of each statement that is set aside: the logarithm of how many there are (Chen, Chen 2008)
 _FREEDOM = 4.0  # of Student's t, by which a few gross errors decide nothing (Lange, Little, Taylor 1989)
 _FAR = 0.01  # of the reach: what a tangent leaves beyond that, only a fit of its own can judge

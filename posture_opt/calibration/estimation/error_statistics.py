@@ -71,9 +71,9 @@ def groups_of(data: Measurements, by: By, folds: int) -> Codes:
         InputError: places of measured positions, or blocks of touched points.
     """
     if by == "place" and data.position is not None:
-        raise InputError(Issue("no point is touched whose place could be left out", mend="leave out by pose or block"))
+        raise InputError(Issue("no point is touched whose place could be left out", hint="leave out by pose or block"))
     if by == "block" and data.position is None:
-        raise InputError(Issue("no positions are measured to be cut into blocks", mend="leave out by place or pose"))
+        raise InputError(Issue("no positions are measured to be cut into blocks", hint="leave out by place or pose"))
     if by == "place":
         places = [name.rpartition("/")[0] or name for name in data.point_names]
         codes = np.unique(places, return_inverse=True)[1]

@@ -232,4 +232,4 @@ def missing_inputs(residuals: Residuals) -> dict[str, tuple[str, str, tuple[str,
     for kind in EFFECTS:
         for lacking in sorted(kind.needs - have):
             missing.setdefault(lacking, []).append(kind.kind_name())
-    return {key: (needed.words, needed.mend, tuple(missing[key])) for key, needed in INPUTS.items() if key in missing}
+    return {key: (needed.words, needed.hint, tuple(missing[key])) for key, needed in INPUTS.items() if key in missing}

@@ -23,7 +23,7 @@ class NeededInput:
     """What an effect may need to be seen: its name in words, and how to supply it."""
 
     words: str
-    mend: str
+    hint: str
 
 
 INPUTS: dict[Input, NeededInput] = {
@@ -45,11 +45,11 @@ class Limit:
     kind: str
     target: str
     reason: str
-    mend: str
+    hint: str
 
     def to_json(self) -> dict[str, str]:
         """The entry of ``unknowable`` in ``diagnosis.json``."""
-        return {"kind": self.kind, "target": self.target, "reason": self.reason, "mend": self.mend}
+        return {"kind": self.kind, "target": self.target, "reason": self.reason, "hint": self.hint, "mend": self.hint}
 
 
 @dataclass(frozen=True)

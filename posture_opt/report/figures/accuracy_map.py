@@ -49,12 +49,12 @@ def _plot(found: AccuracyMap, values: Array, label: str, measured: Array | None,
         return plot_line(grid, label, values)
     near = found.measured is not None and found.measured.near
     canvas = Canvas.of(grid, values, None if measured is None else measured[near])
-    fates = np.array([map_point.fate for map_point in targets.map_points])
+    statuses = np.array([map_point.status for map_point in targets.map_points])
     figure, panels = new_panels(canvas)
     mesh: Any = None
     for axes, layer in panels:
         mesh = draw_cells(axes, canvas, canvas.layers(values)[layer])
-        hatch_cells(axes, canvas, canvas.layers(fates)[layer])
+        hatch_cells(axes, canvas, canvas.layers(statuses)[layer])
         if arrows:
             _arrows(axes, canvas, found, layer)
         if measured is not None:

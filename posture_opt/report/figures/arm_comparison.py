@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from posture_opt.selection.comparison.arm_comparison import ArmComparison
-    from posture_opt.selection.comparison.plan_comparison import Landing
+    from posture_opt.selection.comparison.plan_comparison import PredictedError
 
 Look = tuple[str, str, str]
 _FAR = 30.0  # times the largest ellipse of an arm in its own posture: farther off, only the legend says so
@@ -30,14 +30,14 @@ def plot_arm_comparison(found: ArmComparison) -> Figure:
     judges = [name for name in found.arms if any(name in arm.judged for arm in found.answered.values())]
     station = next(iter(found.answered.values())).stations[0]
     B = view_basis(station.spread, station.task_spread)
-    own = max(_extent(_worst(arm.judged[name].landings), B) for name, arm in found.answered.items())
+    own = max(_extent(_worst(arm.judged[name].predicted_errors), B) for name, arm in found.answered.items())
     near = {
-        (judge, name): _worst(arm.judged[judge].landings)
+        (judge, name): _worst(arm.judged[judge].predicted_errors)
         for judge in judges
         for name, arm in found.answered.items()
         if judge in arm.judged
     }
-    half = 1.12 * max(size for landing in near.values() if (size := _extent(landing, B)) <= _FAR * own)
+    half = 1.12 * max(size for predicted_error in near.values() if (size := _extent(predicted_error, B)) <= _FAR * own)
     unit, scale = length_unit([half])
     looks = {name: _LOOKS[k % len(_LOOKS)] for k, name in enumerate(found.arms)}
     figure = new_figure(4.9)
@@ -53,23 +53,25 @@ def plot_arm_comparison(found: ArmComparison) -> Figure:
     return figure
 
 
-def _worst(landings: tuple[Landing, ...]) -> Landing:
-    return max(landings, key=lambda landing: landing.critical_error)
+def _worst(predicted_errors: tuple[PredictedError, ...]) -> PredictedError:
+    return max(predicted_errors, key=lambda predicted_error: predicted_error.critical_error)
 
 
-def _region(landing: Landing, B: Array) -> Ellipsoid:
-    return Ellipsoid(B @ landing.miss, B @ landing.covariance @ B.T)
+def _region(predicted_error: PredictedError, B: Array) -> Ellipsoid:
+    return Ellipsoid(B @ predicted_error.miss, B @ predicted_error.covariance @ B.T)
 
 
-def _extent(landing: Landing, B: Array) -> float:
-    return float(np.abs(_region(landing, B).points(0.95)).max())
+def _extent(predicted_error: PredictedError, B: Array) -> float:
+    return float(np.abs(_region(predicted_error, B).points(0.95)).max())
 
 
-def _draw(axes: Axes, landing: Landing, B: Array, frame: tuple[float, float], label: str, look: Look) -> None:
+def _draw(
+    axes: Axes, predicted_error: PredictedError, B: Array, frame: tuple[float, float], label: str, look: Look
+) -> None:
     (scale, half), (colour, dashes, mark) = frame, look
-    region = _region(landing, B)
-    if _extent(landing, B) > 1.12 * half:
-        axes.plot([], [], mark, color=colour, label=f"{label}: {length(landing.distance)} off, outside")
+    region = _region(predicted_error, B)
+    if _extent(predicted_error, B) > 1.12 * half:
+        axes.plot([], [], mark, color=colour, label=f"{label}: {length(predicted_error.distance)} off, outside")
         return
     boundary = (scale * region.points(0.95)).T
     axes.fill(*boundary, facecolor=colour, alpha=0.12, lw=0)

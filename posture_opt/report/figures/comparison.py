@@ -33,8 +33,8 @@ def plot_landing(comparison: Comparison) -> Figure:
     figure = new_figure(5.0)
     axes = figure.add_subplot()
     regions = [
-        (Ellipsoid(B @ landing.miss, B @ landing.covariance @ B.T), name)
-        for name, (_, landing) in distinct_columns(comparison).items()
+        (Ellipsoid(B @ predicted_error.miss, B @ predicted_error.covariance @ B.T), name)
+        for name, (_, predicted_error) in distinct_columns(comparison).items()
     ]
     every = np.vstack([region.points(0.95) for region, _ in regions])
     half = 1.12 * float(np.abs(every).max())

@@ -241,4 +241,4 @@ def _landing(found: Comparison | None) -> Drawings:
     """A comparison in which the model before calibration and the reference have a posture."""
     if found is None or not {"nominal", found.reference} <= set(found.answered):
         return {}
-    return {"landing": partial(plot_landing, found)}
+    return {"predicted_error": partial(plot_landing, found)}

@@ -74,12 +74,12 @@ def plot_target_map(found: TargetMap) -> Figure:
     if found.grid.shape[1] == 1 and found.grid.shape[0] == 1:
         return plot_line(found.grid, label, found.sigma)
     canvas = Canvas.of(found.grid, found.sigma)
-    fates = np.array([map_point.fate for map_point in found.map_points])
+    statuses = np.array([map_point.status for map_point in found.map_points])
     figure, panels = new_panels(canvas)
     mesh: Any = None
     for axes, layer in panels:
         mesh = draw_cells(axes, canvas, canvas.layers(found.sigma)[layer])
-        hatch_cells(axes, canvas, canvas.layers(fates)[layer])
+        hatch_cells(axes, canvas, canvas.layers(statuses)[layer])
         _mark_spots(axes, canvas, found, layer)
     finish(figure, panels, mesh, f"{label} [{canvas.unit}]")
     return figure
@@ -139,19 +139,19 @@ def draw_cells(axes: Any, canvas: Canvas, values: Array) -> Any:
     return mesh
 
 
-def hatch_cells(axes: Any, canvas: Canvas, fates: NDArray[Any]) -> None:
+def hatch_cells(axes: Any, canvas: Canvas, statuses: NDArray[Any]) -> None:
     """Grey hatching over the cells (V, U) without a posture, by what keeps the arm from it."""
     from matplotlib.collections import PolyCollection
 
     u, v = _corners(canvas.grid)
-    for fate, hatch in _HATCH.items():
+    for status, hatch in _HATCH.items():
         cells = [
             [(u[i], v[k]), (u[i + 1], v[k]), (u[i + 1], v[k + 1]), (u[i], v[k + 1])]
-            for k, i in np.argwhere(fates == fate).tolist()
+            for k, i in np.argwhere(statuses == status).tolist()
         ]
         if cells:
             look: dict[str, Any] = {"facecolor": "#EFEFEF", "edgecolor": "#B0B0B0", "hatch": hatch, "lw": 0}
-            axes.add_collection(PolyCollection(cells, zorder=1, label=_NO_POSTURE[fate], **look))
+            axes.add_collection(PolyCollection(cells, zorder=1, label=_NO_POSTURE[status], **look))
 
 
 def _mark_spots(axes: Any, canvas: Canvas, found: TargetMap, layer: int) -> None:

@@ -71,8 +71,8 @@ def pandas_module() -> Any:
     try:
         return import_module("pandas")
     except ImportError:
-        mend = "install it (pip install pandas), or use to_json()"
-        raise InputError(Issue("to_dataframe needs the library pandas", mend=mend)) from None
+        hint = "install it (pip install pandas), or use to_json()"
+        raise InputError(Issue("to_dataframe needs the library pandas", hint=hint)) from None
 
 
 class Presenter(SummaryPresenter[R]):

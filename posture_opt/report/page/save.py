@@ -30,7 +30,7 @@ CAPTIONS = {
     "joint_map": "Standard deviation over both joint values: darker is better.",
     "bench": "Standard deviation over the workpiece placement: darker is better; hatched: some feature is infeasible.",
     "compensation": "Error at every target with the given joint values, and expected error after compensation.",
-    "landing": "Predicted tool point in the old and in the new posture, with 95 % ellipses.",
+    "predicted_error": "Predicted tool point in the old and in the new posture, with 95 % ellipses.",
     "arm_comparison": "Predicted tool point of each posture about the target, by each arm, with 95 % ellipses.",
     "answers": "Standard deviation of each problem that has a solution, in order.",
     "residual_vectors": "Position errors as arrows from the predicted to the measured point (enlarged as stated).",

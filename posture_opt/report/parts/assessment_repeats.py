@@ -114,8 +114,8 @@ def instrument_block(found: Assessment) -> Block:
     """The third rule: an instrument ten times better than what it judges."""
     rule = "An instrument should be ten times more accurate than the errors it measures."
     if not found.instrument:
-        mend = "add uncertainty: {measurement: {position: 0.05 mm}} to the problem file."
-        return Block("The instrument", (f"{rule} The accuracy of this one is not stated: {mend}",))
+        hint = "add uncertainty: {measurement: {position: 0.05 mm}} to the problem file."
+        return Block("The instrument", (f"{rule} The accuracy of this one is not stated: {hint}",))
     texts = [f"{rule} The σ of this one is {stated_length(found.instrument)} per coordinate."]
     for name, words in (("nominal", "The error before calibration"), ("calibrated", "The error after calibration")):
         ratio, size = found.ratios[name], length(getattr(found, name).coordinate)

@@ -153,7 +153,7 @@ def undetermined_block(found: Calibration) -> Block:
     helped = [p.name for p, k, d in zip(found.parameters, found.fixed, known.determined, strict=True) if k and not d]
     by_prior = [f"Determined only with the stated σ's as priors: {', '.join(helped)}."] if helped else []
     left = [f"{size}; undetermined combinations:" if words else f"{size}: all are determined."]
-    mend = ["'optimize-posture plan-measurements' proposes more informative postures."] if words else []
+    hint = ["'optimize-posture plan-measurements' proposes more informative postures."] if words else []
     indices = ", ".join(f"{name} {value:.3g}" for name, value in known.observability.items())
     good = f"below {_FINE} is good" if known.condition > _FINE else "good"
     facts = Facts(
@@ -162,4 +162,4 @@ def undetermined_block(found: Calibration) -> Block:
             ("Observability", indices),
         )
     )
-    return Block("What the data do not determine", (*left, *words, *by_prior, *mend, facts))
+    return Block("What the data do not determine", (*left, *words, *by_prior, *hint, facts))

@@ -22,8 +22,8 @@ def distance_facts(scene: Scene, clearance: Clearance | None) -> list[Fact]:
     if clearance.distance <= 0:
         return [("Clearance", f"none: {a} and {b} overlap")]
     touching = scene.margin == 0 and clearance.distance < _CLOSE
-    mend = "; to keep them farther apart add cell: {clearance: 10 mm}" if touching else ""
-    return [("Clearance", f"{length(clearance.distance)} between {a} and {b}{mend}")]
+    hint = "; to keep them farther apart add cell: {clearance: 10 mm}" if touching else ""
+    return [("Clearance", f"{length(clearance.distance)} between {a} and {b}{hint}")]
 
 
 def collision_facts(scene: Scene) -> list[Fact]:

@@ -9,7 +9,7 @@ from posture_opt.report.text.units_text import joint_unit, length
 from posture_opt.units import number
 
 if TYPE_CHECKING:
-    from posture_opt.selection.comparison.plan_comparison import Comparison, Landing
+    from posture_opt.selection.comparison.plan_comparison import Comparison, PredictedError
     from posture_opt.uncertainty.spread.spread_parts import SpreadParts
 
 _EDGE = math.radians(1.0)  # rad or m: a posture that leaves the measured range by less is at its edge
@@ -22,15 +22,15 @@ def open_lead(comparison: Comparison, told: bool) -> tuple[str, ...]:
 
     Within the measured range that is worth a line only where the whole error is still large, which ``told`` says.
     """
-    landing = _judged(comparison)
-    parts = landing.parts
+    predicted_error = _judged(comparison)
+    parts = predicted_error.parts
     if parts is None:
         return ()
     scatter, systematic = _sizes(parts)
     if not parts.mostly_systematic:
         words = f"The remaining error is {scatter} of scatter and {systematic} of parameter uncertainty."
         return (words,) if told and parts.systematic_sigma > 0 else ()
-    outside = _outside(landing, comparison)
+    outside = _outside(predicted_error, comparison)
     if not outside and not told:
         return ()
     sources, close = _sources(parts, comparison), _close(comparison)
@@ -46,8 +46,8 @@ def open_lead(comparison: Comparison, told: bool) -> tuple[str, ...]:
 
 def parts_sentences(comparison: Comparison) -> tuple[str, ...]:
     """What is scatter and what is not at the posture of the reference, and how far it is from those measured."""
-    landing = _judged(comparison)
-    parts, distance, words = landing.parts, landing.from_measured, []
+    predicted_error = _judged(comparison)
+    parts, distance, words = predicted_error.parts, predicted_error.from_measured, []
     if parts is not None and parts.systematic_sigma > 0:
         scatter, systematic = _sizes(parts)
         close = f" {_close(comparison)}" if parts.mostly_systematic else ""
@@ -58,7 +58,7 @@ def parts_sentences(comparison: Comparison) -> tuple[str, ...]:
         )
     if distance is not None:
         kind = "revolute" if any(j.type == "revolute" for j in comparison.problem.robot.joints) else "prismatic"
-        outside = _outside(landing, comparison)
+        outside = _outside(predicted_error, comparison)
         where = f"outside the measured range, {outside}" if outside else "within the measured range of every joint"
         near = _moved(distance.nearest, kind)
         words.append(f"The posture is {where}; the nearest measured one differs by up to {near} in its joints.")
@@ -71,7 +71,7 @@ def _close(comparison: Comparison) -> str:
     return f"'plan-measurements{file} --for task' proposes what to measure."
 
 
-def _judged(comparison: Comparison) -> Landing:
+def _judged(comparison: Comparison) -> PredictedError:
     return comparison.answered[comparison.reference][1]
 
 
@@ -83,9 +83,9 @@ def _sizes(parts: SpreadParts) -> tuple[str, str]:
     return scatter, systematic
 
 
-def _outside(landing: Landing, comparison: Comparison) -> str:
+def _outside(predicted_error: PredictedError, comparison: Comparison) -> str:
     """By how much the posture leaves the measured range of a joint, ``elbow by 12 deg``; empty where it does not."""
-    distance = landing.from_measured
+    distance = predicted_error.from_measured
     if distance is None or not distance.joint or distance.beyond <= _EDGE:
         return ""
     kind = next(joint.type for joint in comparison.problem.robot.joints if joint.name == distance.joint)

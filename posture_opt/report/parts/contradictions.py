@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _DIMENSIONS = {"m": "length", "rad": "angle"}
 _LISTED = 3
-_TURNED = math.radians(0.01)  # less is no turn that anyone would mend
+_TURNED = math.radians(0.01)  # less is no turn that anyone would correct
 
 
 def doubts_lead(found: Calibration) -> tuple[str, ...]:

@@ -148,7 +148,7 @@ def absorbed_block(found: Diagnosis) -> Block:
     if faint:
         items.append(f"Hardly identifiable, as geometry absorbs more than nine tenths of them: {_list(faint)}.")
     lacking = missing_inputs(found.model.residuals)
-    rows = tuple((what.capitalize(), f"{_kinds(kinds)}; {mend}") for what, mend, kinds in lacking.values())
+    rows = tuple((what.capitalize(), f"{_kinds(kinds)}; {hint}") for what, hint, kinds in lacking.values())
     if rows:
         items += ["Not searched for, as the files lack the inputs that they depend on:", Facts(rows)]
     if not items:
@@ -168,7 +168,7 @@ def _list(names: list[str]) -> str:
 def unknowable_block(found: Diagnosis) -> Block:
     """What no data of this kind can tell, why, and what would."""
     limits = unknowable(found.model.residuals)
-    rows = tuple((x.kind.replace("_", " ").capitalize(), f"{sentence(x.reason)} To know: {x.mend}.") for x in limits)
+    rows = tuple((x.kind.replace("_", " ").capitalize(), f"{sentence(x.reason)} To know: {x.hint}.") for x in limits)
     if not rows:
         return Block("What no data of this kind can show", ("No cause is hidden in principle.",))
     return Block("What no data of this kind can show", (Facts(rows),))

@@ -27,7 +27,7 @@ def effects_words(file: OtherFile, gain: Gain, model: str = MODEL_NAMES["extende
     sizes = _sizes(file, MODEL_NAMES | {"extended": model})
     if extended >= nominal:
         if calibrated >= nominal:
-            return f"Calibration does not hold on the test file, and the effects do not mend that: {sizes}."
+            return f"Calibration does not hold on the test file, and the effects do not correct that: {sizes}."
         return f"The effects do not hold on the test file, which is worse with them than before calibration: {sizes}."
     if extended >= calibrated:
         return f"The effects bring no gain on the test file: {sizes}."

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 SMALL_GAIN = 0.05
 """Below this gain over a typical posture at a fixed target, placing the workpiece is what helps."""
-_GOOD_ODDS = 0.99  # of success: below, another posture may have better ones
+GOOD_PROBABILITY = 0.99  # of success: below, another posture may have better ones
 _FAR_BELOW = 100.0  # times: a bound that is farther below the answer says nothing about it
 _LENGTHS = ("lower", "upper", "clearance")
 _MEANING = {
@@ -148,11 +148,11 @@ def _advice(solution: Solution) -> tuple[str, ...]:
 
 
 def _advice_on_criterion(solution: Solution) -> tuple[str, ...]:
-    """What is minimised is a standard deviation; the posture with the best odds may be another."""
-    odds, task = solution.success_probability, solution.optimisation_problem.task
-    if odds is None or odds > _GOOD_ODDS or task.criterion != "worst" or task.minimize or task.part:
+    """What is minimised is a standard deviation; the posture with the highest probability may be another."""
+    p_success, task = solution.success_probability, solution.optimisation_problem.task
+    if p_success is None or p_success > GOOD_PROBABILITY or task.criterion != "worst" or task.minimize or task.part:
         return ()
-    return (f"To maximise the probability of success ({percent(odds)}) instead, add criterion: miss to the task.",)
+    return (f"To maximise the probability of success ({percent(p_success)}) instead, add criterion: miss to the task.",)
 
 
 def _advice_on_place(solution: Solution) -> tuple[str, ...]:
@@ -211,7 +211,7 @@ def _rows(nlp: Nlp, values: Values) -> Table:
 
 
 def _told(row: Row, low: float, value: float, high: float) -> list[str]:
-    """Lower end, value and upper end as people are told them: sizes without a sign, odds of success for a miss."""
+    """Lower end, value and upper end in words: sizes without a sign, the probability of success for a miss."""
     ends = [row.shown(low), row.shown(high)]
     if ends[0] == ends[1] and low < high:
         ends[0] = -math.inf

@@ -1,4 +1,4 @@
-"""What reports say of a spread as the task sees it: across or along the direction, its 95 % region, its odds."""
+"""What reports say of a spread as the task sees it: across or along, its 95 % region, its probability of success."""
 
 from __future__ import annotations
 
@@ -77,7 +77,8 @@ def _peg_rows(peg: PegSpread, among: list[float]) -> list[tuple[str, str]]:
     risks = (("Two-point contact", peg.two_point_contact), ("Wedging", peg.wedging))
     for name, risk in risks:
         if risk is not None:
-            rows.append((name, f"at a tilt above {angle(risk.angle)}: probability {_odds_of_tilt(risk.probability)}"))
+            probable = _tilt_probability(risk.probability)
+            rows.append((name, f"at a tilt above {angle(risk.angle)}: probability {probable}"))
     return rows
 
 
@@ -106,12 +107,12 @@ def _expanded_rows(seen: TaskSpread, among: list[float]) -> list[tuple[str, str]
     ]
 
 
-def _odds_of_tilt(p: float) -> str:
+def _tilt_probability(p: float) -> str:
     return "< 1e-6" if p < _NEVER else f"{100 * p:.2g} %"
 
 
 def beside_target(spread: Spread) -> list[tuple[str, str]]:
-    """How far the tool point of a posture is off the point that the task names; the odds are not about that."""
+    """How far the tool point of a posture is off the point that the task names; the probability is not about that."""
     task = spread.problem.task
     if task is None or task.position is None:
         return []
@@ -141,16 +142,16 @@ def critical_size(critical: Critical, of: str = "") -> str:
 
 def spread_lead(seen: TaskSpread) -> tuple[str, ...]:
     """The standard deviation in the part that counts, and what follows for the task."""
-    critical, odds = seen.critical, seen.success_probability
+    critical, p_success = seen.critical, seen.success_probability
     part = part_words(critical.within, seen.kind)
     size = f"Standard deviation {part}: {critical_size(critical, point_words(seen))}."
-    if odds is None:
+    if p_success is None:
         return (size,)
-    return size, f"Probability of success (clearance {stated_length(seen.clearance)}): {probability(odds)}."
+    return size, f"Probability of success (clearance {stated_length(seen.clearance)}): {probability(p_success)}."
 
 
 def critical_rows(seen: TaskSpread, among: list[float], origin: str) -> list[tuple[str, str]]:
-    """The standard deviations across and along, the 95 % region, the distance from ``origin``, and the odds."""
+    """The standard deviations across and along, the 95 % region, the distance from ``origin``, and the probability."""
     critical = seen.critical
     m, within = len(critical.covariance), critical.within
     largest = length(critical.sigma_max, among=among)

@@ -108,7 +108,7 @@ def _own_block(found: ArmComparison) -> Block:
     rows = []
     for name, arm in found.answered.items():
         own = arm.judged[name]
-        rows.append((name, *_numbers((own.sigma_max, own.critical_error), own.sigma_max, factor), _odds(own)))
+        rows.append((name, *_numbers((own.sigma_max, own.critical_error), own.sigma_max, factor), _success(own)))
     headers = ("arm", f"σ [{unit}]", f"95 % within [{unit}]", "success")
     return Block("Each arm in its own posture", (_without_empty(headers, rows), *found.notes))
 
@@ -129,7 +129,7 @@ def _judged_blocks(found: ArmComparison) -> tuple[Block, ...]:
             if name == judge or name in set(others) - set(far):
                 plan = arm.judged[judge]
                 sizes = plan.distance, plan.sigma_max, plan.critical_error
-                rows.append((name, *_numbers(sizes, plan.sigma_max, factor), _odds(plan)))
+                rows.append((name, *_numbers(sizes, plan.sigma_max, factor), _success(plan)))
         headers = ("planned with", f"mean error [{unit}]", f"σ [{unit}]", f"95 % within [{unit}]", "success")
         if set(others) - set(far):
             blocks.append(Block(f"Errors predicted by {judge}", (_without_empty(headers, rows),)))
@@ -151,7 +151,7 @@ def _numbers(sizes: Sequence[float], sigma: float, factor: float) -> tuple[str, 
     return tuple(fixed(size * factor, decimals) for size in sizes)
 
 
-def _odds(plan: JudgedPlan) -> str:
+def _success(plan: JudgedPlan) -> str:
     p = plan.success_probability
     return "" if p is None else percent(p) if p < _CERTAIN else "> 99.9 %"
 

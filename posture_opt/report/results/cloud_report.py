@@ -57,7 +57,7 @@ def comparison_block(cloud: Cloud) -> Block:
         ("Samples", f"{cloud.n:,}, seed {cloud.seed}"),
         ("In the 95 % region", f"{100 * cloud.coverage95:.2f} % ({interval})"),
         ("", _verdict(inside, cloud.coverage95)),
-        *_odds_facts(cloud),
+        *_success_facts(cloud),
     )
     items = (_axes_table(cloud), _mean_table(cloud), Facts(facts), validity_sentence(cloud.spread))
     return Block("Simulation and closed form", items, figure="cloud")
@@ -70,8 +70,8 @@ def _verdict(inside: bool, coverage: float) -> str:
     return f"{side} than 95 %: the tool points are not exactly normally distributed, see below"
 
 
-def _odds_facts(cloud: Cloud) -> tuple[tuple[str, str], ...]:
-    """The counted odds beside those of the closed form."""
+def _success_facts(cloud: Cloud) -> tuple[tuple[str, str], ...]:
+    """The counted probability beside those of the closed form."""
     seen, interval = cloud.spread.for_task, cloud.success_interval
     if seen is None or cloud.success is None or interval is None or seen.success_probability is None:
         return ()

@@ -15,7 +15,7 @@ from posture_opt.report.text.words import MODEL_NAMES, PARTS
 
 if TYPE_CHECKING:
     from posture_opt.selection.answer.solution import Solution
-    from posture_opt.selection.comparison.plan_comparison import Comparison, Landing
+    from posture_opt.selection.comparison.plan_comparison import Comparison, PredictedError
 
 _TITLE = "Comparison of plans"
 _FIRST = "nominal"
@@ -28,7 +28,7 @@ _MODELS = {
     "extended": "the extended model",
     "delivered": "the delivered model",
 }
-Answers = dict[str, "tuple[Solution, Landing]"]
+Answers = dict[str, "tuple[Solution, PredictedError]"]
 
 
 def comparison_lead(comparison: Comparison | None) -> tuple[str, ...]:
@@ -62,7 +62,7 @@ def comparison_blocks(comparison: Comparison | None, names: Mapping[str, str] = 
         *reasons,
         comparison_table(columns, names),
     )
-    return (Block(_TITLE, items, "landing" if _FIRST in columns else ""),)
+    return (Block(_TITLE, items, "predicted_error" if _FIRST in columns else ""),)
 
 
 def distinct_columns(comparison: Comparison) -> Answers:
@@ -77,7 +77,7 @@ def distinct_columns(comparison: Comparison) -> Answers:
 
 def comparison_table(columns: Answers, names: Mapping[str, str] = MODEL_NAMES) -> Table:
     """A column a model: joints, σ as itself and as the reference predicts it, errors, probability of success."""
-    sizes = [landing.critical_error for _, landing in columns.values()]
+    sizes = [predicted_error.critical_error for _, predicted_error in columns.values()]
     cells = [_cells(answer, sizes) for answer in columns.values()]
     first = next(solution for solution, _ in columns.values())
     labels = [joint.name for joint in first.optimisation_problem.robot.joints]
@@ -92,17 +92,22 @@ def comparison_table(columns: Answers, names: Mapping[str, str] = MODEL_NAMES) -
     return Table(("planned with the model", *(names[name] for name in columns)), tuple(rows))
 
 
-def _cells(answer: tuple[Solution, Landing], sizes: list[float]) -> tuple[str, ...]:
-    solution, landing = answer
+def _cells(answer: tuple[Solution, PredictedError], sizes: list[float]) -> tuple[str, ...]:
+    solution, predicted_error = answer
     joints = [
         joint_value(q, joint.type)
         for q, joint in zip(solution.q, solution.optimisation_problem.robot.joints, strict=True)
     ]
-    errors = (solution.critical.sigma_max, landing.sigma_max, landing.distance, landing.critical_error)
-    parts, odds = landing.parts, landing.success_probability
+    errors = (
+        solution.critical.sigma_max,
+        predicted_error.sigma_max,
+        predicted_error.distance,
+        predicted_error.critical_error,
+    )
+    parts, p_success = predicted_error.parts, predicted_error.success_probability
     of_it = ("", "") if parts is None else (parts.scatter_radius, parts.systematic_radius)
     texts = (value if isinstance(value, str) else _length(value, sizes) for value in (*errors, *of_it))
-    return (*joints, *texts, "" if odds is None else _odds(odds))
+    return (*joints, *texts, "" if p_success is None else _success(p_success))
 
 
 def _sentences(columns: Answers, reference: str) -> tuple[str, ...]:
@@ -128,7 +133,7 @@ def _length(metres: float, among: list[float]) -> str:
     return length(metres, among=among) if metres > _NOTHING else "0"
 
 
-def _odds(p: float) -> str:
+def _success(p: float) -> str:
     return percent(p) if p < 0.9995 else "> 99.9 %"
 
 
@@ -142,9 +147,9 @@ class ComparisonPresenter(Presenter["Comparison"]):
         facts = [
             (
                 MODEL_NAMES[name].capitalize(),
-                f"within {length(landing.critical_error)} of the target (95 % probability)",
+                f"within {length(predicted_error.critical_error)} of the target (95 % probability)",
             )
-            for name, (_, landing) in chosen.items()
+            for name, (_, predicted_error) in chosen.items()
         ]
         why = [("No posture", sentence(reason)) for reason in self.result.reasons[:_TOLD]]
         return Summary(f"{_TITLE}: {self.problem.name}", (*facts, *why))
@@ -159,6 +164,6 @@ class ComparisonPresenter(Presenter["Comparison"]):
         return {
             "model": list(self.result.answered),
             **{f"{name} [rad or m]": [solution.posture[name] for solution, _ in chosen] for name in names},
-            "sigma_max [m]": [landing.sigma_max for _, landing in chosen],
-            "critical error [m]": [landing.critical_error for _, landing in chosen],
+            "sigma_max [m]": [predicted_error.sigma_max for _, predicted_error in chosen],
+            "critical error [m]": [predicted_error.critical_error for _, predicted_error in chosen],
         }

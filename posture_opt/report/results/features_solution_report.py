@@ -118,7 +118,7 @@ def _lead(found: FeaturesSolution) -> tuple[str, ...]:
     if typical is not None and typical.success is None:
         lines.append(f"This is {_gain(found, typical)} at a typical feasible placement.")
     if found.success is not None:
-        lines.append(f"Probability that all features succeed: {_odds(found)}{_typical_odds(typical)}.")
+        lines.append(f"Probability that all features succeed: {_success(found)}{_typical_success(typical)}.")
     if found.status != "optimal":
         lines.append("The solver did not confirm an optimum; this is the best placement found.")
     return tuple(lines)
@@ -132,7 +132,7 @@ def _failed_lead(found: FeaturesSolution) -> tuple[str, ...]:
     return (f"{where} {placement_words(found.w, found.placement)}.",)
 
 
-def _odds(found: FeaturesSolution) -> str:
+def _success(found: FeaturesSolution) -> str:
     success = found.success
     assert success is not None
     text = probability(success.probability)
@@ -141,7 +141,7 @@ def _odds(found: FeaturesSolution) -> str:
     return text
 
 
-def _typical_odds(typical: PlacementFigure | None) -> str:
+def _typical_success(typical: PlacementFigure | None) -> str:
     if typical is None or typical.success is None:
         return ""
     return f" ({probability(typical.success)} at a typical feasible placement)"
@@ -190,13 +190,13 @@ def _range_words(placement: PlacementRange) -> str:
 def _postures_block(found: FeaturesSolution) -> Block:
     joints, digits = found.optimisation_problem.robot.joints, joint_digits(found.problem, found.postures, READ)
     unit, factor = length_unit([float(s) for s in found.sigmas])
-    odds = [station.success_probability for station in found.stations]
-    known = all(p is not None for p in odds)
+    p_success = [station.success_probability for station in found.stations]
+    known = all(p is not None for p in p_success)
     headers = ["feature", f"std. dev. [{unit}]", *(["success [%]"] if known else [])]
     headers += [f"{joint.name} [{joint_unit(joint.type)[0]}]" for joint in joints]
     rows = []
     for k, (name, station) in enumerate(zip(found.names, found.stations, strict=True)):
-        row = [name, number(float(found.sigmas[k]) * factor), *([_share(odds[k])] if known else [])]
+        row = [name, number(float(found.sigmas[k]) * factor), *([_share(p_success[k])] if known else [])]
         row += [digits.text(j, v, 1 / joint_unit(j.type)[1]) for v, j in zip(station.q, joints, strict=True)]
         rows.append(tuple(row))
     views = tuple(f"feature-{k}" for k in range(1, len(rows) + 1))
@@ -220,15 +220,15 @@ def _placements_block(found: FeaturesSolution) -> Block:
     shown = [("this one", this), *((name, other) for name, other in named if other is not None)]
     shown += [("another optimum", other) for other in found.others]
     unit, factor = length_unit([other.sigma for _, other in shown])
-    odds = found.task.combine == "success"
+    p_success = found.task.combine == "success"
     what = "mean std. dev." if found.task.combine == "mean" else "worst std. dev."
     rows = []
     for name, other in shown:
         told = number(other.sigma * factor) if math.isfinite(other.sigma) else "not feasible"
         more = percent(other.sigma / found.sigma - 1) if math.isfinite(other.sigma) and other is not this else "-"
         place_of = (*(fixed(1e3 * float(v), 1) for v in other.w[:3]), fixed(math.degrees(other.w[3]), 2))
-        rows.append((name, *((_share(other.success), told) if odds else (told, more)), *place_of))
-    told_by = ("all succeed [%]", f"{what} [{unit}]") if odds else (f"{what} [{unit}]", "difference")
+        rows.append((name, *((_share(other.success), told) if p_success else (told, more)), *place_of))
+    told_by = ("all succeed [%]", f"{what} [{unit}]") if p_success else (f"{what} [{unit}]", "difference")
     headers = ("placement", *told_by, "x [mm]", "y [mm]", "z [mm]", "yaw [deg]")
     return Block("Placements", (Table(headers, tuple(rows)), *_base_sentence(found)), figure="bench")
 
@@ -302,7 +302,7 @@ def _summary(found: FeaturesSolution) -> Summary:
         ("Worst feature", f"{name}, {critical_size(found.stations[found.worst].critical)}"),
     ]
     if found.success is not None:
-        facts.append(("All succeed", _odds(found)))
+        facts.append(("All succeed", _success(found)))
     if found.typical is not None and found.typical.success is None:
         facts.append(("Gain", f"{_gain(found, found.typical)} at a typical placement"))
     word = "Best placement" if found.placement.free.any() else "Best postures"

@@ -98,12 +98,12 @@ def changes_block(solution: Solution) -> tuple[Block, ...]:
 
 def lead(solution: Solution) -> tuple[str, ...]:
     """The spread that the task cares about, the posture, where the workpiece goes, and doubts about the optimum."""
-    size, *odds = spread_lead(solution.task_spread)
+    size, *p_success = spread_lead(solution.task_spread)
     posture = f"Best posture: {joint_values(solution.problem, solution.q)}."
     placed = [f"Place the workpiece so that the target is at {place(solution.spread.position)}."]
     doubt = ["The solver did not confirm an optimum; this is the best posture found."]
     free, sure = solution.target.kind != "point", solution.status == "optimal"
-    return (size, posture, *odds, *(placed if free else []), *([] if sure else doubt))
+    return (size, posture, *p_success, *(placed if free else []), *([] if sure else doubt))
 
 
 def problem_block(problem: Problem, solution: Solution) -> Block:

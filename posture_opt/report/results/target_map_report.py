@@ -123,11 +123,11 @@ def map_block(found: TargetMap) -> Block:
 
 def served_sentence(found: TargetMap) -> str:
     """How many targets have a posture, and what keeps the others from one."""
-    fates = [map_point.fate for map_point in found.map_points]
-    text = f"{fates.count('feasible')} of {count(len(fates), 'target')} have a feasible posture"
-    if fates.count("feasible") == 1:
-        text = f"1 of {count(len(fates), 'target')} has a feasible posture"
-    away, kept = fates.count("not reached"), fates.count("requirement not met")
+    statuses = [map_point.status for map_point in found.map_points]
+    text = f"{statuses.count('feasible')} of {count(len(statuses), 'target')} have a feasible posture"
+    if statuses.count("feasible") == 1:
+        text = f"1 of {count(len(statuses), 'target')} has a feasible posture"
+    away, kept = statuses.count("not reached"), statuses.count("requirement not met")
     how = "" if found.optimisation_problem.alignment == "free" else " with the required tool orientation"
     why = [f"{away} unreachable{how}"] * (away > 0)
     why += [f"{kept} reachable, but not with all requirements met"] * (kept > 0)

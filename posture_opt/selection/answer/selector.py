@@ -252,24 +252,24 @@ class PostureSelector:
 def task_of(problem: HasTask) -> Task:
     """The task, or an InputError where there is none."""
     if problem.task is None:
-        raise InputError(Issue("the problem states no task", ("task",), mend="add task: {kind: insert}"))
+        raise InputError(Issue("the problem states no task", ("task",), hint="add task: {kind: insert}"))
     return problem.task
 
 
 def one_target(task: Task) -> Task:
     """The same task, or an InputError where it has several targets."""
     if task.features:
-        mend = (
+        hint = (
             "solve the task as it is (its report maps the bench), or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
         )
         raise InputError(
-            Issue("this takes a task with one target, and the task has features", ("task", "features"), mend=mend)
+            Issue("this takes a task with one target, and the task has features", ("task", "features"), hint=hint)
         )
     if task.on_path:
-        mend = (
+        hint = (
             "solve the task as it is (its report maps the bench), or name one target: position: [0.6 m, 0.2 m, 0.1 m]"
         )
-        raise InputError(Issue("this takes a task with one target, and the task has a path", ("task",), mend=mend))
+        raise InputError(Issue("this takes a task with one target, and the task has a path", ("task",), hint=hint))
     return task
 
 
@@ -277,8 +277,8 @@ def sources_of(problem: HasTask) -> Sources:
     """The sources of error, or an InputError where there are none that could make a difference."""
     # Stricter than for one posture: a spread of zero is an answer there, but no reason for any choice.
     if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):
-        mend = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
+        hint = "add uncertainty: {sigma: {JOINT.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
         raise InputError(
-            Issue("nothing is uncertain, so no posture is better than another", ("uncertainty",), mend=mend)
+            Issue("nothing is uncertain, so no posture is better than another", ("uncertainty",), hint=hint)
         )
     return problem.sources

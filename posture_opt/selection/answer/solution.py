@@ -1,4 +1,4 @@
-"""``Solution``: the best posture, its alternatives, its odds, and how sure one may be of it."""
+"""``Solution``: the best posture, its alternatives, its probability of success, and how sure one may be of it."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from posture_opt.numerics import Progress
 from posture_opt.result import Result
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.solution import Solution
-from posture_opt.selection.comparison.plan_comparison import Landing, landing
+from posture_opt.selection.comparison.plan_comparison import PredictedError, predicted_error
 from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.search.has_task import HasTask
 from posture_opt.selection.select_posture import Answer, select_posture
@@ -30,31 +30,31 @@ class ComparableProblem(HasTask, Protocol):
 
 @dataclass(frozen=True, eq=False)
 class JudgedPlan:
-    """The postures of one arm as another one predicts them: a landing for every posture of the answer."""
+    """The postures of one arm as another one predicts them: a predicted_error for every posture of the answer."""
 
-    landings: tuple[Landing, ...]
+    predicted_errors: tuple[PredictedError, ...]
 
     @property
     def sigma_max(self) -> float:
         """Largest standard deviation of the part that counts [m]."""
-        return max(landing.sigma_max for landing in self.landings)
+        return max(predicted_error.sigma_max for predicted_error in self.predicted_errors)
 
     @property
     def distance(self) -> float:
         """Largest distance of a mean from its target, in the part that counts [m]."""
-        return max(landing.distance for landing in self.landings)
+        return max(predicted_error.distance for predicted_error in self.predicted_errors)
 
     @property
     def critical_error(self) -> float:
         """Distance from the target that 95 of 100 repeats stay within, where it is largest [m]."""
-        return max(landing.critical_error for landing in self.landings)
+        return max(predicted_error.critical_error for predicted_error in self.predicted_errors)
 
     @property
     def success_probability(self) -> float | None:
         """To stay within the clearance where that is least likely; None without one."""
-        odds = [landing.success_probability for landing in self.landings]
-        known = [p for p in odds if p is not None]
-        return min(known) if len(known) == len(odds) else None
+        p_success = [predicted_error.success_probability for predicted_error in self.predicted_errors]
+        known = [p for p in p_success if p is not None]
+        return min(known) if len(known) == len(p_success) else None
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers, SI."""
@@ -159,7 +159,7 @@ def compare(
         NoSolutionError: no arm can do the task; the message gives the reasons of each.
     """
     if len(problems) < 2:
-        raise InputError(Issue("a comparison needs two problems", mend="name two problem files"))
+        raise InputError(Issue("a comparison needs two problems", hint="name two problem files"))
     asked, notes = _same_task(problems)
     found: dict[str, Answer | tuple[str, ...]] = {}
     for done, (name, problem) in enumerate(asked.items()):
@@ -180,8 +180,8 @@ def _same_task(problems: Mapping[str, ComparableProblem]) -> tuple[dict[str, Has
     """The problems with the task of the first, and which of them had another."""
     name, first = next(iter(problems.items()))
     if first.task is None:
-        mend = f"add a task: section to {name}, name the file with the task first, or write --task and --position"
-        raise InputError(Issue("there is no task to compare the arms by", ("task",), mend=mend))
+        hint = f"add a task: section to {name}, name the file with the task first, or write --task and --position"
+        raise InputError(Issue("there is no task to compare the arms by", ("task",), hint=hint))
     asked: dict[str, HasTask] = {}
     notes = []
     for other, problem in problems.items():
@@ -211,7 +211,7 @@ def _compared(name: str, problems: Mapping[str, HasTask], answer: Answer | tuple
         return ComparedArm(problem, None, {}, answer)
     stations = stations_of(answer)
     judged = {
-        judge: JudgedPlan(tuple(landing(other, station, station.basis, None) for station in stations))
+        judge: JudgedPlan(tuple(predicted_error(other, station, station.basis, None) for station in stations))
         for judge, other in problems.items()
         if _same_joints(problem.robot, other.robot)
     }

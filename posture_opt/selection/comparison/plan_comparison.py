@@ -32,7 +32,7 @@ from posture_opt.uncertainty.spread.spread_parts import SpreadParts, spread_part
 
 
 @dataclass(frozen=True, eq=False)
-class Landing:
+class PredictedError:
     """Where the tool point lands in one posture, as the reference model predicts it.
 
     Args:
@@ -66,21 +66,21 @@ class PlannedPosture:
     """The best posture of one model: the answer and where it lands, or the reasons why there is none."""
 
     solution: Solution | None = None
-    landing: Landing | None = None
+    predicted_error: PredictedError | None = None
     reasons: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any] | None:
         """The posture, the σ that the model predicts, and what the reference predicts [m, rad]; None without one."""
-        if self.solution is None or self.landing is None:
+        if self.solution is None or self.predicted_error is None:
             return None
-        parts, distance = self.landing.parts, self.landing.from_measured
+        parts, distance = self.predicted_error.parts, self.predicted_error.from_measured
         return {
             "posture": self.solution.posture,
             "predicted_sigma_max": self.solution.critical.sigma_max,
-            "sigma_max": self.landing.sigma_max,
-            "miss": self.landing.miss.tolist(),
-            "critical_error": self.landing.critical_error,
-            "success_probability": self.landing.success_probability,
+            "sigma_max": self.predicted_error.sigma_max,
+            "miss": self.predicted_error.miss.tolist(),
+            "critical_error": self.predicted_error.critical_error,
+            "success_probability": self.predicted_error.success_probability,
             **({} if parts is None else {"spread": parts.to_json()}),
             **({} if distance is None else {"from_measured": distance.to_json()}),
         }
@@ -104,12 +104,12 @@ class Comparison(Result):
         return next(reversed(list(self.plans)))
 
     @property
-    def answered(self) -> dict[str, tuple[Solution, Landing]]:
+    def answered(self) -> dict[str, tuple[Solution, PredictedError]]:
         """The models that have a posture, with where it lands."""
         return {
-            name: (plan.solution, plan.landing)
+            name: (plan.solution, plan.predicted_error)
             for name, plan in self.plans.items()
-            if plan.solution is not None and plan.landing is not None
+            if plan.solution is not None and plan.predicted_error is not None
         }
 
     @property
@@ -188,8 +188,8 @@ def _planned(problem: HasTask, seed: int | None, workers: int, hint: str) -> Pla
         return PlannedPosture(reasons=(far, *told))
     try:
         if problem.task is not None and problem.task.on_path:
-            mend = "plan one point of it: task: {kind: trace, position: [...]}"
-            raise InputError(Issue("models are not compared along a path", ("task", "path"), mend=mend))
+            hint = "plan one point of it: task: {kind: trace, position: [...]}"
+            raise InputError(Issue("models are not compared along a path", ("task", "path"), hint=hint))
         return PlannedPosture(planned_posture(problem, seed=seed, workers=workers))
     except (NoSolutionError, InputError, SolverError) as error:
         return PlannedPosture(reasons=(*str(error).splitlines(), *told))
@@ -198,7 +198,7 @@ def _planned(problem: HasTask, seed: int | None, workers: int, hint: str) -> Pla
 def _judged(plan: PlannedPosture, reference: HasTask, basis: Array, measured: Array | None) -> PlannedPosture:
     if plan.solution is None:
         return plan
-    return PlannedPosture(plan.solution, landing(reference, plan.solution, basis, measured), plan.reasons)
+    return PlannedPosture(plan.solution, predicted_error(reference, plan.solution, basis, measured), plan.reasons)
 
 
 def _far_away(problem: HasTask) -> str:
@@ -216,13 +216,13 @@ def _far_away(problem: HasTask) -> str:
     )
 
 
-def landing(problem: HasTask, solution: Solution, basis: Array, measured: Array | None) -> Landing:
+def predicted_error(problem: HasTask, solution: Solution, basis: Array, measured: Array | None) -> PredictedError:
     """As ``problem`` predicts it at the posture of a solution that another model may have chosen."""
     spread = propagate(problem, solution.q)
     wanted = np.clip(solution.spread.position, solution.target.lower, solution.target.upper)
     miss = spread.position + spread.bias - wanted
     across, C = basis.T @ miss, basis.T @ spread.covariance @ basis
-    return Landing(
+    return PredictedError(
         miss=miss,
         across=across,
         sigma_max=deviation(float(np.linalg.eigvalsh(C)[-1]), spread.covariance),

@@ -41,23 +41,23 @@ class GridRequest:
         """Raise InputError where counts and corners make no grid, all faults at once."""
         issues = [*self._count_issues(), *self._corner_issues()]
         if self.plane is not None and self.plane not in get_args(Plane):
-            mend = f"write one of: {', '.join(get_args(Plane))}"
-            issues.append(Issue(f"there is no plane '{self.plane}'", ("--plane",), self.plane, mend))
+            hint = f"write one of: {', '.join(get_args(Plane))}"
+            issues.append(Issue(f"there is no plane '{self.plane}'", ("--plane",), self.plane, hint))
         if issues:
             raise InputError(issues)
 
     def _count_issues(self) -> list[Issue]:
         if self.counts is None:
             return []
-        text, key, mend = (
+        text, key, hint = (
             "x".join(map(str, self.counts)),
             ("--grid",),
             "write for example 15x15, or 9x9x1 along x, y, z",
         )
         if len(self.counts) not in (2, 3) or min(self.counts) < 1:
-            return [Issue(f"{text} is no grid", key, text, mend)]
+            return [Issue(f"{text} is no grid", key, text, hint)]
         if max(self.counts) < 2:
-            return [Issue("one target is no map", key, text, mend)]
+            return [Issue("one target is no map", key, text, hint)]
         total = math.prod(self.counts)
         if total > MOST:
             return [Issue(f"{total} targets are more than {MOST}", key, text, "map a part of the box at a time")]
@@ -66,7 +66,7 @@ class GridRequest:
     def _corner_issues(self) -> list[Issue]:
         if (self.low is None) != (self.high is None):
             missing = "--min" if self.low is None else "--max"
-            return [Issue("a box has two corners", (missing,), mend="give --min and --max")]
+            return [Issue("a box has two corners", (missing,), hint="give --min and --max")]
         issues = []
         for key, corner in (("--min", self.low), ("--max", self.high)):
             if corner is not None and (len(corner) != 3 or not all(map(math.isfinite, corner))):
@@ -99,7 +99,7 @@ def grid_of(request: GridRequest, target: TaskTarget, reach: Reach, points: Arra
     aligned = along_world_axes(axes)
     if not aligned and (request.low is not None or (request.counts is not None and len(request.counts) == 3)):
         key = "--min" if request.low is not None else "--grid"
-        raise InputError(Issue("the direction of the task is oblique", (key,), mend="add --plane xy, xz or yz"))
+        raise InputError(Issue("the direction of the task is oblique", (key,), hint="add --plane xy, xz or yz"))
     low, high = _box(request, target, reach, points)
     centre = (low + high) / 2 if middle is None else middle
     origin = np.zeros(3) if aligned else centre
@@ -127,9 +127,9 @@ def _frame(request: GridRequest, target: TaskTarget, reach: Reach) -> Array:
         normal = reach.normals[:, 0]
         frame = _of_world(normal)
         if request.plane is not None and (frame is None or not np.array_equal(frame, _of_plane(request.plane))):
-            mend = "leave it out: the map lies in the arm's plane"
+            hint = "leave it out: the map lies in the arm's plane"
             raise InputError(
-                Issue("the tool point of this arm moves in another plane", ("--plane",), request.plane, mend)
+                Issue("the tool point of this arm moves in another plane", ("--plane",), request.plane, hint)
             )
         return np.vstack([reach.directions.T, normal]) if frame is None else frame
     if request.plane is not None:

@@ -9,14 +9,14 @@ import numpy as np
 
 from posture_opt.selection.search.engine import CandidatePosture
 
-Fate = Literal["feasible", "not reached", "requirement not met"]
+MapStatus = Literal["feasible", "not reached", "requirement not met"]
 
 
 @dataclass(frozen=True)
 class MapCandidate:
     """What was found for one target: a posture, or why there is none."""
 
-    fate: Fate
+    status: MapStatus
     best: CandidatePosture | None
     scale: float
 
@@ -24,12 +24,12 @@ class MapCandidate:
         """Numbers and text, to be sent."""
         c = self.best
         if c is None:
-            return [self.fate, self.scale]
+            return [self.status, self.scale]
         numbers = (float(c.objective), float(c.violation), float(c.sigma))
-        return [self.fate, float(self.scale), c.q.tolist(), *numbers, bool(c.optimal), c.message, int(c.count)]
+        return [self.status, float(self.scale), c.q.tolist(), *numbers, bool(c.optimal), c.message, int(c.count)]
 
     @classmethod
     def unpacked(cls, row: list[Any]) -> MapCandidate:
         """The one that was packed."""
-        fate, scale, *best = row
-        return cls(fate, CandidatePosture(np.array(best[0]), *best[1:]) if best else None, scale)
+        status, scale, *best = row
+        return cls(status, CandidatePosture(np.array(best[0]), *best[1:]) if best else None, scale)

@@ -13,7 +13,7 @@ import numpy as np
 from posture_opt.numerics import Array, Codes, finite_or_none
 from posture_opt.selection.answer.end_moments import end_moments, success_with_peg
 from posture_opt.selection.answer.solution import critical_basis
-from posture_opt.selection.maps.map_candidate import Fate, MapCandidate
+from posture_opt.selection.maps.map_candidate import MapCandidate, MapStatus
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
@@ -139,7 +139,7 @@ class MapPoint:
 
     Args:
         position: (3,) the target [m], world.
-        fate: ``feasible``, ``not reached``, or ``requirement not met``.
+        status: ``feasible``, ``not reached``, or ``requirement not met``.
         optimal: whether the solver confirmed the posture.
         q: (n,) [rad or m].
         covariance: (3, 3) of the tool point [m²], world.
@@ -151,7 +151,7 @@ class MapPoint:
     """
 
     position: Array
-    fate: Fate
+    status: MapStatus
     optimal: bool
     q: Array
     covariance: Array
@@ -164,19 +164,19 @@ class MapPoint:
     @property
     def feasible(self) -> bool:
         """Whether there is a posture."""
-        return self.fate == "feasible"
+        return self.status == "feasible"
 
     def packed(self) -> list[Any]:
         """Numbers and text, to be sent."""
         numbers = (self.q, self.covariance.ravel(), self.bias)
         rest = (self.sigma_max, self.sigma_along, self.radius95, self.success_probability)
-        return [self.fate, self.optimal, *(array.tolist() for array in numbers), *map(float, rest)]
+        return [self.status, self.optimal, *(array.tolist() for array in numbers), *map(float, rest)]
 
     @classmethod
     def unpacked(cls, position: Array, row: list[Any]) -> MapPoint:
         """The one at ``position`` (3,) [m] that was packed."""
-        fate, optimal, q, covariance, bias, *rest = row
-        return cls(position, fate, optimal, np.array(q), np.reshape(covariance, (3, 3)), np.array(bias), *rest)
+        status, optimal, q, covariance, bias, *rest = row
+        return cls(position, status, optimal, np.array(q), np.reshape(covariance, (3, 3)), np.array(bias), *rest)
 
     def to_json(self, joints: tuple[str, ...]) -> dict[str, Any]:
         """SI units; what is not known is null."""
@@ -184,7 +184,7 @@ class MapPoint:
             "position": self.position.tolist(),
             "feasible": self.feasible,
             "status": "optimal" if self.optimal else "feasible" if self.feasible else "infeasible",
-            "reason": "" if self.feasible else self.fate,
+            "reason": "" if self.feasible else self.status,
             "sigma_max": finite_or_none(self.sigma_max),
             "sigma_along": finite_or_none(self.sigma_along),
             "radius95": finite_or_none(self.radius95),
@@ -207,7 +207,9 @@ def map_points_of(
     nothing = np.full(problem.robot.n, np.nan)
     postures = {k: best.q for k, candidate in enumerate(candidates) if (best := candidate.best) is not None}
     if not found:
-        return [_empty(target, candidate.fate, nothing) for target, candidate in zip(targets, candidates, strict=True)]
+        return [
+            _empty(target, candidate.status, nothing) for target, candidate in zip(targets, candidates, strict=True)
+        ]
     Q = np.array([postures[k] for k in found])
     moments = end_moments(problem, Q, B)
     C, bias = moments.covariance, moments.bias
@@ -216,7 +218,7 @@ def map_points_of(
     map_points = []
     for k, (target, candidate) in enumerate(zip(targets, candidates, strict=True)):
         if candidate.best is None:
-            map_points.append(_empty(target, candidate.fate, nothing))
+            map_points.append(_empty(target, candidate.status, nothing))
             continue
         i = row[k]
         b, sigma = B.T @ bias[i], float(moments.sigma[i])
@@ -233,6 +235,6 @@ def map_points_of(
     return map_points
 
 
-def _empty(target: TaskTarget, fate: Fate, q: Array) -> MapPoint:
+def _empty(target: TaskTarget, status: MapStatus, q: Array) -> MapPoint:
     nan = math.nan
-    return MapPoint(target.lower, fate, False, q, np.full((3, 3), nan), np.full(3, nan), nan, nan, nan, nan)
+    return MapPoint(target.lower, status, False, q, np.full((3, 3), nan), np.full(3, nan), nan, nan, nan, nan)

@@ -119,11 +119,11 @@ def _to_search_more(
     These are where reach begins or ends, and where no start met the requirements. Where no start reached any target,
     all of them.
     """
-    reached = np.array([candidate.fate != "not reached" for candidate in candidates])
+    reached = np.array([candidate.status != "not reached" for candidate in candidates])
     if not reached.any():
         return list(range(len(candidates)))
     chosen = reached & (np.random.default_rng(seed).random(len(candidates)) < share)
-    chosen |= np.array([candidate.fate == "requirement not met" for candidate in candidates])
+    chosen |= np.array([candidate.status == "requirement not met" for candidate in candidates])
     for here, there in neighbourhood.on_grid:
         chosen[here[reached[here] != reached[there]]] = True
     return [int(k) for k in np.flatnonzero(chosen)]

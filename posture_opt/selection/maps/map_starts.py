@@ -39,7 +39,7 @@ def best_among(engine: Engine, target: TaskTarget, Q: Array) -> MapCandidate:
 def better_of(engine: Engine, target: TaskTarget, first: MapCandidate, second: MapCandidate) -> MapCandidate:
     """Which of two candidates of one target is better; a tie goes to the first one."""
     if second.best is None or first.best is None:
-        return second if first.best is None and second.fate != "not reached" else first
+        return second if first.best is None and second.status != "not reached" else first
     same = engine.candidates(second.best.q[None], replace(target, scale=first.scale))[0]
     return (
         MapCandidate("feasible", replace(second.best, objective=same.objective), first.scale)

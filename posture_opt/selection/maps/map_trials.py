@@ -43,7 +43,7 @@ class NeighbourStarts:
         tried: postures of neighbours that the solver began with before; or, for `take_over`, those that ended at a
             worse optimum.
         bend: of the objective, over a square: what a posture led so far may fall short of its optimum.
-        seed: of the postures strewn about the starts.
+        seed: of the random perturbations of the starts.
     """
 
     target: TaskTarget

@@ -158,13 +158,13 @@ def map_targets(
     pairs = (*grid.neighbours, *_beside(grid, len(targets), targets))
     points = np.array([target.lower for target in targets])
     neighbourhood = Neighbourhood.of(problem.arm, selector.target.direction, points, pairs)
-    with opened(workers, executor) as crew:
-        candidates, solves = best_candidates(engines, targets, neighbourhood, crew, seed=seed, progress=progress)
+    with opened(workers, executor) as pool:
+        candidates, solves = best_candidates(engines, targets, neighbourhood, pool, seed=seed, progress=progress)
         candidates = clear_candidates(
-            problem.scene, lambda target: selector.engine(target, guarded=True), targets, candidates, pairs, crew,
+            problem.scene, lambda target: selector.engine(target, guarded=True), targets, candidates, pairs, pool,
             seed=seed,
         )  # fmt: skip
-        map_points = _points(crew, engines[0], targets, candidates, progress)
+        map_points = _points(pool, engines[0], targets, candidates, progress)
     size = len(grid.points)
     feasible = [map_point.feasible for map_point in map_points]
     if not any(feasible[:size]):
@@ -184,7 +184,7 @@ def map_targets(
 
 
 def _points(
-    crew: Workers,
+    pool: Workers,
     engine: Engine,
     targets: Sequence[TaskTarget],
     candidates: Sequence[MapCandidate],
@@ -195,7 +195,7 @@ def _points(
     def item(chunk: Sequence[int]) -> tuple[list[TaskTarget], list[MapCandidate]]:
         return [targets[k] for k in chunk], [candidates[k] for k in chunk]
 
-    for k, row in worked_on(crew, packed_points, [engine] * len(targets), range(len(targets)), item):
+    for k, row in worked_on(pool, packed_points, [engine] * len(targets), range(len(targets)), item):
         found[k] = MapPoint.unpacked(targets[k].lower, row)
         if progress is not None:
             progress(len(targets) + len(found) // 3, steps_of(len(targets)))
@@ -223,7 +223,7 @@ def _beside(grid: Grid, count: int, targets: list[TaskTarget]) -> list[tuple[Cod
 
 
 def _nowhere(map_points: list[MapPoint]) -> str:
-    reached = sum(map_point.fate == "requirement not met" for map_point in map_points)
+    reached = sum(map_point.status == "requirement not met" for map_point in map_points)
     why = f"; {reached} can be reached, but not with all requirements met" if reached else ""
     targets = f"none of the {len(map_points)} targets"
     return f"{targets} has a posture with the required tool orientation{why}: move the box (--min, --max)"

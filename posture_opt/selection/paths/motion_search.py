@@ -170,9 +170,9 @@ class MotionSearch(DerivedAgain):
         names = self.path.numbers
         joints = np.abs(calm.Q[k + 1] - calm.Q[k])
         joint = self.engine.robot.joints[int(np.argmax(np.where(self.steps.counted, joints, 0.0)))]
-        mend = math.ceil(math.degrees(smallest) * 10 + 1e-6) / 10
+        hint = math.ceil(math.degrees(smallest) * 10 + 1e-6) / 10
         message = (
             f"from {names[k]} to {names[k + 1]} {joint.name} has to move by {math.degrees(smallest):.4g} deg, and "
-            f"{math.degrees(largest):.4g} deg a step are allowed: set largest_step: {mend:g} deg, or list more points"
+            f"{math.degrees(largest):.4g} deg a step are allowed: set largest_step: {hint:g} deg, or list more points"
         )
         return [Reason("largest_step", message, smallest - largest, "rad")]

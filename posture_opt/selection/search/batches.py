@@ -84,10 +84,10 @@ def _best(found: MultistartResult) -> float:
 
 
 def _batches(engine: Engine, target: TaskTarget, seed: int, starts: int, workers: int) -> Iterator[MultistartResult]:
-    with opened(workers) as crew:
+    with opened(workers) as pool:
         for first in range(1, _MOST, workers):
             mine = range(first, min(first + workers, _MOST))
-            yield from crew.in_order(_batch, (engine, target, seed, starts), mine)
+            yield from pool.in_order(_batch, (engine, target, seed, starts), mine)
 
 
 def _batch(shared: tuple[Engine, TaskTarget, int, int], k: int) -> MultistartResult:

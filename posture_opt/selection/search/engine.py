@@ -48,7 +48,7 @@ STEPS = 60
 """Of a local search that is followed to its end."""
 
 _PRICE = 1e3  # of the objective for each m or rad of violation: the multipliers of rows are seldom larger
-_LAST_WORDS = 4  # of the solver, in one search
+MAX_IPOPT_FALLBACKS = 4  # IPOPT solves tried in one search where the local search ends infeasible
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class Engine(DerivedAgain):
         # Only where it would change the answer.
         limit = min((end.objective for end in ends if end.optimal and end.feasible), default=np.inf)
         doubtful = [k for k, end in enumerate(ends) if not end.optimal and (end.objective < limit or not end.feasible)]
-        for k in doubtful[: _LAST_WORDS if np.isinf(limit) or any(ends[k].feasible for k in doubtful) else 0]:
+        for k in doubtful[: MAX_IPOPT_FALLBACKS if np.isinf(limit) or any(ends[k].feasible for k in doubtful) else 0]:
             ends[k] = self._last_word(ends[k], target)
         return self.tidied(ends, target)
 

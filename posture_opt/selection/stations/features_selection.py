@@ -39,7 +39,7 @@ from posture_opt.selection.tasks.workpiece import Combine
 from posture_opt.uncertainty.spread.joint_success import PlaceErrors, success_of_all
 from posture_opt.uncertainty.spread.spread import propagate
 
-_COMPARED = 3  # optima of the odds that are compared by them, errors that stay included
+_COMPARED = 3  # optima of the probability that are compared by them, errors that stay included
 _EXPLAINED = 3  # features that fail, for which the reason is looked into
 _MOST_OTHERS = 5
 _SAME = 1e-4  # of a standard deviation: features that differ by less are the same
@@ -50,8 +50,8 @@ def select_for_features(
 ) -> FeaturesSolution:
     """The placement and the postures whose spread hurts the task least.
 
-    ``min over w, q_1 … q_K`` of the largest or the mean standard deviation of the features, or of the odds that one is
-    missed; subject to the range of the placement and to all that holds for one posture.
+    ``min over w, q_1 … q_K`` of the largest or the mean standard deviation of the features, or of the probability that
+    one is missed; subject to the range of the placement and to all that holds for one posture.
 
     Raises:
         NoSolutionError: no placement at which every feature can be done; carries the one that fails least.
@@ -94,7 +94,7 @@ class _FeaturesSelection:
         return ("success", "worst", "mean") if self.task.combine == "success" else (self.task.combine,)
 
     @cached_property
-    def _by_odds(self) -> PostureSelector:
+    def _by_success(self) -> PostureSelector:
         return self._single({"criterion": "miss"})
 
     @cached_property
@@ -102,7 +102,7 @@ class _FeaturesSelection:
         return self._single({})
 
     def _selector(self, combine: Combine) -> PostureSelector:
-        return self._by_odds if combine == "success" else self._by_spread
+        return self._by_success if combine == "success" else self._by_spread
 
     def _single(self, criterion: dict[str, str]) -> PostureSelector:
         """Of one feature at a point: the placed features are its targets."""
@@ -138,9 +138,9 @@ class _FeaturesSelection:
         normal = selector.reach.normal
         turns = self.placement.lower[3] != 0 or self.placement.upper[3] != 0
         if normal is not None and turns and abs(normal[2]) < 1 - 1e-9:
-            mend = "leave the yaw out"
+            hint = "leave the yaw out"
             issue = Issue("the arm moves in a plane that a yaw turns the part out of", ("task", "workpiece", "yaw"))
-            raise InputError(replace(issue, mend=mend))
+            raise InputError(replace(issue, hint=hint))
 
     def _search(self, combine: Combine, workers: int, progress: Progress | None) -> PlacementSearch:
         """As for one target: without rows that keep the arm clear of itself, unless the answer is not."""
@@ -267,15 +267,15 @@ class _Figures:
 
     problem: Any
     stations: PlacedStations
-    with_odds: bool
+    with_success: bool
 
     def of(self, found: Postures, m: int) -> PlacementFigure:
         """Of row m."""
         sigma = float(placement_sigma(self.stations, found)[m])
-        odds = self._odds(found.W[m], found.Q[m]) if self.with_odds and np.isfinite(sigma) else None
-        return PlacementFigure(found.W[m], sigma, odds)
+        p_success = self._success(found.W[m], found.Q[m]) if self.with_success and np.isfinite(sigma) else None
+        return PlacementFigure(found.W[m], sigma, p_success)
 
-    def _odds(self, w: Array, Q: Array) -> float:
+    def _success(self, w: Array, Q: Array) -> float:
         places = [
             PlaceErrors.of(
                 propagate(self.problem, q), critical_basis(engine.optimisation_problem, target), target.clearance

@@ -22,7 +22,7 @@ from posture_opt.selection.program.optimisation_problem import OptimisationProbl
 from posture_opt.selection.program.task_target import SIZES, TaskTarget, turned_about_z
 
 Combine = Literal["worst", "mean", "success"]
-"""The largest objective of the stations, the mean of their standard deviations, or the odds that all succeed."""
+"""The largest objective of the stations, the mean of their standard deviations, or the probability that all succeed."""
 
 PLACEMENT = ("x", "y", "z", "yaw")
 """Coordinates of a placement [m, m, m, rad], world."""

@@ -111,10 +111,10 @@ def _joined(one: PlacementSearch, other: PlacementSearch) -> PlacementSearch:
 
 
 def _batches(stations: PlacedStations, seed: int, workers: int) -> Iterator[PlacementSearch]:
-    with opened(workers) as crew:
+    with opened(workers) as pool:
         for first in range(0, _MOST, workers):
             mine = range(first, min(first + workers, _MOST))
-            for found in crew.in_order(_batch, (stations, seed), mine):
+            for found in pool.in_order(_batch, (stations, seed), mine):
                 yield replace(found, stations=stations)
 
 
@@ -224,7 +224,7 @@ def _improved(
 
 
 def _as_good(best: float) -> float:
-    """The objective up to which an optimum counts as the same; a logarithm for the odds, else a number about one."""
+    """The objective up to which an optimum counts as the same: of a probability its logarithm, else about one."""
     return best + _SAME * max(1.0, abs(best))
 
 

@@ -31,13 +31,15 @@ class Insert(Task):
     kind: Literal["insert"]
     criterion: Criterion = "worst"
     length: Positive | None = Field(None, description="of the peg: its tilt counts")
-    diameter: Positive | None = Field(None, description="of the peg, for the odds of wedging")
-    friction: float | None = Field(None, gt=0, description="between peg and hole, for the odds of wedging")
+    diameter: Positive | None = Field(None, description="of the peg, for the probability of wedging")
+    friction: float | None = Field(None, gt=0, description="between peg and hole, for the probability of wedging")
 
     @model_validator(mode="after")
     def _whole_peg(self) -> Insert:
         if (self.diameter is None) != (self.friction is None):
-            raise BadValueError("diameter and friction tell the odds of wedging together", "state both or neither")
+            raise BadValueError(
+                "diameter and friction tell the probability of wedging together", "state both or neither"
+            )
         if self.diameter is not None and (self.length is None or self.clearance is None):
             raise BadValueError("wedging needs the length of the peg and the clearance of the hole", "add them")
         return self

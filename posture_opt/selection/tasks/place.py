@@ -42,8 +42,8 @@ class Place(Task):
             return self
         upright = math.hypot(*self.direction[:2]) < _UPRIGHT * math.hypot(*self.direction)
         if not upright or math.hypot(*self.tool_axis[:2]) > 0:
-            mend = "direction: [0, 0, -1] and tool_axis: [0, 0, 1], or leave out the yaw"
-            raise BadValueError("a yaw is one about the vertical, along direction and tool axis", mend)
+            hint = "direction: [0, 0, -1] and tool_axis: [0, 0, 1], or leave out the yaw"
+            raise BadValueError("a yaw is one about the vertical, along direction and tool axis", hint)
         if self.tilt:
             raise BadValueError("yaw and tilt are both given", "leave out one of them")
         return self

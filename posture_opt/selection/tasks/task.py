@@ -60,7 +60,7 @@ class Task(Spec):
     tool_axis: Direction = Field((0.0, 0.0, 1.0), description="of the tool, laid along `direction`; tool frame")
     tilt: Annotated[Angle, Field(ge=0, le=math.pi / 2)] = 0.0
     clearance: Annotated[Length, Field(gt=0)] | None = Field(
-        None, description="radial play of the hole: gives the odds"
+        None, description="radial play of the hole: gives the probability"
     )
     criterion: Criterion = Field("worst", description="worst axis, RMS, area, mean square miss, or none of it")
     minimize: tuple[TermSpec, ...] = Field((), description="terms to minimise beside it, with weights")
@@ -157,8 +157,8 @@ class Task(Spec):
                 )
             if not self._all_have_clearance:
                 bare = next(feature.name for feature in self.features if feature.clearance is None)
-                mend = "add for example clearance: 0.2 mm to the task, or to every feature"
-                raise BadValueError(f"combine: success needs a clearance, and '{bare}' has none", mend)
+                hint = "add for example clearance: 0.2 mm to the task, or to every feature"
+                raise BadValueError(f"combine: success needs a clearance, and '{bare}' has none", hint)
             if "criterion" in self.model_fields_set and self.criterion != "miss":
                 raise BadValueError(
                     f"combine: success makes no use of criterion: {self.criterion}", "leave the criterion out"

@@ -27,8 +27,8 @@ class Success(Term):
 
     def quantity(self, at: Quantities) -> ca.SX:
         if not at.has_hole:
-            mend = "add for example clearance: 0.2 mm"
-            raise InputError(Issue("success needs the clearance of the hole", ("task", "clearance"), mend=mend))
+            hint = "add for example clearance: 0.2 mm"
+            raise InputError(Issue("success needs the clearance of the hole", ("task", "clearance"), hint=hint))
         return at.log_miss
 
     def cost(self, at: Quantities) -> ca.SX:

@@ -1,4 +1,4 @@
-"""Two points of one tool: their joint covariance, and the odds that both stay within a clearance."""
+"""Two points of one tool: their joint covariance, and the probability that both stay within a clearance."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LATTICE = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703)  # power
 
 
 @dataclass(frozen=True)
-class JointOdds:
+class JointProbability:
     """Probability that both points stay within the clearance, and twice its standard error by integration."""
 
     probability: float
@@ -72,8 +72,8 @@ def _effects(tip: ToolPoint, top: ToolPoint, q: Sequence[float]) -> Array:
     return np.asarray(E @ tip.effects.covariance @ E.T + cross + cross.T)
 
 
-def both_within(covariance: Array, clearance: float, bias: Array) -> JointOdds:
-    """The odds that two points, each of m coordinates, both lie within a circle (m = 2) or interval (m = 1).
+def both_within(covariance: Array, clearance: float, bias: Array) -> JointProbability:
+    """The probability that two points, each of m coordinates, both lie within a circle (m = 2) or interval (m = 1).
 
     With ``x = b + ρ A u``, ``A Aᵀ = C`` the ray in the direction u is inside of both from ``ρ₁(u)`` to ``ρ₂(u)``, and
     ``P = E_u[Q(ρ₁²) − Q(ρ₂²)]`` with the tail Q of χ² with 2 m degrees of freedom: ``e^{−x/2}``, times ``1 + x/2`` for
@@ -91,7 +91,7 @@ def both_within(covariance: Array, clearance: float, bias: Array) -> JointOdds:
     least, most = max(alone), min(sum(alone), 1.0)
     miss = float(np.clip(means.mean(), least, most))
     error = 2 * float(means.std(ddof=1)) / math.sqrt(len(means))
-    return JointOdds(1 - miss, min(error, most - least))
+    return JointProbability(1 - miss, min(error, most - least))
 
 
 def _miss(root: Array, bias: Array, clearance: float, m: int, u: Array) -> float:

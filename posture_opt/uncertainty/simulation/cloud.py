@@ -119,7 +119,7 @@ class Cloud(Result):
 
     @cached_property
     def for_task(self) -> TaskSpread | None:
-        """The sample as the task of the problem sees it; its odds are those of a normal point with these moments."""
+        """The sample as the task sees it; its probability of success is that of a normal point with these moments."""
         seen = self.spread.for_task
         return None if seen is None else seen.sampled(self.covariance, self.bias)
 
@@ -248,8 +248,8 @@ def _check(n: Any, seed: Any) -> None:
     elif n < 2:
         issues.append(Issue(f"{n} samples have no covariance", ("n",), n, "give 2 or more; 5000 are usual"))
     elif n > LARGEST:
-        mend = "give at most 1e8; 2e6 fix a variance to 0.1 %"
-        issues.append(Issue(f"{n} samples are too many", ("n",), n, mend))
+        hint = "give at most 1e8; 2e6 fix a variance to 0.1 %"
+        issues.append(Issue(f"{n} samples are too many", ("n",), n, hint))
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         issues.append(Issue(f"the seed is {seed!r}", ("seed",), seed, "give a whole number of 0 or more"))
     if issues:

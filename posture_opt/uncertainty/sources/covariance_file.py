@@ -95,11 +95,11 @@ def _header(cells: Sequence[str], dimensions: dict[str, str]) -> tuple[list[str]
             issues.append(Issue("two columns have this name", (name,)))
         if unit is None:
             example = "rad" if dimension == "angle" else "m"
-            issues.append(Issue("the column has no unit", (name,), mend=f"write {name} [{example}]"))
+            issues.append(Issue("the column has no unit", (name,), hint=f"write {name} [{example}]"))
         names.append(name)
         factors.append(_unit_factor(name, unit, dimension, issues if name in dimensions else []))
     if not cells:
-        issues.append(Issue("the header names no parameter", mend="write for example: name, joint1.theta [rad]"))
+        issues.append(Issue("the header names no parameter", hint="write for example: name, joint1.theta [rad]"))
     return names, factors, issues
 
 
@@ -131,7 +131,7 @@ def _body(rows: Sequence[tuple[int, list[str]]], names: Sequence[str]) -> tuple[
             matrix[names.index(name)] = [_number(text, line, name, issues) for text in cells[1:]]
     missing = [name for i, name in enumerate(names) if np.isnan(matrix[i]).all()]
     if missing and not issues:
-        issues.append(Issue(f"no row for {', '.join(missing)}", mend="every column needs the row of the same name"))
+        issues.append(Issue(f"no row for {', '.join(missing)}", hint="every column needs the row of the same name"))
     return matrix, issues or _asymmetries(names, matrix)
 
 

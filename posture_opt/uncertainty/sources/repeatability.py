@@ -50,8 +50,8 @@ def joint_sigmas(robot: Robot, repeatability: float, weights: Mapping[str, float
     scaled = columns * unit[:, None, None]
     typical = float(np.median(repeatabilities(np.einsum("jni,jnk->nik", scaled, scaled))))
     if not typical > 1e-9 * float(np.abs(columns).max(initial=0.0)):
-        mend = "give a weight to a joint whose axis does not pass through the tool point"
-        raise InputError(Issue("the joints with a weight do not move the tool point", ("weights",), mend=mend))
+        hint = "give a weight to a joint whose axis does not pass through the tool point"
+        raise InputError(Issue("the joints with a weight do not move the tool point", ("weights",), hint=hint))
     sigma = repeatability / typical * unit
     parameters = [robot.factors[i].parameter for i in robot.driven]
     named = {name: float(s) for name, s in zip(parameters, sigma, strict=True) if s > 0}
@@ -130,12 +130,12 @@ def _mixed(robot: Robot) -> bool:
 def _check(robot: Robot, repeatability: float, weights: Mapping[str, float]) -> None:
     issues = []
     if not (math.isfinite(repeatability) and repeatability > 0):
-        mend = "a data sheet gives for example 0.05 mm"
-        issues.append(Issue(f"the repeatability is {repeatability:g} m", ("repeatability",), repeatability, mend))
+        hint = "a data sheet gives for example 0.05 mm"
+        issues.append(Issue(f"the repeatability is {repeatability:g} m", ("repeatability",), repeatability, hint))
     for name, weight in weights.items():
         if name not in robot.joint_names:
-            mend = one_of(name, robot.joint_names, "joints")
-            issues.append(Issue("the robot has no such joint", ("weights", name), weight, mend))
+            hint = one_of(name, robot.joint_names, "joints")
+            issues.append(Issue("the robot has no such joint", ("weights", name), weight, hint))
         elif not (math.isfinite(weight) and weight >= 0):
             issues.append(Issue(f"the weight is {weight:g}", ("weights", name), weight, "give 0 or more"))
     if issues:

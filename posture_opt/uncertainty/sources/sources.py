@@ -82,7 +82,7 @@ class Sources:
         """Both sets of sources, the two independent of each other; no name may stand in both."""
         twice = sorted(set(self.names) & set(other.names))
         if twice:
-            raise InputError(Issue(f"the error of {', '.join(twice)} is stated twice", mend="state it once"))
+            raise InputError(Issue(f"the error of {', '.join(twice)} is stated twice", hint="state it once"))
         return self.plus(other)
 
     def plus(self, other: Sources) -> Sources:
@@ -105,14 +105,14 @@ def covariance_issues(names: Sequence[str], covariance: Array) -> list[Issue]:
     variance = np.diag(covariance)
     negative = [name for name, v in zip(names, variance, strict=True) if v < 0]
     if negative:
-        return [Issue(f"negative variance of {', '.join(negative)}", mend="a variance is 0 or greater")]
+        return [Issue(f"negative variance of {', '.join(negative)}", hint="a variance is 0 or greater")]
     sigma = np.sqrt(variance)
     far = [f"{name} is {s:.4g}" for name, s in zip(names, sigma, strict=True) if s > _LARGEST]
     if far:
-        return [Issue(f"not plausible: the σ of {', '.join(far)}", mend="in m or rad; are unit and exponent right?")]
+        return [Issue(f"not plausible: the σ of {', '.join(far)}", hint="in m or rad; are unit and exponent right?")]
     idle = sigma == 0
     for i, j in np.argwhere((covariance != 0) & idle[:, None]):
-        return [Issue(f"{names[i]} has variance 0 but covaries with {names[j]}", mend="state its variance")]
+        return [Issue(f"{names[i]} has variance 0 but covaries with {names[j]}", hint="state its variance")]
     correlation = covariance[~idle][:, ~idle] / np.outer(sigma[~idle], sigma[~idle])
     beyond = np.argwhere(np.triu(np.abs(correlation) > 1 + _ROUNDING, 1))
     varying = [name for name, still in zip(names, idle, strict=True) if not still]
@@ -122,7 +122,7 @@ def covariance_issues(names: Sequence[str], covariance: Array) -> list[Issue]:
 
 
 def _beyond_one(a: str, b: str, rho: float) -> Issue:
-    return Issue(f"the correlation of {a} and {b} is {rho:.6g}", mend="a correlation lies between -1 and 1")
+    return Issue(f"the correlation of {a} and {b} is {rho:.6g}", hint="a correlation lies between -1 and 1")
 
 
 def _indefinite(names: Sequence[str], correlation: Array) -> list[Issue]:
@@ -138,4 +138,4 @@ def _indefinite(names: Sequence[str], correlation: Array) -> list[Issue]:
         f"not positive semidefinite: the correlations of {', '.join(involved)} contradict each other "
         f"(smallest eigenvalue of the correlation matrix {values[0]:.4g})"
     )
-    return [Issue(message, mend="no random errors have such correlations; make them smaller until it is 0 or greater")]
+    return [Issue(message, hint="no random errors have such correlations; make them smaller until it is 0 or greater")]

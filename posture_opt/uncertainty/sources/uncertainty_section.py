@@ -107,11 +107,11 @@ class UncertaintySpec(Spec):
     def _contradictions(self) -> list[Issue]:
         issues = []
         if self.covariance and (self.sigma or self.correlation):
-            mend = "the file holds variances and correlations alike; leave out sigma and correlation"
-            issues.append(Issue("covariance and sigma are both given", ("covariance",), self.covariance, mend))
+            hint = "the file holds variances and correlations alike; leave out sigma and correlation"
+            issues.append(Issue("covariance and sigma are both given", ("covariance",), self.covariance, hint))
         if self.weights and self.repeatability is None:
-            mend = "add repeatability, or leave out weights"
-            issues.append(Issue("weights share out a repeatability, and none is given", ("weights",), mend=mend))
+            hint = "add repeatability, or leave out weights"
+            issues.append(Issue("weights share out a repeatability, and none is given", ("weights",), hint=hint))
         return issues
 
     def _weight_issues(self, robot: Robot) -> list[Issue]:
@@ -122,7 +122,7 @@ class UncertaintySpec(Spec):
             if name not in names
         ]
         if self.weights and not any(self.weights.get(name, 1.0) for name in names):
-            issues.append(Issue("all weights are zero", ("weights",), mend="give one joint a weight above 0"))
+            issues.append(Issue("all weights are zero", ("weights",), hint="give one joint a weight above 0"))
         return issues
 
     def _from_file(self, dimensions: dict[str, str], folder: Path, attached: Mapping[str, str]) -> Sources:
@@ -163,8 +163,8 @@ class UncertaintySpec(Spec):
             pair = (min(a, b), max(a, b))
             for name in dict.fromkeys((a, b)):
                 if name not in names:
-                    mend = f"add it under sigma, or correlate one of: {', '.join(names) or 'none stated'}"
-                    issues.append(Issue(f"'{name}' has no sigma", key, name, mend))
+                    hint = f"add it under sigma, or correlate one of: {', '.join(names) or 'none stated'}"
+                    issues.append(Issue(f"'{name}' has no sigma", key, name, hint))
             if not -1 <= rho <= 1:
                 issues.append(Issue(f"the correlation {rho:g} lies outside [-1, 1]", key, rho, "write for example 0.8"))
             if a == b:
@@ -189,8 +189,8 @@ class UncertaintySpec(Spec):
         try:
             return named.joined(joints)
         except InputError as error:
-            mend = "the repeatability holds the scatter of all joints: leave these out of sigma, or leave it out"
-            raise InputError([replace(i, key=("repeatability",), mend=mend) for i in error.issues]) from None
+            hint = "the repeatability holds the scatter of all joints: leave these out of sigma, or leave it out"
+            raise InputError([replace(i, key=("repeatability",), hint=hint) for i in error.issues]) from None
 
     @property
     def _stated(self) -> bool:
@@ -213,8 +213,8 @@ def _sigma(
         issues.append(error.issue(key, text))
         return 0.0
     if value < 0:
-        mend = f"write {str(text).strip().lstrip('-').strip()}"
-        issues.append(Issue(f"the standard deviation {text} is negative", key, text, mend))
+        hint = f"write {str(text).strip().lstrip('-').strip()}"
+        issues.append(Issue(f"the standard deviation {text} is negative", key, text, hint))
     return value
 
 

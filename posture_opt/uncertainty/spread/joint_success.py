@@ -162,10 +162,10 @@ def _missed(places: Sequence[PlaceErrors], directions: Array) -> Array:
 
 def _given(places: Sequence[PlaceErrors], delta: Array) -> Array:
     """(N,) probability that all succeed, given δ (N, r)."""
-    odds = np.ones(len(delta))
+    p_success = np.ones(len(delta))
     for place in places:
-        odds *= within_circle(place.bias + delta @ place.shared.T, place.scatter, place.clearance)
-    return odds
+        p_success *= within_circle(place.bias + delta @ place.shared.T, place.scatter, place.clearance)
+    return p_success
 
 
 def within_circle(mean: Array, covariance: Array, radius: float) -> Array:

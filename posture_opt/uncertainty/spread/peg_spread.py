@@ -1,4 +1,4 @@
-"""``PegSpread``: a peg as the errors of its tool place and tilt it: both ends, their odds, contact and wedging."""
+"""``PegSpread``: a peg placed and tilted by its tool: the probability at both ends, contact and wedging."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from posture_opt.numerics import Array, finite_or_none
 from posture_opt.uncertainty.moments.pose_covariance import pose_covariance
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.moments.two_points import JointOdds, both_within, joint_covariance
+from posture_opt.uncertainty.moments.two_points import JointProbability, both_within, joint_covariance
 from posture_opt.uncertainty.regions.clearance import miss_probability
 from posture_opt.uncertainty.regions.critical import Critical
 from posture_opt.uncertainty.spread.held_part import HeldPart
@@ -50,7 +50,7 @@ class PegSpread:
     clearance: float
 
     @cached_property
-    def odds(self) -> JointOdds | None:
+    def p_success(self) -> JointProbability | None:
         """That both ends stay within the clearance."""
         if math.isnan(self.clearance):
             return None
@@ -59,7 +59,7 @@ class PegSpread:
     @property
     def success(self) -> float | None:
         """The probability of it; None without a clearance."""
-        return None if self.odds is None else self.odds.probability
+        return None if self.p_success is None else self.p_success.probability
 
     @property
     def tilt_sigma(self) -> float:
@@ -104,7 +104,7 @@ class PegSpread:
             "length": self.part.length,
             "ends": ends,
             "joint_covariance": self.covariance.tolist(),
-            "success_probability_error": None if self.odds is None else finite_or_none(self.odds.error),
+            "success_probability_error": None if self.p_success is None else finite_or_none(self.p_success.error),
             "tilt_sigma_max": self.tilt_sigma,
             **{name: None if risk is None else vars(risk) for name, risk in risks.items()},
         }

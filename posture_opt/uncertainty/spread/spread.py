@@ -217,8 +217,8 @@ def propagate(problem: HasSources, posture: PostureLike) -> Spread:
 def require_sources(sources: Sources) -> None:
     """Raise InputError where nothing is uncertain."""
     if sources.empty:
-        mend = "add for example uncertainty: {sigma: {joint1.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
-        raise InputError(Issue("nothing is uncertain, so nothing scatters", ("uncertainty",), mend=mend))
+        hint = "add for example uncertainty: {sigma: {joint1.theta: 0.02 deg}} or uncertainty: {repeatability: 0.05 mm}"
+        raise InputError(Issue("nothing is uncertain, so nothing scatters", ("uncertainty",), hint=hint))
 
 
 def ellipse_basis(tool_point: ToolPoint, covariance: Array) -> Array:

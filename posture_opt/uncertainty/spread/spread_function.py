@@ -99,20 +99,20 @@ class SpreadFunction:
 
     def _read(self, Q: ArrayLike) -> tuple[Array, bool]:
         robot = self._tool_point.robot
-        mend = (
+        hint = (
             f"give (N, {robot.n}) or ({robot.n},) numbers: {', '.join(robot.joint_names)} (rad, prismatic joints in m)"
         )
         try:
             postures = np.asarray(Q, dtype=float)
         except (TypeError, ValueError):
-            raise InputError(Issue("the postures are no array of numbers", ("Q",), mend=mend)) from None
+            raise InputError(Issue("the postures are no array of numbers", ("Q",), hint=hint)) from None
         single = postures.ndim == 1
         if postures.ndim not in (1, 2) or postures.shape[-1] != robot.n:
-            raise InputError(Issue(f"postures of shape {postures.shape}", ("Q",), mend=mend))
+            raise InputError(Issue(f"postures of shape {postures.shape}", ("Q",), hint=hint))
         rows = np.atleast_2d(postures)
         if not np.isfinite(rows).all():
             row = int(np.argmin(np.isfinite(rows).all(axis=1)))
-            raise InputError(Issue(f"the posture in row {row} is not finite", ("Q",), rows[row].tolist(), mend))
+            raise InputError(Issue(f"the posture in row {row} is not finite", ("Q",), rows[row].tolist(), hint))
         return rows, single
 
 

@@ -1,4 +1,4 @@
-"""``TaskSpread``: the part of a spread that a task minds, its odds, and the sources that it comes from."""
+"""``TaskSpread``: the part of a spread that a task depends on, its probability of success and its sources."""
 
 from __future__ import annotations
 
