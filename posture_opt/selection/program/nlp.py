@@ -1,4 +1,8 @@
-"""``Nlp``: the nonlinear program as a value with named variables and rows."""
+"""``Nlp``: the nonlinear program as a value with named variables and rows.
+
+Names, units and bounds travel with the expressions: a report can say which requirement fails and by how much, and
+``explain`` prints the program as it was solved.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ from posture_opt.model.compiled import BatchFunction
 
 @dataclass(frozen=True)
 class Variable:
-    """A decision variable with its bounds [unit]."""
+    """A decision variable, a joint or a coordinate of the placement, with its bounds [unit]; equal ones fix it."""
 
     name: str
     unit: str
@@ -26,10 +30,11 @@ class Variable:
 class Row:
     """A constraint ``lower ≤ expression ≤ upper`` [unit]; the bounds may depend on the target's parameters.
 
-    ``term`` is the term or obstacle that it belongs to; the rows of target and tool axis say so in their names.
-    ``shown`` turns a value of the expression into what people are told.
-    ``convex`` says that the expression mostly bends upwards, as a distance does: its curvature makes the Lagrangian of
-    a lower bound bend downwards.
+    Args:
+        term: the term or obstacle that it belongs to; the rows of target and tool axis say so in their names.
+        shown: turns a value of the expression into what reports state.
+        convex: the expression mostly bends upwards, as a distance does: its curvature makes the Lagrangian of a lower
+            bound bend downwards, and a method that wants a positive definite Hessian leaves it out.
     """
 
     name: str
@@ -49,10 +54,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Nlp:
-    """``minimise objective(x, p)`` subject to the rows and to the bounds of the variables.
+    """``minimise objective(x, p)`` subject to the rows ``lower(p) ≤ g(x, p) ≤ upper(p)`` and to the bounds of x.
 
-    ``terms`` names the parts of the objective, the task's own first; ``variance`` [m²] along the worst axis of the
-    spread that counts, whatever the criterion, is what postures are compared by in words.
+    Args:
+        x: (n,) variables; ``p`` (30,) the parameters of the target.
+        objective: of order one, the sum of ``terms``, each with its name, the task's own first.
+        variance: [m²] along the worst axis of the spread that counts, whatever the criterion: what postures are
+            compared by in words.
     """
 
     x: ca.SX
@@ -65,7 +73,7 @@ class Nlp:
 
     @cached_property
     def g(self) -> ca.SX:
-        """(m,) all rows."""
+        """(m,) the expressions of all rows."""
         return ca.vertcat(*(row.expression for row in self.rows)) if self.rows else ca.SX(0, 1)
 
     def as_casadi(self) -> dict[str, ca.SX]:
@@ -96,6 +104,7 @@ class Nlp:
 
     @cached_property
     def _row_bounds(self) -> BatchFunction:
+        """(p,) -> lower and upper bounds (m,) of the rows, interpreted: they are a few additions."""
         low, high = _stacked([row.lower for row in self.rows]), _stacked([row.upper for row in self.rows])
         return BatchFunction(ca.Function("row_bounds", [self.p], [low, high]), compiled=False)
 
@@ -110,12 +119,18 @@ class Nlp:
 
 
 def _stacked(bounds: Sequence[ca.SX]) -> ca.SX:
+    """Bounds (m,) in one column, also where there are none."""
     return ca.vertcat(*bounds) if bounds else ca.SX(0, 1)
 
 
 @dataclass(frozen=True)
 class Values:
-    """Terms of the objective (t,), rows (m,) and their bounds (m,) at one posture and one target."""
+    """A nonlinear program at one posture and one target.
+
+    Args:
+        terms: (t,) parts of the objective.
+        rows: (m,) values of the rows, between ``row_lower`` and ``row_upper`` (m,) where they are met.
+    """
 
     terms: np.ndarray
     rows: np.ndarray

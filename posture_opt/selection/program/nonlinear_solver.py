@@ -1,4 +1,7 @@
-"""``NonlinearSolver``: IPOPT as it comes with CasADi, one solve at a time, which an interrupt ends."""
+"""``NonlinearSolver``: IPOPT as it comes with CasADi, one solve at a time, which an interrupt ends.
+
+Wächter and Biegler, Mathematical Programming 106 (2006) 25–57, with the linear solver MUMPS of CasADi's wheel.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,14 @@ if hasattr(os, "register_at_fork"):  # what another thread held goes on being he
 
 @dataclass(frozen=True)
 class SolverAnswer:
-    """Where a solve ended: the variables (n,), whether IPOPT calls them optimal, its own words, its iterations."""
+    """Where a solve ended.
+
+    Args:
+        x: (n,) the variables.
+        optimal: IPOPT's status is ``Solve_Succeeded``; a merely acceptable point is not.
+        message: IPOPT's status.
+        iterations: that it took.
+    """
 
     x: Array
     optimal: bool
@@ -55,6 +65,8 @@ class NonlinearSolver:
         self, x0: Array, lower: Array, upper: Array, row_lower: Array, row_upper: Array, p: Any = ()
     ) -> SolverAnswer:
         """The local optimum from ``x0`` (n,), within bounds of the variables (n,) and rows (m,).
+
+        Bounds of a variable that are equal fix it. Other threads that want to solve wait until this one is done.
 
         Raises:
             KeyboardInterrupt: as anything else that a signal handler raises while IPOPT works.

@@ -1,4 +1,8 @@
-"""From a problem to its nonlinear program: variables, objective and named rows."""
+"""From a problem to its nonlinear program: variables, objective and named rows.
+
+The variables are the joints. The target's numbers are parameters: one compiled program serves every target of its
+kind.
+"""
 
 from __future__ import annotations
 
@@ -32,11 +36,15 @@ Alignment = Literal["exact", "loose", "free"]
 class OptimisationProblem(DerivedAgain):
     """Everything symbolic about selecting a posture for ``task`` with one kind of target.
 
-    ``kind`` is ``point``, ``region`` or ``anywhere``; ``alignment`` says whether the tool axis is held along the
-    direction exactly, within ``reach.axis_slack`` (an arm with too few joints for more), or not at all; ``in_plane``
-    whether the direction lies in the plane of a planar arm; ``scene`` is what the arm keeps clear of by rows, None
-    where collisions are not looked at. They decide which rows and which spread there are; the
-    numbers come later.
+    Which rows and which spread there are is decided here; the numbers come with each target.
+
+    Args:
+        reach: what the arm can do with its tool point and its tool axis.
+        kind: of the target: ``point``, ``region`` or ``anywhere``.
+        alignment: whether the tool axis is held along the direction exactly, within ``reach.axis_slack`` (an arm with
+            too few joints for more), or not at all.
+        in_plane: whether the direction lies in the plane of a planar arm.
+        scene: what the arm keeps clear of by rows; None where collisions are not looked at.
     """
 
     tool_point: ToolPoint
@@ -82,7 +90,11 @@ class OptimisationProblem(DerivedAgain):
         return "This arm cannot point its tool axis along the direction: the tool orientation is not constrained."
 
     def check_axis(self, target: TaskTarget) -> None:
-        """Raise InputError where the task requires an axis that the arm cannot give."""
+        """Whether the arm can do with its tool axis what the task requires.
+
+        Raises:
+            InputError: it cannot, with the key that asks for it.
+        """
         if self.task.part is not None and not self.axis_rows and not self.fixed_along(target):
             raise InputError(
                 Issue(
@@ -115,6 +127,7 @@ class OptimisationProblem(DerivedAgain):
 
     @cached_property
     def _moments(self) -> Moments:
+        """Mean and covariance of the tool point as expressions in the joints, world [m], [m²]."""
         # Correlated errors of a spatial arm have few nodes for their shared factors here: the graph stays small, the
         # covariance positive semidefinite and complete to fourth order in σ. The answer is reported in full.
         return self.tool_point.moments(ca.vertsplit(self.q))
@@ -126,6 +139,7 @@ class OptimisationProblem(DerivedAgain):
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, dict[str, ca.SX]]:
+        """The parameters of the target: (30,) all of them, and by their names."""
         return target_symbols()
 
     @cached_property
@@ -193,6 +207,11 @@ class OptimisationProblem(DerivedAgain):
         return max(self.robot.n - len({*self.nlp.indifferent, *held}) - equal, 0)
 
     def _objective_terms(self) -> list[tuple[str, ca.SX]]:
+        """What is minimised, part by part: the criterion over its scale, and the terms of ``minimize`` with their
+        weights.
+
+        The scale is a typical variance [m²]: variances of 1e-9 m² would end a solver with absolute tolerances at once.
+        """
         task, at = self.task, self.quantities
         for k, term in enumerate(task.minimize):
             self._values(term, "minimize", k)
@@ -208,6 +227,10 @@ class OptimisationProblem(DerivedAgain):
         return [main, *extra]
 
     def _target_rows(self) -> list[Row]:
+        """The tool point on the target [m]: one equality for each direction in which the arm can move it, or a box.
+
+        An arm in a plane has two such rows and not three: a third would make the rows dependent.
+        """
         at, p = self.quantities, self._symbols[1]
         if self.kind == "anywhere":
             return []
@@ -230,6 +253,10 @@ class OptimisationProblem(DerivedAgain):
         return rows
 
     def _axis_rows(self) -> list[Row]:
+        """The tool axis t along the wanted axis a: ``a₁·t = 0``, ``a₂·t = 0`` and ``a·t ≥ 0``, a₁ and a₂ across a.
+
+        With a tilt: ``(a₁·t)² + (a₂·t)² ≤ sin² tilt``, which is smooth where the angle itself is not.
+        """
         if not self.axis_rows:
             return []
         at, p, zero = self.quantities, self._symbols[1], ca.SX(0)
@@ -243,7 +270,7 @@ class OptimisationProblem(DerivedAgain):
         return [Row("tool_axis.sin2_tilt", "1", tilt, ca.SX(-math.inf), p["sin_tilt"] ** 2), facing]
 
     def _yaw_rows(self) -> list[Row]:
-        """Sine of what the tool is turned beside the wanted yaw, and the side on which it faces."""
+        """Sine of the turn of the tool away from the wanted yaw, which is zero, and the side on which it faces."""
         if self.task.heading is None:
             return []
         p, zero, b = self._symbols[1], ca.SX(0), spin_axis(self.task.tool_axis)
@@ -254,6 +281,7 @@ class OptimisationProblem(DerivedAgain):
         return [Row("yaw", "1", beside, zero, zero), facing]
 
     def _clearance_rows(self) -> list[Row]:
+        """A lower bound of each distance that is checked, at least the margin of the scene [m]."""
         if self.scene is None:
             return []
         margin, endless = ca.SX(self.scene.margin), ca.SX(math.inf)
@@ -261,6 +289,9 @@ class OptimisationProblem(DerivedAgain):
         return [Row(name, "m", bound, margin, endless, name, convex=True) for name, bound in bounds]
 
     def _bound_rows(self) -> list[Row]:
+        """The terms of ``subject_to``, each entry over the size of its row; terms that hold joints are bounds of
+        these.
+        """
         rows = []
         kinds = [term.kind for term in self.task.subject_to]
         for k, term in enumerate(self.task.subject_to):
@@ -275,7 +306,11 @@ class OptimisationProblem(DerivedAgain):
         return rows
 
     def _values(self, term: Term, section: str, place: int) -> list[ca.SX]:
-        """The quantities of a term, which the joints change."""
+        """The quantities of a term [unit], one for each of its rows.
+
+        Raises:
+            InputError: the term has none on this arm, as no joint of it can change them.
+        """
         values: list[ca.SX] = ca.vertsplit(ca.vec(term.quantity(self.quantities)))
         if not values:
             message = f"{term.kind} bounds nothing on this arm: no joint of it can change that"

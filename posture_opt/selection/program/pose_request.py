@@ -1,4 +1,7 @@
-"""``PoseRequest``: what the inverse kinematics is to reach for a target, row by row of a batch."""
+"""``PoseRequest``: what the inverse kinematics is to reach for a target, row by row of a batch.
+
+A request is numbers only, so that one compiled step serves targets of every kind.
+"""
 
 from __future__ import annotations
 
@@ -57,8 +60,12 @@ def request_for(
 ) -> PoseRequest:
     """Targets for ``count`` starts: the point, or points drawn from the region; axes drawn within the tilt.
 
-    ``whole_box`` takes any point of the region: an arm with few joints cannot align its tool at a drawn one, while
-    an arm with many comes to lie at the region's edge. ``slack_of_axis`` is as good as no error of the axis.
+    Args:
+        aligned: whether the tool axis is asked for.
+        rng: what points and axes are drawn with.
+        whole_box: any point of the region will do: an arm with few joints cannot align its tool at a drawn one, while
+            an arm with many comes to lie at the region's edge.
+        slack_of_axis: error of the tool axis that is as good as none [rad].
     """
     anywhere = target.kind == "anywhere"
     position = np.zeros(3) if anywhere else rng.uniform(target.lower, target.upper, (count, 3))
@@ -90,7 +97,10 @@ def held_request(target: TaskTarget, aligned: bool, slack_of_axis: float) -> Pos
 
 
 def _within_tilt(target: TaskTarget, count: int, rng: np.random.Generator) -> Array:
-    """(count, 3) axes spread over the cone of the allowed tilt, every fourth one straight."""
+    """(count, 3) unit vectors spread evenly over the cone of the allowed tilt, every fourth one straight.
+
+    The angle goes with the root of a uniform number: equal areas of the (small) cap are equally likely.
+    """
     tilt = _INSIDE * target.tilt * np.sqrt(rng.uniform(size=count)) * (np.arange(count) % 4 != 0)
     turn = rng.uniform(0, 2 * np.pi, count)
     sideways = np.cos(turn)[:, None] * target.axis_basis[:, 0] + np.sin(turn)[:, None] * target.axis_basis[:, 1]

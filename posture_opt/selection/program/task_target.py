@@ -64,7 +64,11 @@ class Reach:
 
     @classmethod
     def of(cls, arm: Arm, tool_axis: tuple[float, float, float]) -> Reach:
-        """What ``arm`` can do with ``tool_axis`` (3,), tool frame, found at random postures."""
+        """What ``arm`` can do with ``tool_axis`` (3,), tool frame, found at random postures.
+
+        The range of the stacked Jacobians of some postures is what the tool point moves in; of the stacked turns of
+        the axis, ``ω_i × a``, what the axis turns in. Singular values below a tolerance count as none.
+        """
         rng = np.random.default_rng(0)
         robot = arm.robot
         moving = [k for k, joint in enumerate(robot.joints) if joint.lower < joint.upper]
@@ -104,7 +108,11 @@ class Reach:
         return self.normals[:, 0] if self.normals.shape[1] == 1 else None
 
     def outside(self, lower: Array, upper: Array) -> Array:
-        """(3,) shift [m] that brings the box to the plane (or line) that the tool point cannot leave."""
+        """(3,) shift [m] that brings the box to the plane (or line) that the tool point cannot leave.
+
+        Args:
+            lower, upper: (3,) corners of the box, world [m].
+        """
         N = self.normals
         point = np.clip(self.offset, lower, upper)
         # Least distance from the box by exact steps along one coordinate at a time: a convex quadratic in 3 unknowns.
@@ -119,11 +127,12 @@ class Reach:
         return np.asarray(N @ (N.T @ (self.offset - point)))
 
     def misses(self, lower: Array, upper: Array) -> bool:
-        """Whether no point of the box lies in the plane (or line) of the tool point."""
+        """Whether no point of the box (3,), (3,) [m] lies in the plane (or line) of the tool point."""
         return bool(np.linalg.norm(self.outside(lower, upper)) > self.plane_slack)
 
 
 def _range(columns: Array, lean: float = 0.0, least: float = 0.0) -> Array:
+    """(3, r) orthonormal basis of what columns (3, k) span, singular values below the tolerances left out."""
     U, s, _ = np.linalg.svd(columns, full_matrices=False)
     keep = s > max(max(_RANK, lean) * max(float(s[0]), 1e-6), least)
     basis = U[:, keep]
@@ -138,10 +147,12 @@ def _aligned(basis: Array, lean: float) -> Array:
 
 
 def _planar(axes: list[Array], lean: float) -> bool:
+    """Whether unit vectors (3,) all lie in one plane through the origin, up to ``lean`` [rad]."""
     return bool(np.linalg.svd(np.array(axes), compute_uv=False)[-1] < max(_DEPENDENT, lean * math.sqrt(len(axes))))
 
 
 def _normal(axes: list[Array]) -> Array:
+    """(3,) unit normal of the plane that is nearest to unit vectors (3,)."""
     return np.asarray(np.linalg.svd(np.array(axes))[2][-1])
 
 
@@ -205,12 +216,21 @@ class TaskTarget:
         return cls(lower, upper, d, B, d, B, clearance, task.tilt, spin=spin)
 
     def with_position(self, position: Array) -> TaskTarget:
-        """The same target at another point."""
+        """The same target at another point (3,), world [m].
+
+        Raises:
+            InputError: not three finite numbers.
+        """
         point = _vector(position, "position")
         return replace(self, lower=point, upper=point)
 
     def with_direction(self, direction: Array, reach: Reach) -> TaskTarget:
-        """The same target along another direction, the tool axis along it."""
+        """The same target along another direction (3,), world, the tool axis along it.
+
+        Raises:
+            InputError: not three finite numbers, a vector of length zero, or a task whose yaw belongs to its own
+                direction.
+        """
         d = _vector(direction, "direction")
         if np.linalg.norm(d) < 1e-12:
             raise InputError(Issue("a direction of length zero points nowhere", ("direction",), direction))
@@ -230,7 +250,10 @@ class TaskTarget:
         return replace(self, axis=axis, axis_basis=across_basis(axis, reach.normal))
 
     def moved(self, w: Array) -> TaskTarget:
-        """The same point in a frame that was the world's and is now at the placement w = (x, y, z, yaw) [m, rad]."""
+        """The same point in a frame that was the world's and is now at the placement w = (x, y, z, yaw) [m, rad].
+
+        Points become ``T_world_workpiece p``, directions are turned by its Rz(yaw).
+        """
         assert self.kind == "point", "a box that is turned is none"
         turn = math.cos(w[3]), math.sin(w[3])
         point = turned_about_z(self.lower, *turn) + w[:3]
@@ -262,14 +285,14 @@ class TaskTarget:
 
 
 def spin_axis(tool_axis: tuple[float, float, float]) -> Array:
-    """(3,) unit vector across the tool axis, tool frame, by which the spin is told: ``z × x`` of a tool axis z."""
+    """(3,) unit vector across the tool axis, tool frame, by which the spin is measured: ``z × x`` of a tool axis z."""
     a = np.array(tool_axis) / np.linalg.norm(tool_axis)
     b = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
     return np.asarray(b / np.linalg.norm(b))
 
 
 def target_symbols() -> tuple[ca.SX, dict[str, ca.SX]]:
-    """The parameter vector of the optimisation problem and its named parts."""
+    """The parameter vector (30,) of the optimisation problem, and its parts by the names of ``SIZES``."""
     p = ca.SX.sym("p", sum(SIZES.values()))
     parts = ca.vertsplit(p, [0, *np.cumsum(list(SIZES.values())).tolist()])
     return p, dict(zip(SIZES, parts, strict=True))
@@ -282,6 +305,11 @@ def turned_about_z(vector: Any, c: Any, s: Any) -> Any:
 
 
 def _vector(value: Array, what: str) -> Array:
+    """Three finite numbers (3,).
+
+    Raises:
+        InputError: they are not; ``what`` names them.
+    """
     array = np.asarray(value, dtype=float)
     if array.shape != (3,) or not np.all(np.isfinite(array)):
         raise InputError(Issue(f"{what} needs three finite numbers", (what,), value, "for example (0.6, 0.2, 0.1)"))

@@ -13,7 +13,11 @@ from posture_opt.selection.solvers.solver import Outcome, Polish, Solver
 
 
 class Ipopt(Solver):
-    """IPOPT with exact Hessians, started close to a feasible posture: the last word where the local search stalls."""
+    """IPOPT with exact Hessians, started close to a feasible posture, for starts at which the local search stalls.
+
+    Starts are feasible, so that it begins with a small barrier (``mu_init`` 1e-6) instead of walking away from them,
+    and a point that is merely acceptable does not count as an optimum.
+    """
 
     summary: ClassVar[str] = "sequential quadratic programming from every start; IPOPT where that does not converge"
 

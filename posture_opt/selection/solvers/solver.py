@@ -1,4 +1,7 @@
-"""``Solver``: what polishes a feasible posture into a locally optimal one."""
+"""``Solver``: what polishes a feasible posture into a locally optimal one.
+
+Building and solving are two steps: the functions of a program are compiled once and called for every start and target.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,13 @@ from posture_opt.spec import Spec
 
 @dataclass(frozen=True)
 class Outcome:
-    """One local solve: the point (n,), whether the solver calls it optimal, and its own words."""
+    """One local solve.
+
+    Args:
+        x: (n,) the point where it ended, within the bounds of the variables.
+        optimal: whether the solver's own test of optimality is met.
+        message: its status in its own words.
+    """
 
     x: np.ndarray
     optimal: bool
@@ -28,7 +37,11 @@ Polish = Callable[[np.ndarray, np.ndarray], Outcome]
 
 
 class Solver(Spec):
-    """A local solver, the starts of a batch (default: by the freedom that is left) and the seed they are drawn with."""
+    """A local solver, the starts of a batch (default: by the freedom that is left) and the seed they are drawn with.
+
+    ``tolerance`` is that of the optimality conditions, scaled: the objective is of order one by its construction. The
+    same seed gives the same answer, whatever the number of workers.
+    """
 
     summary: ClassVar[str]
     """One line for ``optimize-posture list``."""
@@ -40,4 +53,4 @@ class Solver(Spec):
 
     @abstractmethod
     def build(self, nlp: Nlp) -> Polish:
-        """A function that solves ``nlp`` locally, again and again."""
+        """A function that solves ``nlp`` locally, again and again: (start (n,), target parameters (30,)) -> outcome."""

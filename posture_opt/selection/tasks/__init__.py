@@ -17,7 +17,10 @@ KINDS = ("insert", "drill", "probe", "measure", "trace", "weld", "dispense", "pl
 
 
 def task_class(kind: str) -> type[Task] | None:
-    """The task of a kind; None where this package has none."""
+    """The class of a kind; None where this package has none.
+
+    Only the file of that kind is imported: the others cost a cold command some milliseconds each.
+    """
     if kind not in KINDS:
         return None
     found: type[Task] = getattr(import_module(f"posture_opt.selection.tasks.{kind}"), class_name(kind))
@@ -32,7 +35,11 @@ def __getattr__(name: str) -> Any:
 
 
 def known_to(kind: str | None, keys: Mapping[str, Any], tasks: Sequence[type[Task]]) -> dict[str, Any]:
-    """Those ``keys`` of a section ``task`` that a task of another kind has too; all of them where there is none."""
+    """Those ``keys`` of a section ``task`` that a task of another kind has too; all of them where there is none.
+
+    A task named on the command line overrides that of the file; what both know stays: direction, target, clearance. A
+    key that no task knows stays too, so that it is refused by its name and not dropped in silence.
+    """
     for task in tasks:
         if task.model_fields["kind"].annotation.__args__[0] == kind:  # type: ignore[union-attr]
             return {key: value for key, value in keys.items() if key in task.model_fields or not _of_any(tasks, key)}
@@ -40,6 +47,7 @@ def known_to(kind: str | None, keys: Mapping[str, Any], tasks: Sequence[type[Tas
 
 
 def _of_any(tasks: Sequence[type[Task]], key: str) -> bool:
+    """Whether any task has such a key."""
     return any(key in task.model_fields for task in tasks)
 
 

@@ -11,7 +11,8 @@ from posture_opt.uncertainty.regions.critical import Within
 class Custom(Task):
     """A task made up in the file: ``within``, ``axis`` and ``criterion`` are keys like the others.
 
-    ``criterion: none`` leaves the spread out of what is made small; it is reported all the same.
+    ``criterion: none`` leaves the spread out of what is made small; it is reported all the same. What a task of the
+    list cannot say, an objective of ``minimize`` terms alone, say, is a custom one.
     """
 
     summary: ClassVar[str] = "one of your own: within, axis, criterion, minimize and subject_to say what counts."

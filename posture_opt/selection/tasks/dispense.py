@@ -9,7 +9,10 @@ from posture_opt.selection.tasks.task import Criterion
 
 
 class Dispense(SeamTask):
-    """Dispensing along a line: sideways errors misplace the bead, errors of height change its width."""
+    """Dispensing along a line: sideways errors misplace the bead, errors of height change its width.
+
+    So both directions across the line count: ``min max λ_max(Bᵀ C B)`` over the points, B (3, 2) across the tangent.
+    """
 
     summary: ClassVar[str] = "lay a bead: the spread across it, height included, counts; tool axis held, stand-off."
 

@@ -9,7 +9,11 @@ from posture_opt.uncertainty.regions.critical import Within
 
 
 class Drill(Task):
-    """Drilling along ``direction``: as insertion, with the tool axis required to lie along it."""
+    """Drilling along ``direction``: as insertion, with the tool axis required to lie along it.
+
+    An arm that cannot point its tool along the direction is refused, where ``insert`` reports the axis as
+    unconstrained.
+    """
 
     within: ClassVar[Within] = "across"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "required"

@@ -9,7 +9,10 @@ from posture_opt.uncertainty.regions.critical import Within
 
 
 class Hold(Task):
-    """Holding a part for a screw or a camera: the worst of all directions is made small, depth included."""
+    """Holding a part for a screw or a camera: the worst of all directions is made small, depth included.
+
+    ``λ_max(C)`` of the whole covariance (3, 3); of a planar arm in its plane.
+    """
 
     within: ClassVar[Within] = "all"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "aligned"

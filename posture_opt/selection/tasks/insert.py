@@ -17,10 +17,11 @@ Positive = Annotated[Length, Field(gt=0)]
 
 
 class Insert(Task):
-    """Insertion along ``direction``: the worst axis of the spread across it is made small.
+    """Insertion along ``direction`` d: the worst axis of the spread across it is made small, ``λ_max(Bᵀ C B)``.
 
-    With the ``length`` of the peg the tilt counts too: the peg's tip is the tool point, its body goes back along the
-    tool axis, and the worse of its two ends is what is made small.
+    B (3, 2) is an orthonormal complement of d: an error along d changes the depth alone. With the ``length`` of the
+    peg the tilt counts too: the peg's tip is the tool point, its body goes back along the tool axis, and the worse of
+    its two ends is what is made small. ``diameter`` and ``friction`` add the probability of wedging.
     """
 
     within: ClassVar[Within] = "across"
@@ -36,6 +37,11 @@ class Insert(Task):
 
     @model_validator(mode="after")
     def _whole_peg(self) -> Insert:
+        """Whether what the file says of the peg is enough for what it asks.
+
+        Raises:
+            BadValueError: only one of diameter and friction, or either without length and clearance.
+        """
         if (self.diameter is None) != (self.friction is None):
             raise BadValueError(
                 "diameter and friction tell the probability of wedging together", "state both or neither"

@@ -79,6 +79,7 @@ class PathTask(Task):
     @field_validator("points", mode="after")
     @classmethod
     def _distinct_points(cls, points: tuple[Point, ...] | None, info: ValidationInfo) -> tuple[Point, ...] | None:
+        """The points, at least two, none of which repeats the one before: a path has a tangent everywhere."""
         if points is not None:
             if len(points) < 2:
                 raise BadValueError("a path has at least two points", "add points, or give the point as position")
@@ -89,6 +90,7 @@ class PathTask(Task):
     @model_validator(mode="before")
     @classmethod
     def _one_path(cls, data: Any) -> Any:
+        """The section as it is, where the target is stated in one way."""
         if isinstance(data, dict):
             given = [key for key in ("path", "points", "position", "region", "features") if data.get(key)]
             if len(given) > 1 and given[0] in ("path", "points"):
@@ -97,6 +99,7 @@ class PathTask(Task):
 
     @model_validator(mode="after")
     def _axes_belong_to_points(self) -> PathTask:
+        """The task as it is, where there is one axis for each point."""
         if self.axes is not None and (self.points is None or len(self.axes) != len(self.points)):
             raise BadValueError(
                 f"{len(self.axes)} axes for {len(self.points or ())} points",
@@ -106,7 +109,7 @@ class PathTask(Task):
 
 
 def _distance(point: Point, a: Point, b: Point) -> float:
-    """From a segment [m]."""
+    """Distance [m] of a point (3,) from the segment between a and b."""
     along = sum((q - p) * (x - p) for x, p, q in zip(point, a, b, strict=True)) / math.dist(a, b) ** 2
     share = min(max(along, 0.0), 1.0)
     nearest = [p + share * (q - p) for p, q in zip(a, b, strict=True)]
@@ -114,5 +117,5 @@ def _distance(point: Point, a: Point, b: Point) -> float:
 
 
 def repeated(points: tuple[Point, ...]) -> list[int]:
-    """Points (their numbers from 0) that the next one repeats."""
+    """Points (their numbers from 0) that the next one repeats, closer than 1e-9 m."""
     return [k for k, (a, b) in enumerate(pairwise(points)) if math.dist(a, b) < _APART]

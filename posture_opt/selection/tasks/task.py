@@ -1,4 +1,9 @@
-"""``Task``: what the tool point has to do, and therefore which part of its scatter matters."""
+"""``Task``: what the tool point has to do, and therefore which part of its scatter matters.
+
+A kind is a class whose fields are its keys in the file. Four of its class variables say what it means: which part of
+the spread counts (``within``), what is asked of the tool axis (``axis``), and how it is named. Nobody asks a task for
+its kind.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +25,17 @@ Criterion = Literal["worst", "trace", "area", "miss", "none"]
 
 
 class Region(Spec):
-    """A box in the world that the tool point may be placed in."""
+    """A box in the world [m] that the tool point may be placed in, its sides along the axes.
+
+    The search chooses the point in it together with the posture.
+    """
 
     min: tuple[Length, Length, Length]
     max: tuple[Length, Length, Length]
 
     @model_validator(mode="after")
     def _ordered(self) -> Region:
+        """The box as it is, unless a minimum is above its maximum."""
         for axis, low, high in zip("xyz", self.min, self.max, strict=True):
             if low > high:
                 raise BadValueError(f"the box is empty: min {low:g} m is above max {high:g} m in {axis}", "swap them")
@@ -112,6 +121,7 @@ class Task(Spec):
     @field_validator("position", mode="before")
     @classmethod
     def _three(cls, value: Any, info: ValidationInfo) -> Any:
+        """The position as it was given, with three entries: pydantic's own message does not say what to write."""
         if isinstance(value, list | tuple) and len(value) != 3:
             raise BadValueError(
                 f"a position has three coordinates, {len(value)} are given", "write [0.6 m, 0.2 m, 0.1 m]"
@@ -120,6 +130,11 @@ class Task(Spec):
 
     @model_validator(mode="after")
     def _one_target(self) -> Task:
+        """The task as it is, where target and criterion fit each other.
+
+        Raises:
+            BadValueError: two targets, a probability without a clearance or without a hole, or nothing to minimise.
+        """
         if self.position is not None and self.region is not None:
             raise BadValueError("position and region are both given", "keep one of them")
         if self.criterion == "miss" and not self._all_have_clearance:
@@ -134,6 +149,11 @@ class Task(Spec):
 
     @model_validator(mode="after")
     def _parts_of_a_workpiece(self) -> Task:
+        """The task as it is, where workpiece, features and ``combine`` fit each other.
+
+        Raises:
+            BadValueError: features beside another target, a workpiece without features, or ``combine`` without them.
+        """
         if self.features and (self.position is not None or self.region is not None):
             word = "position" if self.position is not None else "region"
             raise BadValueError(f"features and {word} are both given", "keep one of them: features have positions")
@@ -147,7 +167,12 @@ class Task(Spec):
         return self._combinable()
 
     def _combinable(self) -> Task:
-        """The same task, where what it makes small of each feature can be combined as it says."""
+        """The same task, where what it makes small of each feature can be combined as it says.
+
+        Raises:
+            BadValueError: a joint probability of a task without hole, with a peg, or without a clearance at some
+                feature.
+        """
         if self.combine == "success":
             if self.within == "all":
                 raise BadValueError(f"task {self.kind} has no hole to succeed at", "use combine: worst or mean")
@@ -174,6 +199,7 @@ class Task(Spec):
 
     @property
     def _all_have_clearance(self) -> bool:
+        """Whether a clearance is known wherever the task is done."""
         if self.clearance is not None:
             return True
         return bool(self.features) and all(feature.clearance is not None for feature in self.features)

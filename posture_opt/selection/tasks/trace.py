@@ -10,7 +10,11 @@ from posture_opt.uncertainty.regions.critical import Within
 
 
 class Trace(PathTask):
-    """Following a path, or passing one point along ``direction``: the spread across the way of travel is made small."""
+    """Following a path, or passing one point along ``direction``: the spread across the way of travel is made small.
+
+    An error along the way shifts a point on the line that is drawn anyway. The tool axis is free, unless the path's
+    file says where it points.
+    """
 
     within: ClassVar[Within] = "across"
     axis: ClassVar[Literal["aligned", "required", "free"]] = "free"

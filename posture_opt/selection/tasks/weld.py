@@ -9,7 +9,10 @@ from posture_opt.selection.tasks.task import Criterion
 
 
 class Weld(SeamTask):
-    """Welding along a seam: sideways errors miss the joint, errors of height change arc and heat."""
+    """Welding along a seam: sideways errors miss the joint, errors of height change arc and heat.
+
+    So both directions across the seam count, as of ``dispense``, and an error along the seam does not.
+    """
 
     summary: ClassVar[str] = "weld a seam: the spread across it, height included, counts; tool axis held, stand-off."
 

@@ -1,4 +1,7 @@
-"""``workpiece`` and ``features`` of a task: where a part stands, as far as that is free, and what is done at it."""
+"""``workpiece`` and ``features`` of a task: where a part is, as far as that is free, and what is done at it.
+
+The placement is ``T_world_workpiece = Trans(x, y, z) Rz(yaw)``: a part lies on its bench, so it has four coordinates.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ MOST_FEATURES = 30
 
 
 def _span(dimension: str) -> Any:
-    """A value, or [least, most]: always kept as two numbers, which are equal where the value is fixed."""
+    """The type of a value, or [least, most]: always kept as two numbers [SI], equal where the value is fixed."""
     example = DIMENSIONS[dimension][1]
 
     def read(value: Any) -> tuple[float, float]:
@@ -52,9 +55,10 @@ else:
 
 
 class Workpiece(Spec):
-    """The pose of the frame that features (or a path) stand in: ``Trans(x, y, z) Rz(yaw)`` in the world.
+    """The pose ``T_world_workpiece = Trans(x, y, z) Rz(yaw)`` of the frame that features (or a path) are in.
 
-    Each coordinate is one value, which is fixed, or ``[least, most]``, within which it is chosen.
+    Each coordinate is one value, which is fixed, or ``[least, most]``, within which it is chosen together with the
+    postures.
     """
 
     x: LengthSpan = (0.0, 0.0)
@@ -74,7 +78,10 @@ class Workpiece(Spec):
 
 
 class Feature(Spec):
-    """One place of the workpiece at which the task is done, in the frame of the workpiece."""
+    """One place of the workpiece at which the task is done: position [m] and direction, in the frame of the workpiece.
+
+    Its direction turns with the workpiece; that of the task does so too where a feature states none.
+    """
 
     name: Annotated[str, Field(min_length=1, description="told in reports, unique", examples=["hole 1"])]
     position: tuple[Length, Length, Length]
@@ -83,6 +90,11 @@ class Feature(Spec):
 
 
 def _distinct(features: tuple[Feature, ...]) -> tuple[Feature, ...]:
+    """The features, each with a name of its own and no more than were tried.
+
+    Raises:
+        BadValueError: two of one name, or too many.
+    """
     names = [feature.name for feature in features]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

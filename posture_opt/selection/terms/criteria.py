@@ -1,4 +1,8 @@
-"""Numbers that sum up a projected covariance, as smooth expressions: the criteria of a task."""
+"""Numbers that sum up a projected covariance C (m, m) [m²], as smooth expressions: the criteria of a task.
+
+The largest eigenvalue has a kink where two eigenvalues coincide, and making it small often makes them equal. So
+eigenvalues are rounded off by a fixed fraction of the trace. All functions take and return CasADi expressions.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,14 @@ _NODES = 48  # directions: the logarithm is right to 1e-6 for axes of up to 1 : 
 
 
 def eigenvalues(C: ca.SX) -> list[ca.SX]:
-    """Eigenvalues of a symmetric (m, m) matrix, m ≤ 3, ascending, rounded where they meet."""
+    """Eigenvalues of a symmetric (m, m) matrix, m ≤ 3, ascending, rounded where they meet.
+
+    For m = 2, with mean t = (c₁₁ + c₂₂)/2 and ε the rounding,
+
+        λ = t ± sqrt(((c₁₁ − c₂₂)/2)² + c₁₂² + (ε t)²)
+
+    so that the larger one is too large by at most ε t, and by ε² t²/(2 r) where the axes differ by 2 r.
+    """
     m = C.shape[0]
     if m == 1:
         return [C[0, 0]]
@@ -26,9 +37,10 @@ def eigenvalues(C: ca.SX) -> list[ca.SX]:
 
 
 def worst_across(C: ca.SX, axis: ca.SX) -> ca.SX:
-    """Largest eigenvalue of a symmetric (3, 3) matrix across a unit vector (3,), by trace and determinant there.
+    """Largest eigenvalue [m²] of a symmetric (3, 3) matrix across a unit vector (3,), by trace and determinant there.
 
-    No basis across the vector is needed, so that nothing depends on how one would be turned about it.
+    With P = I − a aᵀ the two eigenvalues of P C P that are not zero have the sum ``tr C − aᵀ C a`` and the product
+    ``aᵀ adj(C) a``. No basis across the vector is needed, so that nothing depends on how one would be turned about it.
     """
     mean = (ca.trace(C) - ca.dot(axis, C @ axis)) / 2
     columns = [C[:, k] for k in range(3)]
@@ -37,7 +49,12 @@ def worst_across(C: ca.SX, axis: ca.SX) -> ca.SX:
 
 
 def _eigenvalues_3(C: ca.SX) -> list[ca.SX]:
-    """Trigonometric solution of the characteristic equation (Smith 1961)."""
+    """The eigenvalues of a symmetric (3, 3) matrix, ascending.
+
+    Trigonometric solution of the characteristic equation (Smith 1961): ``λ_k = t + 2 p cos(θ + 2πk/3)`` with the mean
+    t, ``6 p² = ‖C − t I‖²`` and ``cos 3θ = det(C − t I)/(2 p³)``. The argument of the arccosine stays 1e-9 inside of
+    ±1, where its slope is infinite.
+    """
     mean = ca.trace(C) / 3
     D = C - mean * ca.SX.eye(3)
     p = ca.sqrt(ca.sumsqr(D) / 6 + (_ROUNDING * mean) ** 2)
@@ -47,16 +64,20 @@ def _eigenvalues_3(C: ca.SX) -> list[ca.SX]:
 
 
 def _det3(M: ca.SX) -> ca.SX:
+    """The determinant of a (3, 3) matrix, as the triple product of its columns."""
     return ca.dot(M[:, 0], ca.cross(M[:, 1], M[:, 2]))
 
 
 def worst(C: ca.SX) -> ca.SX:
-    """Largest eigenvalue [m²]: the variance along the worst axis."""
+    """Largest eigenvalue [m²]: the variance along the worst axis, the square of ``sigma_max`` up to the rounding."""
     return eigenvalues(C)[-1]
 
 
 def largest(variances: Sequence[ca.SX]) -> ca.SX:
-    """The largest of some variances [m²], rounded where they are equal, as eigenvalues are."""
+    """The largest of some variances [m²], rounded where they are equal, as eigenvalues are.
+
+    They are taken two by two as the eigenvalues of a diagonal matrix: the rounding is that of the criteria themselves.
+    """
     found = variances[0]
     for other in variances[1:]:
         found = eigenvalues(ca.diag(ca.vertcat(found, other)))[-1]
@@ -69,7 +90,11 @@ def trace(C: ca.SX) -> ca.SX:
 
 
 def area(C: ca.SX) -> ca.SX:
-    """``det(C)^(1/m)`` [m²]: the squared mean radius of the ellipse (or ellipsoid) of that area (or volume)."""
+    """``det(C)^(1/m)`` [m²]: the squared mean radius of the ellipse (or ellipsoid) of that area (or volume).
+
+    The root keeps the unit of a variance for m = 1, 2 and 3. At a singular posture the determinant is zero and its
+    root has no slope: ``(ε tr C/m)^m`` is added to it.
+    """
     m = C.shape[0]
     if m == 1:
         return C[0, 0]
@@ -82,9 +107,14 @@ def area(C: ca.SX) -> ca.SX:
 def log_miss(C: ca.SX, bias: ca.SX, clearance: ca.SX) -> ca.SX:
     """Logarithm of the probability that a Gaussian point lies farther than ``clearance`` from the target.
 
-    With ``x = b + ρ L u(φ)`` the point leaves the circle at ``ρ*(φ)``, and
-    ``P = (1/2π) ∫ exp(−ρ*²/2) dφ``; the periodic trapezoid rule converges exponentially. The logarithm keeps a
-    slope where P itself is 1e-30. The bias must be smaller than the clearance.
+    With ``x = b + ρ L u(φ)``, L Lᵀ = C, the point leaves the circle of radius c at ``ρ*(φ)``, and ``P = (1/2π) ∫
+    exp(−ρ*²/2) dφ``; the periodic trapezoid rule converges exponentially. The logarithm keeps a slope where P itself
+    is 1e-30. The bias must be smaller than the clearance.
+
+    Args:
+        C: (m, m) covariance of the part that counts [m²], m = 1 (an interval) or 2 (a circle).
+        bias: (m,) mean of the error [m].
+        clearance: radial play c [m].
     """
     m = C.shape[0]
     if m == 1:
@@ -107,7 +137,10 @@ def log_miss(C: ca.SX, bias: ca.SX, clearance: ca.SX) -> ca.SX:
 
 
 def _log_tail(*distances: ca.SX) -> ca.SX:
-    """Logarithm of the mean of two Gaussian tails, by the asymptotic form that keeps a slope far out."""
+    """Logarithm of the mean of two Gaussian tails ``Q(z) = erfc(z/√2)/2``.
+
+    By a form that keeps a slope far out, where the tails themselves are smaller than the least positive float.
+    """
     terms = []
     for z in distances:
         # erfc(x) = exp(-x²) w(x), w by Abramowitz and Stegun (1964) 7.1.26: within 1 % up to z = 8, 7 % at z = 20.

@@ -1,4 +1,4 @@
-"""Term ``fixed_joints``: joints that stand still, a locked axis or one that cables hold."""
+"""Term ``fixed_joints``: joints that do not move, a locked axis or one that cables hold."""
 
 from __future__ import annotations
 
@@ -15,7 +15,12 @@ from posture_opt.units import JointValue
 
 
 class FixedJoints(Term):
-    """Named joints at given values [rad or m]: the search never moves them, random starts included."""
+    """Named joints at given values [rad or m]: ``q_i = v_i``; the search never moves them, random starts included.
+
+    It is no row of the program but a pair of equal bounds on a variable: the freedom of the arm is smaller, and
+    nothing has to be solved for. A value beyond the joint's limits is refused, and so is an arm that is held
+    altogether.
+    """
 
     summary: ClassVar[str] = "joints that are held at given values, JOINT: value (in subject_to)"
     unit: ClassVar[str] = "1"

@@ -1,4 +1,7 @@
-"""Values and bounds that a term states for named joints."""
+"""Values and bounds that a term states for named joints.
+
+A file names joints; the program counts them from 0 in the order of the chain.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +13,10 @@ from posture_opt.units import JointQuantity
 
 
 def joints_named(names: Iterable[str], robot: Robot) -> list[int]:
-    """The joints of these names.
+    """The indices of the joints of these names, in the order of the names.
 
     Raises:
-        BadValueError: a name that no joint has.
+        BadValueError: a name that no joint has; the hint holds the nearest one.
     """
     known = robot.joint_names
     for name in names:
@@ -23,11 +26,11 @@ def joints_named(names: Iterable[str], robot: Robot) -> list[int]:
 
 
 def joint_values(values: Mapping[str, JointQuantity], robot: Robot, *, within_limits: bool = False) -> dict[int, float]:
-    """Joint -> value [rad or m].
+    """Joint index -> value [rad or m], from quantities with their units.
 
     Raises:
         BadValueError: a name that no joint has, an angle for a prismatic joint, a length for a revolute one, or a
-            value beyond the limits where it has to lie within them.
+            value beyond the limits where ``within_limits`` is set.
     """
     found = {}
     for index, (name, given) in zip(joints_named(values, robot), values.items(), strict=True):

@@ -1,4 +1,7 @@
-"""Term ``joint_torque``: what gravity asks of the joints, payload included."""
+"""Term ``joint_torque``: what gravity asks of the joints, payload included.
+
+For an arm that holds still or moves slowly this is what its drives bear; accelerations are no part of it.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,9 @@ Bound = Annotated[Torque, Field(gt=0)]
 class JointTorque(Term):
     """Torque of gravity on every revolute joint, arm at rest [N m]: links with their masses, and the payload.
 
-    ``τ_i = Σ_k m_k (a_i × (x_k − o_i)) · g`` over the masses behind joint i, with the payload at the tool point.
+    ``τ_i = Σ_k m_k (a_i × (x_k − o_i)) · g`` over the masses m_k at x_k behind joint i, with the joint's axis a_i
+    through o_i and the payload at the tool point. Positive in the joint's positive direction. A bound holds for either
+    sign; it is one number for all joints, or one for each joint that is named.
     """
 
     summary: ClassVar[str] = "torque of gravity on every revolute joint, payload included (at_most, or weight)"
@@ -53,11 +58,13 @@ class JointTorque(Term):
         return -most, most
 
     def _joints(self, robot: Robot) -> list[int]:
+        """The joints whose torque is bounded or minimised: those named, else all that turn."""
         if isinstance(self.at_most, dict):
             return joints_named(self.at_most, robot)
         return [k for k, joint in enumerate(robot.joints) if joint.type == "revolute"]
 
     def _each(self) -> list[float]:
+        """The bounds [N m] of the named joints in the order of the file; none where one bound holds for all."""
         return list(self.at_most.values()) if isinstance(self.at_most, dict) else []
 
     def bounds_of(self, at: Quantities) -> list[tuple[float, float]]:

@@ -12,7 +12,11 @@ from posture_opt.units import Angle
 
 
 class LimitMargin(BoundedTerm):
-    """Distance of every revolute joint from its nearer limit [rad]; minimised, it is the joints' closeness."""
+    """Distance of every revolute joint from its limits [rad]: ``q_i − lower_i`` and ``upper_i − q_i``.
+
+    Each side is a row of its own, as the smaller of the two is not smooth. In ``subject_to`` both are at least
+    ``at_least``. In ``minimize`` the sum of their squares is least in the middle of the ranges.
+    """
 
     summary: ClassVar[str] = "distance of every revolute joint from its limits (at_least)"
     unit: ClassVar[str] = "rad"

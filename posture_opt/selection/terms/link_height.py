@@ -1,4 +1,7 @@
-"""Term ``link_height``: keep the arm above the table."""
+"""Term ``link_height``: keep the arm above the table.
+
+A cheap stand-in for an obstacle, for arms whose shape is not known: it looks at points, not at bodies.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,11 @@ from posture_opt.units import Length
 
 
 class LinkHeight(BoundedTerm):
-    """Height (z in the world) of the end of every link that a joint can raise [m]; the tool point is not among them."""
+    """Height (z in the world) of the end of every link that a joint can raise [m]; the tool point is not among them.
+
+    The end of link i is the origin of the frame behind joint i, ``T_world_i[2, 3]``. Links are taken as lines without
+    thickness: ``at_least`` has to hold half of their diameter too.
+    """
 
     summary: ClassVar[str] = "height (world z) of the end of every link (at_least)"
     unit: ClassVar[str] = "m"
@@ -29,7 +36,9 @@ class LinkHeight(BoundedTerm):
         return [f"link_height behind {at.robot.joints[k].name}" for k in self._moving(at)]
 
     def _moving(self, at: Quantities) -> list[int]:
-        """What no joint moves – the shoulder on its column – is as high as it was built."""
+        """Indices of the links whose end a joint can raise: what no joint moves, the shoulder on its column, is as high
+        as it was built.
+        """
         return [k for k in range(at.frames.shape[1]) if ca.depends_on(at.frames[2, k], at.q)]
 
     def bounds(self) -> tuple[float, float]:

@@ -1,4 +1,7 @@
-"""Term ``near_posture``: distance from a posture that the engineer likes."""
+"""Term ``near_posture``: distance from a posture that the engineer prefers.
+
+For a program that exists already, for cables, or for a place from which the arm comes.
+"""
 
 from __future__ import annotations
 
@@ -39,6 +42,7 @@ class NearPosture(BoundedTerm):
         return self
 
     def _each(self) -> dict[str, JointQuantity]:
+        """The bounds of the named joints, each with its unit; none where one bound holds for the mean."""
         return self.at_most if isinstance(self.at_most, dict) else {}
 
     def check(self, robot: Robot) -> None:
@@ -56,6 +60,11 @@ class NearPosture(BoundedTerm):
 
     @staticmethod
     def _distance(at: Quantities, wanted: dict[int, float]) -> ca.SX:
+        """The root mean square of the differences, ``sqrt(Σ ((q_i − w_i)/s_i)² / k)`` [rad].
+
+        With s = 1 for a revolute joint and the arm's length [m] for a slide. The 1e-12 under the root keeps it
+        differentiable at the posture itself.
+        """
         sizes = {"revolute": 1.0, "prismatic": max(at.robot.length, 1e-3)}
         differences = [(at.q[k] - value) / sizes[at.robot.joints[k].type] for k, value in wanted.items()]
         return ca.sqrt(ca.sumsqr(ca.vertcat(*differences)) / len(differences) + 1e-12)

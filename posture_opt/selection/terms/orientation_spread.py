@@ -1,4 +1,7 @@
-"""Term ``orientation_spread``: how far the tool is tilted, or turned about its axis, by the errors."""
+"""Term ``orientation_spread``: how far the errors tilt the tool, or turn it about its axis.
+
+For tasks whose tool has to stay upright or in its yaw, whatever the position of its point.
+"""
 
 from __future__ import annotations
 

@@ -13,7 +13,11 @@ from posture_opt.units import Length
 
 
 class SingularityMargin(BoundedTerm):
-    """Smallest singular value of the tool point's Jacobian [m/rad], written as a length per radian."""
+    """Smallest singular value σ_min(J) [m/rad] of the tool point's Jacobian J (r, n), written as a length per radian.
+
+    It is the shortest semi-axis of the velocities of the tool point under joint velocities of norm one. At zero one of
+    the r directions that the arm has is lost, and the first-order ellipse has a false axis of length zero.
+    """
 
     summary: ClassVar[str] = "smallest singular value of the position Jacobian, m per rad (at_least)"
     unit: ClassVar[str] = "m/rad"

@@ -1,4 +1,7 @@
-"""Term ``spread``: a standard deviation of the tool point."""
+"""Term ``spread``: a standard deviation of the tool point, beside the one that the task minimises.
+
+For example the depth of an insertion, which the task itself does not look at, kept below a bound.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,10 @@ from posture_opt.units import Length
 
 
 class SpreadTerm(StandardDeviationTerm):
-    """The largest standard deviation across the direction, along it, or in any direction [m]."""
+    """The largest standard deviation ``sqrt(λ_max(Bᵀ C B))`` [m] across the direction, along it, or in any direction.
+
+    C (3, 3) is the exact covariance of the tool point in the world [m²] and B (3, m) the basis of that part.
+    """
 
     summary: ClassVar[str] = "largest standard deviation across | along the direction, or all of it"
     unit: ClassVar[str] = "m"

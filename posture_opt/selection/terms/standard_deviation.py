@@ -1,4 +1,7 @@
-"""``StandardDeviationTerm``: what the terms share that keep a standard deviation below a bound."""
+"""``StandardDeviationTerm``: what the terms share that keep a standard deviation below a bound.
+
+A bound of some µm would disappear in a solver's tolerance of 1e-6; so the row is divided by the bound itself.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ _USUAL = 1e-3  # m or rad: where no bound tells what is large
 
 
 class StandardDeviationTerm(Term):
-    """A standard deviation with an upper bound; its row is measured in that, for bounds of a few µm are usual."""
+    """A standard deviation σ [m or rad] with an upper bound: the row is ``σ/at_most ≤ 1``."""
 
     at_most: float | None = None
 

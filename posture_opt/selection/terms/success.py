@@ -1,4 +1,4 @@
-"""Term ``success``: the probability to stay within the clearance."""
+"""Term ``success``: the probability to stay within the clearance, as a requirement or as the objective."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ class Success(Term):
     """Probability that the tool point stays within the clearance of the task, by the logarithm of a miss.
 
     ``ln P(miss) ≤ ln(1 − at_least)``: it has a slope where the probability itself is 1 to the last digit. In
-    ``minimize`` the logarithm itself is what is made small.
+    ``minimize`` the logarithm itself is what is made small. With a peg both ends have to stay within, and the bound of
+    Boole stands in for their joint probability: it is on the safe side, by at most a factor of two of the miss.
     """
 
     summary: ClassVar[str] = "probability to stay within the clearance (at_least)"

@@ -1,4 +1,8 @@
-"""``Term``: one quantity to minimise beside the task's own, or to keep within bounds; ``Quantities``: its symbols."""
+"""``Term``: one quantity to minimise beside the task's own, or to keep within bounds; ``Quantities``: its symbols.
+
+A term is a `Spec` whose fields are its keys in the file and whose methods are its mathematics. It never sees numbers
+of a posture: its expressions become part of the one program that all solvers share.
+"""
 
 from __future__ import annotations
 
@@ -63,13 +67,17 @@ class Quantities:
         return self.tool_point.robot
 
     def projected(self, within: Within) -> tuple[ca.SX, ca.SX]:
-        """Covariance (m, m) [m²] and bias (m,) [m] of the part of the spread."""
+        """Covariance ``Bᵀ C B`` (m, m) [m²] and bias ``Bᵀ b`` (m,) [m] of a part of the spread, in the basis B of that
+        part.
+        """
         basis = self.bases[within]
         return basis.T @ self.covariance @ basis, basis.T @ self.bias
 
     @cached_property
     def ends(self) -> tuple[tuple[ca.SX, ca.SX], ...]:
-        """Covariance (m, m) and bias (m,) of what the task minds: of the tool point, and of a peg's other end."""
+        """Covariance (m, m) [m²] and bias (m,) [m] of what the task depends on: of the tool point, and of a peg's other
+        end.
+        """
         basis, every = self.bases[self.within], [self.projected(self.within)]
         if self.part is not None:
             moments = self.part.behind(self.tool_point).moments(ca.vertsplit(self.q))
@@ -79,7 +87,11 @@ class Quantities:
 
     @cached_property
     def minded(self) -> tuple[ca.SX, ...]:
-        """Covariances [m²] that the criterion takes: of the ends; of a part with a lever its shift and lever × yaw."""
+        """Covariances [m²] that the criterion takes: of the ends; of a part with a lever its shift and lever × yaw.
+
+        With the lever l and the direction d the vector is ``(Bᵀ x, l dᵀ φ)``, of m + 1 entries: its trace is the mean
+        square shift of points spread evenly at that lever. The rotation φ [rad] is of first order.
+        """
         if not self.yaw_lever:
             return tuple(C for C, _ in self.ends)
         basis, pose = self.bases[self.within], ca.SX(self.tool_point.pose_first_order(ca.vertsplit(self.q), self.walk))
@@ -88,12 +100,15 @@ class Quantities:
         return (ca.blockcat([[self.ends[0][0], shared], [shared.T, turn.T @ pose[3:, 3:] @ turn]]),)
 
     def largest(self, measure: Callable[[ca.SX], ca.SX]) -> ca.SX:
-        """A measure [m²] of what is minded; of a peg that of the end that has more of it."""
+        """A measure [m²] of the covariances that count; of a peg that of the end that has more of it."""
         return criteria.largest([measure(C) for C in self.minded])
 
     @property
     def variance(self) -> ca.SX:
-        """Variance [m²] along the worst axis of what the task minds, of the worse end; a yaw does not count here."""
+        """Variance [m²] along the worst axis of what the task depends on, of the worse end; a yaw does not count here.
+
+        Postures are compared by its root, ``sigma_max``, whatever the criterion that is minimised.
+        """
         return criteria.largest([criteria.worst(C) for C, _ in self.ends])
 
     @cached_property
@@ -119,7 +134,10 @@ class Quantities:
 
 @dataclass(frozen=True)
 class Stated:
-    """A bound as a user states it: ``low`` to ``high`` [unit], of one joint where ``joint`` names it."""
+    """A bound as a user states it: ``low`` to ``high`` [unit], of one joint where ``joint`` names it.
+
+    Infinite where the file gives no bound on that side.
+    """
 
     low: float
     high: float
@@ -128,7 +146,11 @@ class Stated:
 
 
 class Term(Spec):
-    """A quantity of the posture; in ``minimize`` it has a ``weight``, in ``subject_to`` bounds of its own."""
+    """A quantity of the posture; in ``minimize`` it has a ``weight``, in ``subject_to`` bounds of its own.
+
+    A kind implements `quantity`, `bounds` and `scale`; what else differs from the defaults here, it overrides. Rows
+    are ``low ≤ quantity ≤ high`` for each entry of the (k,) quantity, the cost is ``Σ (quantity/scale)²``.
+    """
 
     summary: ClassVar[str]
     """One line for ``optimize-posture list``."""
@@ -152,12 +174,12 @@ class Term(Spec):
         """Raise BadValueError where the term does not fit the robot: a joint that it has not, a mass not stated."""
 
     def held(self, robot: Robot) -> dict[int, float]:
-        """Joint -> value [rad or m] at which the search holds it; such a term has no rows."""
+        """Joint index -> value [rad or m] at which the search holds it; a term that holds joints has no rows."""
         return {}
 
     @abstractmethod
     def quantity(self, at: Quantities) -> ca.SX:
-        """The (k,) expression [unit]."""
+        """The (k,) expression [unit], smooth in the joints; a root needs a small number under it."""
 
     def cost(self, at: Quantities) -> ca.SX:
         """What ``minimize`` adds to the objective at weight one: the squared quantity in units of its scale."""
@@ -172,7 +194,11 @@ class Term(Spec):
         """Lower and upper bound of every entry, infinite where there is none."""
 
     def bounds_of(self, at: Quantities) -> list[tuple[float, float]]:
-        """Lower and upper bound of each entry [unit]."""
+        """Lower and upper bound of each entry [unit].
+
+        Raises:
+            InputError: the term is in ``subject_to`` and states no bound.
+        """
         low, high = self.bounds()
         if math.isinf(low) and math.isinf(high):
             raise InputError(
@@ -185,7 +211,7 @@ class Term(Spec):
         return [self.unit] * len(self.labels(at))
 
     def stated(self) -> list[Stated]:
-        """What it asks for, as people say it."""
+        """The bounds as the file states them, for reports: one entry, or one for each joint that is named."""
         return [Stated(*self.bounds(), self.unit)]
 
     @property
@@ -194,16 +220,16 @@ class Term(Spec):
         return 1.0
 
     def shown(self, value: float) -> float:
-        """A value of the quantity as people are told it."""
+        """A value of the quantity as reports state it: a torque without its sign, a probability for a logarithm."""
         return value
 
     @abstractmethod
     def scale(self, at: Quantities) -> float:
-        """A typical size of the quantity: rows and objective are divided by it."""
+        """A typical size of the quantity [unit]: the cost is measured in it, so that weights of one compare."""
 
 
 class BoundedTerm(Term):
-    """A term that must state at least one bound where it stands in ``subject_to``."""
+    """A term that must state at least one bound in ``subject_to``, and whose bounds must not cross."""
 
     @model_validator(mode="after")
     def _not_crossed(self) -> BoundedTerm:
