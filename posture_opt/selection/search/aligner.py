@@ -14,12 +14,16 @@ from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.selection.search.inverse_kinematics import TOLERANCE, InverseKinematics, axis_can_reach
 from posture_opt.selection.tasks import Task
 
-_TRIALS = 96  # random postures: where one in twenty arrives aligned, all of them fail at 0.7 % of the targets
+ALIGNMENT_TRIALS = 96  # random postures: where one in twenty arrives aligned, all of them fail at 0.7 % of the targets
 
 
 @dataclass(frozen=True)
 class Aligner:
-    """The arm and the axis that is asked of it; ``compiled`` as of the selector."""
+    """The arm and the tool axis that is asked of it; ``compiled`` as of the selector.
+
+    Six joints can point a tool anywhere at most targets, and a planar or five-joint arm at some or none: what a file
+    asks for in one line is then decided by trying.
+    """
 
     arm: Arm
     task: Task
@@ -43,9 +47,10 @@ class Aligner:
         return "loose" if nearly else "free"
 
     def _can_align(self, target: TaskTarget, slack: float) -> bool:
+        """Whether any of some random postures arrives at the target with its axis within ``slack`` [rad]."""
         rng, ik = np.random.default_rng(0), self._trial
-        request = request_for(target, _TRIALS, True, rng, whole_box=True, slack_of_axis=slack)
-        return bool(np.min(ik.solve(ik.random_postures(_TRIALS, rng), request, enough=1)[1]) < TOLERANCE)
+        request = request_for(target, ALIGNMENT_TRIALS, True, rng, whole_box=True, slack_of_axis=slack)
+        return bool(np.min(ik.solve(ik.random_postures(ALIGNMENT_TRIALS, rng), request, enough=1)[1]) < TOLERANCE)
 
     @cached_property
     def _trial(self) -> InverseKinematics:

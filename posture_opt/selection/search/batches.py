@@ -13,28 +13,36 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.multistart import MultistartResult, as_good, multistart
 from posture_opt.workers import opened
 
-_STARTS = 32  # of a batch where two degrees of freedom are left or fewer, and so many more for each further one
-_MOST_STARTS = 128
-_BATCHES = 2  # that are to find the best optimum
-_MOST = 12  # batches
-_HITS = 4  # local searches that are to find it, in a repeated solve
-_UNSEEN = 0.01  # probability that one more start leads to something better
-_PASSES = 6
-_STILL_BETTER = 0.2  # better optima that as many starts again may be expected to find, in a thorough search
+STARTS_PER_BATCH = (
+    32  # of a batch where two degrees of freedom are left or fewer, and so many more for each further one
+)
+MAX_STARTS_PER_BATCH = 128
+BATCHES_THAT_AGREE = 2  # that are to find the best optimum
+MAX_BATCHES = 12  # batches
+SEARCHES_THAT_AGREE = 4  # local searches that are to find it, in a repeated solve
+UNSEEN_PROBABILITY = 0.01  # probability that one more start leads to something better
+MAX_PASSES = 6
+EXPECTED_BETTER_OPTIMA = 0.2  # better optima that as many starts again may be expected to find, in a thorough search
 
 
 def usual_starts(engine: Engine) -> int:
     """Starts of one batch: more where target and tool axis leave more freedom, and so more local optima."""
-    return min(_STARTS * max(engine.optimisation_problem.freedom - 1, 1), _MOST_STARTS)
+    return min(STARTS_PER_BATCH * max(engine.optimisation_problem.freedom - 1, 1), MAX_STARTS_PER_BATCH)
 
 
 def until_found_often(
     engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int | None = None
 ) -> MultistartResult:
-    """Starts until some local searches have found the best optimum; all of them at once where ``starts`` is given."""
+    """Starts until some local searches have found the best optimum; all of them at once where ``starts`` is given.
+
+    The stopping rule of a repeated solve: four searches agree, and the probability that one more start finds something
+    better is below 1 %.
+    """
     whole = multistart(engine, target, rng, starts or usual_starts(engine))
-    for _ in range(1, 1 if starts else _PASSES):
-        if not any(c.feasible for c in whole.found) or (whole.hits >= _HITS and whole.unseen_better <= _UNSEEN):
+    for _ in range(1, 1 if starts else MAX_PASSES):
+        if not any(c.feasible for c in whole.found) or (
+            whole.hits >= SEARCHES_THAT_AGREE and whole.unseen_better <= UNSEEN_PROBABILITY
+        ):
             break
         whole = whole.joined(multistart(engine, whole.target, rng, usual_starts(engine)), engine)
     return whole
@@ -50,7 +58,8 @@ def until_recurrence(
 ) -> MultistartResult:
     """Batches of starts, seeded by their number, until the best optimum has been found by two of them.
 
-    By six, where so many optima were seen only once that better ones are likely.
+    By six, where so many optima were seen only once that better ones are likely. Independent batches that agree are
+    evidence that a share of the starts cannot give: the starts of one batch are screened against each other.
 
     Args:
         starts: of each batch; default: by the freedom that is left.
@@ -66,30 +75,38 @@ def until_recurrence(
         whole = whole.joined(batch, engine)
         values.append(_best(batch))
         if progress is not None:
-            progress(len(values), _MOST)
-        enough = _BATCHES if whole.unseen_better * whole.polished <= _STILL_BETTER else 3 * _BATCHES
+            progress(len(values), MAX_BATCHES)
+        enough = (
+            BATCHES_THAT_AGREE
+            if whole.unseen_better * whole.polished <= EXPECTED_BETTER_OPTIMA
+            else 3 * BATCHES_THAT_AGREE
+        )
         if _recurred(values) >= enough:
             break
     return replace(whole, batches=len(values), recurred=_recurred(values))
 
 
 def _recurred(values: list[float]) -> int:
+    """How many batches found the best optimum."""
     limit = as_good(min(values))
     return sum(value <= limit for value in values) if np.isfinite(limit) else 0
 
 
 def _best(found: MultistartResult) -> float:
+    """The objective of the best feasible posture of a batch; infinite where there is none."""
     feasible = [candidate.objective for candidate in found.found if candidate.feasible]
     return min(feasible, default=float("inf"))
 
 
 def _batches(engine: Engine, target: TaskTarget, seed: int, starts: int, workers: int) -> Iterator[MultistartResult]:
+    """The further batches in the order of their numbers, as many at a time as there are workers."""
     with opened(workers) as pool:
-        for first in range(1, _MOST, workers):
-            mine = range(first, min(first + workers, _MOST))
+        for first in range(1, MAX_BATCHES, workers):
+            mine = range(first, min(first + workers, MAX_BATCHES))
             yield from pool.in_order(_batch, (engine, target, seed, starts), mine)
 
 
 def _batch(shared: tuple[Engine, TaskTarget, int, int], k: int) -> MultistartResult:
+    """Batch k: it depends on the seed and on k alone."""
     engine, target, seed, starts = shared
     return multistart(engine, target, np.random.default_rng([seed, k]), starts, every=True)

@@ -1,4 +1,4 @@
-"""Postures that are the same but for little."""
+"""Postures that are the same up to a few degrees: one answer and not many."""
 
 from __future__ import annotations
 
@@ -10,25 +10,29 @@ import numpy as np
 from posture_opt.numerics import Array, Codes
 from posture_opt.robot.robot import Robot
 
-_DISTINCT = math.radians(5.0)  # apart in a joint: well above what a search leaves open in a flat valley
-_DISTINCT_SHIFT = 0.01  # m, the same of a slide
-_BLOCK = 64  # postures that are compared with all others at once: bounds the memory
+DISTINCT_ANGLE = math.radians(5.0)  # apart in a joint: well above what a search leaves open in a flat valley
+DISTINCT_STROKE = 0.01  # m, the same of a slide
+ROWS_PER_BLOCK = 64  # postures that are compared with all others at once: bounds the memory
 
 
 def clusters(Q: Array, robot: Robot, size: Codes | None = None, ignored: Sequence[int] = ()) -> tuple[Codes, Codes]:
     """Rows of Q (k, n) that differ from every earlier one, and how many rows, ``size`` each, differ from them by less.
 
     By more than 5° or 10 mm in a joint, whole turns apart; the joints ``ignored`` make no difference.
+
+    Args:
+        Q: (k, n) postures [rad or m], best first: the first of a cluster stands for it.
+        size: (k,) how many searches each row stands for; default one.
     """
     joints = [k for k in range(robot.n) if k not in ignored]
     Q = Q[:, joints]
     revolute = np.array([robot.joints[k].type == "revolute" for k in joints], dtype=bool)
-    limit, turn = np.where(revolute, _DISTINCT, _DISTINCT_SHIFT), 2 * np.pi * revolute
+    limit, turn = np.where(revolute, DISTINCT_ANGLE, DISTINCT_STROKE), 2 * np.pi * revolute
     left, sizes = np.ones(len(Q), dtype=bool), np.ones(len(Q), dtype=int) if size is None else size
     first: list[int] = []
     total: list[int] = []
-    for block in range(0, len(Q), _BLOCK):
-        difference = Q[block : block + _BLOCK, None] - Q
+    for block in range(0, len(Q), ROWS_PER_BLOCK):
+        difference = Q[block : block + ROWS_PER_BLOCK, None] - Q
         difference -= turn * np.rint(difference * (0.5 / np.pi))
         near = np.all(np.abs(difference) <= limit, axis=2)
         for k, row in enumerate(near, start=block):

@@ -23,20 +23,28 @@ from posture_opt.selection.program.optimisation_problem import OptimisationProbl
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE
 
 TARGET, AXIS, LIMITS = "target", "tool_axis", "limits"
-_HELD = 1e-10  # slack of what may not give: as a variable that is free it keeps IPOPT from counting too few of them
-_ROUND = 1e-7  # m or rad, squared: where the norm of a slack near zero is rounded off
-_ITERATIONS = 100
-_PATIENCE = 7  # starts: where none of them leads to a compromise, others seldom do
-_AGREEING = 3  # starts that come to the same least: others would too
-_ALIKE = 1e-3  # of the cost
-_HARD = 3.0  # times the cost: limits of joints are built in
-_FAR = 4 * np.pi  # rad or m: of a joint without its limits
-_NO_BOUND = 0.1  # of a term whose bound is zero: the scale that its cost is measured in
+HELD_SLACK = (
+    1e-10  # slack of what may not give: as a variable that is free it keeps IPOPT from counting too few of them
+)
+NORM_ROUNDING = 1e-7  # m or rad, squared: where the norm of a slack near zero is rounded off
+MAX_ITERATIONS = 100
+MAX_FRUITLESS_STARTS = 7  # starts: where none of them leads to a compromise, others seldom do
+STARTS_THAT_AGREE = 3  # starts that come to the same least: others would too
+COST_TOLERANCE = 1e-3  # of the cost
+LIMIT_COST_FACTOR = 3.0  # times the cost: limits of joints are built in
+WIDENED_LIMIT = 4 * np.pi  # rad or m: of a joint without its limits
+ZERO_BOUND_SCALE = 0.1  # of a term whose bound is zero: the scale that its cost is measured in
 
 
 @dataclass(frozen=True)
 class Compromise:
-    """A posture (n,) and what its requirements lack: (G,) in the order of `ElasticProblem.requirements` [unit]."""
+    """A posture that meets some requirements only in part.
+
+    Args:
+        q: (n,) [rad or m].
+        lacking: (G,) what each requirement lacks, in the order of `ElasticProblem.requirements` [unit].
+        cost: the sum of what is lacking, each in its own scale.
+    """
 
     q: Array
     lacking: Array
@@ -49,7 +57,7 @@ class Compromise:
 
 
 class ElasticProblem:
-    """The elastic form of one optimisation problem.
+    """The elastic form of one optimisation problem: ``min Σ_k c_k s_k`` over postures and slacks ``s_k ≥ 0``.
 
     Args:
         problem: n joints.
@@ -77,7 +85,7 @@ class ElasticProblem:
         return np.asarray(self._lacking(Q, parameters))
 
     def cost(self, lacking: Array) -> Array:
-        """(..., ) what (…, G) cost together, each in its own scale."""
+        """(…,) what (…, G) cost together, each in its own scale."""
         return np.asarray(lacking @ (1.0 / self._scales))
 
     def least(self, parameters: Array, given: Collection[str], starts: Array) -> Compromise | None:
@@ -89,17 +97,18 @@ class ElasticProblem:
         """
         found: list[Compromise] = []
         for k, start in enumerate(starts):
-            if not found and k == _PATIENCE:
+            if not found and k == MAX_FRUITLESS_STARTS:
                 break
             one = self._compromise(start, parameters, given)
             found += [] if one is None else [one]
             least = min((other.cost for other in found), default=math.inf)
-            alike = sum(other.cost <= least * (1 + _ALIKE) for other in found)
-            if alike == _AGREEING or any(other.met for other in found):
+            alike = sum(other.cost <= least * (1 + COST_TOLERANCE) for other in found)
+            if alike == STARTS_THAT_AGREE or any(other.met for other in found):
                 break
         return min(found, key=lambda other: other.cost, default=None)
 
     def _compromise(self, start: Array, parameters: Array, given: Collection[str]) -> Compromise | None:
+        """Where IPOPT ends from one start; None where a requirement that may not give is not met there."""
         may = np.array([name in given for name in self.requirements])
         lower, upper = self._variable_bounds(may)
         low, high = self._row_bounds(parameters, may)
@@ -123,15 +132,19 @@ class ElasticProblem:
         return np.concatenate([shift, *(np.full(size, lacking[k]) for k, size in self._slack_sizes[1:])])
 
     def _variable_bounds(self, may: Mask) -> tuple[Array, Array]:
+        """Bounds of joints and slacks: slacks that may not give are held next to zero, joints whose limits may give are
+        freed.
+        """
         lower, upper = self._problem.nlp.variable_bounds
         if may[2]:
-            lower, upper = np.full_like(lower, -_FAR), np.full_like(upper, _FAR)
+            lower, upper = np.full_like(lower, -WIDENED_LIMIT), np.full_like(upper, WIDENED_LIMIT)
         free = np.concatenate([np.full(size, may[k]) for k, size in self._slack_sizes])
-        most = np.where(free, np.inf, _HELD)
-        least = np.where(free & (np.arange(len(free)) < self._slack_sizes[0][1]), -np.inf, -_HELD)
+        most = np.where(free, np.inf, HELD_SLACK)
+        least = np.where(free & (np.arange(len(free)) < self._slack_sizes[0][1]), -np.inf, -HELD_SLACK)
         return np.concatenate([lower, least]), np.concatenate([upper, most])
 
     def _row_bounds(self, parameters: Array, may: Mask) -> tuple[Array, Array]:
+        """Bounds of the rows; those of the tool axis are dropped where it may give: its angle is in the cost."""
         low, high = (np.asarray(end, dtype=float).ravel() for end in self._row_ends(parameters))
         if may[1]:
             of_axis = np.array([name == AXIS for *_, name in self._rows])
@@ -142,6 +155,7 @@ class ElasticProblem:
 
     @cached_property
     def _target_rows(self) -> tuple[Row, ...]:
+        """The rows that hold the tool point on its target."""
         return tuple(row for row in self._problem.nlp.rows if row.requirement == TARGET)
 
     @cached_property
@@ -152,12 +166,15 @@ class ElasticProblem:
 
     @cached_property
     def _slacks(self) -> dict[int, ca.SX]:
+        """The slacks as symbols, by the number of their requirement."""
         return {k: ca.SX.sym(self.requirements[k], size) for k, size in self._slack_sizes}
 
     @cached_property
     def _scales(self) -> Array:
         """(G,) what a unit of cost is: the size of the arm, a radian, the bound of a term."""
-        return np.array([self._problem.reach.radius, 1.0, 1.0 / _HARD, *(self._scale(name) for name in self.further)])
+        return np.array(
+            [self._problem.reach.radius, 1.0, 1.0 / LIMIT_COST_FACTOR, *(self._scale(name) for name in self.further)]
+        )
 
     @cached_property
     def _joint_scales(self) -> list[float]:
@@ -166,9 +183,10 @@ class ElasticProblem:
         return [1.0 if joint.type == "revolute" else radius for joint in joints]
 
     def _scale(self, name: str) -> float:
+        """The largest finite bound of a term or obstacle: what it lacks is measured in that."""
         rows = [row for row in self._problem.nlp.rows if row.requirement == name]
         ends = [abs(float(end)) for row in rows for end in (row.lower, row.upper) if end.is_constant()]
-        return max((end for end in ends if np.isfinite(end)), default=0.0) or _NO_BOUND
+        return max((end for end in ends if np.isfinite(end)), default=0.0) or ZERO_BOUND_SCALE
 
     @cached_property
     def _facing(self) -> ca.SX:
@@ -185,9 +203,13 @@ class ElasticProblem:
 
     @cached_property
     def _solver(self) -> NonlinearSolver:
+        """IPOPT on the elastic program.
+
+        The norm of the shift and the chord of the axis are rounded off at zero, where they have no slope.
+        """
         nlp, slacks, axis_free = self._problem.nlp, self._slacks, ca.SX.sym("axis_free")
-        chord, shift = ca.sqrt(2 * (1 - self._facing) + _ROUND), ca.sqrt(ca.sumsqr(slacks[0]) + _ROUND)
-        cost = axis_free * chord + shift / self._scales[0] + _HARD * ca.sum1(slacks[2])
+        chord, shift = ca.sqrt(2 * (1 - self._facing) + NORM_ROUNDING), ca.sqrt(ca.sumsqr(slacks[0]) + NORM_ROUNDING)
+        cost = axis_free * chord + shift / self._scales[0] + LIMIT_COST_FACTOR * ca.sum1(slacks[2])
         cost += ca.sum1(ca.vertcat(ca.SX(0), *(slacks[k] for k, _ in self._slack_sizes[2:])))
         program = {
             "x": ca.vertcat(nlp.x, *slacks.values()),
@@ -195,11 +217,12 @@ class ElasticProblem:
             "f": cost,
             "g": ca.vertcat(ca.SX(0, 1), *(expression for expression, *_ in self._rows)),
         }
-        options = {"ipopt.max_iter": _ITERATIONS, "ipopt.tol": 1e-7, "ipopt.constr_viol_tol": 1e-8}
+        options = {"ipopt.max_iter": MAX_ITERATIONS, "ipopt.tol": 1e-7, "ipopt.constr_viol_tol": 1e-8}
         return NonlinearSolver("elastic", program, options)
 
     @cached_property
     def _row_ends(self) -> ca.Function:
+        """``p -> (lower, upper)`` of all rows."""
         ends = [
             ca.vertcat(ca.SX(0, 1), *side)
             for side in zip(*((low, high) for _, low, high, _ in self._rows), strict=True)
@@ -227,6 +250,7 @@ class ElasticProblem:
 
     @cached_property
     def _lacking(self) -> BatchFunction:
+        """``(q, p) -> (G,)`` what each requirement lacks."""
         nlp, zero = self._problem.nlp, ca.SX(0)
         off = [ca.fmax(ca.fmax(r.lower - r.expression, r.expression - r.upper), 0) for r in self._target_rows]
         angle = 2 * ca.asin(ca.fmin(ca.sqrt(ca.fmax(2 * (1 - self._facing), 0)) / 2, 1))
@@ -246,6 +270,6 @@ def further_rows(nlp: Nlp) -> tuple[Row, ...]:
 
 
 def _margins(row: Row) -> list[ca.SX]:
-    """What a row has to spare on each side that is bounded."""
+    """What a row has to spare on each side that is bounded [unit]; negative where it is violated."""
     sides = ((1, row.lower), (-1, row.upper))
     return [side * (row.expression - end) for side, end in sides if not end.is_constant() or np.isfinite(float(end))]

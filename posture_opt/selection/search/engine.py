@@ -25,9 +25,15 @@ from posture_opt.selection.solvers import Outcome, Polish, Solver
 
 @dataclass(frozen=True)
 class CandidatePosture:
-    """One posture (n,): objective (scaled), worst violation of a row, σ_max [m], and the solver's word on it.
+    """One posture of a search.
 
-    ``count`` local searches ended there.
+    Args:
+        q: (n,) [rad or m].
+        objective: over the target's scale, so about one.
+        violation: the largest of a row [m, rad or 1].
+        sigma: σ_max of the part that counts [m].
+        optimal: whether first-order conditions hold; ``message`` is the solver's status.
+        count: local searches that ended there.
     """
 
     q: Array
@@ -47,13 +53,20 @@ class CandidatePosture:
 STEPS = 60
 """Of a local search that is followed to its end."""
 
-_PRICE = 1e3  # of the objective for each m or rad of violation: the multipliers of rows are seldom larger
+VIOLATION_PRICE = 1e3  # of the objective for each m or rad of violation: the multipliers of rows are seldom larger
 MAX_IPOPT_FALLBACKS = 4  # IPOPT solves tried in one search where the local search ends infeasible
 
 
 @dataclass(frozen=True)
 class Engine(DerivedAgain):
-    """The functions that solve one optimisation problem again and again, built once."""
+    """The functions that solve one optimisation problem again and again, built once.
+
+    Each is built, and compiled where a C compiler is found, when it is first used. An engine travels to other
+    processes as the data that it is built from.
+
+    Args:
+        compiled: None compiles where a C compiler is found; False never; True or an error.
+    """
 
     optimisation_problem: OptimisationProblem
     solver: Solver
@@ -61,7 +74,7 @@ class Engine(DerivedAgain):
 
     @property
     def robot(self) -> Robot:
-        """Of the optimisation problem."""
+        """The robot of the optimisation problem, n joints."""
         return self.optimisation_problem.robot
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -69,6 +82,7 @@ class Engine(DerivedAgain):
 
     @cached_property
     def _packed(self) -> bytes:
+        """The data that the engine is built from, as bytes."""
         # A fresh copy, without the symbols that the optimisation problem has cached.
         return pickle.dumps((replace(self.optimisation_problem), self.solver, self.compiled))
 
@@ -81,7 +95,11 @@ class Engine(DerivedAgain):
 
     @cached_property
     def screen(self) -> BatchFunction:
-        """Postures (N, n) and parameters to objective, worst violation of a row, first term and variance."""
+        """Postures (N, n) and parameters (30,) or (N, 30) to objective, worst violation of a row, first term and
+        variance.
+
+        Each (N, 1); the variance [m²] is that along the worst axis, whatever the criterion.
+        """
         return BatchFunction(self.optimisation_problem.nlp.screen, compiled=self.compiled)
 
     @cached_property
@@ -95,7 +113,7 @@ class Engine(DerivedAgain):
         return ElasticProblem(self.optimisation_problem)
 
     @cached_property
-    def last_word(self) -> Polish:
+    def fallback_solver(self) -> Polish:
         """The solver of the problem, for what the local search does not settle: seldom, so that it is not compiled."""
         return self.solver.build(self.optimisation_problem.nlp)
 
@@ -108,11 +126,14 @@ class Engine(DerivedAgain):
 
     @property
     def _slack_of_axis(self) -> float:
+        """Error of the tool axis [rad] that starts may keep: half of what a loose row of the axis allows."""
         problem = self.optimisation_problem
         return problem.reach.axis_slack / 2 if problem.alignment == "loose" else 0.0
 
     def descended(self, Q: Array, target: TaskTarget, steps: int, multipliers: Array | None = None) -> LocalOptima:
-        """The postures (N, n) after at most ``steps`` steps of the local search."""
+        """The postures (N, n) after at most ``steps`` steps of the local search, with the multipliers (N, m + n) to go
+        on from.
+        """
         return self.local.descend(Q, target.parameters, self._held(target), steps, multipliers)
 
     def descended_each(self, Q: Array, targets: Sequence[TaskTarget], of: Codes, steps: int) -> LocalOptima:
@@ -122,6 +143,7 @@ class Engine(DerivedAgain):
         return self.local.descend(Q, parameters, held, steps)
 
     def _held(self, target: TaskTarget) -> Array:
+        """(1, 16) what the steps of the local search must keep."""
         return held_request(target, self.optimisation_problem.axis_rows > 0, self._slack_of_axis).rows
 
     def candidates(
@@ -148,7 +170,9 @@ class Engine(DerivedAgain):
         return [CandidatePosture(*row) for row in zip(Q, *columns, strict=True)]
 
     def scale_of(self, variances: Array) -> float:
-        """What the objective is divided by: the median of some postures' own terms (N,), one where it has no unit."""
+        """What the objective is divided by: the median of some postures' own terms (N,) [m²], one where it has no
+        unit.
+        """
         middle = 1.0 if self.optimisation_problem.task.criterion == "miss" else median(variances)
         return middle if middle > 0 else 1.0
 
@@ -161,7 +185,9 @@ class Engine(DerivedAgain):
         return end if _better(end, start) else self.tidied([replace(start, message=end.message)], target)[0]
 
     def settled(self, found: LocalOptima, target: TaskTarget, count: Codes | None = None) -> list[CandidatePosture]:
-        """Where local searches ended, as people write it; the solver has the last word on a few that are not optimal.
+        """Where local searches ended, with tidy joint values; IPOPT is tried on a few that are not optimal.
+
+        Only where it could change the answer: a search that ended without an optimum below the best one that is known.
 
         Args:
             count: (N,) how many searches each of them stands for.
@@ -172,13 +198,14 @@ class Engine(DerivedAgain):
         limit = min((end.objective for end in ends if end.optimal and end.feasible), default=np.inf)
         doubtful = [k for k, end in enumerate(ends) if not end.optimal and (end.objective < limit or not end.feasible)]
         for k in doubtful[: MAX_IPOPT_FALLBACKS if np.isinf(limit) or any(ends[k].feasible for k in doubtful) else 0]:
-            ends[k] = self._last_word(ends[k], target)
+            ends[k] = self._fallback_solution(ends[k], target)
         return self.tidied(ends, target)
 
-    def _last_word(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
+    def _fallback_solution(self, start: CandidatePosture, target: TaskTarget) -> CandidatePosture:
+        """Where IPOPT ends from a candidate, the candidate itself where that is not better."""
         if self.optimisation_problem.freedom == 0:
             return start  # nothing is left to choose, and IPOPT would refuse more equalities than joints
-        outcome: Outcome = self.last_word(start.q, target.parameters)
+        outcome: Outcome = self.fallback_solver(start.q, target.parameters)
         if not np.all(np.isfinite(outcome.x)):
             return replace(start, message=outcome.message)
         end = replace(self.candidates(outcome.x[None], target)[0], optimal=outcome.optimal, message=outcome.message)
@@ -190,7 +217,11 @@ class Engine(DerivedAgain):
         return clusters(Q, self.robot, size, self.optimisation_problem.nlp.indifferent)
 
     def tidied(self, candidates: Sequence[CandidatePosture], target: TaskTarget) -> list[CandidatePosture]:
-        """The same postures as people write them: joints that do not matter at zero, whole turns taken off."""
+        """The same postures with joints that do not matter at zero, whole turns taken off and angles rounded where that
+        is free.
+
+        A rounded angle is taken where neither objective nor violation gets worse by more than 1e-9.
+        """
         if not candidates:
             return []
         lower, upper, turns, idle = self._ends
@@ -226,10 +257,14 @@ def engine_of(packed: bytes) -> Engine:
 
 
 def _better(end: CandidatePosture, start: CandidatePosture) -> bool:
-    return end.feasible and (not start.feasible or end.objective <= start.objective + 1e-6 + _PRICE * start.violation)
+    """Whether a search ended at a feasible posture that is no worse than where it started, violation priced in."""
+    return end.feasible and (
+        not start.feasible or end.objective <= start.objective + 1e-6 + VIOLATION_PRICE * start.violation
+    )
 
 
 def _worse(tidy: CandidatePosture, given: CandidatePosture) -> bool:
+    """Whether tidying costs anything."""
     return tidy.violation > given.violation + 1e-9 or tidy.objective > given.objective + 1e-9
 
 

@@ -34,10 +34,10 @@ STEPS = 20
 """What has not arrived by then is given up: on 36 arms the fewest steps for an arrival, failures counted."""
 PATIENT_STEPS = 48
 """Where nothing arrived: beside a singular posture steps converge slowly."""
-_STANDSTILL = 1e-9  # rad or m: two orders below `TOLERANCE`, a posture that moves less will not arrive
-_LONGEST_STEP = 1.0  # rad or m: longer steps of a linear model of a rotation mean nothing
-_DAMPING = 0.1  # of the squared error; a half, as Sugihara (2011, eq. 27 to 30) has it, takes a third more steps
-_LEAST_DAMPING = 1e-9  # rad² or m²: his bias, so small that the last steps stay quadratic
+STANDSTILL_STEP = 1e-9  # rad or m: two orders below `TOLERANCE`, a posture that moves less will not arrive
+LONGEST_IK_STEP = 1.0  # rad or m: longer steps of a linear model of a rotation mean nothing
+DAMPING_FACTOR = 0.1  # of the squared error; a half, as Sugihara (2011, eq. 27 to 30) has it, takes a third more steps
+DAMPING_BIAS = 1e-9  # rad² or m²: his bias, so small that the last steps stay quadratic
 
 
 _LOOP = """
@@ -65,11 +65,18 @@ long long posture_opt_loop(long long rows, long long n, double* q, const double*
   free(space); po_close(&ik);
   return arrived;
 }
-""".replace("STANDSTILL", repr(_STANDSTILL))
+""".replace("STANDSTILL", repr(STANDSTILL_STEP))
 
 
 class InverseKinematics:
     """The batch solver of one robot and tool axis, for positions in the span of ``directions`` (3, r).
+
+    The residual of a row is ``(w₁ Uᵀ(x − x*), w₂ (a − a*), w₃ (s − s*))`` with the tool point x [m], the tool axis a
+    and the spin vector s, all in the world; parts beyond a slack or a cone count, parts within do not.
+
+    Args:
+        compiled: None compiles where a C compiler is found; False never; True or an error.
+        spun: whether the spin of the tool is part of the residual.
 
     Attributes:
         step: ``(q, request) -> (next q, error at q)``.
@@ -90,10 +97,12 @@ class InverseKinematics:
 
     @cached_property
     def _loop(self) -> RowLoop:
+        """All steps of all rows in one call of C."""
         return RowLoop({"ik_step": self.step}, _LOOP, self._compiled)
 
     @cached_property
     def _batch(self) -> BatchFunction:
+        """One step of all rows, interpreted."""
         return BatchFunction(self.step, compiled=False)
 
     def random_postures(self, count: int, rng: np.random.Generator) -> Array:
@@ -102,16 +111,24 @@ class InverseKinematics:
         return rng.uniform(low, high, (count, len(low)))
 
     def stepped(self, Q: Array, request: Array) -> tuple[Array, Array]:
-        """One step of each posture (N, n) towards its row of the request, and the errors (N,) before it."""
+        """One step of each posture (N, n) [rad or m] towards its row of the request (N, 16), and the errors (N,) before
+        it.
+        """
         moved, error = self._batch(Q, request)
         return moved, error[:, 0]
 
     def solve(
         self, Q: Array, request: PoseRequest, enough: int | None = None, steps: int = PATIENT_STEPS
     ) -> tuple[Array, Array]:
-        """Move the postures (N, n) onto the request; returns the postures reached and their errors (N,).
+        """Move the postures (N, n) onto the request; returns the postures reached (N, n) and their errors (N,).
 
-        Stops early when ``enough`` rows have arrived: those after the last of these have an infinite error.
+        A row ends when it has arrived, when it no longer moves, or after ``steps`` steps; the posture of least error
+        on its way is kept. Stops early when ``enough`` rows have arrived: those after the last of these have an
+        infinite error.
+
+        Args:
+            Q: (N, n) starts within the limits [rad or m].
+            request: N rows, or one for all.
         """
         best, error = np.ascontiguousarray(Q).copy(), np.full(len(Q), np.inf)
         rows, wanted = np.ascontiguousarray(request.rows), len(Q) if enough is None else enough
@@ -129,7 +146,7 @@ class InverseKinematics:
             moved, distance = self.stepped(now, targets)
             better = distance < error[rows]
             best[rows[better]], error[rows[better]] = now[better], distance[better]
-            alive = (distance >= TOLERANCE) & (np.max(np.abs(moved - now), axis=1) > _STANDSTILL)
+            alive = (distance >= TOLERANCE) & (np.max(np.abs(moved - now), axis=1) > STANDSTILL_STEP)
             if not np.any(alive):
                 break
             rows, now = rows[alive], moved[alive]
@@ -163,7 +180,10 @@ def unlimited(arm: Arm) -> Arm:
 
 
 def axis_can_reach(arm: Arm, tool_axis: tuple[float, float, float], target: TaskTarget, slack: float) -> bool:
-    """Whether the tool axis can come within the allowed tilt and ``slack`` of the direction, anywhere."""
+    """Whether the tool axis can come within the allowed tilt and ``slack`` [rad] of the wanted one, anywhere.
+
+    Joints turn freely for this question and the position does not count: where it fails, no target would help.
+    """
     ik = InverseKinematics(unlimited(arm), tool_axis, np.eye(3), compiled=False)
     request = PoseRequest(np.zeros(3), target.axis, target.axis_basis[:, 0], np.array([0.0, 1.0, 0.0]))
     _, errors = ik.solve(ik.random_postures(64, np.random.default_rng(0)), request)
@@ -171,7 +191,11 @@ def axis_can_reach(arm: Arm, tool_axis: tuple[float, float, float], target: Task
 
 
 def _step_function(arm: Arm, tool_axis: tuple[float, float, float], directions: Array, spun: bool) -> ca.Function:
-    """``(q, request) -> (next q, error at q)``: one damped least squares step within the limits."""
+    """``(q, request) -> (next q, error at q)``: one damped least squares step within the limits.
+
+    ``dq = −(JᵀJ + (λ ‖r‖² + μ) I)⁻¹ Jᵀ r`` for the residual r and its Jacobian J, columns of held joints zero;
+    shortened to `LONGEST_IK_STEP` in the joint that moves furthest, then clipped to the limits.
+    """
     q, request = ca.SX.sym("q", arm.robot.n), ca.SX.sym("request", WIDTH)
     position, axis, spin, weights, slack, cone = ca.vertsplit(request, list(PARTS))
     robot, reached = arm.robot, arm.walk(q)
@@ -188,20 +212,20 @@ def _step_function(arm: Arm, tool_axis: tuple[float, float, float], directions: 
     lower, upper = ca.DM(robot.lower), ca.DM(robot.upper)
     held = ca.fmax((q <= lower) * (slope > 0), (q >= upper) * (slope < 0))
     J = J * ca.repmat((1 - held).T, J.shape[0], 1)
-    damping = _DAMPING * squared + _LEAST_DAMPING
+    damping = DAMPING_FACTOR * squared + DAMPING_BIAS
     dq = -solved(ldl(J.T @ J + damping * ca.SX.eye(robot.n)), (1 - held) * slope)
     longest = ca.mmax(ca.fabs(dq))
-    dq = dq * _LONGEST_STEP / ca.fmax(longest, _LONGEST_STEP)
+    dq = dq * LONGEST_IK_STEP / ca.fmax(longest, LONGEST_IK_STEP)
     moved = ca.fmin(ca.fmax(q + dq, lower), upper)
     return ca.Function("ik_step", [q, request], ca.cse([moved, ca.sqrt(squared)]))
 
 
 def _beyond(offset: ca.SX, slack: ca.SX) -> ca.SX:
-    """How far an offset lies outside a box of half sides ``slack`` about zero."""
+    """How far an offset (r,) lies outside a box of half sides ``slack`` (r,) about zero [m]; zero within."""
     return ca.fmax(offset - slack, 0) + ca.fmin(offset + slack, 0)
 
 
 def _outside_cone(difference: ca.SX, cone: ca.SX) -> ca.SX:
-    """The part of a difference of unit vectors that lies beyond the length ``cone``."""
+    """The part (3,) of a difference of unit vectors that lies beyond the length ``cone``; zero within the cone."""
     length = ca.sqrt(ca.sumsqr(difference) + 1e-24)
     return difference * ca.fmax(1 - cone / length, 0)

@@ -23,12 +23,15 @@ from posture_opt.selection.search.newton_step import newton_step
 
 MET = 1e-9
 """Largest violation of a row [m, rad or 1] of a posture that counts as optimal, as IPOPT is asked for."""
-_BACK = 0.25  # of a step that made the merit worse
-_NO_WORSE = 1e-7  # of the merit: its rounding
-_DIGITS = (100.0, 1e-5)  # of the merit for each m or rad of violation, and at most: what the last digits of rows cost
-_STANDSTILL = 1e-12  # rad or m: a step that moves no joint further is none,
-_STILL = 2  # and after two of them, the multipliers settled, no other follows: where rows cannot be met, say
-_SHORTEST = 1e-4  # of a step: what is no better then stays where it is
+STEP_REDUCTION = 0.25  # of a step that made the merit worse
+MERIT_TOLERANCE = 1e-7  # of the merit: its rounding
+VIOLATION_ALLOWANCE = (
+    100.0,
+    1e-5,
+)  # of the merit for each m or rad of violation, and at most: what the last digits of rows cost
+STANDSTILL_STEP = 1e-12  # rad or m: a step that moves no joint further is none,
+MAX_IDLE_STEPS = 2  # and after two of them, the multipliers settled, no other follows: where rows cannot be met, say
+MIN_STEP_LENGTH = 1e-4  # of a step: what is no better then stays where it is
 
 _LOOP = (
     """
@@ -74,25 +77,26 @@ long long posture_opt_loop(long long rows, long long n, long long size, double* 
   free(space); po_close(&newton); po_close(&ik);
   return failed;
 }
-""".replace("NO_WORSE", repr(_NO_WORSE))
-    .replace("BACK", repr(_BACK))
-    .replace("SHORTEST", repr(_SHORTEST))
-    .replace("STANDSTILL", repr(_STANDSTILL))
-    .replace("STILL", repr(_STILL))
-    .replace("PRICE", repr(_DIGITS[0]))
-    .replace("MOST", repr(_DIGITS[1]))
+""".replace("NO_WORSE", repr(MERIT_TOLERANCE))
+    .replace("BACK", repr(STEP_REDUCTION))
+    .replace("SHORTEST", repr(MIN_STEP_LENGTH))
+    .replace("STANDSTILL", repr(STANDSTILL_STEP))
+    .replace("STILL", repr(MAX_IDLE_STEPS))
+    .replace("PRICE", repr(VIOLATION_ALLOWANCE[0]))
+    .replace("MOST", repr(VIOLATION_ALLOWANCE[1]))
 )
 
 
 @dataclass(frozen=True)
 class LocalOptima:
-    """Where N local searches stand.
+    """Where N local searches ended, or were stopped.
 
     Args:
-        q: (N, n) postures.
+        q: (N, n) postures [rad or m].
         multipliers: (N, m + n) of rows and bounds, to go on from.
-        objective: (N,); violation: (N,) the largest of a row; stationarity: (N,).
-        gain: (N,) what the next step promises of the objective, large where no model tells.
+        objective: (N,); violation: (N,) the largest of a row; stationarity: (N,) residual of the first-order
+            conditions.
+        gain: (N,) what the next step promises of the objective, large where the quadratic model says nothing.
         optimal: (N,) whether first-order conditions hold within the tolerances.
     """
 
@@ -110,12 +114,12 @@ class LocalOptima:
         return np.where(self.violation <= ROW_TOLERANCE, 0.0, self.violation)
 
     def rows(self, chosen: Codes) -> LocalOptima:
-        """Some of them, in this order."""
+        """The ``chosen`` ones, in this order."""
         return LocalOptima(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
 class LocalSearch:
-    """The local search of one nonlinear program.
+    """The local search of one nonlinear program: Newton's step, a step back onto the target, and halving by the merit.
 
     Args:
         nlp: n variables, m rows.
@@ -135,10 +139,13 @@ class LocalSearch:
     ) -> LocalOptima:
         """At most ``steps`` steps from each posture of Q (N, n).
 
+        A step is taken where the augmented Lagrangian does not grow beyond its rounding, else shortened by
+        `STEP_REDUCTION`; what has not moved for `MAX_IDLE_STEPS` steps ends where it is.
+
         Args:
             parameters: (p,) or (N, p) of the target.
             request: (1, w) or (N, w) what the inverse kinematics holds: the whole region, the whole cone.
-            multipliers: of an earlier call, to go on from.
+            multipliers: (N, m + n) of an earlier call, to go on from.
         """
         size = len(self._nlp.rows) + Q.shape[1]
         y = np.zeros((len(Q), size)) if multipliers is None else multipliers.copy()
@@ -151,6 +158,7 @@ class LocalSearch:
         return LocalOptima(q, y, objective, violation, stationarity, gain, optimal)
 
     def _run_compiled(self, q: Array, y: Array, parameters: Array, request: Array, steps: int, result: Array) -> None:
+        """The loop in C; ``q``, ``y`` and ``result`` (N, 5) are overwritten."""
         strides = [array.shape[1] if len(array) > 1 else 0 for array in (parameters, request)]
         lower, upper = self._nlp.variable_bounds
         self._loop(
@@ -160,12 +168,13 @@ class LocalSearch:
 
     @cached_property
     def _batches(self) -> tuple[BatchFunction, BatchFunction]:
+        """Newton's step and the step back onto the target for all rows, interpreted."""
         return BatchFunction(self._step, compiled=False), BatchFunction(self._restore, compiled=False)
 
     def _run_interpreted(
         self, q: Array, y: Array, parameters: Array, request: Array, steps: int, result: Array
     ) -> None:
-        """The same loop, all rows a step at a time."""
+        """The same loop without a compiler, all rows a step at a time; the answers agree to rounding."""
         (newton, restored), (lower, upper) = self._batches, self._nlp.variable_bounds
         rows = np.arange(len(q))
         x, given = q.copy(), y.copy()
@@ -174,25 +183,28 @@ class LocalSearch:
         for step in range(steps):
             way, following, *values = newton(x[rows], given[rows], _of(parameters, rows))
             before, after, *reported = (value[:, 0] for value in values)
-            allowed = _NO_WORSE * np.fmax(1, np.abs(merit[rows])) + np.fmin(_DIGITS[0] * result[rows, 1], _DIGITS[1])
+            allowed = MERIT_TOLERANCE * np.fmax(1, np.abs(merit[rows])) + np.fmin(
+                VIOLATION_ALLOWANCE[0] * result[rows, 1], VIOLATION_ALLOWANCE[1]
+            )
             better = before <= merit[rows] + allowed
             taken = better if step else np.ones(len(rows), dtype=bool)
             at = rows[taken]
             merit[at], length[at], q[at], direction[at] = after[taken], 1.0, x[at], way[taken]
             y[at], result[at, :4] = following[taken], np.column_stack(reported)[taken]
-            length[rows[~taken]] *= _BACK
+            length[rows[~taken]] *= STEP_REDUCTION
             result[rows, 4] = step + 1
             ended = taken & (result[rows, 2] <= self._tolerance) & (result[rows, 1] <= MET)
-            rows = rows[~ended & (length[rows] >= _SHORTEST)]
+            rows = rows[~ended & (length[rows] >= MIN_STEP_LENGTH)]
             if not len(rows):
                 return
             back = np.fmin(np.fmax(q[rows] + length[rows, None] * direction[rows], lower), upper)
             x[rows], _ = restored(back, _of(request, rows))
-            moved = np.max(np.abs(x[rows] - q[rows]), axis=1) > _STANDSTILL
+            moved = np.max(np.abs(x[rows] - q[rows]), axis=1) > STANDSTILL_STEP
             still[rows] = np.where(moved, 0, still[rows] + 1)
-            rows = rows[still[rows] < _STILL]
+            rows = rows[still[rows] < MAX_IDLE_STEPS]
             given[rows] = y[rows]
 
 
 def _of(array: Array, rows: Codes) -> Array:
+    """The rows of an array that has one for each, or one for all."""
     return array[rows] if len(array) > 1 else array

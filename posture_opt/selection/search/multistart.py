@@ -1,4 +1,8 @@
-"""Global search: feasible first, then local searches from many starts."""
+"""Global search: feasible first, then local searches from many starts.
+
+What is found is locally optimal. How likely something better was missed is estimated from how often each optimum was
+found (`MultistartResult.unseen_better`), and held against brute force in the tests.
+"""
 
 from __future__ import annotations
 
@@ -17,19 +21,23 @@ from posture_opt.selection.search.inverse_kinematics import PATIENT_STEPS, ROW_T
 from posture_opt.selection.search.inverse_kinematics import STEPS as IK_STEPS
 from posture_opt.selection.search.local_search import LocalOptima
 
-_OVERSAMPLING = 2  # random postures for each start wanted at first: of a Panda's two in three arrive
-_FIRST_STEPS = 4  # of the local search from every start, before those are given up that promise nothing
-_PROMISE = 2.0  # times the gain of a quadratic model: what a start may still gain
-_MOST_DISTINCT = 12  # local optima that a repeated solve keeps: a 6R wrist has eight branches (Pieper 1968)
-_SAME_OPTIMUM = 1e-4  # of the objective
-_EFFORT = 80  # random postures for each start wanted at most: then the target counts as out of reach
-_ELASTIC = 8  # best ends of searches, from which the requirements are asked to give as little as they can
-_RETRIES = (1, 4, 16)  # times the starts, where answers meet the target but not the further requirements
+STARTS_PER_ARRIVAL = 2  # random postures for each start wanted at first: of a Panda's two in three arrive
+SCREENING_STEPS = 4  # of the local search from every start, before those are given up that promise nothing
+PROMISED_GAIN_FACTOR = 2.0  # times the gain of a quadratic model: what a start may still gain
+MAX_DISTINCT_OPTIMA = 12  # local optima that a repeated solve keeps: a 6R wrist has eight branches (Pieper 1968)
+OPTIMUM_TOLERANCE = 1e-4  # of the objective
+MAX_TRIALS_PER_START = 80  # random postures for each start wanted at most: then the target counts as out of reach
+ELASTIC_STARTS = 8  # best ends of searches, from which the requirements are asked to give as little as they can
+RETRY_FACTORS = (1, 4, 16)  # times the starts, where answers meet the target but not the further requirements
 
 
 @dataclass(frozen=True)
 class Sampled:
-    """Feasible postures Q (k, n) that random starts led to, with their σ_max (k,) [m]."""
+    """Feasible postures Q (k, n) [rad or m] that random starts led to, with their σ_max (k,) [m].
+
+    They are what a posture without any selection would be like: the gain over a typical posture is against their
+    median.
+    """
 
     robot: Robot = field(repr=False)
     Q: Array = field(repr=False)
@@ -41,7 +49,7 @@ class Sampled:
         return cls(robot, np.zeros((0, robot.n)), np.zeros(0))
 
     def joined(self, other: Sampled) -> Sampled:
-        """Both."""
+        """The postures of both, in this order."""
         return Sampled(self.robot, np.vstack([self.Q, other.Q]), np.concatenate([self.sigma, other.sigma]))
 
     @cached_property
@@ -103,13 +111,13 @@ class MultistartResult:
         return singles / max(self.polished, 1) / (len(groups) + 1)
 
     def with_known(self, engine: Engine, q: Array) -> MultistartResult:
-        """The same search and the local optimum that a known posture (n,) leads to."""
+        """The same search and the local optimum that a known posture (n,) [rad or m] leads to."""
         own = engine.polished(engine.candidates(q[None], self.target)[0], self.target)
         alone = MultistartResult(self.target, (own,), Sampled.none(engine.robot), 0, 0, 1)
         return replace(self.joined(alone, engine), batches=self.batches, recurred=self.recurred)
 
     def joined(self, other: MultistartResult, engine: Engine) -> MultistartResult:
-        """Both searches as one; they have the same target and scale."""
+        """Both searches as one; they have the same target and scale, and equal optima are merged with their counts."""
         sampled = self.sampled.joined(other.sampled)
         both = sorted((*self.found, *other.found), key=rank)
         chosen, count = engine.clusters(np.array([c.q for c in both]), np.array([c.count for c in both]))
@@ -119,14 +127,14 @@ class MultistartResult:
 
 
 def feasible_starts(engine: Engine, target: TaskTarget, count: int, rng: np.random.Generator) -> tuple[Array, int]:
-    """About ``count`` postures on the target, and how many random ones that took.
+    """About ``count`` postures (k, n) on the target, and how many random ones that took.
 
-    Fewer mean that the effort, a multiple of ``count``, was used up; an empty array, that thousands of restarts
-    found none.
+    Fewer mean that the effort, a multiple of ``count``, was used up; an empty array, that thousands of restarts found
+    none. Target and tool axis are met; further requirements are not looked at.
     """
     tried, arrived = 0, np.zeros((0, engine.robot.n))
-    size = _OVERSAMPLING * count
-    while len(arrived) < count and tried < _EFFORT * count:
+    size = STARTS_PER_ARRIVAL * count
+    while len(arrived) < count and tried < MAX_TRIALS_PER_START * count:
         # Points of a region are drawn at first; where none of them is reached, any point of it will do.
         none_yet = tried > 0 and not len(arrived)
         request = engine.request(target, size, rng, whole_box=none_yet)
@@ -144,13 +152,18 @@ def multistart(
 ) -> MultistartResult:
     """Feasible starts, and the local optima that they lead to; all of these with ``every``, else what may be the best.
 
-    Starts meet target and tool axis. Where no answer meets the further requirements, many more are tried.
+    Starts meet target and tool axis. Where no answer meets the further requirements, many more are tried: 4, then 16
+    times as many, unless the elastic problem shows first that they cannot be met.
+
+    Args:
+        starts: postures on the target that are wanted.
+        every: follow each search to its end: for alternatives and for statistics.
     """
     found = MultistartResult(target, (), Sampled.none(engine.robot), 0, 0, 0)
     if engine.optimisation_problem.reach.misses(target.lower, target.upper):
         return found
     asked = engine.optimisation_problem
-    for more in _RETRIES if asked.task.subject_to or asked.scene is not None else _RETRIES[:1]:
+    for more in RETRY_FACTORS if asked.task.subject_to or asked.scene is not None else RETRY_FACTORS[:1]:
         found = _multistart_once(engine, target, rng, more * starts, every)
         if not found.arrived or any(candidate.feasible for candidate in found.found):
             break
@@ -162,10 +175,10 @@ def multistart(
 def _can_be_met(engine: Engine, found: MultistartResult) -> bool:
     """Whether the further requirements can be met, with target and tool axis, from where the best searches ended.
 
-    Interior-point steps with requirements that may give find a way where thousands of restarts do not, and tell in
+    Interior-point steps with requirements that may give find a way where thousands of restarts do not, and show within
     a tenth of a second that there is none.
     """
-    starts = np.array([candidate.q for candidate in found.found[:_ELASTIC]])
+    starts = np.array([candidate.q for candidate in found.found[:ELASTIC_STARTS]])
     least = engine.elastic.least(found.target.parameters, engine.elastic.further, starts)
     return least is not None and least.met
 
@@ -173,6 +186,7 @@ def _can_be_met(engine: Engine, found: MultistartResult) -> bool:
 def _multistart_once(
     engine: Engine, target: TaskTarget, rng: np.random.Generator, starts: int, every: bool
 ) -> MultistartResult:
+    """One search of that many starts."""
     Q, tried = feasible_starts(engine, target, starts, rng)
     if not len(Q):
         return MultistartResult(target, (), Sampled.none(engine.robot), 0, tried, 0)
@@ -182,27 +196,29 @@ def _multistart_once(
 
 
 def local_optima(engine: Engine, target: TaskTarget, Q: Array, *, every: bool = False) -> tuple[CandidatePosture, ...]:
-    """The distinct local optima that postures (N, n) on a target with its scale lead to, best first.
+    """The distinct local optima that postures Q (N, n) on a target with its scale lead to, best first.
 
-    All of them with ``every``, else those that may be the best. Searches that have met are followed once.
+    All of them with ``every``, else those that may be the best. After `SCREENING_STEPS` steps, searches that promise
+    nothing are given up and searches that have met are followed once.
     """
-    first = engine.descended(Q, target, _FIRST_STEPS)
+    first = engine.descended(Q, target, SCREENING_STEPS)
     first = first.rows(_best_first(first) if every else _promising(first))
     nearest, size = engine.clusters(first.q)
     optima = engine.descended(first.q[nearest], target, STEPS, first.multipliers[nearest])
     order = _best_first(optima)
     again, total = engine.clusters(optima.q[order], size[order])
-    most = len(again) if every else _MOST_DISTINCT
+    most = len(again) if every else MAX_DISTINCT_OPTIMA
     chosen = optima.rows(order[again[:most]])
     return tuple(sorted(engine.settled(chosen, target, total[:most]), key=rank))
 
 
 def as_good(best: float) -> float:
-    """The objective up to which an optimum counts as the best one: as the rounding of the criteria."""
-    return best + _SAME_OPTIMUM * max(abs(best), 1e-9)
+    """The objective up to which an optimum counts as the best one: by the rounding of the criteria."""
+    return best + OPTIMUM_TOLERANCE * max(abs(best), 1e-9)
 
 
 def _best_first(optima: LocalOptima) -> Codes:
+    """The order (N,) of some searches: by violation, then by objective."""
     return np.lexsort((optima.objective, optima.excess))
 
 
@@ -211,7 +227,7 @@ def _promising(optima: LocalOptima) -> Codes:
     met = optima.excess == 0
     limit = as_good(np.min(optima.objective[met])) if np.any(met) else np.inf
     order = _best_first(optima)
-    hope = optima.objective - _PROMISE * np.maximum(optima.gain, 0.0)
+    hope = optima.objective - PROMISED_GAIN_FACTOR * np.maximum(optima.gain, 0.0)
     return np.asarray(order[(hope <= limit)[order]])
 
 
@@ -225,12 +241,19 @@ def _screened(engine: Engine, target: TaskTarget, Q: Array) -> tuple[TaskTarget,
 
 
 def rank(candidate: CandidatePosture) -> tuple[bool, float, bool, float]:
-    """Sorting key: feasible ones by objective, then infeasible ones by violation."""
+    """Sorting key: feasible ones by objective, then infeasible ones by violation.
+
+    Objectives that agree to the sixth digit count as equal: then an optimum goes before a point that is none, and the
+    posture nearer to the zero posture before the others, so that equal runs give equal answers.
+    """
     # Equal to the sixth digit is equal: the solver's word decides, then the posture nearer to the zero posture.
     key = round(candidate.objective, 6) if candidate.feasible else candidate.violation
     return (not candidate.feasible, key, not candidate.optimal, float(np.linalg.norm(candidate.q)))
 
 
 def distinct(Q: Array, robot: Robot) -> list[int]:
-    """Rows of Q (k, n) that differ from every earlier one by more than 5° or 10 mm in a joint, whole turns apart."""
+    """Indices of the rows of Q (k, n) that differ from every earlier one by more than 5° or 10 mm in a joint.
+
+    Whole turns of a joint make no difference.
+    """
     return [int(k) for k in clusters(Q, robot)[0]]

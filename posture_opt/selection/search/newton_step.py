@@ -24,14 +24,16 @@ from posture_opt.selection.program.nlp import Nlp
 
 LONGEST_STEP = 0.5
 """Of a joint [rad or m]: the quadratic model of a rotation means nothing beyond."""
-_PENALTY = 1e3  # of a squared row in the merit, in units of the objective (about 1)
-_TOUCH = 1e-8  # rad or m: a row or bound that is violated by more belongs to the working set
-_JOINED = 1e-12  # the multiplier of what has just joined, until the next step says how large it is
-_STILL = 1e-12  # a change below it meets nothing
-_DEPENDENT = 1e-10  # of a row's own square: rows that repeat others, or more rows than joints
-_MOST = 1e3  # of a multiplier in the Hessian: where the rows nearly depend on each other, estimates are anything
-_FLAT = 1e-8  # of the largest row: the curvature of a direction that changes nothing, above its rounding
-_FAR = 1e6  # instead of infinity, which makes NaN of zero
+PENALTY = 1e3  # of a squared row in the merit, in units of the objective (about 1)
+WORKING_SET_TOLERANCE = 1e-8  # rad or m: a row or bound that is violated by more belongs to the working set
+JOINED_MULTIPLIER = 1e-12  # the multiplier of what has just joined, until the next step says how large it is
+LEAST_CHANGE = 1e-12  # a change below it meets nothing
+DEPENDENT_ROW_TOLERANCE = 1e-10  # of a row's own square: rows that repeat others, or more rows than joints
+MAX_MULTIPLIER = (
+    1e3  # of a multiplier in the Hessian: where the rows nearly depend on each other, estimates are anything
+)
+FLAT_CURVATURE = 1e-8  # of the largest row: the curvature of a direction that changes nothing, above its rounding
+INFINITE_BOUND = 1e6  # instead of infinity, which makes NaN of zero
 
 
 def newton_step(nlp: Nlp) -> ca.Function:
@@ -47,7 +49,7 @@ def newton_step(nlp: Nlp) -> ca.Function:
     y = ca.SX.sym("y", len(nlp.rows) + len(nlp.variables))
     at = _Point(nlp, y)
     step, multipliers, indefinite = at.direct()
-    gain = ca.if_else(indefinite, _FAR, at.gain(step))
+    gain = ca.if_else(indefinite, INFINITE_BOUND, at.gain(step))
     y_next, step = at.advanced(step, multipliers, indefinite)
     outputs = [step, y_next, at.merit(y), at.merit(y_next), nlp.objective, at.violation, at.stationarity, gain]
     return ca.Function("newton_step", [nlp.x, y, nlp.p], ca.cse([ca.densify(ca.SX(output)) for output in outputs]))
@@ -67,14 +69,16 @@ class _Point:
 
     @cached_property
     def value(self) -> ca.SX:
+        """(m + n,) the rows and the variables."""
         return ca.vertcat(self.nlp.g, self.nlp.x)
 
     @cached_property
     def ends(self) -> tuple[ca.SX, ca.SX]:
+        """(m + n,) lower and upper ends, finite."""
         lower, upper = self.nlp.variable_bounds
         low = ca.vertcat(*(row.lower for row in self.nlp.rows), ca.DM(lower))
         high = ca.vertcat(*(row.upper for row in self.nlp.rows), ca.DM(upper))
-        return ca.fmax(low, -_FAR), ca.fmin(high, _FAR)
+        return ca.fmax(low, -INFINITE_BOUND), ca.fmin(high, INFINITE_BOUND)
 
     @cached_property
     def equal(self) -> ca.DM:
@@ -85,14 +89,16 @@ class _Point:
     @cached_property
     def above(self) -> ca.SX:
         """1 where the upper end is in the working set; an equality counts as one."""
-        return ca.fmax(ca.fmax(self.y > 0, self.value > self.ends[1] + _TOUCH), self.equal)
+        return ca.fmax(ca.fmax(self.y > 0, self.value > self.ends[1] + WORKING_SET_TOLERANCE), self.equal)
 
     @cached_property
     def below(self) -> ca.SX:
-        return (1 - self.equal) * ca.fmax(self.y < 0, self.value < self.ends[0] - _TOUCH)
+        """1 where the lower end of an inequality is in the working set."""
+        return (1 - self.equal) * ca.fmax(self.y < 0, self.value < self.ends[0] - WORKING_SET_TOLERANCE)
 
     @cached_property
     def working(self) -> ca.SX:
+        """1 where either end is in the working set."""
         return ca.fmin(self.above + self.below, 1)
 
     @cached_property
@@ -103,10 +109,12 @@ class _Point:
 
     @cached_property
     def slope(self) -> ca.SX:
+        """(n,) gradient of the objective."""
         return ca.densify(ca.gradient(self.nlp.objective, self.nlp.x))
 
     @cached_property
     def row_slopes(self) -> ca.SX:
+        """(m, n) Jacobian of the rows."""
         return ca.densify(ca.jacobian(self.nlp.g, self.nlp.x))
 
     @cached_property
@@ -117,9 +125,9 @@ class _Point:
 
     @cached_property
     def _gram(self) -> Factors:
-        """Of ``A Aᵀ``; the multiplier of a row that depends on others is zero."""
+        """Factors of ``A Aᵀ`` (m, m); the multiplier of a row that depends on others is zero."""
         A, rows = self.free_slopes, self.working[: self.m, 0]
-        return ldl(A @ A.T + ca.diag(1 - rows), _DEPENDENT)
+        return ldl(A @ A.T + ca.diag(1 - rows), DEPENDENT_ROW_TOLERANCE)
 
     def _multipliers(self, slope: ca.SX) -> ca.SX:
         """(m + n,) multipliers that leave the least residual beside a slope (n,), zero outside of the working set."""
@@ -147,11 +155,11 @@ class _Point:
         return ca.if_else(_shifted(whole, self.projector)[1] < 0, others, whole)
 
     def _hessian(self, objective: ca.SX, chosen: Sequence[bool]) -> ca.SX:
-        """Hessian of an objective and of some rows times their multipliers."""
+        """(n, n) Hessian of an objective and of the ``chosen`` rows times their multipliers, these bounded."""
         weights = ca.SX.sym("weights", self.m)
         lagrangian = objective + ca.dot(ca.DM([float(yes) for yes in chosen]) * weights, self.nlp.g)
         hessian = ca.densify(ca.hessian(lagrangian, self.nlp.x)[0])
-        bounded = ca.fmin(ca.fmax(self.estimate[: self.m, 0], -_MOST), _MOST)
+        bounded = ca.fmin(ca.fmax(self.estimate[: self.m, 0], -MAX_MULTIPLIER), MAX_MULTIPLIER)
         return ca.substitute(hessian, weights, bounded)
 
     @cached_property
@@ -162,7 +170,11 @@ class _Point:
         return project - A.T @ ca.horzcat(*(solved(self._gram, A[:, k]) for k in range(n))) if m else project
 
     def direct(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Newton's step (n,), its multipliers (m + n,), and whether the Hessian had to be made convex."""
+        """Newton's step (n,), its multipliers (m + n,), and whether the Hessian had to be made convex.
+
+        The least step ``Aᵀ(A Aᵀ)⁻¹ gap`` meets the rows; ``−P (P H P)⁻¹ P (∇f + H p)`` then improves along what they
+        leave.
+        """
         m, A, project = self.m, self.free_slopes, self.projector
         short, p = self.gap[:m, 0] - self.working[:m, 0] * (self.row_slopes @ self.gap[m:]), self.gap[m:]
         if m:
@@ -172,23 +184,26 @@ class _Point:
         return p, self._multipliers(self.slope + self.curvature @ p), indefinite
 
     def gain(self, p: ca.SX) -> ca.SX:
-        """The decrease of the Lagrangian's quadratic model by a step (n,)."""
+        """The decrease of the Lagrangian's quadratic model by a step p (n,): ``−(∇f + Aᵀλ)·p − pᵀHp/2``."""
         weights = self.estimate[: self.m, 0]
         return -ca.dot(self.slope + self.row_slopes.T @ weights, p) - ca.dot(p, self.curvature @ p) / 2
 
     def advanced(self, p: ca.SX, multipliers: ca.SX, indefinite: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """The multipliers of the next working set, and the step up to what it meets first."""
+        """The multipliers (m + n,) of the next working set, and the step (n,) up to what it meets first.
+
+        No joint moves by more than `LONGEST_STEP`. What is met joins with a multiplier that is next to zero.
+        """
         low, high = self.ends
         change = ca.vertcat(self.row_slopes @ p, p)
         room = ca.if_else(change > 0, high, low) - self.value
-        meets = (1 - self.working) * (ca.fabs(change) > _STILL)
-        ratio = ca.if_else(meets, ca.fmax(room / change, 0), _FAR)
+        meets = (1 - self.working) * (ca.fabs(change) > LEAST_CHANGE)
+        ratio = ca.if_else(meets, ca.fmax(room / change, 0), INFINITE_BOUND)
         first = ca.mmin(ratio)
         longest = ca.mmax(ca.fabs(p))
         # Where the objective bends downwards, Newton's length means nothing: as far as it may go.
         whole = LONGEST_STEP / ca.fmax(longest, ca.if_else(indefinite, 1e-6, LONGEST_STEP))
         right = self.signed(multipliers)
-        joined = (ratio <= first) * (first <= whole) * ca.sign(change) * _JOINED
+        joined = (ratio <= first) * (first <= whole) * ca.sign(change) * JOINED_MULTIPLIER
         return self.working * right + (1 - self.working) * joined, ca.fmin(whole, first) * p
 
     def merit(self, y: ca.SX) -> ca.SX:
@@ -202,20 +217,21 @@ class _Point:
             strict=False,
         ):
             if ca.is_equal(row.lower, row.upper, 2):
-                total = total + weight * (g - high) + _PENALTY / 2 * (g - high) ** 2
+                total = total + weight * (g - high) + PENALTY / 2 * (g - high) ** 2
                 continue
             for beyond, part in ((g - high, ca.fmax(weight, 0)), (low - g, ca.fmax(-weight, 0))):
-                counted = ca.fmax(beyond, -part / _PENALTY)
-                total = total + part * counted + _PENALTY / 2 * counted**2
+                counted = ca.fmax(beyond, -part / PENALTY)
+                total = total + part * counted + PENALTY / 2 * counted**2
         return total
 
     def signed(self, multipliers: ca.SX) -> ca.SX:
-        """Zero where an inequality has a multiplier of the wrong sign."""
+        """Multipliers (m + n,), zero where an inequality has one of the wrong sign."""
         right = ca.if_else(self.above, ca.fmax(multipliers, 0), ca.fmin(multipliers, 0))
         return self.working * ca.if_else(self.equal, multipliers, right)
 
     @property
     def violation(self) -> ca.SX:
+        """The largest violation of a row [m, rad or 1]."""
         low, high = (end[: self.m, 0] for end in self.ends)
         return ca.mmax(ca.fmax(ca.fmax(low - self.nlp.g, self.nlp.g - high), 0)) if self.m else ca.SX(0)
 
@@ -239,11 +255,12 @@ def _convexified(H: ca.SX, project: ca.SX) -> tuple[Factors, ca.SX]:
 
 
 def _shifted(H: ca.SX, project: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """The projected Hessian, filled up along the directions that are taken away, and its least pivot."""
+    """The projected Hessian (n, n), filled up along the directions that are taken away, and its least pivot."""
     one = ca.SX.eye(H.shape[0])
-    K = project @ H @ project + _size(H) * (one - project + _FLAT * one)
+    K = project @ H @ project + _size(H) * (one - project + FLAT_CURVATURE * one)
     return K, ca.mmin(ca.vertcat(*ldl(K)[1]))
 
 
 def _size(H: ca.SX) -> ca.SX:
-    return ca.mmax(ca.sum2(ca.fabs(H))) + _STILL
+    """A bound of the largest eigenvalue of a symmetric matrix (n, n): the largest row sum of magnitudes."""
+    return ca.mmax(ca.sum2(ca.fabs(H))) + LEAST_CHANGE

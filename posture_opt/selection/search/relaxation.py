@@ -20,13 +20,19 @@ from posture_opt.selection.search.elastic_problem import AXIS, LIMITS, TARGET, C
 
 YAW = "yaw"
 """The requirement to hold the spin of the tool."""
-_VISIBLE = 1e-6  # rad or m beyond a limit that is worth a word
-_MOSTLY = 0.9  # cosine: a move in about that direction
+VISIBLE_EXCESS = 1e-6  # rad or m beyond a limit that is worth a word
+MAIN_DIRECTION_COSINE = 0.9  # cosine: a move in about that direction
 
 
 @dataclass(frozen=True)
 class Reason:
-    """One requirement that cannot be met: its name, a sentence, and by how much [unit]."""
+    """One requirement that cannot be met.
+
+    Args:
+        requirement: its name: ``target``, ``tool_axis``, ``JOINT.limits``, or that of a term or obstacle.
+        message: a sentence for reports.
+        amount: by how much it fails [unit].
+    """
 
     requirement: str
     message: str
@@ -36,9 +42,13 @@ class Reason:
 
 @dataclass(frozen=True)
 class Relaxation:
-    """What to change, in words; what is missed until then; the posture (joint name -> rad or m) that then does.
+    """A change that makes the task possible.
 
-    ``cost`` compares changes: a move in units of the arm's size, angles in rad, bounds relative to their size.
+    Args:
+        change: what to change, in words.
+        reasons: what is missed until then.
+        posture: joint name -> rad or m, which then does the task.
+        cost: compares changes: a move in units of the arm's size, angles in rad, bounds relative to their size.
     """
 
     change: str
@@ -54,17 +64,24 @@ class Relaxation:
 def relaxation(
     problem: OptimisationProblem, elastic: ElasticProblem, target: TaskTarget, names: Sequence[str], way: Compromise
 ) -> Relaxation:
-    """The relaxation of the requirements ``names`` that a compromise shows to suffice."""
+    """The relaxation of the requirements ``names`` that a compromise shows to suffice.
+
+    Numbers in its words are rounded to the side that does.
+    """
     posture = Posture(problem.robot, way.q)
     lacking = dict(zip(elastic.requirements, map(float, way.lacking), strict=True))
-    told = _Told(problem, elastic, target, way.q)
-    parts = [part for name in names if lacking[name] > 0 for part in told.parts(name, lacking[name], len(names) > 1)]
+    shown_value = _RelaxationWords(problem, elastic, target, way.q)
+    parts = [
+        part for name in names if lacking[name] > 0 for part in shown_value.parts(name, lacking[name], len(names) > 1)
+    ]
     changes = list(dict.fromkeys(change for change, _ in parts))
     return Relaxation(" and ".join(changes), tuple(reason for _, reason in parts), posture, way.cost)
 
 
 def plane_reason(reach: Reach, target: TaskTarget) -> Reason | None:
-    """The reason why an arm that moves in a plane, or on a line, cannot reach a target outside of it."""
+    """The reason why an arm that moves in a plane, or on a line, cannot reach a target outside of it; None where it
+    can.
+    """
     if not reach.misses(target.lower, target.upper):
         return None
     shift = reach.outside(target.lower, target.upper)
@@ -77,7 +94,9 @@ def plane_reason(reach: Reach, target: TaskTarget) -> Reason | None:
 
 
 @dataclass(frozen=True)
-class _Told:
+class _RelaxationWords:
+    """The words for one compromise: what is missed at its posture q (n,), and what to change."""
+
     problem: OptimisationProblem
     elastic: ElasticProblem
     target: TaskTarget
@@ -92,6 +111,7 @@ class _Told:
         return self._limits() if name == LIMITS else [self._further(name)]
 
     def _target(self, beside_others: bool) -> tuple[str, Reason]:
+        """The shift [mm] that brings the target to the nearest point that the tool reaches."""
         point = np.array(self.problem.tool_point.walk(self.q.tolist())[0].position, dtype=float)
         gap = np.clip(point, self.target.lower, self.target.upper) - point
         distance = float(np.linalg.norm(gap))
@@ -122,9 +142,10 @@ class _Told:
         along, up = float(shift @ out / np.linalg.norm(out)) / distance, float(shift[2]) / distance
         words = [(-along, "towards the base"), (along, "away from the base"), (up, "up"), (-up, "down")]
         cosine, word = max(words)
-        return f", {distance * 1e3:.4g} mm{f' {word}' if cosine >= _MOSTLY else ''}"
+        return f", {distance * 1e3:.4g} mm{f' {word}' if cosine >= MAIN_DIRECTION_COSINE else ''}"
 
     def _axis(self, missing: float) -> tuple[str, Reason]:
+        """The tilt that would do, rounded up to a tenth of a degree."""
         allowed = math.degrees(self.target.tilt)
         needed = allowed + math.degrees(missing)
         change = f"set tilt: {_up(needed, 1):g} deg"
@@ -135,17 +156,16 @@ class _Told:
         return f"{change} (now {allowed:.3g} deg)", Reason(AXIS, message, missing, "rad")
 
     def _limits(self) -> list[tuple[str, Reason]]:
+        """Each joint that would have to leave its limits, and by how much."""
         parts = []
         for value, joint in zip(self.q, self.problem.robot.joints, strict=True):
             amount = max(joint.lower - value, value - joint.upper, 0.0)
-            if amount > _VISIBLE:
+            if amount > VISIBLE_EXCESS:
                 bound = joint.lower if value < joint.lower else joint.upper
-                told, limit, beyond = (shown(v, joint.unit) for v in (value, bound, amount))
+                shown_value, limit, beyond = (shown(v, joint.unit) for v in (value, bound, amount))
                 what = "target and tool axis" if self.problem.axis_rows else "target"
-                message = (
-                    f"{joint.name} would have to go to {told}, {beyond} beyond its limit {limit}, to meet the {what}"
-                )
-                change = f"let {joint.name} go to {told} (limit {limit})"
+                message = f"{joint.name} would have to go to {shown_value}, {beyond} beyond its limit {limit}, to meet the {what}"
+                change = f"let {joint.name} go to {shown_value} (limit {limit})"
                 parts.append((change, Reason(f"{joint.name}.limits", message, float(amount), joint.unit)))
         return parts
 
@@ -162,15 +182,17 @@ class _Told:
         return self._row(rows[k], missing[k], *values[k])
 
     def _yaw(self, sine: float, cosine: float) -> tuple[str, Reason]:
+        """The yaw that the tool comes nearest to, from sine and cosine of what it is off by."""
         off = abs(math.atan2(sine, cosine))
         message = f"at this target the tool turns no nearer than {math.degrees(off):.4g} deg to the wanted yaw"
         change = f"change the yaw by {_up(math.degrees(off), 2):g} deg, or leave it out"
         return change, Reason(YAW, message, off, "rad")
 
     def _row(self, row: Row, missing: float, value: float, low: float, high: float) -> tuple[str, Reason]:
-        told, bound = row.shown(value), row.shown(low if value < low else high)
-        below = told < bound
-        reached, stated = shown(told, row.unit), shown(bound, row.unit)
+        """The bound that would do for a term, or the room that an obstacle has to make."""
+        shown_value, bound = row.shown(value), row.shown(low if value < low else high)
+        below = shown_value < bound
+        reached, stated = shown(shown_value, row.unit), shown(bound, row.unit)
         if below:
             message = f"{row.name} is {reached} at most, and at least {stated} is required"
         else:
@@ -179,8 +201,8 @@ class _Told:
             change = self._too_near(self._obstacles[row.name], missing, value, low)
             return change, Reason(row.name, message, missing, row.unit)
         key = "at_least" if below else "at_most"
-        change = f"set {key} of {row.requirement} to {enough(told, row.unit, below)} (now {stated})"
-        return change, Reason(row.name, message, abs(told - bound), row.unit)
+        change = f"set {key} of {row.requirement} to {enough(shown_value, row.unit, below)} (now {stated})"
+        return change, Reason(row.name, message, abs(shown_value - bound), row.unit)
 
     @property
     def _obstacles(self) -> dict[str, str]:
@@ -201,7 +223,7 @@ class _Told:
 
 
 def _up(value: float, digits: int) -> float:
-    """Rounded up: the change must do."""
+    """The value rounded up to so many decimals: the change must do."""
     return float(math.ceil(value * 10**digits - 1e-9) / 10**digits)
 
 
@@ -214,7 +236,7 @@ def enough(bound: float, unit: str, least: bool) -> str:
 
 
 def shown(value: float, unit: str) -> str:
-    """A quantity as people write it."""
+    """A quantity [SI] with the unit that reports use: deg, mm, %."""
     if unit == "rad":
         return f"{math.degrees(value):.4g} deg"
     if unit == "probability":

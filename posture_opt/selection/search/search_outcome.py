@@ -21,7 +21,7 @@ from posture_opt.selection.search.search_statistics import Sweep
 
 Seek = Callable[[Engine], tuple[MultistartResult, Sweep | None]]
 """A search with the functions of one engine."""
-_TOUCHING = 1e-9  # m: rounding of a distance
+DISTANCE_ROUNDING = 1e-9  # m: rounding of a distance
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,8 @@ class SearchOutcome:
     """What random starts and a sweep led to.
 
     Args:
-        by_starts, by_sweep: feasible postures.
+        found: the global search; ``swept`` the sweep, None where the problem allows none.
+        by_starts, by_sweep: feasible postures that each led to.
     """
 
     engine: Engine
@@ -64,10 +65,12 @@ class SearchOutcome:
 
 
 def searched(seek: Seek, free: Engine, guarded: Callable[[], Engine], scene: Scene) -> SearchOutcome:
-    """The outcome of a search among postures that are clear.
+    """The outcome of a search among postures that are clear of collisions.
 
     Args:
+        seek: the search, run once or, where its best posture collides, twice.
         free: the engine without rows that keep the arm clear; ``guarded`` makes the one with them.
+        scene: exact distances, which decide.
     """
     outcome = SearchOutcome.of(free, *seek(free))
     if not scene.active or not outcome.feasible:
@@ -91,4 +94,4 @@ def is_clear(scene: Scene, Q: Array) -> Mask:
     """(N,) whether the postures (N, n) keep the distance that is asked for."""
     if not len(Q):
         return np.zeros(0, dtype=bool)
-    return np.asarray(scene.least(Q) >= scene.margin - _TOUCHING)
+    return np.asarray(scene.least(Q) >= scene.margin - DISTANCE_ROUNDING)

@@ -23,7 +23,12 @@ _GRID = 91  # values of each joint: steps of 4° over a turn
 
 @dataclass(frozen=True)
 class Sweep:
-    """What was swept, in how many points, how many of them were feasible, and the best of them."""
+    """A systematic sweep.
+
+    Args:
+        over: what was swept, in words; ``points`` in how many points, ``feasible`` of them met every requirement.
+        best: the best of these, before it is improved.
+    """
 
     over: str
     points: int
@@ -118,7 +123,10 @@ class SearchStatistics:
 
 
 def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep | None:
-    """The sweep that the problem allows: over both joint angles, or over the spin of the tool; else None."""
+    """The sweep that the problem allows: over both joint angles, or over the spin of the tool; else None.
+
+    It looks at the whole of what is free, so that random starts can be held against it in every run.
+    """
     robot, problem = engine.robot, engine.optimisation_problem
     if robot.n <= 2 and target.kind != "point":
         axes = [np.linspace(low, high, _GRID) for low, high in zip(robot.lower, robot.upper, strict=True)]
@@ -133,7 +141,9 @@ def sweep(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Sweep
 
 
 def _spun(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Array:
-    """Postures that reach the target with the tool's spin held at each of many angles, every branch sought anew."""
+    """(k, n) postures that reach the target with the tool's spin held at each of many angles, every branch sought
+    anew.
+    """
     angles = np.repeat(np.arange(_SPINS) * 2 * np.pi / _SPINS, _SEEDS)
     spin = np.cos(angles)[:, None] * target.axis_basis[:, 0] + np.sin(angles)[:, None] * target.axis_basis[:, 1]
     request = PoseRequest(target.lower, target.axis, spin, np.ones(3))
@@ -142,6 +152,7 @@ def _spun(engine: Engine, target: TaskTarget, rng: np.random.Generator) -> Array
 
 
 def _evaluate(engine: Engine, target: TaskTarget, Q: Array, over: str) -> Sweep | None:
+    """The best feasible posture of Q (N, n), and how many there are; None where there is none."""
     if not len(Q):
         return None
     objective, violation = (column[:, 0] for column in engine.screen(Q, target.parameters)[:2])
