@@ -70,10 +70,8 @@ def relaxation(
     """
     posture = Posture(problem.robot, way.q)
     lacking = dict(zip(elastic.requirements, map(float, way.lacking), strict=True))
-    shown_value = _RelaxationWords(problem, elastic, target, way.q)
-    parts = [
-        part for name in names if lacking[name] > 0 for part in shown_value.parts(name, lacking[name], len(names) > 1)
-    ]
+    words = _RelaxationWords(problem, elastic, target, way.q)
+    parts = [part for name in names if lacking[name] > 0 for part in words.parts(name, lacking[name], len(names) > 1)]
     changes = list(dict.fromkeys(change for change, _ in parts))
     return Relaxation(" and ".join(changes), tuple(reason for _, reason in parts), posture, way.cost)
 
@@ -162,10 +160,12 @@ class _RelaxationWords:
             amount = max(joint.lower - value, value - joint.upper, 0.0)
             if amount > VISIBLE_EXCESS:
                 bound = joint.lower if value < joint.lower else joint.upper
-                shown_value, limit, beyond = (shown(v, joint.unit) for v in (value, bound, amount))
+                wanted, limit, beyond = (shown(v, joint.unit) for v in (value, bound, amount))
                 what = "target and tool axis" if self.problem.axis_rows else "target"
-                message = f"{joint.name} would have to go to {shown_value}, {beyond} beyond its limit {limit}, to meet the {what}"
-                change = f"let {joint.name} go to {shown_value} (limit {limit})"
+                message = (
+                    f"{joint.name} would have to go to {wanted}, {beyond} beyond its limit {limit}, to meet the {what}"
+                )
+                change = f"let {joint.name} go to {wanted} (limit {limit})"
                 parts.append((change, Reason(f"{joint.name}.limits", message, float(amount), joint.unit)))
         return parts
 
