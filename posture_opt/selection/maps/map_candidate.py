@@ -1,4 +1,7 @@
-"""``MapCandidate``: what is known so far of one target of a map."""
+"""``MapCandidate``: what is known so far of one target of a map.
+
+A map is worked on in rounds by several workers; between them candidates travel as plain numbers.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +17,21 @@ MapStatus = Literal["feasible", "not reached", "requirement not met"]
 
 @dataclass(frozen=True)
 class MapCandidate:
-    """What was found for one target: a posture, or why there is none."""
+    """What was found for one target of a map.
+
+    Args:
+        status: ``feasible``; ``not reached``: no start arrived; ``requirement not met``: some arrived, but collide or
+            miss a term.
+        best: the best posture, None where there is none.
+        scale: variance [m²] that its objective is divided by; NaN where no start arrived.
+    """
 
     status: MapStatus
     best: CandidatePosture | None
     scale: float
 
     def packed(self) -> list[Any]:
-        """Numbers and text, to be sent."""
+        """Numbers and text, to be sent to another process or written to a checkpoint."""
         c = self.best
         if c is None:
             return [self.status, self.scale]

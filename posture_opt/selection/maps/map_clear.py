@@ -1,4 +1,7 @@
-"""The targets of a map whose best posture collides: sought again, with rows that keep the arm clear."""
+"""The targets of a map whose best posture collides: solved again, with rows that keep the arm clear.
+
+Rows make a step several times dearer, so a map is solved without them first; most cells are clear anyway.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.workers import Workers
 
-_CHUNK = 256  # postures that are looked at together
+POSTURES_PER_CHUNK = 256  # postures that are looked at together
 
 
 def clear_candidates(
@@ -34,6 +37,8 @@ def clear_candidates(
     Args:
         guarded: the engine with the rows, for a target.
         pairs: targets that try each other's postures.
+        workers: who works on the chunks; the answer does not depend on it.
+        seed: of the random starts.
     """
     again = colliding(scene, candidates, workers)
     found = list(candidates)
@@ -51,22 +56,23 @@ def clear_candidates(
 
 
 def colliding(scene: Scene, candidates: Sequence[MapCandidate], workers: Workers) -> list[int]:
-    """The candidates with a posture that comes too near to something."""
+    """Indices of the candidates with a posture that comes nearer to something than the margin of the scene."""
     held = [k for k, candidate in enumerate(candidates) if candidate.best is not None]
     if not held or not scene.active:
         return []
-    chunks = [held[i : i + _CHUNK] for i in range(0, len(held), _CHUNK)]
+    chunks = [held[i : i + POSTURES_PER_CHUNK] for i in range(0, len(held), POSTURES_PER_CHUNK)]
     postures = [np.array([best.q for k in chunk if (best := candidates[k].best) is not None]) for chunk in chunks]
     clear = workers.in_order(_clear, scene, postures)
     return [k for chunk, told in zip(chunks, clear, strict=True) for k, yes in zip(chunk, told, strict=True) if not yes]
 
 
 def _clear(scene: Scene, Q: Array) -> list[bool]:
+    """Of each posture of Q (N, n) whether it is clear."""
     return [bool(yes) for yes in is_clear(scene, Q)]
 
 
 def among(pairs: Sequence[Pairs], chosen: Sequence[int]) -> list[Pairs]:
-    """The pairs of targets that are both chosen, numbered as they stand there."""
+    """The pairs of targets that are both chosen, numbered by their places among the chosen ones."""
     most = max((int(max(here.max(initial=0), there.max(initial=0))) for here, there in pairs), default=0)
     place = np.full(max(most, *chosen) + 1, -1)
     place[list(chosen)] = np.arange(len(chosen))

@@ -34,9 +34,9 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.workers import Workers
 
-_SEEN = 60  # bends, from which on a posture falls short of its optimum by at most twice the largest of them
-_FIRST = 8 * CHUNK  # targets that are tried before that is asked for the first time
-_SAME = 0.1  # rad or m: a start so near to an optimum leads to it
+MIN_BENDS_SEEN = 60  # bends, from which on a posture falls short of its optimum by at most twice the largest of them
+FIRST_TARGETS = 8 * CHUNK  # targets that are tried before that is asked for the first time
+SAME_START = 0.1  # rad or m: a start so near to an optimum leads to it
 
 Starts = dict[int, list[tuple[int, Array]]]
 """Target -> neighbours with their postures, joint 1 moved."""
@@ -46,8 +46,13 @@ Starts = dict[int, list[tuple[int, Array]]]
 class NeighbourExchange:
     """Targets with the engines that solve them; ``candidates`` are the best ones known, replaced in place.
 
-    ``tried`` holds the postures of neighbours that the solver began with at each target, ``lost`` those of them that
-    ended at a worse optimum.
+    Args:
+        neighbourhood: which targets try each other's postures, and how a posture is carried from one to another.
+        seed: of perturbed starts, together with round and target.
+        tried: the postures of neighbours that the solver began with at each target.
+        lost: those of them that ended at a worse optimum.
+        bends: how far carried postures fell short of their optimum, over the squared distance: what others may
+            promise.
     """
 
     engines: Sequence[Engine]
@@ -78,10 +83,11 @@ class NeighbourExchange:
         starts = self._starts(fresh, pairs, others=True)
         # In a random order, so that what falls short is soon seen all over the map.
         order = np.random.default_rng(0).permutation(list(starts)).tolist()
-        return self._try_all(order[:_FIRST], starts) | self._try_all(order[_FIRST:], starts)
+        return self._try_all(order[:FIRST_TARGETS], starts) | self._try_all(order[FIRST_TARGETS:], starts)
 
     def _try_all(self, indices: Sequence[int], starts: Starts) -> set[int]:
-        bend = min(BEND, 2 * max(self.bends)) if len(self.bends) >= _SEEN else BEND
+        """Polish neighbours' postures at these targets; those that became better."""
+        bend = min(BEND, 2 * max(self.bends)) if len(self.bends) >= MIN_BENDS_SEEN else BEND
 
         def item(chunk: Sequence[int]) -> list[NeighbourStarts]:
             return [self._beside(k, starts[k], tried=self.tried.get(k, ()), bend=bend) for k in chunk]
@@ -114,7 +120,7 @@ class NeighbourExchange:
     def agree(self) -> None:
         """Of equally good postures take the one of the neighbour: a map is read more easily, and an arm moves less.
 
-        From the best candidate outwards, each target once.
+        From the best candidate outwards, each target once (breadth first).
         """
         known = {k: candidate.best for k, candidate in enumerate(self.candidates) if candidate.best is not None}
         beside: dict[int, list[int]] = {}
@@ -172,6 +178,7 @@ class NeighbourExchange:
         return starts
 
     def _posture(self, k: int) -> Array:
+        """(n,) the posture of a target that has one."""
         best = self.candidates[k].best
         assert best is not None
         return best.q
@@ -179,9 +186,10 @@ class NeighbourExchange:
     @staticmethod
     def _apart(Q: Array, moved: Array) -> Any:
         """(M,) whether a posture can lead to anything but the one that its target has, if any."""
-        return ~(np.max(np.abs(Q - moved), axis=1, initial=0.0) < _SAME)
+        return ~(np.max(np.abs(Q - moved), axis=1, initial=0.0) < SAME_START)
 
     def _beside(self, k: int, starts: Sequence[tuple[int, Array]], **more: Any) -> NeighbourStarts:
+        """What target k needs to try postures of its neighbours."""
         reach = self.engines[k].optimisation_problem.reach.radius
         squares = [(self.neighbourhood.distance(j, k) / reach) ** 2 for j, _ in starts]
         return NeighbourStarts(self.targets[k], self.candidates[k], np.array([q for _, q in starts]), squares, **more)

@@ -35,7 +35,10 @@ class Exploration:
 
 
 def explore(engine: Engine, item: Exploration) -> list[list[Any]]:
-    """The packed candidate of every target, by random starts, or the known one where that is better."""
+    """The packed candidate of every target, by random starts, or the known one where that is better.
+
+    The starts of a target depend on the seed, their number and its index alone, not on the chunk that it is in.
+    """
     targets, candidates = item.targets, list(item.known)
     open_ = [k for k in range(len(targets)) if not out_of_plane(engine, targets[k])]
     if open_:

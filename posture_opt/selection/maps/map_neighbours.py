@@ -14,9 +14,9 @@ import numpy as np
 from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array, Codes
 
-_ALONG = 1e-6  # rad: a direction nearer than this to the axis of joint 1 lies along it
-_SAME_HEIGHT = 1e-6  # of the largest coordinate: rounding of a grid's
-_PARTNERS = (1, 2)  # places away in the order by radius
+PARALLEL_ANGLE = 1e-6  # rad: a direction nearer than this to the axis of joint 1 lies along it
+HEIGHT_ROUNDING = 1e-6  # of the largest coordinate: rounding of a grid's
+RADIAL_PARTNERS = (1, 2)  # places away in the order by radius
 
 
 Pairs = tuple[Codes, Codes]
@@ -25,9 +25,11 @@ Pairs = tuple[Codes, Codes]
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Targets ``at`` (N,), two others each in one line with them, and the share of the first in what both let expect.
+    """Targets in a line with two others, which let expect a value of theirs.
 
-    A share of a half interpolates, one of two extrapolates.
+    Args:
+        at: (N,) targets; ``first`` and ``second`` (N,) two others each in one line with them.
+        share: of the first in what both let expect: one half interpolates, two extrapolates.
     """
 
     at: Codes
@@ -71,10 +73,13 @@ class BaseMotion:
 
     def keeps(self, direction: Array) -> bool:
         """Whether a direction (3,) is the same one after the motion."""
-        return self.slides or float(np.linalg.norm(np.cross(self.axis, direction))) < _ALONG
+        return self.slides or float(np.linalg.norm(np.cross(self.axis, direction))) < PARALLEL_ANGLE
 
     def split(self, points: Array) -> tuple[Array, Array]:
-        """(N, 2) what the motion leaves of points (N, 3) [m]: radius and height, or both offsets; (N,) its amount."""
+        """(N, 2) what the motion leaves of points (N, 3) [m]: radius and height, or both offsets; (N,) its amount.
+
+        The amount is the angle about the axis [rad], or the coordinate along it [m].
+        """
         r = points - self.point
         along, across = r @ self.axis, r @ self.frame
         if self.slides:
@@ -85,7 +90,8 @@ class BaseMotion:
         """Postures (N, n), joint 1 of each moved, by whole turns more or less where its limits ask, else to its limit.
 
         Args:
-            shift: (N,) [rad or m].
+            Q: (N, n) [rad or m].
+            shift: (N,) of joint 1 [rad or m].
         """
         turn = 0.0 if self.slides else 2 * np.pi
         values = (Q[:, 0] + shift)[:, None] + turn * np.array([0.0, -1.0, 1.0])
@@ -100,11 +106,12 @@ class Neighbourhood:
 
     Args:
         motion: of joint 1.
-        kept: (N, 2 or 3) where each target stands but for this motion [m].
+        kept: (N, 2 or 3) the coordinates of each target that this motion does not change [m].
         amount: (N,) of the motion that brings the arm to each target [rad or m]; zeros where the task is not the same
             everywhere along it.
         on_grid: pairs of neighbours on the grid.
         turned: pairs of targets that joint 1 moves onto each other, or near to.
+        lines: targets in a row, for what stands out.
     """
 
     motion: BaseMotion
@@ -170,11 +177,11 @@ def _lines(count: int, here: Codes, there: Codes) -> list[Line]:
 
 def _nearest(kept: Array) -> list[Pairs]:
     """Targets that follow each other in the order by what the motion keeps (N, 2): at one height, by radius."""
-    slack = 1e-9 + _SAME_HEIGHT * float(np.max(np.abs(kept)))
+    slack = 1e-9 + HEIGHT_ROUNDING * float(np.max(np.abs(kept)))
     height = np.round(kept[:, 1] / slack)
     order = np.lexsort((np.round(kept[:, 0] / slack), height))
     pairs = []
-    for step in _PARTNERS:
+    for step in RADIAL_PARTNERS:
         here, there = order[:-step], order[step:]
         level = height[here] == height[there]
         pairs.append((here[level], there[level]))

@@ -74,9 +74,10 @@ class Grid:
         return tuple(pairs)
 
     def cells(self, points: Array) -> Codes:
-        """(N,) the target in whose cell each point (N, 3) lies; -1 outside of all cells.
+        """(N,) the target in whose cell each point (N, 3) [m] lies, world; -1 outside of all cells.
 
-        Across the figure's plane a cell is as thick as its layers lie apart; of a single layer, as its longer side.
+        Across the figure's plane a cell is as thick as the distance of its layers; of a single layer, as its longer
+        side.
         """
         at = self.coordinates(points)
         sides = self.sides
@@ -88,7 +89,7 @@ class Grid:
         return np.where(inside, np.ravel_multi_index(tuple(index[::-1]), self.shape), -1)
 
     def to_json(self) -> dict[str, Any]:
-        """Axes, origin and values of the grid [m]."""
+        """Axes, origin [m] and values [m] of the grid, world."""
         return {
             "origin": self.origin.tolist(),
             "axes": self.axes.tolist(),
@@ -109,7 +110,7 @@ def along_world_axes(axes: Array) -> bool:
     return bool(np.all(np.max(np.abs(axes), axis=1) > 1 - ALIGNED))
 
 
-_CENTRAL = 0.01  # of σ: a smaller shift of the mean moves a radius by 1e-4 of it
+NEGLIGIBLE_BIAS = 0.01  # of σ: a smaller shift of the mean moves a radius by 1e-4 of it
 
 
 @dataclass(frozen=True)
@@ -201,7 +202,11 @@ def packed_points(engine: Engine, item: tuple[Sequence[TaskTarget], Sequence[Map
 def map_points_of(
     problem: OptimisationProblem, targets: Sequence[TaskTarget], candidates: Sequence[MapCandidate]
 ) -> list[MapPoint]:
-    """Moments of all postures in one evaluation, and what the task makes of them."""
+    """Moments of all postures in one evaluation, and what the task makes of them.
+
+    Args:
+        targets: N points; ``candidates`` what was found at each.
+    """
     B, d = critical_basis(problem, targets[0]), targets[0].direction
     found = [k for k, candidate in enumerate(candidates) if candidate.best is not None]
     nothing = np.full(problem.robot.n, np.nan)
@@ -223,7 +228,7 @@ def map_points_of(
         i = row[k]
         b, sigma = B.T @ bias[i], float(moments.sigma[i])
         radius = float(central[i])
-        if float(np.linalg.norm(b)) > _CENTRAL * sigma:
+        if float(np.linalg.norm(b)) > NEGLIGIBLE_BIAS * sigma:
             radius = coverage_radius(0.95, own[i], b)
         hit = success_with_peg(problem, Q[i], B, target.clearance)
         hit = within_clearance(own[i], target.clearance, b) if hit is None else hit
@@ -236,5 +241,6 @@ def map_points_of(
 
 
 def _empty(target: TaskTarget, status: MapStatus, q: Array) -> MapPoint:
+    """The point of a target without a posture: NaN in place of numbers."""
     nan = math.nan
     return MapPoint(target.lower, status, False, q, np.full((3, 3), nan), np.full(3, nan), nan, nan, nan, nan)

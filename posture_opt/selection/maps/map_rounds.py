@@ -1,4 +1,8 @@
-"""Rounds of a map search: the targets of each engine in chunks, each of them a part for one worker."""
+"""Rounds of a map search: the targets of each engine in chunks, each of them a part for one worker.
+
+A part is a pure function of its engine and its chunk; so the same map comes from one worker or many, here or
+elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Items(Sequence[T], Generic[T]):
-    """What is sent with each chunk, put together when it is sent."""
+    """What is sent with each chunk, put together when it is sent, so that a map never holds all of it at once."""
 
     chunks: Sequence[Sequence[int]]
     item: Callable[[Sequence[int]], T]
@@ -36,7 +40,7 @@ class Items(Sequence[T], Generic[T]):
 
 
 def by_engine(engines: Sequence[Engine], indices: Iterable[int]) -> list[tuple[Engine, list[int]]]:
-    """Each engine with those of some targets that it serves."""
+    """Each engine with the indices of those targets that it serves, in the order of the first of them."""
     shares: dict[int, list[int]] = {}
     for k in indices:
         shares.setdefault(id(engines[k]), []).append(k)
@@ -44,7 +48,7 @@ def by_engine(engines: Sequence[Engine], indices: Iterable[int]) -> list[tuple[E
 
 
 def chunks_of(indices: Sequence[int]) -> list[Sequence[int]]:
-    """Some targets, so many at a time."""
+    """Indices of targets, `CHUNK` at a time."""
     return [indices[i : i + CHUNK] for i in range(0, len(indices), CHUNK)]
 
 
@@ -58,6 +62,7 @@ def worked_on(
     """Each of some targets with its row of what the part returns for its chunk, as they are done.
 
     Args:
+        part: ``part(engine, item)`` returns a row for each target of the chunk.
         item: what is sent with a chunk of targets, all of one engine.
     """
     for engine, mine in by_engine(engines, indices):

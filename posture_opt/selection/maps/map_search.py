@@ -26,15 +26,19 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import CandidatePosture, Engine
 from posture_opt.workers import Workers
 
-_FIRST: Effort = (48, 48, 48)  # of every target of a small map
-_FINE: Effort = (24, 24, 24)  # of every target of a larger one, where neighbours know more of each other: of seven arms
+FIRST_EFFORT: Effort = (48, 48, 48)  # of every target of a small map
+FINE_EFFORT: Effort = (
+    24,
+    24,
+    24,
+)  # of every target of a larger one, where neighbours know more of each other: of seven arms
 # at 26 x 26 targets 3 of 4732 fell short of the best known by 0.5 % with either; at 10 x 9, one of a Panda's 90 more
-_FEW = 256  # targets: up to here a map is small
-_SECOND: Effort = (144, 144, 144)  # of those at the edge of the reach, and of a share of the others
-_THIRD: Effort = (96, 288, 288)  # of those that stand out
-_SHARE = 0.05  # of the targets, where any way is left free
-_ODD = 2e-3  # of the objective: a target so much above what its neighbours let expect stands out
-_MOST = 0.03  # of the targets: how many of them are searched again
+SMALL_MAP_TARGETS = 256  # targets: up to here a map is small
+SECOND_EFFORT: Effort = (144, 144, 144)  # of those at the edge of the reach, and of a share of the others
+THIRD_EFFORT: Effort = (96, 288, 288)  # of those that stand out
+SEARCHED_AGAIN_SHARE = 0.05  # of the targets, where any way is left free
+OUTLIER_EXCESS = 2e-3  # of the objective: a target so much above what its neighbours let expect stands out
+MAX_OUTLIER_SHARE = 0.03  # of the targets: how many of them are searched again
 
 
 def best_candidates(
@@ -63,13 +67,13 @@ def best_candidates(
         for k, row in worked_on(workers, explore, engines, indices, item):
             yield k, MapCandidate.unpacked(row)
 
-    first = _FIRST if len(targets) <= _FEW else _FINE
+    first = FIRST_EFFORT if len(targets) <= SMALL_MAP_TARGETS else FINE_EFFORT
     for done, (k, candidate) in enumerate(explored(range(len(targets)), first), start=1):
         candidates[k] = candidate
         if progress is not None:
             progress(done, steps_of(len(targets)))
-    share = _SHARE if freedom(engines[0], targets[0]) > 0 else 0.0
-    for k, candidate in explored(_to_search_more(candidates, neighbourhood, share, seed), _SECOND):
+    share = SEARCHED_AGAIN_SHARE if freedom(engines[0], targets[0]) > 0 else 0.0
+    for k, candidate in explored(_to_search_more(candidates, neighbourhood, share, seed), SECOND_EFFORT):
         candidates[k] = candidate
     alone = [candidate.best for candidate in candidates]
     exchange = NeighbourExchange(engines, targets, neighbourhood, workers, seed, candidates)
@@ -78,7 +82,7 @@ def best_candidates(
     while odd := _standing_out(exchange, searched):
         searched |= set(odd)
         better = set()
-        for k, candidate in explored(odd, _THIRD):
+        for k, candidate in explored(odd, THIRD_EFFORT):
             better |= {k} if is_better(candidate, candidates[k]) else set()
             candidates[k] = candidate
         exchange.spread(better)
@@ -95,8 +99,8 @@ def steps_of(count: int) -> int:
 def _standing_out(exchange: NeighbourExchange, searched: set[int]) -> list[int]:
     """Targets that are worse than their neighbours let expect, the worst first, as many as are still worth a search."""
     excess = exchange.excess()
-    left = math.ceil(_MOST * len(excess)) - len(searched)
-    odd = [int(k) for k in np.argsort(-excess, kind="stable") if excess[k] > _ODD and int(k) not in searched]
+    left = math.ceil(MAX_OUTLIER_SHARE * len(excess)) - len(searched)
+    odd = [int(k) for k in np.argsort(-excess, kind="stable") if excess[k] > OUTLIER_EXCESS and int(k) not in searched]
     return odd[: min(max(left, 0), math.ceil(left / 2))]
 
 

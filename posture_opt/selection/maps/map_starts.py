@@ -13,7 +13,7 @@ from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.multistart import local_optima
 
-_CLOSE = 0.3  # rad or m: postures nearer to each other than this mostly end at the same optimum
+NEAR_POSTURE_STEP = 0.3  # rad or m: postures nearer to each other than this mostly end at the same optimum
 
 
 def out_of_plane(engine: Engine, target: TaskTarget) -> bool:
@@ -22,14 +22,16 @@ def out_of_plane(engine: Engine, target: TaskTarget) -> bool:
 
 
 def freedom(engine: Engine, target: TaskTarget) -> int:
-    """In how many ways a task at a point leaves the joints free, those left out that change nothing."""
+    """Degrees of freedom that a task at a point leaves, joints left out that change nothing; below zero where it is
+    bound twice.
+    """
     problem = engine.optimisation_problem
     held = int(problem.reach.directions.shape[1]) + (0 if target.tilt > 0 else problem.axis_rows)
     return engine.robot.n - held - len(problem.nlp.indifferent)
 
 
 def best_among(engine: Engine, target: TaskTarget, Q: Array) -> MapCandidate:
-    """The best local optimum that postures (M, n), which reach the target, lead to."""
+    """The best local optimum that postures Q (M, n) [rad or m], which reach the target, lead to."""
     own = engine.screen(Q, target.parameters)[2][:, 0]
     scale = engine.scale_of(own)
     best = local_optima(engine, replace(target, scale=scale), Q)[0]
@@ -37,7 +39,10 @@ def best_among(engine: Engine, target: TaskTarget, Q: Array) -> MapCandidate:
 
 
 def better_of(engine: Engine, target: TaskTarget, first: MapCandidate, second: MapCandidate) -> MapCandidate:
-    """Which of two candidates of one target is better; a tie goes to the first one."""
+    """Which of two candidates of one target is better; a tie goes to the first one.
+
+    Their objectives have scales of their own: the second is evaluated again in that of the first.
+    """
     if second.best is None or first.best is None:
         return second if first.best is None and second.status != "not reached" else first
     same = engine.candidates(second.best.q[None], replace(target, scale=first.scale))[0]
@@ -49,11 +54,14 @@ def better_of(engine: Engine, target: TaskTarget, first: MapCandidate, second: M
 
 
 def is_near(engine: Engine, q: Array, known: Sequence[Array]) -> bool:
-    """Whether one of some postures is the same but for less than 0.3 rad (or m) in every joint that matters."""
+    """Whether one of some postures (n,) is the same but for less than 0.3 rad (or m) in every joint that matters.
+
+    Whole turns make no difference.
+    """
     if not len(known):
         return False
     away = np.abs(np.array(known) - q)
     revolute = np.array([joint.type == "revolute" for joint in engine.robot.joints])
     away = np.where(revolute, np.minimum(away % (2 * np.pi), 2 * np.pi - away % (2 * np.pi)), away)
     away[:, list(engine.optimisation_problem.nlp.indifferent)] = 0.0
-    return bool(np.min(np.max(away, axis=1)) < _CLOSE)
+    return bool(np.min(np.max(away, axis=1)) < NEAR_POSTURE_STEP)

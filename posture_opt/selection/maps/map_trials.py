@@ -23,13 +23,15 @@ BEND = 40.0
 """Of the objective, over (distance / reach)²: what a posture led so far falls short of its optimum, unless fewer is
 known."""
 
-_AROUND = 24  # starts about each neighbour's posture, for a target without one
-_STRAY = 0.2  # rad, or of a slide's stroke: how far from it
-_WORTH = 0.25  # of the objective: a neighbour's posture that lies so far above the best one known is not polished
-_NEAR = 0.05  # of the objective: the same, where it can be no more than equally good
-_TURNED = 1e-4  # (distance / reach)²: below it a posture was turned rather than led
-_OTHERS = 1  # polished of a target in all that do not promise to be better as they are
-_MOST = 4  # polished of a target at once
+STARTS_AROUND_NEIGHBOUR = 24  # starts about each neighbour's posture, for a target without one
+PERTURBATION = 0.2  # rad, or of a slide's stroke: how far from it
+WORTH_POLISHING = (
+    0.25  # of the objective: a neighbour's posture that lies so far above the best one known is not polished
+)
+EQUALLY_GOOD = 0.05  # of the objective: the same, where it can be no more than equally good
+TURNED_SQUARE = 1e-4  # (distance / reach)²: below it a posture was turned rather than led
+MAX_UNPROMISING_TRIALS = 1  # polished of a target in all that do not promise to be better as they are
+MAX_TRIALS_AT_ONCE = 4  # polished of a target at once
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,13 @@ class NeighbourStarts:
 
 @dataclass
 class Trial:
-    """What comes of the trials at one target: its candidate, what was tried, what of that was worse, and the bends."""
+    """What comes of the trials at one target.
+
+    Args:
+        candidate: the best one now; ``better`` says whether it changed.
+        tried: postures (n,) that were polished; ``lost`` those that ended at a worse optimum.
+        bends: what each gained by polishing, over the squared distance that it was led.
+    """
 
     candidate: MapCandidate
     tried: list[Array] = field(default_factory=list)
@@ -66,7 +74,7 @@ class Trial:
     better: bool = False
 
     def packed(self) -> list[Any]:
-        """Numbers and text, to be sent."""
+        """Numbers and text, to be sent to another process."""
         lists = ([q.tolist() for q in self.tried], [q.tolist() for q in self.lost], list(map(float, self.bends)))
         return [self.candidate.packed(), *lists, self.better]
 
@@ -104,7 +112,7 @@ def take_over(engine: Engine, items: Sequence[NeighbourStarts]) -> list[list[Any
 
 
 def gain(posture: CandidatePosture, known: CandidatePosture) -> float:
-    """By what share of the objective a posture is better."""
+    """By what share of the objective a posture is better than the known one; negative where it is worse."""
     return (known.objective - posture.objective) / max(abs(known.objective), 1e-9)
 
 
@@ -137,11 +145,11 @@ def _tried(engine: Engine, item: NeighbourStarts, led: Sequence[tuple[CandidateP
     trial = Trial(item.candidate, list(item.tried))
     bend = item.bend if freedom(engine, item.target) > 0 else 0.0
     ordered = sorted(led, key=lambda one: rank(one[0]))
-    for posture, square in islice(_worth_trying(engine, trial, ordered, bend), _MOST):
+    for posture, square in islice(_worth_trying(engine, trial, ordered, bend), MAX_TRIALS_AT_ONCE):
         own = trial.candidate.best
         won = _try(engine, item.target, trial, posture)
         if own is not None and math.isfinite(won):
-            trial.bends.append((won - gain(posture, own)) / max(square, _TURNED))
+            trial.bends.append((won - gain(posture, own)) / max(square, TURNED_SQUARE))
         trial.better |= won > BETTER
     return trial
 
@@ -149,14 +157,18 @@ def _tried(engine: Engine, item: NeighbourStarts, led: Sequence[tuple[CandidateP
 def _worth_trying(
     engine: Engine, trial: Trial, led: Sequence[tuple[CandidatePosture, float]], bend: float
 ) -> Iterable[tuple[CandidatePosture, float]]:
-    """They are decided one by one, as better ones are found."""
+    """The postures that may win, decided one by one, as better ones are found.
+
+    A posture that was led over a distance falls short of its optimum by about the square of it: what it may still gain
+    is the bend times that.
+    """
     for posture, square in led:
         own = trial.candidate.best
         if own is None:
             yield posture, square
             continue
-        won, short = gain(posture, own), min(bend * square, _WORTH)
-        other = won + short > BETTER and len(trial.tried) < _OTHERS
+        won, short = gain(posture, own), min(bend * square, WORTH_POLISHING)
+        other = won + short > BETTER and len(trial.tried) < MAX_UNPROMISING_TRIALS
         other = other and not is_near(engine, posture.q, [own.q, *trial.tried])
         if posture.feasible and (won > BETTER or other):
             yield posture, square
@@ -179,12 +191,13 @@ def _try(engine: Engine, target: TaskTarget, trial: Trial, posture: CandidatePos
 
 
 def _agreed(engine: Engine, item: NeighbourStarts, led: Sequence[tuple[CandidatePosture, float]]) -> MapCandidate:
+    """The candidate of a target, or the posture of a neighbour that is as good and another one."""
     candidate = item.candidate
     for posture, _ in led:
         own = candidate.best
         assert own is not None
         alike = len(distinct(np.array([own.q, posture.q]), engine.robot)) == 1
-        if alike or gain(posture, own) < -_NEAR or is_near(engine, posture.q, item.tried):
+        if alike or gain(posture, own) < -EQUALLY_GOOD or is_near(engine, posture.q, item.tried):
             continue
         end = engine.polished(posture, replace(item.target, scale=candidate.scale))
         if end.feasible and (end.optimal or not own.optimal) and gain(end, own) > -BETTER:
@@ -193,13 +206,14 @@ def _agreed(engine: Engine, item: NeighbourStarts, led: Sequence[tuple[Candidate
 
 
 def _known_scale(candidate: MapCandidate) -> float:
+    """The scale of a candidate; one where none is known yet."""
     return 1.0 if math.isnan(candidate.scale) else candidate.scale
 
 
 def _about(engine: Engine, q: Array, rng: np.random.Generator) -> Array:
-    """(M, n) postures within the limits about one (n,)."""
+    """(M, n) postures within the limits, perturbed at random about one (n,)."""
     robot = engine.robot
     lower, upper = np.array(robot.lower), np.array(robot.upper)
     slides = np.array([joint.type == "prismatic" for joint in robot.joints])
-    stray = _STRAY * np.where(slides, upper - lower, 1.0)
-    return np.asarray(np.clip(q + stray * rng.normal(size=(_AROUND, len(q))), lower, upper))
+    stray = PERTURBATION * np.where(slides, upper - lower, 1.0)
+    return np.asarray(np.clip(q + stray * rng.normal(size=(STARTS_AROUND_NEIGHBOUR, len(q))), lower, upper))

@@ -29,8 +29,8 @@ from posture_opt.selection.search.engine import Engine
 from posture_opt.selection.search.has_task import HasTask
 from posture_opt.workers import Executor, Workers, opened
 
-_SAMPLES = 4000  # tool points that show how far the workspace goes
-_MARGIN = 1e-6  # of σ: differences below it do not make one target better than another
+WORKSPACE_SAMPLES = 4000  # tool points that show how far the workspace goes
+TIE_TOLERANCE = 1e-6  # of σ: differences below it do not make one target better than another
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,7 +38,7 @@ class TargetMap(Result):
     """The best posture and its spread at every target of a grid.
 
     Args:
-        map_points: one for each of ``grid.points``.
+        map_points: N, one for each of ``grid.points``.
         own: the position in the problem file, where it has one.
         solves: what targets learnt from each other.
         seconds: wall time.
@@ -86,8 +86,11 @@ class TargetMap(Result):
         return self.map_points[self._extreme(-1)]
 
     def _extreme(self, sign: int) -> int:
+        """Index of the least (sign 1) or largest (−1) spread; of equal ones the target nearest to the middle of the
+        map.
+        """
         values = np.where(self.feasible, sign * self.sigma, np.inf)
-        ties = np.flatnonzero(values <= values.min() + _MARGIN * abs(values.min()))
+        ties = np.flatnonzero(values <= values.min() + TIE_TOLERANCE * abs(values.min()))
         # Of equal targets the one nearest to the middle of the map.
         away = np.linalg.norm(self.grid.points[ties] - self.grid.points.mean(axis=0), axis=1)
         return int(ties[np.argmin(np.round(away, 9))])
@@ -190,6 +193,7 @@ def _points(
     candidates: Sequence[MapCandidate],
     progress: Progress | None,
 ) -> list[MapPoint]:
+    """A map point for every target, computed by the workers."""
     found: dict[int, MapPoint] = {}
 
     def item(chunk: Sequence[int]) -> tuple[list[TaskTarget], list[MapCandidate]]:
@@ -203,10 +207,11 @@ def _points(
 
 
 def _grid(problem: HasTask, selector: PostureSelector, request: GridRequest) -> Grid:
+    """The grid that is asked for, else one over the region, about the position, or over the workspace."""
     target, robot = selector.target, problem.robot
     rng = np.random.default_rng(0)
-    Q = rng.uniform(*drawn_between(robot), (_SAMPLES, robot.n))
-    positions = np.broadcast_to(np.asarray(problem.arm.position(Q), dtype=float), (_SAMPLES, 3))
+    Q = rng.uniform(*drawn_between(robot), (WORKSPACE_SAMPLES, robot.n))
+    positions = np.broadcast_to(np.asarray(problem.arm.position(Q), dtype=float), (WORKSPACE_SAMPLES, 3))
     best = None
     if target.kind == "anywhere" and request.low is None:
         best = np.asarray(selector.solve().spread.position)
@@ -223,6 +228,7 @@ def _beside(grid: Grid, count: int, targets: list[TaskTarget]) -> list[tuple[Cod
 
 
 def _nowhere(map_points: list[MapPoint]) -> str:
+    """Why no target of the grid has a posture, in words."""
     reached = sum(map_point.status == "requirement not met" for map_point in map_points)
     why = f"; {reached} can be reached, but not with all requirements met" if reached else ""
     targets = f"none of the {len(map_points)} targets"
