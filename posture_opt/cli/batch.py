@@ -12,7 +12,7 @@ import posture_opt as po
 from posture_opt.cli.named import PROBLEM
 from posture_opt.cli.options import Common, common_options
 from posture_opt.cli.output import output, save_result, show_result
-from posture_opt.cli.progress import progress_bar, tell_rate
+from posture_opt.cli.progress import progress_bar, print_rate
 from posture_opt.cli.scheduler import checkpoint_option, digest_of, scheduler_option, working
 from posture_opt.errors import InputError
 from posture_opt.problem.load import load_problem
@@ -42,11 +42,12 @@ def batch_command(common: Common, files: Sequence[str], scheduler: str | None, c
             found = po.select_postures(problems, seed=common.seed, executor=workers, progress=progress)
         save_result(common, found)
     show_result(common, found)
-    tell_rate(common, len(found.answers), "problem", found.seconds)
+    print_rate(common, len(found.answers), "problem", found.seconds)
     sys.exit(found.code)
 
 
 def _read(name: str) -> Problem | InputError:
+    """The problem of a file, or what is wrong with it: a row of the report says so."""
     try:
         return load_problem(name)
     except InputError as error:

@@ -54,7 +54,7 @@ export_command.help = f"""The arm, its covariance as code, or its posture as a r
 
 \b
 {"".join(f"{kind:<11} {listed.summary}" + chr(10) for kind, listed in export_kinds().items())}
-Joint values are those of the joints of the model, with its zeros and senses.
+Joint values are those of the joints of the model, with its zeros and directions.
 """
 
 

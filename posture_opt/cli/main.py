@@ -1,6 +1,8 @@
-"""``optimize-posture``: the group of commands, its exit codes, and what it says when something is wrong.
+"""``optimize-posture``: the group of commands, its exit codes, and its error messages.
 
-Commands are imported when they are called: a solve does not wait for the others.
+Commands are imported when they are called: a solve does not wait for the others. Every way out of the program goes
+through `PostureCommands.main`: 0 done, 1 a defect of ours, 2 bad input, 3 no solution, 4 too few data, 128 + n a
+signal.
 """
 
 from __future__ import annotations
@@ -68,9 +70,11 @@ class PostureCommands(click.Group):
     """The commands by name, imported late; every way out of the program goes through ``main``."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
+        """The names of all commands, sorted."""
         return sorted(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of a name, its file imported now; None where there is no such command."""
         if cmd_name not in COMMANDS:
             return None
         file = next(file for file, names in _FILES.items() if cmd_name in names)
@@ -78,6 +82,11 @@ class PostureCommands(click.Group):
         return cast(click.Command, found)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """The command that the first word names.
+
+        Raises:
+            UsageError: no command is called so; the message has the nearest name.
+        """
         if args and args[0] not in COMMANDS:
             near = nearest(args[0], COMMANDS)
             hint = f"Did you mean '{near}'?" if near else f"Commands: {', '.join(sorted(COMMANDS))}."
@@ -85,6 +94,7 @@ class PostureCommands(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The section "Commands" of the help, from the lines above: no command is imported for it."""
         with formatter.section("Commands"):
             formatter.write_dl(sorted(COMMANDS.items()))
 
@@ -99,7 +109,7 @@ class PostureCommands(click.Group):
                 code = self._run(list(words), prog_name or "optimize-posture", extra)
                 sys.stdout.flush()
         except (Exception, KeyboardInterrupt) as error:
-            sys.exit(_told(error, debug="--debug" in words))
+            sys.exit(_report_error(error, debug="--debug" in words))
         sys.exit(code)
 
     def _run(self, words: list[str], prog_name: str, extra: dict[str, Any]) -> int:
@@ -113,8 +123,8 @@ class PostureCommands(click.Group):
         return 0
 
 
-def _told(error: BaseException, debug: bool) -> int:
-    """The exit code of what went wrong, which is told on standard error where that takes anything."""
+def _report_error(error: BaseException, debug: bool) -> int:
+    """The exit code of an error, which is reported on standard error where that takes anything."""
     try:
         return _exit_code(error, debug)
     except OSError:
@@ -123,8 +133,9 @@ def _told(error: BaseException, debug: bool) -> int:
 
 
 def _exit_code(error: BaseException, debug: bool) -> int:
+    """Report an error and return its exit code; the traceback under ``--debug`` alone."""
     if isinstance(error, KeyboardInterrupt):
-        _tell("interrupted")
+        _print_error("interrupted")
         return exit_code_of(error)
     if isinstance(error, click.ClickException):
         error.show()
@@ -134,24 +145,26 @@ def _exit_code(error: BaseException, debug: bool) -> int:
             traceback.print_exception(error)
         code, text = output_fault(error)
         discard(sys.stdout)
-        _tell(f"error: {text}" if text else "")
+        _print_error(f"error: {text}" if text else "")
         return code
     if debug:
         traceback.print_exception(error)
     if isinstance(error, PostureOptError):
-        _tell(_as_text(error))
+        _print_error(_error_text(error))
         return error.exit_code
     hint = "" if debug else " (a defect of this program; --debug shows where)"
-    _tell(f"error: {type(error).__name__}: {error}".splitlines()[0] + hint)
+    _print_error(f"error: {type(error).__name__}: {error}".splitlines()[0] + hint)
     return 1
 
 
-def _tell(text: str) -> None:
+def _print_error(text: str) -> None:
+    """A line on standard error, nothing for an empty text."""
     if text:
         click.echo(text, err=True)
 
 
-def _as_text(error: PostureOptError) -> str:
+def _error_text(error: PostureOptError) -> str:
+    """An error of ours as text: one line, or a count and a line for each issue."""
     lines = str(error).splitlines() or [type(error).__name__]
     if len(lines) == 1:
         return f"error: {lines[0]}"

@@ -12,7 +12,7 @@ import posture_opt as po
 from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import output, save_result, show_result
-from posture_opt.cli.progress import progress_bar, tell_rate
+from posture_opt.cli.progress import progress_bar, print_rate
 from posture_opt.cli.quantities import corner
 from posture_opt.cli.request import placed, requested_problem
 from posture_opt.cli.scheduler import checkpoint_option, digest_of, scheduler_option, working
@@ -59,12 +59,13 @@ def map_command(
         save_result(common, found)
     show_result(common, found)
     targets = found if isinstance(found, po.TargetMap) else found.targets
-    tell_rate(common, len(targets.map_points), "target", targets.seconds)
+    print_rate(common, len(targets.map_points), "target", targets.seconds)
 
 
 def _mapped(
     problem: Problem, quantity: str, data: Path | None, common: Common, where: dict[str, Any]
 ) -> po.TargetMap | po.AccuracyMap:
+    """The map that is asked for: of the task's spread, or of the arm's accuracy."""
     measured = None if data is None else po.read_measurements(data, problem)
     with progress_bar(common, "targets") as progress:
         if quantity == "accuracy":
@@ -73,7 +74,11 @@ def _mapped(
 
 
 def _where(grid: str | None, low: str | None, high: str | None) -> dict[str, Any]:
-    """Counts and corners as the options have them; everything wrong with them at once."""
+    """Counts and corners [m] as the options state them; everything wrong with them at once.
+
+    Raises:
+        InputError: no grid, or corners without three lengths.
+    """
     issues: list[Issue] = []
     where = {
         "counts": _counts(grid, issues),
@@ -86,6 +91,7 @@ def _where(grid: str | None, low: str | None, high: str | None) -> dict[str, Any
 
 
 def _counts(text: str | None, issues: list[Issue]) -> tuple[int, ...] | None:
+    """The targets along each side of ``15x15``; what is wrong with it joins ``issues``."""
     if text is None:
         return None
     parts = [part.strip() for part in re.split(r"[xX×*,]", text)]

@@ -31,7 +31,14 @@ OfBatch = Callable[[Any, po.Measurements], Result]
 
 @dataclass(frozen=True)
 class Session:
-    """The measurements that are asked about, and how errors are predicted."""
+    """The measurements that are asked about, and how errors are predicted.
+
+    Args:
+        data: of the robot; ``test`` those of another session, predicted and not fitted.
+        by: what cross-validation holds out together, in ``folds`` parts.
+        plan: whether the task is planned again with the identified arm.
+        columns: known name -> column header or number of a foreign file.
+    """
 
     data: Path
     test: Path | None
@@ -121,14 +128,17 @@ def _read(common: Common, path: Path, problem: Any) -> po.Measurements:
 
 
 def _without_problem(given: dict[str, Any]) -> dict[str, Any]:
+    """The options but ``--problem``."""
     return {key: value for key, value in given.items() if key != "problem"}
 
 
 @dataclass(frozen=True)
 class StarterFile:
-    """The problem file that was made for measurements without one: ``beside`` the results, or ``alone``.
+    """The problem file that was made for measurements without one.
 
-    Without a folder for results it stands in the current one, and is written where the report is printed.
+    Args:
+        beside: by file name, with the results in ``--out``.
+        alone: its path in the working folder, where no folder is given; written where the report is printed.
     """
 
     beside: Mapping[str, bytes] = field(default_factory=dict)
@@ -175,6 +185,7 @@ def calibrate_command(common: Common, session: Session, no_priors: bool, **given
 
 
 def _calibrated_batch(common: Common, session: Session, problem: Any, data: po.Measurements) -> Result:
+    """Calibrate several robots of one type with a progress bar."""
     with progress_bar(common, "calibrating robots") as progress:
         return po.calibrate_batch(
             problem, data, folds=session.folds, by=session.by, progress=progress, **session.most_rows
@@ -189,6 +200,7 @@ def _calibrated(
     measured: po.Measurements,
     other: po.Measurements | None,
 ) -> Result:
+    """Calibrate one robot with a progress bar."""
     with progress_bar(common, "calibrating") as progress:
         return po.calibrate(
             problem, measured, priors=priors, folds=session.folds, by=session.by, test=other,
@@ -209,6 +221,7 @@ def diagnose_command(common: Common, session: Session, with_time: bool, **given:
 
 
 def _diagnosed_batch(common: Common, session: Session, problem: Any, data: po.Measurements) -> Result:
+    """Diagnose several robots of one type with a progress bar."""
     with progress_bar(common, "diagnosing robots") as progress:
         return po.diagnose_batch(
             problem, data, folds=session.folds, by=session.by, seed=common.seed or 0, progress=progress,
@@ -224,6 +237,11 @@ def _diagnosed(
     measured: po.Measurements,
     other: po.Measurements | None,
 ) -> Result:
+    """Diagnose one robot with a progress bar; data that do not suffice are reported as a verdict, too.
+
+    Raises:
+        InsufficientDataError: what to measure is in its message.
+    """
     try:
         with progress_bar(common, "diagnosing") as progress:
             return po.diagnose(
@@ -232,12 +250,12 @@ def _diagnosed(
                 **session.most_rows,
             )  # fmt: skip
     except InsufficientDataError as error:
-        _tell_insufficient(common, error)
+        _report_insufficient_data(common, error)
         raise
 
 
-def _tell_insufficient(common: Common, error: InsufficientDataError) -> None:
-    """The verdict on data that do not suffice is an answer too; what to measure stands in ``message``."""
+def _report_insufficient_data(common: Common, error: InsufficientDataError) -> None:
+    """The verdict on data that do not suffice is an answer too: with ``--json`` it is a document."""
     if common.json:
         document = {"verdict": "insufficient_data", "effects": [], "candidates": [], "message": str(error)}
         show(common, lambda: document, str)

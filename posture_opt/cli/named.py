@@ -35,16 +35,19 @@ class Named(Text):
 
 
 def _problems() -> Iterable[str]:
+    """The built-in problems."""
     names: Iterable[str] = import_module("posture_opt.problem.load").builtin_names()
     return names
 
 
 def _presets() -> Iterable[str]:
+    """The preset robots."""
     names: Iterable[str] = import_module("posture_opt.robot").preset_names()
     return names
 
 
 def _tasks() -> Iterable[str]:
+    """The kinds of tasks, those of other installed packages included."""
     tasks = import_module("posture_opt.selection.tasks.registered_tasks").every_task()
     return [get_args(task.model_fields["kind"].annotation)[0] for task in tasks]
 

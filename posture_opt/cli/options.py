@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Options that several commands share, so that they are called and explained alike everywhere."""
 
 from __future__ import annotations
 
@@ -18,7 +18,16 @@ FRAME_HELP = '"0, 0, 150 mm" or, with roll, pitch, yaw, "0, 0, 150 mm, 0, 0, 90 
 
 @dataclass(frozen=True)
 class Common:
-    """What every computing command may be told; the defaults are those of the command line."""
+    """What every computing command can be given; the defaults are those of the command line.
+
+    Args:
+        out: folder for JSON, figures and report; None writes nothing.
+        json: print the document and nothing else.
+        seed: of everything random; None takes that of the problem.
+        workers: processes.
+        plots: draw figures into ``out``.
+        full: print the whole report, not one screen of it.
+    """
 
     out: Path | None = None
     json: bool = False
@@ -53,7 +62,7 @@ def common_options(command: Command) -> Command:
 
 
 def problem_options(command: Command) -> Command:
-    """Adds the options that name a robot and what is uncertain about it."""
+    """Adds the options that name a robot and its uncertainty; the command gets them by their names, as text."""
     return add_options(
         command,
         click.option(
@@ -79,7 +88,7 @@ def problem_options(command: Command) -> Command:
 
 
 def task_options(command: Command) -> Command:
-    """Adds the options that name a task and its target."""
+    """Adds the options that name a task and its target; the command gets them by their names, as text."""
     return add_options(
         command,
         click.option("--task", type=TASK, metavar="KIND", help="insert, drill, probe, …: see the command 'list'."),

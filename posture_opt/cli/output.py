@@ -1,4 +1,7 @@
-"""What commands write: their documents and reports, and files."""
+"""What commands write: their documents and reports, and files.
+
+With ``--json`` the document alone goes to standard output; with ``--quiet`` nothing does.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +22,17 @@ OUT = ("--out",)
 
 
 def show(common: Common, document: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:
-    """Print the JSON document or the report, whichever is asked for; what stands in it may take time to compute."""
+    """Print the JSON document or the report, whichever is asked for.
+
+    Args:
+        document: makes the document; ``text`` the report. Only one of them is called, as either may take time.
+    """
     if common.json:
         click.echo(json_text(document()))
     elif not common.quiet:
         with progress_bar(common, "writing the report"):
-            told = text()
-        click.echo(told.rstrip("\n"))
+            report = text()
+        click.echo(report.rstrip("\n"))
 
 
 def show_result(common: Common, result: Result) -> None:
@@ -34,7 +41,11 @@ def show_result(common: Common, result: Result) -> None:
 
 
 def save_result(common: Common, result: Result, beside: Mapping[str, bytes] | None = None) -> None:
-    """Save a result, and further files beside it, where that is asked for."""
+    """Save a result into ``--out``, where that is given.
+
+    Args:
+        beside: further files of the folder, by name: all are written, or none.
+    """
     if common.out is not None:
         with progress_bar(common, "report and figures" if common.plots else "report") as progress:
             result.save(common.out, figures=common.plots, beside=beside, progress=progress)

@@ -70,7 +70,11 @@ def plan_measurements_command(
 
 
 def _box(low: str | None, high: str | None) -> Box | None:
-    """The corners of where the tool point may go; one of them alone bounds one side."""
+    """The corners [m] of where the tool point may go; one of them alone bounds one side, None where neither is given.
+
+    Raises:
+        InputError: a corner without three lengths, or an empty box.
+    """
     issues: list[Issue] = []
     corners = corner("--min", low, issues), corner("--max", high, issues)
     lower, upper = corners[0] or (-math.inf,) * 3, corners[1] or (math.inf,) * 3

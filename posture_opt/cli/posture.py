@@ -46,6 +46,7 @@ def _solved(problem: Problem, common: Common) -> tuple[Answer, NoSolutionError |
 
 
 def _text(solution: Answer, explain: bool, full: bool) -> str:
+    """The report, with the optimisation problem behind it where that is asked for."""
     text = solution.report(full=full)
     return f"{text}\n{solution.explain()}" if explain else text
 

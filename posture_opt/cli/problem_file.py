@@ -45,10 +45,12 @@ def list_command(as_json: bool, debug: bool) -> None:
 
 
 def _text(tables: dict[str, list[Row]]) -> str:
+    """The tables as text, each under its title."""
     return "\n\n".join(f"{title.capitalize()}\n{indent(_table(rows), '  ')}" for title, rows in tables.items())
 
 
 def _table(rows: list[Row]) -> str:
+    """Rows as a table of the terminal's width."""
     if not rows:
         return "none so far"
     cells, width = [tuple(row.values()) for row in rows], terminal_width() - 2
@@ -69,6 +71,7 @@ def _broken() -> list[Row]:
 
 
 def _presets() -> list[Row]:
+    """Name, robot, number of joints and repeatability of each preset."""
     robots = {name: load_preset(name) for name in preset_names()}
     return [
         {
@@ -82,6 +85,7 @@ def _presets() -> list[Row]:
 
 
 def _problems() -> list[Row]:
+    """Name and title of each built-in problem."""
     return [{"name": name, "is": load_builtin(name).name} for name in builtin_names()]
 
 
@@ -120,6 +124,11 @@ def new_command(
 
 
 def _starter(options: RobotOptions, folder: Path) -> str:
+    """The commented problem file of a preset or a URDF file.
+
+    Raises:
+        InputError: there is no such preset, or the file cannot be read; by the option that names it.
+    """
     robot = str(options.robot)
     try:
         if options.is_robot_file:

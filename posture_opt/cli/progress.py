@@ -46,7 +46,13 @@ def progress_bar(common: Common, what: str) -> Iterator[Progress | None]:
 
 
 class ProgressBar:
-    """Draws ``what: ███░░░ 12/50, 1:20 left`` over itself; nothing before ``delay`` seconds are over."""
+    """Draws ``what: ███░░░ 12/50, 1:20 left`` over itself; nothing before ``delay`` seconds are over.
+
+    Args:
+        what: is being done, in words.
+        stream: a terminal.
+        clock: seconds that only grow; another one in tests.
+    """
 
     def __init__(
         self, what: str, stream: TextIO, clock: Callable[[], float] = time.monotonic, *, delay: float = DELAY
@@ -93,10 +99,12 @@ class ProgressBar:
             self._stream.flush()
 
     def _bar(self) -> str:
+        """The bar and the counts."""
         filled = CELLS * self._done // self._total
         return f"{'█' * filled}{'░' * (CELLS - filled)} {self._done}/{self._total}"
 
     def _draw(self, line: str) -> None:
+        """Write a line over the one before."""
         self._drawing = True
         line = line[: shutil.get_terminal_size().columns - 1]
         self._stream.write("\r" + line.ljust(self._drawn))
@@ -127,7 +135,7 @@ def _ticking(tick: Callable[[], None]) -> Iterator[None]:
         signal.signal(signal.SIGALRM, former)
 
 
-def tell_rate(common: Common, done: int, what: str, seconds: float) -> None:
+def print_rate(common: Common, done: int, what: str, seconds: float) -> None:
     """One line on standard error: how many were done, in what time, and how many a second; nothing of a short work."""
     if common.quiet or common.json or seconds < DELAY:
         return
@@ -136,4 +144,5 @@ def tell_rate(common: Common, done: int, what: str, seconds: float) -> None:
 
 
 def _minutes(seconds: float) -> str:
+    """Seconds as ``minutes:seconds``."""
     return f"{round(seconds) // 60}:{round(seconds) % 60:02d}"

@@ -1,4 +1,7 @@
-"""Values that options state: scatter of the joints, a posture, a corner, a height."""
+"""Values that options state: scatter of the joints, a posture, a corner, a height.
+
+Text with units, as in a problem file: ``"0.6 m, 0.2 m, 0.1 m"``. Errors name the option and show what to write.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,11 @@ _FRAME = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def joint_sigmas(text: str, joints: tuple[Joint, ...]) -> dict[str, str]:
-    """Parameter -> quantity: an angle is meant for all revolute joints, a length for all prismatic ones."""
+    """Parameter -> quantity of ``--sigma``: an angle is for all revolute joints, a length for all prismatic ones.
+
+    Raises:
+        InputError: two angles, a negative number, no unit, or no joint of that kind.
+    """
     given: dict[str, str] = {}
     issues: list[Issue] = []
     for entry in entries(text):
@@ -43,7 +50,7 @@ def _check(entry: str, kind: str, given: dict[str, str], joints: tuple[Joint, ..
 
 
 def exact_note(joints: tuple[Joint, ...], sigma: dict[str, str]) -> tuple[str, ...]:
-    """What to tell of joints that ``--sigma`` says nothing about."""
+    """A note on joints that ``--sigma`` says nothing about: they are taken as exact."""
     exact = [joint for joint in joints if _own_parameter(joint) not in sigma]
     if not exact:
         return ()
@@ -66,6 +73,7 @@ def _joint_type(entry: str, given: Mapping[str, str], joints: tuple[Joint, ...])
 
 
 def _is_length(text: str) -> bool:
+    """Whether a text is a length with its unit."""
     try:
         parse_quantity(text, "length")
     except ValueError:
@@ -179,6 +187,7 @@ def requested_posture(text: str, robot: Robot) -> dict[str, float]:
 
 
 def _joint_value(pair: tuple[str, ...], robot: Robot, issues: list[Issue]) -> float:
+    """The value [rad or m] of one joint; what is wrong with it joins ``issues``."""
     key = ("--posture", pair[0])
     joint = next((joint for joint in robot.joints if joint.name == pair[0]), None)
     if joint is None:

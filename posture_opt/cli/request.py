@@ -1,4 +1,7 @@
-"""From the words of a command line to a ``Problem`` and a posture."""
+"""From the words of a command line to a ``Problem`` and a posture.
+
+Options state what a file states, and go through the same schema; complaints then name the option.
+"""
 
 from __future__ import annotations
 
@@ -90,6 +93,7 @@ def _goal(position: str | None, direction: str | None, link_height: str | None) 
 
 
 def _problem_of_robot(options: RobotOptions, task: str | None, goal: dict[str, Any]) -> Problem:
+    """The problem of ``--robot``, with a task or without."""
     if goal and not task:
         raise click.UsageError("--position, --direction and --link-height belong to a task: name it with --task.")
     if options.is_problem_file:
@@ -172,5 +176,6 @@ def placed(problem: Problem) -> Iterator[None]:
 
 
 def _named_as_option(issue: Issue) -> Issue:
+    """An issue by the option that filled its key; as it is where a file says it."""
     option = _OPTION_OF.get(issue.key[:2])
     return replace(issue, key=(option, *issue.key[2:])) if option and not issue.file else issue

@@ -1,4 +1,4 @@
-"""What a command line says of the robot: where it is from, and what of it stands in place of the file's."""
+"""What a command line says of the robot: where it is from, and what of it is used in place of the file's."""
 
 from __future__ import annotations
 
@@ -27,7 +27,13 @@ def names_problem_file(robot: str) -> bool:
 
 @dataclass(frozen=True)
 class RobotOptions:
-    """The options of a command that speak of the robot, as they were written."""
+    """The options of a command that speak of the robot, as they were written.
+
+    Args:
+        robot: a preset, a URDF file, or a problem file whose robot is taken.
+        base_link, tip_link: the ends of the chain in a URDF file.
+        sigma: standard deviation of every joint; ``tool``, ``base``: frames; ``payload``: a mass.
+    """
 
     robot: str | None = None
     base_link: str | None = None
@@ -38,7 +44,11 @@ class RobotOptions:
     payload: str | None = None
 
     def check(self) -> None:
-        """UsageError where options need a robot that is not there."""
+        """Whether the options fit each other.
+
+        Raises:
+            UsageError: options that need a robot, or a URDF file, that is not named.
+        """
         if self.robot is None and (self.sigma or self.base_link or self.tip_link):
             raise click.UsageError(
                 "--sigma, --base-link and --tip-link go with --robot; a problem file has them inside."
@@ -94,7 +104,7 @@ class RobotOptions:
         return found
 
     def notes(self, former: Mapping[str, Any]) -> tuple[str, ...]:
-        """What to tell of these keys, of which a file's section ``robot`` may state some too."""
+        """Notes on these keys, of which a file's section ``robot`` may state some too."""
         stated = {"tool": self.tool, "base": self.base, "payload": self.payload}
         instead = {key: ", in place of the file's" if former.get(key) is not None else "" for key in stated}
         return tuple(f"{key} from the command line: {text}{instead[key]}" for key, text in stated.items() if text)

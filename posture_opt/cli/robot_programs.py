@@ -38,7 +38,7 @@ class ProgramRequest:
 
 
 def motion_options(wait: float) -> Callable[[Command], Command]:
-    """Adds the options of robot programs: speed and wait at every stop, by default so many seconds."""
+    """Adds the options of robot programs: speed [percent] and wait [s] at every stop, with its default."""
 
     def added(command: Command) -> Command:
         return add_options(

@@ -1,4 +1,4 @@
-"""The options that say who does the work, and where what is done is kept until all of it is."""
+"""The options that say who does the work, and the file in which finished parts are kept."""
 
 from __future__ import annotations
 

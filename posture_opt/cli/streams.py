@@ -18,7 +18,11 @@ _INTERRUPTED = 130  # what a shell reports of a program that ^C ended
 
 
 class Ended(KeyboardInterrupt):
-    """Another program, or the terminal that closes, asks this one to end."""
+    """Another program, or the terminal that closes, asks this one to end.
+
+    Args:
+        number: of the signal.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -48,7 +52,7 @@ def ended_by_signals() -> Iterator[None]:
 
 
 def exit_code_of(interrupt: KeyboardInterrupt) -> int:
-    """What a shell reports of a program that a signal ended."""
+    """What a shell reports of a program that a signal ended: 128 + its number; 130 of Ctrl-C."""
     return 128 + interrupt.number if isinstance(interrupt, Ended) else _INTERRUPTED
 
 
@@ -70,6 +74,7 @@ def open_standard_streams() -> None:
 
 
 def _writable(stream: TextIO | None, number: int) -> TextIO:
+    """A stream that takes text, also where the caller closed it or left it without a buffer."""
     if stream is None:
         return os.fdopen(number, "w", encoding="utf-8", closefd=False)
     if isinstance(getattr(stream, "buffer", None), io.RawIOBase):  # PYTHONUNBUFFERED: half a write would pass for all
@@ -78,7 +83,7 @@ def _writable(stream: TextIO | None, number: int) -> TextIO:
 
 
 def output_fault(error: OSError) -> tuple[int, str]:
-    """The exit code for what the system refused, and what to say: a reader that has seen enough is no error."""
+    """The exit code for what the system refused, and a message: a reader that has seen enough is no error."""
     if isinstance(error, BrokenPipeError):
         return 0, ""
     reason = "it is closed" if error.errno == errno.EBADF else error.strerror or str(error)

@@ -1,4 +1,7 @@
-"""A C program that holds exported functions against this package's own numbers."""
+"""A C program that holds exported functions against this package's own numbers.
+
+It travels with the functions: who compiles them for another processor sees there whether they are right.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ class CheckedFunction:
     """An exported function ``int name(q, output…)`` and the CasADi function that it was made from.
 
     Args:
-        rows: whether ``name_rows`` stands beside it.
+        rows: whether ``name_rows`` is there too, for many postures in one call.
     """
 
     name: str
@@ -72,10 +75,12 @@ def _calls(each: CheckedFunction, n: int) -> Iterator[str]:
 
 
 def _keys(each: CheckedFunction) -> list[str]:
+    """The names of the outputs, in their order."""
     return [each.function.name_out(i) for i in range(each.function.n_out())]
 
 
 def _array(name: str, values: Array) -> Iterator[str]:
+    """A constant array of C, a line for each row of the values, every digit kept."""
     yield f"static const double {name}[{values.size}] = {{"
     for row in values:
         yield f"  {', '.join(map(literal, row.tolist()))},"

@@ -37,5 +37,6 @@ class CCode(ExportFormat):
 
 
 def _written(name: str, texts: tuple[str, str]) -> dict[str, str]:
+    """Header and source by file name."""
     text, header = texts
     return {f"{name}.h": header, f"{name}.c": text}

@@ -11,7 +11,10 @@ _LEFT_OUT = "the effects of the arm are no parameters of its geometry and are le
 
 
 class DhTable(ExportFormat):
-    """A table for controllers that take corrected parameters, and for people."""
+    """A table for controllers that take corrected parameters, and for people.
+
+    One row for each parameter of the arm: unit (deg or mm), nominal value, correction, and their sum, to 15 digits.
+    """
 
     summary: ClassVar[str] = "CSV of every parameter: nominal value, correction, sum"
     default: ClassVar[str] = "dh"

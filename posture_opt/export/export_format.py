@@ -18,7 +18,12 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 @dataclass(frozen=True)
 class Exported:
-    """File name -> text, and what could not be said in the format."""
+    """File name -> text, and what the format cannot hold.
+
+    Args:
+        files: to be written into one folder.
+        notes: sentences for the user: effects that are left out, limits that are placeholders.
+    """
 
     files: Mapping[str, str]
     notes: tuple[str, ...] = ()
@@ -55,7 +60,10 @@ class ExportSource:
 
 
 class ExportFormat(Spec):
-    """One format of an export; ``name`` is that of functions, programs and files."""
+    """One format of an export; ``name`` is that of functions, programs and files.
+
+    A kind has its mathematics and its words in one file; `EXPORTS` lists it, and every command knows it from then on.
+    """
 
     summary: ClassVar[str]
     """What it is, for lists."""

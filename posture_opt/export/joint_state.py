@@ -21,7 +21,11 @@ _FIRST = 5.0  # s to the first one, from wherever the arm stands
 
 
 class JointState(ProgramFormat):
-    """A ROS message: of one posture a JointState, of several a JointTrajectory."""
+    """A ROS message as YAML: of one posture a ``sensor_msgs/JointState``, of several a
+    ``trajectory_msgs/JointTrajectory``.
+
+    Positions in rad and m, by the joint names of the model.
+    """
 
     summary: ClassVar[str] = "ROS message as YAML: JointState, or JointTrajectory of several stops"
     most_joints: ClassVar[int] = 1000

@@ -20,7 +20,10 @@ def compensated_program(found: Compensation, speed: float = 10.0, wait: float = 
 
 
 def measuring_program(plan: MeasurementPlan, speed: float = 10.0, wait: float = 2.0) -> RobotProgram:
-    """The program that visits the postures to measure and waits at each, round by round."""
+    """The program that visits the postures to measure and waits at each, round by round.
+
+    A note names the legs on which a straight move of the joints does not keep clear.
+    """
     rounds = [f"posture {k}" for k in range(1, len(plan.q) + 1)]
     labels = [f"{label}, round {n}" for n in range(1, plan.repeats + 1) for label in rounds]
     q = np.tile(plan.q, (plan.repeats, 1))

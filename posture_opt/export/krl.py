@@ -18,7 +18,9 @@ _LONGEST = 24  # characters of a name in KRL
 
 
 class Krl(ProgramFormat):
-    """A program of a KUKA controller."""
+    """A program of a KUKA controller: ``PTP`` to axis values [deg, mm], exact stops, speed and acceleration in
+    percent.
+    """
 
     summary: ClassVar[str] = "program of a KUKA controller (PTP, degrees): .src and .dat"
 

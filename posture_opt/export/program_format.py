@@ -11,7 +11,11 @@ from posture_opt.export.robot_program import RobotProgram
 
 
 class ProgramFormat(ExportFormat):
-    """A robot program: it drives to every stop, joint by joint, and waits there."""
+    """A robot program: it drives to every stop, joint by joint, and waits there.
+
+    Stops are joint values and not poses: the controller's own kinematics, which knows no correction, has no part in
+    it.
+    """
 
     default: ClassVar[str] = "posture"
     most_joints: ClassVar[int] = 12
@@ -25,9 +29,10 @@ class ProgramFormat(ExportFormat):
 
     @abstractmethod
     def files(self, program: RobotProgram) -> dict[str, str]:
-        """File name -> text."""
+        """File name -> text of a program, in the language of the controller."""
 
     def _too_many(self, joints: int) -> Issue:
+        """The issue of an arm with more joints than the language can move."""
         message = f"the arm has {joints} joints, and a program of this kind moves {self.most_joints}"
         return Issue(message, ("--to",), self.summary.split(":")[0], "use --to jointstate")
 

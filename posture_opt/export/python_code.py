@@ -1,4 +1,7 @@
-"""Covariance, objective and its derivatives as a Python module that needs NumPy alone."""
+"""Covariance, objective and its derivatives as a Python module that needs NumPy alone.
+
+The functions take postures (…, n) and return (…, 3), (…, 3, 3) and so on, SI units.
+"""
 
 from __future__ import annotations
 

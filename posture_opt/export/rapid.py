@@ -19,7 +19,7 @@ _ABSENT = "9E9"
 
 
 class Rapid(ProgramFormat):
-    """A program module of an ABB controller."""
+    """A program module of an ABB controller: ``MoveAbsJ`` to joint targets [deg, mm] with ``fine`` stops."""
 
     summary: ClassVar[str] = "program module of an ABB controller (MoveAbsJ, degrees)"
 
