@@ -12,7 +12,7 @@ import posture_opt as po
 from posture_opt.cli.named import PROBLEM
 from posture_opt.cli.options import Common, common_options
 from posture_opt.cli.output import output, save_result, show_result
-from posture_opt.cli.progress import progress_bar, print_rate
+from posture_opt.cli.progress import print_rate, progress_bar
 from posture_opt.cli.scheduler import checkpoint_option, digest_of, scheduler_option, working
 from posture_opt.errors import InputError
 from posture_opt.problem.load import load_problem

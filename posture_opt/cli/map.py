@@ -12,7 +12,7 @@ import posture_opt as po
 from posture_opt.cli.named import PATH
 from posture_opt.cli.options import Common, common_options, problem_options, task_options
 from posture_opt.cli.output import output, save_result, show_result
-from posture_opt.cli.progress import progress_bar, print_rate
+from posture_opt.cli.progress import print_rate, progress_bar
 from posture_opt.cli.quantities import corner
 from posture_opt.cli.request import placed, requested_problem
 from posture_opt.cli.scheduler import checkpoint_option, digest_of, scheduler_option, working

@@ -16,7 +16,7 @@ _SPEED, _ACCELERATION = 1.05, 1.4  # rad/s, rad/s²: the defaults of movej
 
 
 class UrScript(ProgramFormat):
-    """A program of a Universal Robots controller: ``movej`` to joint values [rad], with a share of its default speed."""
+    """A program of a Universal Robots controller: ``movej`` to joint values [rad] at a share of its default speed."""
 
     summary: ClassVar[str] = "program of a Universal Robots controller (movej, radians)"
     most_joints: ClassVar[int] = 6
