@@ -1,4 +1,7 @@
-"""Maps of bias and spread over the targets, with the measured errors over them in the same colours."""
+"""Maps of bias and spread over the targets, with the measured errors over them in the same colours.
+
+Bias is where the arm lands on the average without its corrections; spread is what no correction takes away.
+"""
 
 from __future__ import annotations
 
@@ -31,19 +34,31 @@ _ALONG = 0.05  # of the longest arrow: below it an arrow is a dot
 
 @styled
 def plot_bias(found: AccuracyMap) -> Figure:
-    """How far off the target the arm lands without its corrections, and which way."""
+    """How far off the target the arm lands without its corrections [mm], and which way.
+
+    Colours are the length of the bias; arrows its part in the plane of the figure, all enlarged by the factor in the
+    legend. Dots are measured rows, in the same colours: where a dot vanishes in its cell, the prediction is true
+    there.
+    """
     measured = None if found.measured is None else found.measured.uncorrected
     return _plot(found, found.distance, "mean distance from the target, uncorrected", measured, arrows=True)
 
 
 @styled
 def plot_spread_map(found: AccuracyMap) -> Figure:
-    """The distance from its mean that the tool point keeps with 95 % probability."""
+    """The distance from its mean that the tool point keeps with 95 % probability [mm], over the targets."""
     measured = None if found.measured is None else found.measured.corrected
     return _plot(found, found.radius95, "distance from its mean, 95 % probability", measured, arrows=False)
 
 
 def _plot(found: AccuracyMap, values: Array, label: str, measured: Array | None, *, arrows: bool) -> Figure:
+    """One of both maps.
+
+    Args:
+        values: (N,) [m], one for each target.
+        measured: (M,) [m], one for each measured row; None where there are none.
+        arrows: whether the bias is drawn in the cells.
+    """
     grid, targets = found.grid, found.targets
     if grid.shape[:2] == (1, 1):
         return plot_line(grid, label, values)

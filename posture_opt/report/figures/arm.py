@@ -1,4 +1,7 @@
-"""The arm in its posture, with the enlarged 95 % region of its tool point, the direction of the task, and its cell."""
+"""The arm in its posture, with the enlarged 95 % region of its tool point, the direction of the task, and its cell.
+
+A planar arm is drawn in its plane, others shaded in space from the side that shows most.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,10 @@ _GHOSTS = 4  # further postures of a motion
 
 @styled
 def plot_solution(solution: Solution) -> Figure:
-    """The arm in the best posture, the 95 % region enlarged by a stated factor, direction and target."""
+    """The arm in the best posture, the 95 % region enlarged by a stated factor, direction and target.
+
+    Region and hole have one scale, and the arm another: a region of some micrometres would be no point of the picture.
+    """
     return _draw(solution.spread, ArmGeometry.of_solution(solution))
 
 
@@ -53,6 +59,12 @@ def plot_motion(found: PathSolution) -> Figure:
 
 
 def _draw(spread: Spread, geometry: ArmGeometry, ghosts: Sequence[Solid] = (), way: Array | None = None) -> Figure:
+    """The arm in its plane or in space.
+
+    Args:
+        ghosts: further postures, drawn faintly.
+        way: (k, 3) path of the tool point [m].
+    """
     if geometry.planar:
         return draw_in_plane(geometry, spread.basis, ghosts, way)
     robot = spread.tool_point.robot

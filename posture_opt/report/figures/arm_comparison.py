@@ -26,7 +26,11 @@ _LOOKS = ((BLUE, "-", "o"), (ORANGE, "--", "s"), (GREEN, "-.", "D"), (PURPLE, ":
 
 @styled
 def plot_arm_comparison(found: ArmComparison) -> Figure:
-    """The 95 % ellipses of all answers about the target, a panel for every arm that predicts them."""
+    """The 95 % ellipses of all answers about the target, a panel for every arm that predicts them.
+
+    In the panel of arm A the answer planned with A is the smallest; how much larger the others are there is what
+    planning with the wrong arm costs.
+    """
     judges = [name for name in found.arms if any(name in arm.judged for arm in found.answered.values())]
     station = next(iter(found.answered.values())).stations[0]
     B = view_basis(station.spread, station.task_spread)
@@ -54,14 +58,17 @@ def plot_arm_comparison(found: ArmComparison) -> Figure:
 
 
 def _worst(predicted_errors: tuple[PredictedError, ...]) -> PredictedError:
+    """The station with the largest predicted error."""
     return max(predicted_errors, key=lambda predicted_error: predicted_error.critical_error)
 
 
 def _region(predicted_error: PredictedError, B: Array) -> Ellipsoid:
+    """The predicted error as an ellipse in the plane of the basis B (2, 3) [m]."""
     return Ellipsoid(B @ predicted_error.miss, B @ predicted_error.covariance @ B.T)
 
 
 def _extent(predicted_error: PredictedError, B: Array) -> float:
+    """How far a 95 % ellipse reaches from the target [m], along either axis of the plane."""
     return float(np.abs(_region(predicted_error, B).points(0.95)).max())
 
 

@@ -18,8 +18,14 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 def axis_name(axis: Array, direction: Array | None = None) -> str:
-    """A unit vector (3,), world: a coordinate axis by its letter, else told by the direction (3,) of the task, by the
-    horizontal or, with neither, as "sideways" or "steepest" of the plane drawn.
+    """What the axis of a figure is called.
+
+    A coordinate axis by its letter, else by the direction of the task, by the horizontal or, with neither, as
+    "sideways" or "steepest" of the plane drawn.
+
+    Args:
+        axis: (3,) unit vector, world.
+        direction: (3,) unit vector of the task, world; None where there is none.
     """
     letter = line_words(axis)
     if len(letter) == 1:
@@ -59,6 +65,7 @@ def with_letter(words: str, axis: Array) -> str:
 
 
 def _parallel(a: Array, b: Array) -> bool:
+    """Whether two unit vectors (3,) lie along one line."""
     return bool(np.linalg.norm(np.cross(a, b)) < _SAME)
 
 

@@ -1,4 +1,7 @@
-"""How two parameters vary together across a batch of robots."""
+"""How two parameters vary together across a batch of robots.
+
+Parameters that vary together have one cause in production: a fixture, say, or a common tool.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,11 @@ _PANELS = 3
 
 @styled
 def plot_batch(problem: Problem, found: Batch) -> Figure:
-    """The robots as points with their standard errors, and the ellipse that holds 95 % of the robots of the type."""
+    """The robots as points with their standard errors, and the ellipse that holds 95 % of the robots of the type.
+
+    One panel for each pair whose correlation is significant, three at most; axes are deviations from nominal [deg or
+    mm].
+    """
     pairs = [pair for pair in found.pairs if pair.significant][:_PANELS] or list(found.pairs[:1])
     figure = new_figure({1: 5.0, 2: 4.6}.get(len(pairs), 3.8))
     for k, pair in enumerate(pairs):
@@ -41,6 +48,7 @@ def plot_batch(problem: Problem, found: Batch) -> Figure:
 
 
 def _panel(axes: Any, problem: Problem, found: Batch, pair: CorrelatedPair) -> None:
+    """One pair of parameters; the ellipse is that of the robots, the estimates' own errors taken off."""
     i, j = found.names.index(pair.a), found.names.index(pair.b)
     scale = np.array([math.degrees(1.0) if found.parameters[k].unit == "rad" else 1e3 for k in (i, j)])
     units = ["deg" if found.parameters[k].unit == "rad" else "mm" for k in (i, j)]
@@ -69,12 +77,14 @@ def _panel(axes: Any, problem: Problem, found: Batch, pair: CorrelatedPair) -> N
 
 
 def _variances(found: Batch, robot: int, names: tuple[str, str]) -> list[float]:
+    """Variances [rad² or m²] of both parameters of a robot, as its calibration states them."""
     calibration = found.calibrations[robot]
     place = {p.name: k for k, p in enumerate(calibration.parameters)}
     return [float(calibration.covariance[place[name], place[name]]) for name in names]
 
 
 def _stated(found: Batch, pair: CorrelatedPair, index: tuple[int, int]) -> Any:
+    """(2, 2) the covariance that the problem file states for a pair [rad² or m²]; None where it states none."""
     sigma = found.stated[list(index)]
     if not np.all(sigma > 0) or abs(pair.stated) >= 1:
         return None

@@ -1,4 +1,7 @@
-"""The bench: the spread over the placement of the workpiece, and where its features then lie."""
+"""The bench: the spread over the placement of the workpiece, and where its features then lie.
+
+It shows how much is lost where the workpiece cannot be put at its best place.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +26,13 @@ _WORDS = ("x", "y", "z", "yaw")
 
 @styled
 def plot_bench(found: FeaturesSolution) -> Figure:
-    """Spread of the worst feature (or the mean) over two coordinates of the placement; hatched: not every feature can
-    be done. At least two coordinates are free.
+    """Spread over two coordinates of the placement; hatched: not every feature can be done there.
+
+    Colours are the standard deviation of the worst feature, or the mean of all [µm or mm]; further free coordinates
+    are held as in the answer, as the title says.
+
+    Args:
+        found: with at least two free coordinates of its placement.
     """
     bench = found.bench
     assert bench is not None, "a map has two axes"
@@ -49,6 +57,7 @@ def plot_bench(found: FeaturesSolution) -> Figure:
 
 
 def _draw_map(figure: Figure, axes: Any, found: FeaturesSolution, bench: BenchMap) -> None:
+    """Colours where all features can be done, hatching elsewhere."""
     from matplotlib.patches import Rectangle
     from matplotlib.ticker import MaxNLocator
 
@@ -74,6 +83,7 @@ def _draw_map(figure: Figure, axes: Any, found: FeaturesSolution, bench: BenchMa
 
 
 def _draw_features(axes: Any, found: FeaturesSolution) -> None:
+    """The features as points [mm], the worst one ringed; their names where there is room."""
     points = 1e3 * np.array([station.target.lower for station in found.stations])
     axes.plot(points[:, 0], points[:, 1], "o", color="black", mec="white", ms=6, zorder=7, label="features")
     worst = points[found.worst]

@@ -1,4 +1,8 @@
-"""How the tool point scatters: its simulated cloud as a whole, and as the task sees it."""
+"""How the tool point scatters: its simulated cloud as a whole, and as the task sees it.
+
+Ellipses of a plane hold 95 % at 2.448 standard deviations, intervals of a line at 1.960: drawn regions state their
+factor.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +45,8 @@ def plot_cloud(cloud: Cloud) -> Figure:
     """The simulated tool points with the 95 % ellipses of the closed form and of the sample.
 
     A planar arm is drawn in its plane, others in three views: across the direction of the task and from both sides, or
-    along the axes of the world where nothing is to be done along a direction.
+    along the axes of the world where nothing is to be done along a direction. Where both ellipses cover each other,
+    the closed form is true; where the cloud is bent, no ellipse is.
     """
     spread, seen = cloud.spread, cloud.spread.for_task
     views = _views(spread, seen)
@@ -83,6 +88,12 @@ def _task_marks(axes: Any, seen: TaskSpread | None, B: Array, scale: float, half
 
 
 def _view(axes: Any, cloud: Cloud, B: Array, points: Array, scale: float) -> None:
+    """One view: points (n, 2) [m] and both ellipses about the nominal tool point.
+
+    Args:
+        B: (2, 3) the axes of the view, world.
+        scale: from m to the unit of the figure.
+    """
     spread = cloud.spread
     shown = f"{len(points)} of " if len(points) < cloud.n else ""
     drawn = f"{shown}{cloud.n} simulated tool points"
@@ -99,7 +110,10 @@ def _view(axes: Any, cloud: Cloud, B: Array, points: Array, scale: float) -> Non
 def plot_cross_section(
     spread: Spread, seen: TaskSpread, n: int = _SAMPLES, seed: int = 0, origin: str = "target"
 ) -> Figure:
-    """n simulated tool points about the ``origin``, seen along the direction (a planar arm: in its plane)."""
+    """n simulated tool points about the ``origin``, seen along the direction (a planar arm: in its plane).
+
+    With the clearance of the hole, the direction that counts where it is one alone, and the other end of a peg.
+    """
     B = view_basis(spread, seen)
     points = (cloud_of(spread, n, seed).points - spread.position) @ B.T
     ellipse = Ellipsoid(B @ spread.bias, B @ spread.covariance @ B.T)
@@ -176,7 +190,7 @@ def _band(axes: Any, seen: TaskSpread, B: Array, scale: float, half: float) -> N
 
 
 def _strip(along: Array, low: float, high: float, reach: float) -> Array:
-    """(4, 2) corners of the band ``low <= along . y <= high``."""
+    """(4, 2) corners of the band ``low ≤ along · y ≤ high``, as long as ``reach`` both ways."""
     side = np.array([-along[1], along[0]])
     return np.array([low * along - reach * side, high * along - reach * side, high * along + reach * side,
                      low * along + reach * side])  # fmt: skip
@@ -204,4 +218,5 @@ def clearance_lines(axes: Any, seen: TaskSpread, B: Array, scale: float, half: f
 
 
 def _seen(label: str, inside: bool) -> str:
+    """A label, with a word where what it names lies outside of the picture."""
     return label if inside else f"{label} (outside the picture)"

@@ -18,7 +18,11 @@ if TYPE_CHECKING:
 
 @styled
 def plot_compensation(found: Compensation) -> Figure:
-    """Both errors of every target, in the order of the targets; logarithmic."""
+    """Both errors of every target [mm], in the order of the targets; logarithmic.
+
+    Squares: where the joint values as given lead; dots: the expected error of the compensated ones. The RMS is in the
+    legend.
+    """
     from matplotlib.ticker import MaxNLocator
 
     off, left = found.off, found.left

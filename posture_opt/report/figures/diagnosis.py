@@ -1,4 +1,4 @@
-"""A diagnosis: errors of each model, scores of the candidates, cycles of a turn, and what no cause explains."""
+"""A diagnosis: errors of each model row by row, and the periodogram of each joint with periodic errors."""
 
 from __future__ import annotations
 
@@ -45,7 +45,11 @@ _CYCLES = (3, 5, 10, 20, 50, 100, 200, 300)
 
 @styled
 def plot_errors(found: Diagnosis) -> Figure:
-    """Lengths of the errors row by row in the order of measuring, and how many stay below which length."""
+    """Lengths of the errors row by row in the order of measuring, and how many stay below which length.
+
+    Errors [mm] are those of rows held out from each fit. The dashed grey line is what the instrument alone would
+    leave.
+    """
     figure = new_figure(3.9)
     over, below = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2)})
     names = [name for name in MODELS if name != "extended" or fitted_effects(found)]
@@ -82,14 +86,18 @@ def plot_errors(found: Diagnosis) -> Figure:
 
 
 def _course(lengths: Array) -> tuple[Array, Array]:
-    """RMS of neighbouring rows along the rows."""
+    """(k,) middles and (k,) RMS of neighbouring rows, in the order of the rows."""
     parts = np.array_split(np.arange(len(lengths)), max(min(_BINS, len(lengths) // _FEW), 1))
     return np.array([p.mean() + 1 for p in parts]), np.array([np.sqrt(np.mean(lengths[p] ** 2)) for p in parts])
 
 
 @styled
 def plot_periodogram(found: Diagnosis) -> Figure:
-    """Share of the rest that each number of cycles explains, before its lines are named and after."""
+    """Share of the rest that each number of cycles explains, before its lines are named and after.
+
+    Over cycles per revolution of the joint, logarithmic; the dashed line is the share that is significant in the whole
+    search. A peak that is left above it in the second curve is not explained.
+    """
     joints = periodic_joints(found)[:_MOST_JOINTS]
     linearised, model = found.linearised, found.model
     chosen = [Candidate(e, linearised.sensitivities.columns(e)) for e in model.effects]
@@ -118,6 +126,7 @@ def plot_periodogram(found: Diagnosis) -> Figure:
 
 
 def _spectrum(found: Diagnosis, baseline: ProjectedBaseline, joint: int) -> tuple[Array, Array]:
+    """(k,) cycles per revolution and (k,) the share of the residual sum of squares that each explains."""
     tangents = found.linearised.sensitivities
     q = found.model.residuals.data.q[:, joint]
     cycles = CyclicError.grid(float(np.ptp(q)))

@@ -60,7 +60,12 @@ class Curve:
 
 @styled
 def plot_curves(found: Diagnosis) -> Figure:
-    """The modelled effect, and what the data say of it once everything else is taken off."""
+    """Each modelled effect, and what the data say of it once everything else is taken off.
+
+    Dots are rows over what the effect depends on (joint angle, torque, temperature, …), the black line is their mean
+    with its 95 % band, the coloured one the effect as fitted. Where the band leaves the curve, the effect has another
+    form.
+    """
     tangents = EffectSensitivities(found.model.residuals, found.model.x)
     shown = fitted_effects(found)[:_MOST]
     columns = min(len(shown), 2)
@@ -77,6 +82,7 @@ def plot_curves(found: Diagnosis) -> Figure:
 
 
 def _panel(axes: Any, curve: Curve) -> None:
+    """One effect; a curve for each side of approach where it has two."""
     dots = chosen_rows(len(curve.x), _DOTS)
     sides = np.unique(curve.side[curve.side != 0])  # where nobody knows the side, neither curve is meant
     look = _look(len(curve.x))
@@ -104,11 +110,18 @@ def _panel(axes: Any, curve: Curve) -> None:
 
 
 def _look(rows: int) -> dict[str, Any]:
+    """How dots of so many rows are drawn."""
     return {"mew": 0, "rasterized": True, **dots_look(rows)}
 
 
 def curve_of(found: Diagnosis, sensitivities: EffectSensitivities, place: int, finding: Finding) -> Curve:
-    """The curve of one effect over its abscissa; of one that depends on several things, as modelled against as seen."""
+    """The curve of one effect over its abscissa; of one that depends on several things, as modelled against as seen.
+
+    Args:
+        sensitivities: of all joints, at the fitted arm.
+        place: number of the effect in the model.
+        finding: the cause that it is.
+    """
     model, residuals = found.model, found.model.residuals
     shape = (len(residuals.data), residuals.block)
     modelled = (model.effect_columns(place) @ model.x[model.slices[place]]).reshape(shape)
@@ -127,7 +140,7 @@ def curve_of(found: Diagnosis, sensitivities: EffectSensitivities, place: int, f
 def _joint_curve(
     sensitivities: EffectSensitivities, joint: int, over: Abscissa, partial: Array, modelled: Array
 ) -> Curve:
-    """Errors of a joint, in the rows in which it moves the tool point."""
+    """Errors of a joint [mrad or µm], in the rows in which it moves the tool point: ``e·c / c·c`` with its column c."""
     column = sensitivities.joints[joint]
     square = np.sum(column**2, axis=1)
     far = square > (_LEVER**2) * square.max()
@@ -155,7 +168,10 @@ def _size_curve(seen: Array, said: Array) -> Curve:
 
 @styled
 def plot_left(found: Diagnosis) -> Figure:
-    """What the model with its effects leaves, along the motion of each joint and over the rows."""
+    """What the model with its effects leaves [mm], along the motion of each joint over its value, and over the rows.
+
+    A mean of neighbours that leaves zero beyond its band is structure that no named effect explains.
+    """
     residuals = found.model.residuals
     tangents = EffectSensitivities(residuals, found.model.x)
     e = -found.model.whitened.reshape(len(residuals.data), residuals.block)
@@ -186,6 +202,7 @@ def plot_left(found: Diagnosis) -> Figure:
 
 
 def _cloud(axes: Any, x: Array, y: Array, label: str) -> None:
+    """Values (n,) over x (n,) with the mean of neighbours."""
     dots = chosen_rows(len(x), _DOTS)
     axes.plot(x[dots], y[dots], ".", color=GREEN, label="rows", **_look(len(x)))
     if len(x) > _FEWEST:

@@ -33,6 +33,7 @@ class ScoredRow:
 
     @property
     def named(self) -> bool:
+        """Whether the candidate is one of the catalogue, and no unnamed component."""
         return self.scored.candidate.named
 
 

@@ -1,4 +1,4 @@
-"""A path over its length: the spread with what it is made of, and the joints."""
+"""A path: the spread along it, with what simpler ways give, and the joints over it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to measure next: where the tool point goes, and what that tells of each parameter."""
+"""What to measure next: where the tool point goes, and what that says of each parameter."""
 
 from __future__ import annotations
 
@@ -38,7 +38,11 @@ _FAINT = "#BDBDBD"
 
 @styled
 def plot_plan_points(plan: MeasurementPlan) -> Figure:
-    """The planned tool points, the given ones and the task's, over those of random allowed postures, from each side."""
+    """The planned tool points [mm], the given ones and the task's, over those of random allowed postures, from each
+    side.
+
+    Plans go to the edge of what is allowed: there a small error of an angle moves the tool point most.
+    """
     moving = [k for k in range(3) if np.ptp(plan.reach[:, k]) > _STILL]
     pairs = [(0, 1), (0, 2)] if len(moving) == 3 else [(moving[0], moving[-1])]
     figure = new_figure(4.6)
@@ -103,6 +107,7 @@ def _merits(plan: MeasurementPlan) -> list[tuple[str, float, float]]:
 
 
 def _together(axes: Any, plan: MeasurementPlan, merits: list[tuple[str, float, float]]) -> None:
+    """The merits of the plan as multiples of its own error."""
     y = np.arange(len(merits), dtype=float)
     before, random = (np.array([merit[k] for merit in merits]) for k in (1, 2))
     _dots(axes, y, before, np.ones(len(merits)), random, len(plan.q))
@@ -132,6 +137,7 @@ def _dots(axes: Any, y: Array, before: Array, after: Array, random: Array, count
 
 
 def _errors(axes: Any, plan: MeasurementPlan, rows: list[int], factor: float) -> None:
+    """Expected standard errors [deg or mm] of single parameters at the three stages, logarithmic."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     y = np.arange(len(rows), dtype=float)

@@ -17,7 +17,10 @@ _NAMED = 25  # problems that have room for their names
 
 @styled
 def plot_posture_batch(found: PostureBatch) -> Figure:
-    """Standard deviation of each problem that has a solution, the smallest at the top."""
+    """Largest standard deviation of each problem that has a solution [µm or mm], the smallest at the top.
+
+    Of several features or a path it is that of the worst one.
+    """
     answers = sorted(found.solved, key=lambda answer: -answer.sigma_max)
     unit, factor = length_unit([answer.sigma_max for answer in answers] or [0.0])
     figure = new_figure(max(2.0, 0.25 * min(len(answers), _NAMED) + 1.2))

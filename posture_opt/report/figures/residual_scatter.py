@@ -44,7 +44,10 @@ _VISITS = 4000
 
 @styled
 def plot_shape(shown: Shown) -> Figure:
-    """Histograms with the normal curve and, below, quantiles beside normal ones, axis by axis."""
+    """Histograms [mm] with the normal curve and, below, quantiles beside normal ones, axis by axis.
+
+    Quantiles on the line: the errors are normal. Ends that bend away from it are longer tails than normal.
+    """
     axes_of = shown.axes
     figure = new_figure(5.4)
     grid = figure.subplots(2, len(axes_of), squeeze=False)
@@ -61,6 +64,7 @@ def plot_shape(shown: Shown) -> Figure:
 
 
 def _histogram(axes: Any, values: Array) -> None:
+    """Counts in about as many bins as the root of their number, and the normal curve of equal mean and deviation."""
     mean, sd = values.mean(), values.std(ddof=1)
     bins = int(np.clip(np.sqrt(len(values)), *_BINS))
     _, edges, _ = axes.hist(values, bins, color=BLUE, alpha=0.6, zorder=2)
@@ -71,7 +75,10 @@ def _histogram(axes: Any, values: Array) -> None:
 
 
 def _quantiles(axes: Any, values: Array) -> None:
-    """Ordered values over those of as many normal ones, and where 95 % of normal ones lie, each by itself."""
+    """Ordered values over those of as many normal ones, and where 95 % of normal ones lie, each by itself.
+
+    The k-th of n uniform numbers has a beta distribution with parameters k and n + 1 − k.
+    """
     from scipy.special import betaincinv, ndtri
 
     n = len(values)
@@ -86,13 +93,18 @@ def _quantiles(axes: Any, values: Array) -> None:
 
 
 def _outer(n: int) -> tuple[Array, Array]:
+    """Ranks of the outer values on both ends: they show the tails and are never thinned out."""
     tail = np.arange(1.0, min(n, 50) + 1)
     return tail, n + 1 - tail
 
 
 @styled
 def plot_region(shown: Shown, found: Assessment) -> Figure:
-    """Errors of the calibrated model with the 95 % ellipse for so many samples, and what the instrument adds."""
+    """Errors of the calibrated model [mm] with the 95 % ellipse for so many samples, and what the instrument adds.
+
+    The factor is Hotelling's for an estimated covariance, ``sqrt(2 ν/(ν − 1) F₀.₉₅(2, ν − 1))`` with ν degrees of
+    freedom: larger than 2.448.
+    """
     left = found.residual_scatter
     assert left is not None
     pairs = [(a, b) for k, a in enumerate(shown.axes) for b in shown.axes[k + 1 :]]
@@ -123,7 +135,7 @@ def plot_region(shown: Shown, found: Assessment) -> Figure:
 
 
 def boundary(ellipse: Ellipsoid, factor: float) -> Array:
-    """(121, 2) the curve at ``factor`` standard deviations."""
+    """(121, 2) the curve at ``factor`` standard deviations of an ellipse."""
     angle = np.linspace(0, 2 * np.pi, 121)
     circle = np.array([np.cos(angle), np.sin(angle)])
     return np.asarray(ellipse.center + (factor * ellipse.axes * ellipse.semi_axes @ circle).T)
@@ -131,7 +143,10 @@ def boundary(ellipse: Ellipsoid, factor: float) -> Array:
 
 @styled
 def plot_repeats(problem: Problem, shown: Shown, found: Assessment) -> Figure:
-    """The postures with most visits one by one; where none has five, all visits about the means of theirs."""
+    """The postures with most visits one by one; where none has five, all visits about the means of theirs.
+
+    Visits [mm] about their mean, their covariance (dashed) and the scatter that the problem predicts for them.
+    """
     B = _plane(shown, found)
     groups = sorted(_visits(shown, found), key=len, reverse=True)
     clouds = [rows for rows in groups if len(rows) >= _FEWEST][:_PANELS] or [np.concatenate(groups)]
@@ -159,10 +174,12 @@ def plot_repeats(problem: Problem, shown: Shown, found: Assessment) -> Figure:
 
 
 def _outlines(ellipses: list[Ellipsoid | None]) -> list[Array]:
+    """The curves of the ellipses that there are."""
     return [boundary(ellipse, coverage_factor(0.95, 2)) for ellipse in ellipses if ellipse is not None]
 
 
 def _panel(axes: Any, cloud: Array, predicted: Ellipsoid | None) -> None:
+    """One cloud of visits (k, 2) [mm] with the ellipse that was predicted."""
     axes.plot(*cloud[:_VISITS].T, ".", color=BLUE, ms=6 if len(cloud) < 100 else 3.5, mew=0, alpha=0.7, zorder=2,
               label="visits about their mean")  # fmt: skip
     known = coverage_factor(0.95, 2)
@@ -192,6 +209,7 @@ def _visits(shown: Shown, found: Assessment) -> list[Codes]:
 
 
 def _about_mean(shown: Shown, rows: Codes, B: Array) -> Array:
+    """(k, 2) visits about their mean [mm], in the plane of B (2, 3)."""
     cloud = shown.places[rows] @ B.T
     return np.asarray(cloud - cloud.mean(axis=0))
 

@@ -50,7 +50,11 @@ _BINS = 30
 
 @dataclass(frozen=True, eq=False)
 class Binned:
-    """Means of values in bins along x, each with half its 95 % interval; NaN where a bin is empty."""
+    """Means of values in bins along x, each with half its 95 % interval by Student's t; NaN where a bin has too few.
+
+    Args:
+        x: (b,) middles of the bins; ``mean`` (b,) of the values there; ``band`` (b,) half the interval.
+    """
 
     x: Array
     mean: Array
@@ -84,7 +88,10 @@ class Binned:
 
 @styled
 def plot_residuals_over_joints(shown: Shown) -> Figure:
-    """Errors along the motion of each joint over its value: dots are poses, the line is their mean in bins."""
+    """Errors along the motion of each joint [mm] over its value: dots are poses, the line is their mean in bins.
+
+    Left before, right after calibration. A wave is a gear, a slope a compliance or scale, two levels a backlash.
+    """
     robot = shown.robot
     figure = new_figure(1.0 + 1.35 * robot.n)
     grid = figure.subplots(robot.n, 2, squeeze=False)
@@ -132,7 +139,7 @@ def _along(shown: Shown, errors: Array) -> tuple[list[Array], list[Array]]:
 
 @styled
 def plot_residuals_over_inputs(shown: Shown) -> Figure:
-    """Mean errors by axis over the inputs that the data have, and along each joint's motion by its approach."""
+    """Mean errors by axis [mm] over the inputs that the data have, and along each joint's motion by its approach."""
     inputs, sided = _inputs(shown), _both_sides(shown)
     lines = len(inputs) + bool(sided)
     figure = new_figure(0.7 + 1.9 * lines)
@@ -162,6 +169,7 @@ def _inputs(shown: Shown) -> list[tuple[str, Array]]:
 
 
 def _clock(seconds: Array) -> tuple[str, Array]:
+    """Times [s] in the unit in which the whole reads best, with its label."""
     length = float(np.ptp(seconds))
     for unit, size in (("h", 3600.0), ("min", 60.0)):
         if length > 3 * size:
@@ -170,6 +178,7 @@ def _clock(seconds: Array) -> tuple[str, Array]:
 
 
 def _over(axes: Any, shown: Shown, errors: Array, x: Array) -> None:
+    """The mean error of each axis over x (n,), in bins."""
     axes.axhline(0, color=GREY, lw=0.8, zorder=1)
     for axis in shown.axes:
         Binned.of(x, errors[:, axis], _BINS).draw(axes, label="xyz"[axis], **_XYZ[axis])

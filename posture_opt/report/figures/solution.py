@@ -36,7 +36,10 @@ _GRID = 181
 
 @styled
 def plot_budget(spread: Spread, groups: Sequence[ShareGroup], along: str) -> Figure:
-    """Share of every source in the variance ``along`` some axis, the largest on top, the small ones lumped."""
+    """Share of every source in the variance ``along`` some axis [%], the largest on top, the small ones lumped.
+
+    Correlated sources share one bar: their shares add up to it, and each alone may be negative.
+    """
     arm = spread.tool_point.arm
     shown, rest = main_groups(groups)
     names = [group_words(group, arm) for group in shown]
@@ -64,7 +67,7 @@ def plot_budget(spread: Spread, groups: Sequence[ShareGroup], along: str) -> Fig
 def plot_joint_map(solution: Solution) -> Figure:
     """Largest standard deviation of the part that counts over both joint values; answer and optima marked.
 
-    Where the target lies in a box, a line encloses the postures that reach it.
+    Of arms with two joints. Where the target lies in a box, a line encloses the postures that reach it.
     """
     from matplotlib.ticker import MaxNLocator
 
@@ -110,6 +113,7 @@ def _evaluate(solution: Solution, q1: Array, q2: Array) -> tuple[Array, Array]:
 
 
 def _mark(axes: Any, solution: Solution, shown: list[Array], position: Array, factors: list[float]) -> None:
+    """The answer, other optima, and the edge of the postures that reach a region."""
     target = solution.target
     if target.kind == "region":
         B = solution.optimisation_problem.reach.directions
@@ -131,6 +135,7 @@ def _mark(axes: Any, solution: Solution, shown: list[Array], position: Array, fa
 
 
 def _ticks(axes: Any, joints: Sequence[Joint], shown: list[Array]) -> None:
+    """Whole turns are divided by 45 or 60 degrees."""
     from matplotlib.ticker import MultipleLocator
 
     for axis, joint, values in zip((axes.xaxis, axes.yaxis), joints, shown, strict=True):

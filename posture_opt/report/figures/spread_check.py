@@ -31,7 +31,11 @@ _CLIP = 1.15  # times the largest value that is well told: beyond, a bar says no
 
 @styled
 def plot_reliability(found: SpreadCheck) -> Figure:
-    """The share of the rows in the predicted region of every probability: on the diagonal the prediction is true."""
+    """The share of the rows in the predicted region of every probability: on the diagonal the prediction is true.
+
+    Below it errors are larger than predicted. The grey band is where 95 % of data sets would lie, were it true; the
+    dots are at the 95 % region with the interval of the share.
+    """
     figure = new_figure(5.0)
     axes = figure.add_subplot()
     nominal = found.coverage["nominal"]
@@ -61,7 +65,10 @@ def plot_reliability(found: SpreadCheck) -> Figure:
 
 @styled
 def plot_joint_scatter(found: SpreadCheck) -> Figure:
-    """Estimated standard deviations with their 95 % intervals, and the stated ones."""
+    """Estimated standard deviations of joints and instrument with their 95 % intervals, and the stated ones.
+
+    Bars that end at an arrow have no upper end that the data determine.
+    """
     noise = found.noise
     assert noise is not None
     turning = [k for k, name in enumerate(noise.names) if not name.endswith(".d") and found.shown[k]]
@@ -84,6 +91,11 @@ def plot_joint_scatter(found: SpreadCheck) -> Figure:
 
 
 def _bars(axes: Any, rows: list[tuple[Any, ...]], unit: str, factor: float) -> None:
+    """One panel.
+
+    Args:
+        rows: (name, σ, lower end, upper end, stated σ) in SI units; ``factor`` turns them into ``unit``.
+    """
     told = [high for _, sigma, _, high, _ in rows if math.isfinite(high) and sigma > 0]
     largest = max([*(sigma for _, sigma, *_ in rows), *(stated for *_, stated in rows)], default=0.0)
     near = [high for high in told if high < 4 * largest]

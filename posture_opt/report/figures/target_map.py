@@ -42,7 +42,12 @@ _NO_POSTURE = {"not reached": "not reached", "requirement not met": "reached, bu
 
 @dataclass(frozen=True)
 class Canvas:
-    """What all panels of a map share: the grid, the scale of colours and how a length is written."""
+    """What all panels of a map share.
+
+    Args:
+        grid: of targets.
+        norm: from lengths in ``unit`` to colours; ``scale`` turns m into the unit.
+    """
 
     grid: Grid
     norm: Normalize
@@ -69,7 +74,11 @@ class Canvas:
 
 @styled
 def plot_target_map(found: TargetMap) -> Figure:
-    """The smallest spread that a posture gives, over the targets of the grid."""
+    """The smallest spread that a posture gives, over the targets of the grid.
+
+    Colours are the standard deviation of the part that counts [µm or mm]; hatched cells have no posture, and the
+    legend says why. The star is the best target.
+    """
     label = f"standard deviation {PARTS[found.within]}"
     if found.grid.shape[1] == 1 and found.grid.shape[0] == 1:
         return plot_line(found.grid, label, found.sigma)
@@ -114,6 +123,7 @@ def edges_of(grid: Grid) -> tuple[tuple[float, float], tuple[float, float]]:
 
 
 def _name_axes(axes: Any, grid: Grid, layer: int, small: bool) -> None:
+    """Labels, limits and the height of one layer."""
     names = [line_words(e) for e in grid.axes]
     off = "" if grid.aligned else ", off the middle"
     axes.set(xlabel=f"{names[0]}{off} [mm]", ylabel=f"{names[1]}{off} [mm]", aspect="equal")
@@ -127,6 +137,7 @@ def _name_axes(axes: Any, grid: Grid, layer: int, small: bool) -> None:
 
 
 def _corners(grid: Grid) -> tuple[Array, Array]:
+    """(U + 1,) and (V + 1,) the edges of the cells [mm]."""
     (u0, u1), (v0, v1) = edges_of(grid)
     return np.linspace(u0, u1, len(grid.values[0]) + 1), np.linspace(v0, v1, len(grid.values[1]) + 1)
 
@@ -155,6 +166,7 @@ def hatch_cells(axes: Any, canvas: Canvas, statuses: NDArray[Any]) -> None:
 
 
 def _mark_spots(axes: Any, canvas: Canvas, found: TargetMap, layer: int) -> None:
+    """The best place, the file's own position, base and direction."""
     mark_own(axes, canvas, found, layer)
     _mark(axes, canvas, found.best.position, layer, "best place", marker="*", color=ORANGE, mec="black", ms=18)
     mark_base(axes, canvas, found.optimisation_problem.robot)
@@ -169,6 +181,7 @@ def mark_own(axes: Any, canvas: Canvas, found: TargetMap, layer: int) -> None:
 
 
 def _mark(axes: Any, canvas: Canvas, point: Array, layer: int, label: str, **look: Any) -> None:
+    """A mark at a point (3,) [m], where this layer is the one nearest to it."""
     (u, v, w), levels = canvas.grid.coordinates(point[None])[0], canvas.grid.values[2]
     here = int(np.argmin(np.abs(levels - w))) == layer and abs(levels[layer] - w) <= canvas.grid.sides[2] / 2 + 1e-9
     if here and _seen(canvas.grid, 1e3 * u, 1e3 * v):
@@ -176,13 +189,14 @@ def _mark(axes: Any, canvas: Canvas, point: Array, layer: int, label: str, **loo
 
 
 def _seen(grid: Grid, u: float, v: float) -> bool:
+    """Whether a point (u, v) [mm] lies in the picture, its edge included."""
     (u0, u1), (v0, v1) = edges_of(grid)
     near = 1e-6 * max(u1 - u0, v1 - v0)  # what stands on the edge is seen, whatever rounding says
     return u0 - near <= u <= u1 + near and v0 - near <= v <= v1 + near
 
 
 def mark_base(axes: Any, canvas: Canvas, robot: Any) -> None:
-    """Where the arm stands, if the picture shows it."""
+    """The base of the arm as a square, if the picture shows it."""
     reached = walk(robot.base, factor_values(robot.base, []))
     u, v, _ = 1e3 * canvas.grid.coordinates(np.array([reached.position], dtype=float))[0]
     if _seen(canvas.grid, u, v):
@@ -214,7 +228,7 @@ def finish(figure: Figure, panels: Sequence[tuple[Any, int]], mesh: Any, label: 
 
 
 def plot_line(grid: Grid, label: str, values: Array) -> Figure:
-    """Lengths (U,) [m] along a line of targets."""
+    """Lengths (U,) [m] along a line of targets; stretches without a posture are hatched."""
     unit, scale = length_unit([float(np.nanmax(values))])
     figure = new_figure(3.8)
     axes = figure.add_subplot()

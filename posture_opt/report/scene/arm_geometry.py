@@ -44,7 +44,7 @@ class ErrorRegion:
 
     @classmethod
     def of(cls, spread: Spread, factor: float) -> ErrorRegion:
-        """Of the tool at a posture."""
+        """The region of the tool at a posture, enlarged by ``factor``."""
         ellipse = spread.ellipse
         semi_axes = ellipse.factor(0.95) * (spread.basis.T @ (ellipse.axes * ellipse.semi_axes))
         name = REGIONS[ellipse.rank]
@@ -165,7 +165,7 @@ def extent_of(points: Array) -> float:
 
 
 def enlargement(size: float, extent: float) -> float:
-    """The round factor (1, 2, 5, 10, 20, …) that brings ``size`` nearest below a sixth of ``extent``."""
+    """The round factor (1, 2, 5, 10, 20, …) that brings ``size`` [m] nearest below a sixth of ``extent`` [m]."""
     if size <= 0:
         return 1.0
     wanted = max(_SHOWN * extent / size, 1.0)

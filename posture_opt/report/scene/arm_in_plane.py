@@ -35,8 +35,10 @@ def draw_in_plane(
     """The arm seen along the normal of its plane.
 
     Args:
+        geometry: of a planar arm.
         basis: (2, 3) the axes of the plane, world.
-        ghosts: other postures, drawn faintly; ``way`` (k, 3) the tool's path [m].
+        ghosts: other postures, drawn faintly.
+        way: (k, 3) the tool's path [m].
     """
     figure = new_figure(5.0)
     axes: Any = figure.add_subplot()
@@ -94,6 +96,7 @@ def _sides(solids: Iterable[Solid]) -> list[Solid]:
 
 
 def _once(label: str, said: set[str]) -> str | None:
+    """A label the first time, None afterwards: the legend names each thing once."""
     if label in said:
         return None
     said.add(label)
@@ -123,10 +126,12 @@ def hull(points: Array) -> Array:
 
 
 def _turn(a: Array, b: Array, c: Array) -> float:
+    """Twice the area of the triangle a, b, c (2,), positive where it turns to the left."""
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
 def _region(axes: Any, geometry: ArmGeometry, B: Array) -> list[Array]:
+    """The enlarged 95 % ellipse; its points (k, 2) [mm] must be seen."""
     boundary: Array = geometry.region.surface(60)[-1] @ B.T
     axes.fill(*boundary.T, facecolor=ORANGE, alpha=0.35, zorder=3)
     look = {"facecolor": "none", "edgecolor": VERMILLION, "lw": 1.8, "zorder": 5}

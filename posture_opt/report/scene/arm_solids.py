@@ -72,7 +72,11 @@ class JointAxis:
 
 @dataclass(frozen=True)
 class Link:
-    """A cone between two balls (3,) [m] in the frame of what carries it; ``joint`` as of a `Capsule`."""
+    """A cone between two balls (3,) [m] in the frame of what carries it; ``joint`` as of a `Capsule`.
+
+    Args:
+        start_radius, end_radius: of the balls [m]; equal for a capsule.
+    """
 
     joint: str
     start: Array
@@ -127,6 +131,7 @@ class ArmSolids:
         return (self._block(), *bodies, *drums)
 
     def _frame(self, joint: str) -> int:
+        """The number of the frame that a joint carries."""
         at = {BASE: 0, TOOL: self.robot.n + 1}
         return at[joint] if joint in at else self.robot.joint_names.index(joint) + 1
 
@@ -187,14 +192,17 @@ def _tapered(capsules: Sequence[Capsule], radius: float) -> list[Link]:
 
 
 def _ends(capsule: Capsule) -> tuple[Array, Array]:
+    """Both ends (3,) of a capsule [m]."""
     return np.array(capsule.start), np.array(capsule.end)
 
 
 def _role(joint: str) -> Role:
+    """What a body is drawn as: base, tool or link."""
     return "base" if joint == BASE else "tool" if joint == TOOL else "link"
 
 
 def _faces(link: Link) -> Array:
+    """(k, 4, 3) the surface of a link [m]."""
     return tapered_facets(link.start, link.end, link.start_radius, link.end_radius)
 
 

@@ -62,6 +62,7 @@ def placed(labels: Sequence[Label], taken: Mask, size: Array) -> list[PlacedLabe
 
 
 def _candidates(label: Label, size: Array) -> list[PlacedLabel]:
+    """Places for a label, in all directions and at growing distances from its anchor, all within the picture."""
     half = label.size / 2 + _PAD
     found = []
     for distance in _DISTANCES:
@@ -89,6 +90,7 @@ def _best(
 
 
 def _distance(option: PlacedLabel) -> float:
+    """Length of the leader line [pt]."""
     return float(np.linalg.norm(option.end - option.label.anchor))
 
 
