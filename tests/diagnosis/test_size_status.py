@@ -61,10 +61,10 @@ def test_an_undetermined_size_never_leads(found: po.Diagnosis) -> None:
     first, second, *rest = found.effects
     vague = replace(found, effects=(*_determined_first(replace(first, determined=False), second), *rest))
     assert [entry["status"] for entry in vague.to_json()["effects"]][:2] == ["determined", "size_undetermined"]
-    lead = " ".join(vague.report().split("Causes, the weightiest first")[0].split())
+    lead = " ".join(vague.report().split("Causes, largest contribution first")[0].split())
     assert lead.partition("One cause explains")[2].lstrip().startswith("the errors: joint2 has an eccentric gear")
     assert "Of a size that these data do not determine: joint1 has an eccentric gear" in lead
     nothing = replace(found, effects=tuple(replace(f, determined=False) for f in (first, second)))
-    lead = nothing.report().split("Causes, the weightiest first")[0]
+    lead = nothing.report().split("Causes, largest contribution first")[0]
     assert "that no cause of known size explains" in " ".join(lead.split())
     assert "these data do not determine the size" in " ".join(nothing.report().split())

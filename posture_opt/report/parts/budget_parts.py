@@ -1,4 +1,7 @@
-"""The error budget: one line a source, or a line for those whose errors cancel."""
+"""The error budget: one line a source, or a line for those whose errors cancel.
+
+Shares are of the variance along one axis: they add up to 100 %, and a share of 60 % removed leaves 63 % of σ.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,12 @@ _NAMED = 3  # sources of a group that are named
 
 
 def budget_block(problem: Problem, groups: Sequence[ShareGroup], sentence: str) -> Block:
-    """Where a variance comes from: the sentence that says which, the shares, and what a line of several sources is."""
+    """Where a variance comes from: the sentence that says which, the shares, and what a line of several sources is.
+
+    Args:
+        groups: sources with their shares, those that correlate in one group.
+        sentence: which variance it is, for example along the worst axis across the direction.
+    """
     together = any(len(group.parameters) > 1 for group in main_groups(groups)[0])
     note = ("Sources on one line are correlated and partly cancel: only their combined share is meaningful.",)
     table = budget_table(problem.arm, groups, sigma_of(problem))

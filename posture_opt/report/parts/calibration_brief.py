@@ -41,6 +41,7 @@ def calibration_brief(problem: Problem, found: Calibration, seen: Assessment, le
 
 
 def _measured(problem: Problem, found: Calibration) -> str:
+    """Rows, poses, file and instrument."""
     data = found.request.data
     poses, file = len(np.unique(data.pose)), Path(data.file).name or "table"
     rows = f"{count(len(data), 'row')} in {count(poses, 'pose')} ({file})"
@@ -51,11 +52,13 @@ def _measured(problem: Problem, found: Calibration) -> str:
 
 
 def _errors(found: Calibration) -> str:
+    """How long the errors of held-out rows are."""
     s = found.calibrated
     return f"calibrated, 95 % of the held-out rows are within {mm(s.p95)} mm, all within {mm(s.max)} mm"
 
 
 def _test(found: Calibration) -> str:
+    """Errors on the test file before and after, and how it was used."""
     other = found.test
     assert other is not None
     before, after = (mm(other.models[name].rms) for name in ("nominal", "calibrated"))
@@ -66,10 +69,12 @@ def _test(found: Calibration) -> str:
 
 
 def _parameters(found: Calibration) -> str:
+    """How many unknowns are determined, and which differ from the file."""
     return ". ".join(filter(None, (determined_words(found), differing(found, _NAMED))))
 
 
 def _outliers(found: Calibration) -> str:
+    """The lines that were left out."""
     lines = ", ".join(map(str, found.lines[:_LINES])) + " …" * (len(found.lines) > _LINES)
     return f"{count(len(found.outliers), 'row')} left out: line{'s' * (len(found.lines) > 1)} {lines}"
 

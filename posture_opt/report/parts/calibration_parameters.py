@@ -1,4 +1,4 @@
-"""What a report on a calibration says of the parameters: estimates, how sure they are, what is left open."""
+"""What a report on a calibration says of the parameters: estimates, how certain they are, what is left open."""
 
 from __future__ import annotations
 
@@ -48,6 +48,7 @@ def parameters_block(found: Calibration) -> Block:
 
 
 def _row(found: Calibration, i: int) -> tuple[str, ...]:
+    """One parameter as a row of the table, in deg or mm."""
     p, std, prior = found.parameters[i], float(found.std[i]), float(found.prior[i])
     unit, factor = _unit(p)
     believed = "" if math.isnan(prior) else number(prior * factor)
@@ -65,6 +66,7 @@ def _row(found: Calibration, i: int) -> tuple[str, ...]:
 
 
 def _unit(parameter: Parameter) -> tuple[str, float]:
+    """The unit of a parameter in reports, and the factor from SI to it."""
     return ("deg", math.degrees(1.0)) if parameter.unit == "rad" else ("mm", 1e3)
 
 
@@ -106,6 +108,7 @@ def undetermined_names(found: Calibration, most: int) -> str:
 
 
 def _deviation(found: Calibration, i: int) -> str:
+    """A parameter's deviation from the file with one standard error."""
     unit, factor = _unit(found.parameters[i])
     error = float(found.std[i]) * factor
     change, error_text = (fixed(v, decimals_of(error)) for v in (float(found.x[i]) * factor, error))

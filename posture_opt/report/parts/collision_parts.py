@@ -27,7 +27,11 @@ def distance_facts(scene: Scene, clearance: Clearance | None) -> list[Fact]:
 
 
 def collision_facts(scene: Scene) -> list[Fact]:
-    """What was checked for collisions, and what was not; a remark says so where the shape is not known."""
+    """What was checked for collisions, and what was not; a remark says so where the shape is not known.
+
+    Nothing is passed over in silence: checks that are switched off, shapes that are assumed and pairs that are left
+    out each have their words.
+    """
     if scene.switched_off:
         return [("Collisions", "not checked (cell: none)")]
     if not scene.active:

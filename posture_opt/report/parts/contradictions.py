@@ -21,7 +21,7 @@ _TURNED = math.radians(0.01)  # less is no turn that anyone would correct
 
 
 def doubts_lead(found: Calibration) -> tuple[str, ...]:
-    """What stands before any answer: data that are hardly this arm's, what they refute of the file, runaway frames."""
+    """What comes before any answer: data that are hardly this arm's, what they refute of the file, runaway frames."""
     return (
         *_disagreement(found),
         *(_line(contradiction) for contradiction in found.contradictions),
@@ -40,6 +40,7 @@ def refuted_of_robots(found: Sequence[Calibration]) -> tuple[str, ...]:
 
 
 def _disagreement(found: Calibration) -> tuple[str, ...]:
+    """Data that no calibration of this arm explains: another robot's, or other joints than the file's."""
     if found.disagreement is None:
         return ()
     left, motion = found.disagreement.left, found.disagreement.motion
@@ -60,12 +61,14 @@ def _implausible(found: Calibration) -> tuple[str, ...]:
 
 
 def _away(frame: str, far: float) -> str:
+    """A frame that was found implausibly far [m] from where it can be."""
     of = "from the measured points" if frame == "base" else "from the flange"
     text = f"The {frame} is found {number(far)} m {of}, which is implausible: these data do not determine it. "
     return f"{text}State it, or measure with more different orientations."
 
 
 def _line(found: Contradiction) -> str:
+    """One contradiction: what the file states, by how much it is off, and what was done instead."""
     if isinstance(found.cause, JointCoupling):
         return _coupled(found, found.cause)
     if found.sigma:
@@ -80,6 +83,7 @@ def _line(found: Contradiction) -> str:
 
 
 def _coupled(found: Contradiction, coupling: JointCoupling) -> str:
+    """A coupling of two joints that the file does not state."""
     ratio, std, _ = found.estimate["ratio"]
     text = f"In these data {coupling.joint} is coupled to {coupling.follows} (ratio {plus_minus(ratio, std)}), which "
     text += f"the file does not state. The coupling is added to the model, which {gain_words(found)}. Log the "

@@ -1,4 +1,4 @@
-"""What the report says of named causes: words, size, weight, and what else could stand for them."""
+"""What the report says of named causes: words, size, gain, and what other cause could explain the same."""
 
 from __future__ import annotations
 
@@ -50,7 +50,10 @@ def _states(problem: FittableProblem, finding: Finding) -> bool:
 
 
 def causes_block(found: Diagnosis) -> Block:
-    """Every named cause with its size, its evidence, and what it explains."""
+    """Every named cause with its size, its evidence, and what it explains.
+
+    Causes of less gain than the first four are lines of a table.
+    """
     if not found.effects:
         return Block("Causes", ("None is found.",))
     items: list[str | Facts | Table] = []
@@ -62,7 +65,7 @@ def causes_block(found: Diagnosis) -> Block:
     if short:
         items += ["Lighter ones:", _lighter(found, short)]
     figure = "diagnosis_curves" if effects else ""
-    return Block("Causes, the weightiest first", tuple(items), figure)
+    return Block("Causes, largest contribution first", tuple(items), figure)
 
 
 def _lighter(found: Diagnosis, findings: list[Finding]) -> Table:
@@ -84,6 +87,7 @@ def view_key(found: Diagnosis, finding: Finding) -> str:
 
 
 def _facts(found: Diagnosis, finding: Finding) -> list[tuple[str, str]]:
+    """What is known of one cause, line by line: sizes, evidence, gain, planning, rivals."""
     place = finding.place
     name = finding.kind if finding.target == "all" else f"{finding.kind} of {finding.target}"
     rows = [("Name", name)]
@@ -120,6 +124,7 @@ def _planning(found: Diagnosis, finding: Finding) -> str:
 
 
 def _at_tool(found: Diagnosis, place: int) -> tuple[str, str]:
+    """How far an effect moves the tool point in these data, and how much of that no geometry could imitate."""
     alone, beyond = tool_shifts(found.model, place)
     most, rms, own = float(alone.max()), *(float(np.sqrt(np.mean(v**2))) for v in (alone, beyond))
     text = f"up to {length(most)} in these data, {length(rms, among=[most])} RMS"
@@ -129,6 +134,7 @@ def _at_tool(found: Diagnosis, place: int) -> tuple[str, str]:
 
 
 def _gain(found: Diagnosis, finding: Finding) -> str:
+    """By how much a cause reduces the cross-validated RMS, in words; empty where that is said elsewhere."""
     if finding.noise is not None:
         return _covers(found) if finding.noise.uneven else ""
     if finding.effect is None:
@@ -165,7 +171,7 @@ def _covers(found: Diagnosis) -> str:
 
 
 def _geometry(found: Diagnosis) -> list[tuple[str, str]]:
-    """The surest parameters of the arm with its effects, with their standard errors."""
+    """The most certain parameters of the arm with its effects, with their standard errors."""
     calibration, model = found.calibration, found.model
     std = model.std[: len(calibration.parameters)]
     far = [
@@ -177,7 +183,7 @@ def _geometry(found: Diagnosis) -> list[tuple[str, str]]:
     far.sort(reverse=True)
     units = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm")}
     texts = [f"{name} {plus_minus(x, s, *units[unit])}" for _, name, x, s, unit in far[:_LISTED]]
-    return [("Surest", f"{', '.join(texts)}; 'corrections' of extended.yaml holds them all")] if texts else []
+    return [("Most certain", f"{', '.join(texts)}; 'corrections' of extended.yaml holds them all")] if texts else []
 
 
 def cyclic_block(found: Diagnosis) -> tuple[Block, ...]:
@@ -208,4 +214,5 @@ def confusion_block(found: Diagnosis) -> tuple[Block, ...]:
 
 
 def _listed(pairs: list[str]) -> str:
+    """Pairs of causes in one line."""
     return "; ".join(pairs[:_PAIRS]) + (f"; and {len(pairs) - _PAIRS} more" if len(pairs) > _PAIRS else "")

@@ -28,7 +28,11 @@ _CHOSEN = "Effects were selected and fitted anew in each round, from the other r
 
 
 def errors_block(found: Diagnosis) -> Block:
-    """Position errors of the three models, cross-validated, with the noise floor."""
+    """Position errors of the three models, cross-validated, with the noise floor.
+
+    The table has RMS with its 95 % interval, mean, 95 % quantile, largest error, and the share inside the 95 %
+    regions.
+    """
     rounds = min(found.request.folds, len(np.unique(found.groups)))
     rows = [
         (words, *error_cells(found.errors[name]), percent(float(found.held[name].inside.mean())))
@@ -76,6 +80,7 @@ def _beside(found: Diagnosis, noise: NoiseFloor, rounds: int) -> str:
 
 
 def _gain_text(found: Diagnosis) -> str:
+    """The gain of the effects over the calibrated arm with its 95 % interval."""
     gain = found.gain
     span = f"{percent(gain.low)} to {percent(gain.high)} with 95 % confidence"
     if gain.low > 0:

@@ -60,17 +60,20 @@ def goals_block(goals: MeasuredGoals | None) -> tuple[Block, ...]:
 
 
 def _goals(goals: MeasuredGoals) -> str:
+    """How many targets were measured in several postures."""
     each = "two postures" if goals.postures == 2 * goals.goals else "two postures or more"
     return f"the {count(goals.goals, 'target')} measured in {each}"
 
 
 def _table(head: str, choices: Mapping[str, Choice], clearance: float | None) -> Table:
+    """A row for each model: the error in the posture that it chooses, and how often that is the better one."""
     meets = [] if clearance is None else ["fits"]
     headers = (head, "error there [mm]", "95 % below", *meets, "in the others [mm]", "chose the better")
     return Table(headers, tuple((MODELS[name], *_cells(choice, clearance)) for name, choice in choices.items()))
 
 
 def _left(goals: MeasuredGoals) -> Table:
+    """The table of what is left without corrections, with a row for a posture chosen at random."""
     table = _table("chosen with the model", goals.uncorrected, goals.clearance)
     blank = [""] * (len(table.headers) - 4)
     blind = ("any posture", *(_mm(goals.anyhow, q) for q in (0.5, 0.95)), *blank, percent(goals.chance))
@@ -78,6 +81,7 @@ def _left(goals: MeasuredGoals) -> Table:
 
 
 def _cells(choice: Choice, clearance: float | None) -> tuple[str, ...]:
+    """The numbers of one model."""
     meets = [] if clearance is None else [percent(choice.hits(clearance))]
     return (
         _mm(choice.missed), _mm(choice.missed, 0.95), *meets, _mm(choice.elsewhere), percent(choice.better)
@@ -111,8 +115,10 @@ def _told(goals: MeasuredGoals) -> str:
 
 
 def _median(values: np.ndarray) -> str:
+    """The median of some errors (k,) [m]."""
     return length(float(np.median(values)))
 
 
 def _mm(values: np.ndarray, q: float = 0.5) -> str:
+    """A quantile of some errors (k,) [m], in mm."""
     return number(1e3 * float(np.quantile(values, q)))

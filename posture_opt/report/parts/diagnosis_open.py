@@ -1,4 +1,4 @@
-"""What stays open: the unexplained, what no such data can tell, and measurements that discriminate between causes."""
+"""What stays open: the unexplained, what no such data can show, and measurements that discriminate between causes."""
 
 from __future__ import annotations
 
@@ -43,7 +43,11 @@ _IMPOSSIBLE = (
 
 
 def left_block(found: Diagnosis) -> Block:
-    """Whether anything is left that no cause explains, how surely, and where."""
+    """Whether anything is left that no cause explains, how certainly, and where.
+
+    Two tests: whether errors of neighbouring rows correlate, and whether the model misses poses by more than they
+    repeat.
+    """
     left = found.adequacy
     title = "Unexplained structure"
     if found.verdict != "unexplained":
@@ -83,6 +87,7 @@ def uneven_words(errors: UnevenErrors) -> str:
 
 
 def _to_repeat(plan: RepeatPlan) -> str:
+    """Which postures to repeat, and how often, to discriminate scatter from structure."""
     lines = ", ".join(map(str, plan.rows.line))
     return (
         f"To tell whether {plan.target} scatters, measure the postures of lines {lines} {plan.times} times each, "
@@ -157,10 +162,12 @@ def absorbed_block(found: Diagnosis) -> Block:
 
 
 def _kinds(kinds: tuple[str, ...]) -> str:
+    """Kinds of effects as text."""
     return ", ".join(kind.replace("_", " ") for kind in kinds)
 
 
 def _list(names: list[str]) -> str:
+    """Up to twelve names, and how many more there are."""
     names = list(dict.fromkeys(names))
     return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
 
@@ -198,6 +205,7 @@ def split_block(found: Diagnosis) -> tuple[Block, ...]:
 
 
 def _pairs(found: Diagnosis, plan: DiscriminationPlan) -> Table:
+    """Each pair of causes, the angle between them, and how certainly the wrong one is refuted, now and as planned."""
     rows = []
     for place, finding in fitted_effects(found):
         for split in plan.pairs.get(place, ()):
@@ -208,14 +216,17 @@ def _pairs(found: Diagnosis, plan: DiscriminationPlan) -> Table:
 
 
 def _then(split: DiscriminatedPair) -> tuple[str, str]:
+    """The probability with the plan, and the measurements needed; empty where no posture helps."""
     return ("", "") if split.count is None else (_probability(detection_probability(split.then)), str(split.count))
 
 
 def _probability(p: float) -> str:
+    """A probability of detection in percent."""
     return "above 99.9 %" if p > 0.999 else "below 0.1 %" if p < 0.001 else percent(p)
 
 
 def _postures(found: Diagnosis, plan: DiscriminationPlan) -> Table:
+    """The planned postures [deg or mm] with sides of approach and payloads."""
     robot, rows = found.model.residuals.robot, plan.rows
     heads = [f"{joint.name.replace('_', ' ')} [{joint_unit(joint.type)[0]}]" for joint in robot.joints]
     sides = [f"{robot.joint_names[j]} approach" for j in plan.sided]
@@ -224,6 +235,7 @@ def _postures(found: Diagnosis, plan: DiscriminationPlan) -> Table:
 
 
 def _cells(robot: Robot, plan: DiscriminationPlan, i: int) -> tuple[str, ...]:
+    """One planned posture as a row."""
     rows = plan.rows
     values = [fixed(float(v) * joint_unit(j.type)[1]) for v, j in zip(rows.q[i], robot.joints, strict=True)]
     sides = ["upwards" if rows.approach[i, j] > 0 else "downwards" for j in plan.sided]

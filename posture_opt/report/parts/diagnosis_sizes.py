@@ -1,4 +1,4 @@
-"""What report and figures work out of a diagnosis: how far its effects move the tool point, and what is noise."""
+"""What report and figures derive from a diagnosis: how far its effects move the tool point, and what is noise."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _turn(found: Diagnosis, place: int) -> tuple[float, float]:
 
 
 def periodic_joints(found: Diagnosis) -> list[int]:
-    """Joints of which a line of the periodogram is named, the weightiest first."""
+    """Joints of which a line of the periodogram is named, largest contribution first."""
     names = list(found.model.residuals.data.joint_names)
     effects = [f.effect for f in found.effects if f.effect is not None and f.effect.spectral_lines]
     return [names.index(joint) for joint in dict.fromkeys(effect.moved_joint for effect in effects)]
@@ -63,7 +63,8 @@ class NoiseFloor:
     """RMS [m] of the length of an error that no model can explain, 0 where it is not known.
 
     Args:
-        repeated: whether repeats of postures tell it; else it is that of the instrument as stated, and how far the
+        rms: [m] of the length of the position error, all measured axes together.
+        repeated: whether repeats of postures show it; else it is that of the instrument as stated, and how far the
             arm itself scatters is not known.
     """
 
@@ -90,7 +91,11 @@ class NoiseFloor:
 
 
 def noise_floor(found: Diagnosis) -> NoiseFloor:
-    """Of the contrasts between repeats of one posture and target, else of the instrument."""
+    """The noise floor of a diagnosis: from contrasts between repeats of one posture and target, else from the
+    instrument.
+
+    ``sqrt(mean |d|²)`` of the contrasts d, each scaled to the variance of one reading; σ √k for k measured axes.
+    """
     residuals, contrasts = found.model.residuals, found.contrasts
     e = found.model.whitened.reshape(-1, residuals.block)[:, : len(residuals.axes)] * residuals.sigma
     if len(contrasts) * e.shape[1] >= levels.REPEAT_FREEDOM:

@@ -1,4 +1,4 @@
-"""Position errors of models in a report: how they were held out, their table, and the instrument that saw them."""
+"""Position errors of models in a report: how they were held out, their table, and the instrument that measured them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,12 @@ _LEFT_OUT = {
 
 
 def held_out_sentence(by: str, rounds: int) -> str:
-    """What each row was predicted without."""
+    """What each row was predicted without, in words.
+
+    Args:
+        by: ``pose``, ``block`` or ``place``, what cross-validation holds out together.
+        rounds: of the cross-validation.
+    """
     how = f"Every row is predicted by an arm that was fitted without {_LEFT_OUT[by]}"
     return f"{how}." if by == "place" else f"{how}, in {rounds} rounds."
 

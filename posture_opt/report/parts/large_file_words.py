@@ -29,6 +29,7 @@ def thinned_words(large: LargeFile) -> str:
 
 
 def _block_words(large: LargeFile) -> str:
+    """How rows were drawn from a large file: by blocks of postures in the order in which they were measured."""
     thinning = large.thinning
     most = f", at most {thinning.most_of_posture} rows of each"
     if thinning.postures_used >= thinning.postures:

@@ -1,4 +1,7 @@
-"""Blocks and facts that several reports share: effects, sources, joint table, tool point, ellipse, budget, validity."""
+"""Blocks and facts that several reports share: effects, sources, joint table, tool point, ellipse, budget, validity.
+
+A fact is (label, text). Functions take results and return texts; they compute nothing that a result does not hold.
+"""
 
 from __future__ import annotations
 
@@ -74,6 +77,7 @@ def input_facts(problem: Problem) -> list[tuple[str, str]]:
 
 
 def _inputs(arm: Arm) -> list[str]:
+    """Payload, sides of approach, temperature and time, as far as an effect of the arm depends on them."""
     asked = {need for effect in arm.effects for need in (*effect.asks, *effect.needs)}
     inputs, texts = arm.inputs, []
     if asked & {"masses", "payload"}:
@@ -110,6 +114,7 @@ def source_facts(problem: Problem) -> list[tuple[str, str]]:
 
 
 def _group_words(names: Sequence[str], arm: Arm) -> str:
+    """Sources of one size in words: one by one, by their joints, or "of every joint"."""
     if len(names) < 3:
         return " and ".join(source_words(name, arm) for name in names)
     owners = [name.rpartition(".")[0] for name in names]
@@ -169,11 +174,13 @@ def nearest_limit(robot: Robot, q: Vector) -> list[tuple[str, str]]:
 
 
 def _distance(joint: Joint, value: float) -> str:
+    """How far a joint is from its nearer limit, in words."""
     margin = _margin(joint, value)
     return margin if margin.startswith(("at", "exceeded")) else f"{margin} away"
 
 
 def _limits(joint: Joint) -> str:
+    """The limits of a joint in the unit of its values."""
     unit, factor = joint_unit(joint.type)
     low, high = (f"{value * factor:.6g}" if math.isfinite(value) else "none" for value in (joint.lower, joint.upper))
     return f"{low} to {high} {unit}"
@@ -187,11 +194,15 @@ def joint_values(problem: HasScatter, q: Vector) -> str:
 
 
 def _value(joint: Joint, value: float, digits: JointDigits) -> str:
+    """A joint value with the digits that its rounding asks for: another digit moves the tool by less than a tenth of
+    σ.
+    """
     unit, factor = joint_unit(joint.type)
     return f"{digits.text(joint, value, 1 / factor)} {unit}"
 
 
 def _margin(joint: Joint, value: float) -> str:
+    """Distance to the nearer limit, or by how much it is exceeded."""
     margin = min(value - joint.lower, joint.upper - value)
     if not math.isfinite(margin):
         return "no limit"
@@ -218,7 +229,10 @@ def lean(spread: Spread, tool_axis: Vector, direction: Vector) -> float:
 
 
 def ellipse_facts(spread: Spread, among: Sequence[float] = ()) -> list[tuple[str, str]]:
-    """The 95 % region of the tool point, with the factor that it is drawn with."""
+    """The 95 % region of the tool point, with the factor that it is drawn with.
+
+    Semi-axes from the longest to the shortest; ``among`` are the lengths whose unit is to be used.
+    """
     ellipse = spread.ellipse
     if not ellipse.rank:
         return [(REGIONS[0], "a point: there is no uncertainty here")]
@@ -241,7 +255,7 @@ def first_order_fact(exact: float, linear: float, among: Sequence[float] = ()) -
 
 
 def mean_fact(spread: Spread, among: Sequence[float] = ()) -> tuple[str, str]:
-    """How far the mean tool point lies off the nominal one."""
+    """How far the mean tool point lies off the nominal one: the bias, of second order in the errors."""
     off = math.sqrt(float(spread.bias @ spread.bias))
     if off < max(_NO_SHIFT, _NEGLIGIBLE * largest_of(among)):
         return "Mean shift", "negligible"

@@ -54,10 +54,12 @@ def text_table(
 
 
 def _grid(table: Table, width: int | None = None) -> str:
+    """The whole table as text."""
     return text_table(table.headers, table.rows, table.text_columns, width)
 
 
 def _width(text: str) -> int:
+    """The length of the longest line."""
     return max(map(len, text.splitlines()), default=0)
 
 
@@ -85,6 +87,7 @@ def _groups(table: Table, width: int) -> list[Table]:
 
 
 def _columns(table: Table, kept: Sequence[int]) -> Table:
+    """The table of some of its columns."""
     words = sum(k < table.text_columns for k in kept)
     return Table(tuple(table.headers[k] for k in kept), tuple(tuple(row[k] for k in kept) for row in table.rows), words)
 
@@ -105,6 +108,7 @@ def _bounds(columns: Sequence[Sequence[str]], width: int | None) -> list[int]:
 
 
 def _wrapped(cell: str, size: int) -> list[str]:
+    """The lines of one cell, cut between words."""
     if len(cell) <= size:
         return [cell]
     return textwrap.wrap(cell, size, break_long_words=False, break_on_hyphens=False) or [""]

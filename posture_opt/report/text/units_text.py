@@ -1,4 +1,7 @@
-"""How numbers are written: lengths in mm (µm below 10 µm), angles in deg, shares in percent."""
+"""How numbers are written: lengths in mm (µm below 10 µm), angles in deg, shares in percent.
+
+Inside the program everything is SI and radians; here, and only here, it becomes what people read.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,16 @@ _NOTHING = 1e-12  # m: below this it is rounding
 
 
 def length(metres: float, digits: int = 3, among: Iterable[float] = ()) -> str:
-    """A length with its unit: 12.3 mm, 4.56 µm; in the unit of the lengths that it stands among."""
+    """A length with its unit: 12.3 mm, 4.56 µm; in the unit of the lengths that it is listed with.
+
+    Args:
+        metres: [m]; not finite ones are written as unknown.
+        digits: significant ones of the largest of ``among``.
+        among: other lengths of the same table or sentence: all are written in one unit, to the same decimal.
+
+    >>> length(0.0123), length(4.56e-6), length(4.56e-6, among=[0.0123])
+    ('12.3 mm', '4.56 µm', '0.005 mm')
+    """
     every = list(among) or [metres]
     unit, factor = length_unit(every)
     if not math.isfinite(metres):
@@ -22,14 +34,18 @@ def length(metres: float, digits: int = 3, among: Iterable[float] = ()) -> str:
 
 
 def stated_length(metres: float) -> str:
-    """A length that somebody stated, 10 mm, 0.05 mm, 5 µm; what is no round number of its unit to three digits."""
+    """A length that somebody stated, as it was: 10 mm, 0.05 mm, 5 µm; any other number to three digits.
+
+    >>> stated_length(5e-5), stated_length(0.01)
+    ('0.05 mm', '10 mm')
+    """
     unit, factor = length_unit([metres])
     value = float(f"{metres * factor:.9g}")
     return f"{value:g} {unit}" if float(f"{value:.5g}") == value else f"{number(value)} {unit}"
 
 
 def stated_angle(radians: float) -> str:
-    """An angle that somebody stated: 1 deg, 0.02 deg; what is no round number of degrees to three digits."""
+    """An angle that somebody stated, as it was: 1 deg, 0.02 deg; any other number to three digits."""
     degrees = float(f"{math.degrees(radians):.9g}")
     return f"{degrees:g} deg" if float(f"{degrees:.4g}") == degrees else f"{number(degrees)} deg"
 
@@ -46,7 +62,7 @@ def stated(value: float, unit: str) -> str:
 
 
 def share(p: float) -> str:
-    """A probability as a share, as many digits as its nines ask for: 95 %, 99.99 %."""
+    """A probability as a share, with as many digits as its nines ask for: 95 %, 99.99 %."""
     return f"{100 * p:.12g} %"
 
 
@@ -117,7 +133,11 @@ def quantity(value: float, unit: str) -> str:
 
 
 def percent(share: float) -> str:
-    """A share: 97 %, 5.6 %, 0.02 %."""
+    """A share in percent: 97 %, 5.6 %, 0.02 %.
+
+    >>> percent(0.97), percent(0.056), percent(0.0002)
+    ('97 %', '5.6 %', '0.02 %')
+    """
     if not math.isfinite(share):
         return UNKNOWN
     value = 100 * share
@@ -128,7 +148,11 @@ def percent(share: float) -> str:
 
 
 def probability(p: float) -> str:
-    """A probability of success, with as many digits as its nines ask for."""
+    """A probability of success, with as many digits as its nines ask for.
+
+    >>> probability(0.9375), probability(0.99995), probability(1 - 1e-9)
+    ('93.8 %', '99.9950 % (one miss in 20,000)', '> 99.9999 %')
+    """
     miss = 1 - p
     if miss < 1e-6:  # what is left out of the model is likelier than that
         return "> 99.9999 %"
@@ -144,5 +168,9 @@ def decimals_of(value: float, digits: int = 2) -> int:
 
 
 def count(number_of: int, singular: str, plural: str = "") -> str:
-    """1 posture, 12 postures, 8,281 postures."""
+    """A number of things in words: 1 posture, 12 postures, 8,281 postures.
+
+    >>> count(1, "posture"), count(8281, "posture"), count(2, "axis", "axes")
+    ('1 posture', '8,281 postures', '2 axes')
+    """
     return f"{number_of:,} {singular if number_of == 1 else plural or singular + 's'}"
