@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     from posture_opt.model.arm import Arm
     from posture_opt.problem.fitted_problem import calibrated_problem, extended_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
+    from posture_opt.problem.problem import Problem
+    from posture_opt.robot.robot import Robot
     from posture_opt.selection.answer.selector import PostureSelector
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.comparison.arm_comparison import ArmComparison, compare
@@ -89,6 +91,8 @@ __all__ = [
     "PathSolution",
     "PostureBatch",
     "PostureSelector",
+    "Problem",
+    "Robot",
     "Solution",
     "Spread",
     "SpreadCheck",
@@ -141,6 +145,8 @@ _HOMES = {
     "PathSolution": "selection.paths.path_solution",
     "PostureBatch": "selection.posture_batch",
     "PostureSelector": "selection.answer.selector",
+    "Problem": "problem.problem",
+    "Robot": "robot.robot",
     "Solution": "selection.answer.solution",
     "Spread": "uncertainty.spread.spread",
     "SpreadCheck": "validation.spread_check",

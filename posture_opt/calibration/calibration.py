@@ -13,7 +13,7 @@ from posture_opt.calibration.assumptions.frames import far_frames
 from posture_opt.calibration.cross_validation import HeldOut
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
-from posture_opt.calibration.estimation.fitted_arm import FitRequest
+from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.estimation.identifiability import ANGLE, LENGTH, Identifiability
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals

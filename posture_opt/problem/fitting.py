@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from posture_opt.calibration.estimation.fitted_arm import NEGLIGIBLE, FittedArm
 from posture_opt.errors import InputError
 from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
 from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.yaml_source import dump_yaml
-from posture_opt.robot.corrections import deviated, name_issues
+from posture_opt.robot.corrections import corrections_of, deviated, name_issues
 from posture_opt.robot.robot import Factor, Robot
+from posture_opt.selection.fitted_arm import NEGLIGIBLE, FittedArm
 from posture_opt.uncertainty.sources.covariance_file import covariance_text
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.units import DIMENSIONS
@@ -79,12 +79,6 @@ def fitted_robots(nominal: Robot, robot: Robot, fit: FittedArm) -> tuple[Robot, 
         tool_free=nominal.tool_free and "tool" not in found,
     )
     return placed, deviated(placed, {name: value for name, value in total.items() if name not in frames})
-
-
-def corrections_of(nominal: Robot, robot: Robot) -> dict[str, float]:
-    """Deviation of every parameter of a robot from its nominal value [rad or m]."""
-    stated = nominal.parameters
-    return {name: factor.nominal - stated[name].nominal for name, factor in robot.parameters.items()}
 
 
 def frames_of(fit: FittedArm) -> tuple[str, ...]:

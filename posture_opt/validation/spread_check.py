@@ -9,12 +9,12 @@ import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Result
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.coverage import Coverage
 from posture_opt.validation.joint_variances import JointVariances
 from posture_opt.validation.prediction import (
@@ -94,9 +94,7 @@ class SpreadCheck(Result):
 
 
 @interruptible()
-def check_spread(
-    problem: CalibrationProblem, data: Measurements, calibration: Calibration, *, folds: int = 5
-) -> SpreadCheck:
+def check_spread(problem: ProblemData, data: Measurements, calibration: Calibration, *, folds: int = 5) -> SpreadCheck:
     """Whether the predicted spread is true: between repeats, and over all postures.
 
     Between repeats only what is drawn anew at every repeat shows: the problem's ``scatter`` or ``repeatability``, and
@@ -135,7 +133,7 @@ def check_spread(
     )
 
 
-def _unknowable(problem: CalibrationProblem) -> tuple[str, ...]:
+def _unknowable(problem: ProblemData) -> tuple[str, ...]:
     """What the problem says of a type of robots, and no single robot can tell."""
     pairs = np.argwhere(np.triu(problem.sources.constant, 1) != 0)
     names = [f"{problem.sources.names[i]} with {problem.sources.names[j]}" for i, j in pairs[:3]]
@@ -149,7 +147,7 @@ def _unknowable(problem: CalibrationProblem) -> tuple[str, ...]:
 
 
 def predictions(
-    problem: CalibrationProblem, calibration: Calibration, folds: int = 5, scatter: JointScatter | None = None
+    problem: ProblemData, calibration: Calibration, folds: int = 5, scatter: JointScatter | None = None
 ) -> dict[str, tuple[Array, Prediction, Codes]]:
     """Held-out errors (N, d) [m] by model, what is predicted of them, and the groups (N,) that hang together."""
     residuals, rows = calibration.residuals, calibration.kept_rows

@@ -9,12 +9,12 @@ import pytest
 
 import posture_opt as po
 from posture_opt.batch.batch_calibration import calibrate_batch
-from posture_opt.calibration.estimation.fitted_arm import FittedArm
 from posture_opt.errors import InputError
 from posture_opt.model.effects import Backlash, JointCompliance, JointNoise
 from posture_opt.problem.fitted_problem import batch_uncertainty
 from posture_opt.problem.load import load_builtin, problems_folder
 from posture_opt.problem.problem import Problem
+from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.uncertainty.sources.sources import Sources
 from tests.helpers.same_problem import assert_same_numbers, written
 

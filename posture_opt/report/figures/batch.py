@@ -24,13 +24,13 @@ from posture_opt.uncertainty.regions.regions import Ellipsoid
 if TYPE_CHECKING:
     from posture_opt.batch.batch_calibration import Batch
     from posture_opt.batch.batch_covariance import CorrelatedPair
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
 
 _PANELS = 3
 
 
 @styled
-def plot_batch(problem: Problem, found: Batch) -> Figure:
+def plot_batch(problem: ProblemData, found: Batch) -> Figure:
     """The robots as points with their standard errors, and the ellipse that holds 95 % of the robots of the type."""
     pairs = [pair for pair in found.pairs if pair.significant][:_PANELS] or list(found.pairs[:1])
     figure = new_figure({1: 5.0, 2: 4.6}.get(len(pairs), 3.8))
@@ -40,7 +40,7 @@ def plot_batch(problem: Problem, found: Batch) -> Figure:
     return figure
 
 
-def _panel(axes: Any, problem: Problem, found: Batch, pair: CorrelatedPair) -> None:
+def _panel(axes: Any, problem: ProblemData, found: Batch, pair: CorrelatedPair) -> None:
     i, j = found.names.index(pair.a), found.names.index(pair.b)
     scale = np.array([math.degrees(1.0) if found.parameters[k].unit == "rad" else 1e3 for k in (i, j)])
     units = ["deg" if found.parameters[k].unit == "rad" else "mm" for k in (i, j)]

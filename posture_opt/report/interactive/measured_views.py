@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
-    from posture_opt.problem.problem import Problem
     from posture_opt.report.results.calibration_report import CalibrationPresenter
     from posture_opt.report.results.compensation_report import CompensationPresenter
     from posture_opt.report.results.diagnosis_report import DiagnosisPresenter
     from posture_opt.report.results.measurement_plan_report import MeasurementPlanPresenter
     from posture_opt.selection.comparison.plan_comparison import Comparison
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.spread.spread import Spread
 
 _ROWS = 200  # of measurements that are shown
@@ -103,7 +103,7 @@ def diagnosis(shown: DiagnosisPresenter) -> ArmView:
     return ArmView(extended.robot, tuple(postures), "Cause", extended.scene)
 
 
-def _shown_posture(problem: Problem, comparison: Comparison | None, measured: Array) -> tuple[Array, Spread | None]:
+def _shown_posture(problem: ProblemData, comparison: Comparison | None, measured: Array) -> tuple[Array, Spread | None]:
     """The posture for the task by the arm that was found, with its spread; else a measured row amid the others."""
     if comparison is not None and comparison.reference in comparison.answered:
         solution = comparison.answered[comparison.reference][0]
@@ -114,7 +114,7 @@ def _shown_posture(problem: Problem, comparison: Comparison | None, measured: Ar
     return q, propagate(problem, q) if known else None
 
 
-def _marks(found: Diagnosis, problem: Problem, finding: Finding) -> tuple[Mark, ...]:
+def _marks(found: Diagnosis, problem: ProblemData, finding: Finding) -> tuple[Mark, ...]:
     """The cause at its joint, at the base or the tool; of all geometry together, the clearest corrections."""
     cause, owners = finding.cause, (*problem.robot.joint_names, BASE, TOOL)
     named = (cause.target, cause.moved_joint, owner_of(cause.target, problem.arm))
@@ -126,7 +126,7 @@ def _marks(found: Diagnosis, problem: Problem, finding: Finding) -> tuple[Mark, 
     return _corrections(found.calibration, problem) if geometric else ()
 
 
-def _corrections(found: Calibration, problem: Problem) -> tuple[Mark, ...]:
+def _corrections(found: Calibration, problem: ProblemData) -> tuple[Mark, ...]:
     """The clearest correction of each joint, where it stands out of its standard error."""
     told: dict[str, Mark] = {}
     z = np.nan_to_num(np.abs(found.z))
