@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
-from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.calibration import Calibration, calibrated_parts
 from posture_opt.calibration.estimation.residuals import Residuals, matrices, rotation_vectors
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
@@ -114,14 +114,25 @@ class Assessment(Result):
         }  # fmt: skip
 
 
+@overload
+def assess(calibration: Calibration, /) -> Assessment: ...
+@overload
+def assess(problem: ProblemData, data: Measurements, calibration: Calibration) -> Assessment: ...
 @interruptible()
-def assess(problem: ProblemData, data: Measurements, calibration: Calibration) -> Assessment:
+def assess(
+    problem: ProblemData | Calibration, data: Measurements | None = None, calibration: Calibration | None = None
+) -> Assessment:
     """What the model gets wrong, before calibration and after, and what two rules of measuring say of it.
 
     The deviations by direction are cross-validated. The means are tested on those of the arm fitted to all rows,
     group by group of rows of one pose; fitted parameters have taken a share of them, so that the tests err on
-    the side of zero. ``data`` are the measurements that ``calibration`` was made from.
+    the side of zero.
+
+    Args:
+        problem: the calibration, which knows its problem and its measurements; or the problem, the measurements
+            ``data`` and the ``calibration`` that was made from them.
     """
+    problem, data, calibration = calibrated_parts(problem, data, calibration)
     kept = calibration.kept_rows
     axes = calibration.residuals.axes
     used = data.take(kept)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
-from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.calibration import Calibration, calibrated_parts
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.interrupts import interruptible
@@ -93,17 +93,33 @@ class SpreadCheck(Result):
         }
 
 
+@overload
+def check_spread(calibration: Calibration, /, *, folds: int | None = None) -> SpreadCheck: ...
+@overload
+def check_spread(
+    problem: ProblemData, data: Measurements, calibration: Calibration, *, folds: int | None = None
+) -> SpreadCheck: ...
 @interruptible()
-def check_spread(problem: ProblemData, data: Measurements, calibration: Calibration, *, folds: int = 5) -> SpreadCheck:
+def check_spread(
+    problem: ProblemData | Calibration, data: Measurements | None = None, calibration: Calibration | None = None, *,
+    folds: int | None = None,
+) -> SpreadCheck:  # fmt: skip
     """Whether the predicted spread is true: between repeats, and over all postures.
 
     Between repeats only what is drawn anew at every repeat shows: the problem's ``scatter`` or ``repeatability``, and
-    the instrument; a wrong link length is the same at every repeat. Over postures everything shows. ``data`` and
-    ``folds`` are those that ``calibration`` was made with; its outliers are left out.
+    the instrument; a wrong link length is the same at every repeat. Over postures everything shows. Outliers of the
+    calibration are left out.
+
+    Args:
+        problem: the calibration, which knows its problem and its measurements; or the problem, the measurements
+            ``data`` and the ``calibration`` that was made from them.
+        folds: of the cross-validation; default: those of the calibration.
 
     Source of the joints' part: J.-F. Brethé, E. Vasselin, D. Lefebvre, B. Dakyo, Modelling of repeatability phenomena
     using the stochastic ellipsoid approach, Robotica 24 (2006) 477.
     """
+    problem, data, calibration = calibrated_parts(problem, data, calibration)
+    folds = calibration.request.folds if folds is None else folds
     residuals = calibration.residuals
     rows, axes = calibration.kept_rows, residuals.axes
     used = residuals.take(rows)

@@ -144,13 +144,12 @@ class CalibrationPresenter(Presenter["Calibration"]):
     @cached_property
     def assessment(self) -> Assessment:
         """What the model gets wrong, before and after."""
-        return assess(self.problem, self.result.request.data, self.result)
+        return assess(self.result)
 
     @cached_property
     def spread_check(self) -> SpreadCheck:
         """Whether the predicted spread is true."""
-        request = self.result.request
-        return check_spread(self.problem, request.data, self.result, folds=request.folds)
+        return check_spread(self.result)
 
     @cached_property
     def models(self) -> dict[str, ProblemData]:
