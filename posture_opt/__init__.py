@@ -15,13 +15,13 @@
     problem, data ─ calibrate ────────> calibration  the parameters of the arm, with what the data determine
                                         problem ─ plan_measurements ─> plan    the postures to measure next
     problem, data ─ calibrate_batch ──> batch        several robots of a type, and how they differ
-    problem, data, calibration ─ assess ─> assessment  what the model gets wrong, and whether the rest is scatter
-    problem, data, calibration ─ check_spread ─> check  is the predicted spread true?
+    calibration ── assess ────────────> assessment   what the model gets wrong, and whether the rest is scatter
+    calibration ── check_spread ──────> check        is the predicted spread true?
     problem, data ─ map_accuracy ─────> map          bias and spread over a grid of targets, beside what was measured
     targets.csv ── compensate ────────> compensation  joint values that bring this arm to the targets
     {name: problem} ─ compare ────────> comparison   one task for several arms, each answer judged by the others
     {name: problem} ─ compare_plans ──> comparison   what models of one arm choose for its task
-    problem, calibration ─ calibrated_problem ─> problem  the calibrated arm, to be planned with
+    calibration ── problem.with_fit ──> problem      the calibrated arm, to be planned with
 
 Inside everything is SI and radians. Wrong input raises ``errors.InputError``, an unsolvable problem
 ``errors.NoSolutionError``; all exceptions derive from ``errors.PostureOptError``.

@@ -47,6 +47,7 @@ LAZY = {
     "result": "how a result is told, when it is first looked at",
     "model": "an effect, when its kind is asked for",
     "selection": "a task, when its kind is asked for, what several targets need, and what other packages register",
+    "problem": "how a fit is said in the terms of a problem, when one is taken over",
     "workers": "Dask, executors and processes, when they are asked for",
     "report": "figures, when one is drawn, and pandas, when a table is asked for",
 }

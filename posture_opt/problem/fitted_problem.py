@@ -19,7 +19,6 @@ from posture_opt.problem.problem import Problem
 from posture_opt.problem.yaml_source import dump_yaml
 from posture_opt.robot.robot import Factor
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.validation.calibrated_arm import calibrated_arm
 from posture_opt.validation.prediction import joint_errors
 
 _LEAST = 1e-3  # eigenvalue of the correlations that are written: rounded to three digits they stay positive definite
@@ -37,7 +36,7 @@ def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
     Raises:
         InputError: the calibration is one of another robot.
     """
-    return problem.with_fit(calibrated_arm(problem, calibration))
+    return problem.with_fit(calibration)
 
 
 def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
@@ -49,7 +48,7 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
     Raises:
         InputError: the diagnosis is one of another robot.
     """
-    return problem.with_fit(diagnosis.fitted_arm)
+    return problem.with_fit(diagnosis)
 
 
 def batch_uncertainty(problem: ProblemData, batch: Batch) -> dict[str, Any]:

@@ -6,13 +6,14 @@ import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, located, naming
 from posture_opt.model.effects import Effect
 from posture_opt.problem.effects_section import arm_with, moving_effects, noisy_sources
 from posture_opt.problem.fitting import (
+    arm_of,
     commented,
     fitted_document,
     fitted_effects,
@@ -31,6 +32,10 @@ from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
+
+if TYPE_CHECKING:
+    from posture_opt.calibration.calibration import Calibration
+    from posture_opt.diagnosis.diagnosis import Diagnosis
 
 _OF_ROBOT = ("name", "robot", "uncertainty", "effects", "data")
 """Sections that speak of the robot and its measurements, wherever it stands and whatever it does."""
@@ -145,8 +150,11 @@ class Problem(ProblemData):
         document = {**self.document, "uncertainty": {"sigma": dict(sigma)}}
         return build_problem(Document(document), self.folder, self.name, attached=self.attached)
 
-    def with_fit(self, fit: FittedArm) -> Problem:
+    def with_fit(self, fit: FittedArm | Calibration | Diagnosis) -> Problem:
         """The same problem with the arm that measurements found: its parameters, effects, covariance and scatter.
+
+        Args:
+            fit: a calibration; a diagnosis, which brings effects too; or the arm itself.
 
         Frames that were found are numbers and no longer free. `files` writes it as a complete problem file with its
         covariance beside it; standard deviations from repeat to repeat have the four digits that they have there.
@@ -154,6 +162,7 @@ class Problem(ProblemData):
         Raises:
             InputError: the fit is one of another robot.
         """
+        fit = arm_of(self, fit)
         nominal, plain = fitted_robots(self.nominal, self.robot, fit)
         effects = fitted_effects(self.effects, fit)
         name = f"{self.name.removesuffix(f', {fit.label}')}, {fit.label}" if fit.label else self.name
