@@ -15,13 +15,13 @@
     problem, data ─ calibrate ────────> calibration  the parameters of the arm, with what the data determine
                                         problem ─ plan_measurements ─> plan    the postures to measure next
     problem, data ─ calibrate_batch ──> batch        several robots of a type, and how they differ
-    problem, data, calibration ─ assess ─> assessment  what the model gets wrong, and whether the rest is scatter
-    problem, data, calibration ─ check_spread ─> check  is the predicted spread true?
+    calibration ── assess ────────────> assessment   what the model gets wrong, and whether the rest is scatter
+    calibration ── check_spread ──────> check        is the predicted spread true?
     problem, data ─ map_accuracy ─────> map          bias and spread over a grid of targets, beside what was measured
     targets.csv ── compensate ────────> compensation  joint values that bring this arm to the targets
     {name: problem} ─ compare ────────> comparison   one task for several arms, each answer judged by the others
     {name: problem} ─ compare_plans ──> comparison   what models of one arm choose for its task
-    problem, calibration ─ calibrated_problem ─> problem  the calibrated arm, to be planned with
+    calibration ── problem.with_fit ──> problem      the calibrated arm, to be planned with
 
 Inside everything is SI and radians. Wrong input raises ``errors.InputError``, an unsolvable problem
 ``errors.NoSolutionError``; all exceptions derive from ``errors.PostureOptError``.
@@ -54,6 +54,8 @@ if TYPE_CHECKING:
     from posture_opt.model.arm import Arm
     from posture_opt.problem.fitted_problem import calibrated_problem, extended_problem
     from posture_opt.problem.load import load_problem, problem_from_dict
+    from posture_opt.problem.problem import Problem
+    from posture_opt.robot.robot import Robot
     from posture_opt.selection.answer.selector import PostureSelector
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.comparison.arm_comparison import ArmComparison, compare
@@ -92,6 +94,8 @@ __all__ = [
     "PathSolution",
     "PostureBatch",
     "PostureSelector",
+    "Problem",
+    "Robot",
     "Solution",
     "Spread",
     "SpreadCheck",
@@ -144,6 +148,8 @@ _HOMES = {
     "PathSolution": "selection.paths.path_solution",
     "PostureBatch": "selection.posture_batch",
     "PostureSelector": "selection.answer.selector",
+    "Problem": "problem.problem",
+    "Robot": "robot.robot",
     "Solution": "selection.answer.solution",
     "Spread": "uncertainty.spread.spread",
     "SpreadCheck": "validation.spread_check",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -19,13 +19,14 @@ from posture_opt.calibration.calibrate import MOST_ROWS, calibrate
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.data_checks import state_a_distance
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
-from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter
+from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.errors import InputError, InsufficientDataError, Issue
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.thinning import thin_each_robot
 from posture_opt.numerics import Array, Codes, Mask, Progress
 from posture_opt.result import Result
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.regions.regions import coverage_factor
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.validation.coverage import P, distances, share_interval
@@ -54,7 +55,7 @@ class Batch(Result):
         total: how many rows there were before very many were thinned.
     """
 
-    problem: CalibrationProblem
+    problem: ProblemData
     data: Measurements
     robots: tuple[str, ...]
     calibrations: tuple[Calibration, ...]
@@ -135,7 +136,7 @@ class Batch(Result):
 
 @interruptible()
 def calibrate_batch(
-    problem: CalibrationProblem,
+    problem: ProblemData,
     data: Measurements,
     *,
     folds: int = 5,
@@ -197,7 +198,7 @@ def _counted(calibrations: tuple[Calibration, ...], errors: list[Array]) -> Arra
     return np.concatenate([e[c.kept_rows] for c, e in zip(calibrations, errors, strict=True)])
 
 
-def _check(problem: CalibrationProblem, data: Measurements) -> None:
+def _check(problem: ProblemData, data: Measurements) -> None:
     names = data.robot_names
     if len(names) < 2:
         hint = "measure several robots of the type and name them in a column 'robot'"
@@ -215,7 +216,7 @@ def _check(problem: CalibrationProblem, data: Measurements) -> None:
 
 
 def _each(
-    problem: CalibrationProblem,
+    problem: ProblemData,
     data: Measurements,
     rows: Sequence[Codes],
     folds: int,
@@ -229,9 +230,7 @@ def _each(
             progress(code + 1, len(rows))
 
 
-def _one(
-    problem: CalibrationProblem, data: Measurements, rows: Codes, code: int, folds: int, by: By | None
-) -> Calibration:
+def _one(problem: ProblemData, data: Measurements, rows: Codes, code: int, folds: int, by: By | None) -> Calibration:
     name = data.robot_names[code]
     mine = data.take(rows)
     own = replace(mine, robot=np.zeros(len(rows), dtype=np.intp), robot_names=(name,))
@@ -243,14 +242,13 @@ def _one(
         raise InputError([replace(issue, message=f"robot {name}: {issue.message}") for issue in error.issues]) from None
 
 
-def _without_geometry(problem: CalibrationProblem) -> CalibrationProblem:
+def _without_geometry(problem: ProblemData) -> ProblemData:
     """The problem without σ's of geometry; those of frames that are not free stay knowledge."""
     sources = problem.sources
     frame = np.array([name.rpartition(".")[0] in ("base", "tool") for name in sources.names], dtype=bool)
     constant = np.where(np.outer(frame, frame), sources.constant, 0.0)
     bare = Sources(sources.names, constant + sources.scatter, sources.notes, sources.scatter)
-    changed: CalibrationProblem = replace(cast(Any, problem), sources=bare)
-    return changed
+    return replace(problem, sources=bare)
 
 
 def _determined(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter, ...], tuple[str, ...]]:
@@ -267,7 +265,7 @@ def _determined(calibrations: tuple[Calibration, ...]) -> tuple[tuple[Parameter,
 
 
 def _coverage(
-    problem: CalibrationProblem, calibrations: tuple[Calibration, ...], folds: int
+    problem: ProblemData, calibrations: tuple[Calibration, ...], folds: int
 ) -> dict[str, tuple[float, tuple[float, float]]]:
     """Shares of all rows inside the predicted 95 % regions; rows of one robot hang together."""
     inside: dict[str, list[Mask]] = {}

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter
+from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.numerics import Array
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.regions.regions import NORMAL95
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.validation.model_errors import holm
@@ -190,7 +191,7 @@ class CorrelatedPair:
 
 
 def pairs_of(
-    parameters: Sequence[Parameter], spread: BatchCovariance, problem: CalibrationProblem
+    parameters: Sequence[Parameter], spread: BatchCovariance, problem: ProblemData
 ) -> tuple[CorrelatedPair, ...]:
     """Every pair, the surest first; which are significant, by Holm's (1979) rule over all of them."""
     names = [p.name for p in parameters]
@@ -208,7 +209,7 @@ def pairs_of(
     return tuple(found)
 
 
-def stated_sigmas(parameters: Sequence[Parameter], problem: CalibrationProblem) -> Array:
+def stated_sigmas(parameters: Sequence[Parameter], problem: ProblemData) -> Array:
     """(k,) what the problem file states of each parameter; zero where it states nothing [rad, m]."""
     sources = problem.sources
     place = {name: i for i, name in enumerate(sources.names)}

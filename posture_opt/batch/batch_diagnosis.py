@@ -8,7 +8,6 @@ from typing import Any
 from posture_opt.batch.batch_calibration import Batch, calibrate_batch
 from posture_opt.batch.batch_covariance import CorrelatedPair
 from posture_opt.calibration.estimation.error_statistics import By
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.diagnosis.causes.causes import Finding, noise_finding
 from posture_opt.diagnosis.diagnosis import Outcome
 from posture_opt.diagnosis.noise.noise_causes import noise_samples
@@ -20,6 +19,7 @@ from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import CorrelatedLengths
 from posture_opt.numerics import Progress
 from posture_opt.result import Result
+from posture_opt.selection.problem_data import ProblemData
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,7 +63,7 @@ class BatchDiagnosis(Result):
 
 @interruptible()
 def diagnose_batch(
-    problem: CalibrationProblem,
+    problem: ProblemData,
     data: Measurements,
     *,
     folds: int = 5,
@@ -106,7 +106,7 @@ def _as_stated(stated: float, interval: tuple[float, float]) -> bool:
 
 
 def _noise(
-    problem: CalibrationProblem, batch: Batch, seed: int
+    problem: ProblemData, batch: Batch, seed: int
 ) -> tuple[list[NoiseCause], list[UnevenErrors]]:  # fmt: skip
     """Uneven noise in the residuals of all robots."""
     samples = []

@@ -24,9 +24,8 @@ from posture_opt.calibration.data_checks import (
 )
 from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit, clustered, estimate
+from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.estimation.fit_setup import FitSetup, determine, unseen
-from posture_opt.calibration.estimation.fitted_arm import FitRequest
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.calibration.other_file import OtherFile, predicted
@@ -34,6 +33,7 @@ from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.thinning import thin
 from posture_opt.numerics import Array, Codes, Mask, Progress
+from posture_opt.selection.problem_data import ProblemData
 
 MOST_ROWS = 100_000
 """Rows that are fitted by default, in some minutes: standard errors are below a hundredth of any scatter by then."""
@@ -47,7 +47,7 @@ RECOUNTED = (
 
 @interruptible()
 def calibrate(
-    problem: CalibrationProblem,
+    problem: ProblemData,
     data: Measurements,
     *,
     priors: bool = True,
@@ -111,7 +111,7 @@ def calibrate(
 
 
 def stated_errors(
-    problem: CalibrationProblem, data: Measurements, *, folds: int = 5, by: By | None = None
+    problem: ProblemData, data: Measurements, *, folds: int = 5, by: By | None = None
 ) -> tuple[Array, Mask]:
     """What `calibrate` finds of the arm as its file states it: position errors (N, 3) [m], and the rows that count.
 
@@ -147,9 +147,7 @@ class _Fitted:
         return *self.known.notes, *self.found.notes
 
 
-def _fit(
-    problem: CalibrationProblem, residuals: Residuals, groups: int, priors: bool, *, enough: bool = False
-) -> _Fitted:
+def _fit(problem: ProblemData, residuals: Residuals, groups: int, priors: bool, *, enough: bool = False) -> _Fitted:
     """The free frames, then everything that the data determine; ``groups`` counts what hangs together.
 
     ``enough`` says that the data are known to suffice, and to be of this arm.
@@ -169,7 +167,7 @@ def _fit(
 
 
 def _settled(
-    problem: CalibrationProblem, residuals: Residuals, x: Array, known: FitSetup, held: int | None, priors: bool
+    problem: ProblemData, residuals: Residuals, x: Array, known: FitSetup, held: int | None, priors: bool
 ) -> tuple[FitSetup, Fit]:
     """The estimate, and what is determined with the noise that it leaves.
 

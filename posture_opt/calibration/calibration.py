@@ -13,13 +13,15 @@ from posture_opt.calibration.assumptions.frames import far_frames
 from posture_opt.calibration.cross_validation import HeldOut
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
-from posture_opt.calibration.estimation.fitted_arm import FitRequest
+from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.estimation.identifiability import ANGLE, LENGTH, Identifiability
 from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.other_file import OtherFile
+from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Result
+from posture_opt.selection.problem_data import ProblemData
 
 if TYPE_CHECKING:
     from posture_opt.calibration.assumptions.stated_knowledge import Contradiction
@@ -233,3 +235,18 @@ class Calibration(Result):
         C, names = self.correlation, [p.name for p in self.parameters]
         pairs = np.argwhere(np.triu(np.abs(C) > CORRELATED, 1))
         return [{"parameters": [names[i], names[j]], "correlation": float(C[i, j])} for i, j in pairs]
+
+
+def calibrated_parts(
+    problem: ProblemData | Calibration, data: Measurements | None, calibration: Calibration | None
+) -> tuple[ProblemData, Measurements, Calibration]:
+    """What a function of a calibration was given: the calibration alone, or its problem and measurements before it.
+
+    Raises:
+        TypeError: a calibration and something beside it, or no calibration.
+    """
+    if isinstance(problem, Calibration) and data is None and calibration is None:
+        return problem.request.problem, problem.request.data, problem
+    if isinstance(problem, Calibration) or data is None or calibration is None:
+        raise TypeError("give the calibration alone, or the problem, its measurements and the calibration")
+    return problem, data, calibration

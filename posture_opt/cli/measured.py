@@ -121,7 +121,7 @@ def answer(common: Common, session: Session, given: dict[str, Any], of_one: OfOn
         starter.write(common)
 
 
-def _read(common: Common, path: Path, problem: Any) -> po.Measurements:
+def _read(common: Common, path: Path, problem: po.Problem) -> po.Measurements:
     """The measurements of a file; very many rows take a while."""
     with progress_bar(common, f"reading {path.name}"):
         return po.read_measurements(path, problem)
@@ -184,7 +184,7 @@ def calibrate_command(common: Common, session: Session, no_priors: bool, **given
     answer(common, session, given, of_one, partial(_calibrated_batch, common, session))
 
 
-def _calibrated_batch(common: Common, session: Session, problem: Any, data: po.Measurements) -> Result:
+def _calibrated_batch(common: Common, session: Session, problem: po.Problem, data: po.Measurements) -> Result:
     """Calibrate several robots of one type with a progress bar."""
     with progress_bar(common, "calibrating robots") as progress:
         return po.calibrate_batch(
@@ -196,7 +196,7 @@ def _calibrated(
     common: Common,
     session: Session,
     priors: bool,
-    problem: Any,
+    problem: po.Problem,
     measured: po.Measurements,
     other: po.Measurements | None,
 ) -> Result:
@@ -220,7 +220,7 @@ def diagnose_command(common: Common, session: Session, with_time: bool, **given:
     answer(common, session, given, of_one, partial(_diagnosed_batch, common, session))
 
 
-def _diagnosed_batch(common: Common, session: Session, problem: Any, data: po.Measurements) -> Result:
+def _diagnosed_batch(common: Common, session: Session, problem: po.Problem, data: po.Measurements) -> Result:
     """Diagnose several robots of one type with a progress bar."""
     with progress_bar(common, "diagnosing robots") as progress:
         return po.diagnose_batch(
@@ -233,7 +233,7 @@ def _diagnosed(
     common: Common,
     session: Session,
     with_time: bool,
-    problem: Any,
+    problem: po.Problem,
     measured: po.Measurements,
     other: po.Measurements | None,
 ) -> Result:

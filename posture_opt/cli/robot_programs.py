@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from posture_opt.cli.options import Command, Common, add_options
-from posture_opt.export.export_files import export_kinds, program_files
+from posture_opt.export.export_files import program_files, program_kinds
 from posture_opt.export.robot_program import RobotProgram
 
 
@@ -65,7 +65,7 @@ def program_options(wait: float) -> Callable[[Command], Command]:
             return command(*args, motion=ProgramRequest(program, speed, wait), **others)
 
         option = click.option(
-            "--program", type=click.Choice(list(export_kinds(programs_only=True))),
+            "--program", type=click.Choice(list(program_kinds())),
             help="Write a robot program through the postures too.",
         )  # fmt: skip
         return add_options(motion_options(wait)(with_motion), option)

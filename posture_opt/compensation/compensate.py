@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from posture_opt.model.arm import Arm
 from posture_opt.model.stretched import stretched
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
 from posture_opt.units import number
 
@@ -32,23 +31,8 @@ _FAR = 3.0  # times the length of the arm: a target beyond is probably in anothe
 _LISTED = 20  # lines named in an error
 
 
-class HasNominal(Protocol):
-    """What a compensation needs of a ``Problem``."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def arm(self) -> Arm: ...
-    @property
-    def robot(self) -> Robot: ...
-    @property
-    def nominal(self) -> Robot: ...
-    @property
-    def sources(self) -> Sources: ...
-
-
 @interruptible()
-def compensate(problem: HasNominal, targets: TableLike | Targets) -> Compensation:
+def compensate(problem: ProblemData, targets: TableLike | Targets) -> Compensation:
     """The joint values that bring the tool of the arm of ``problem``, corrections and effects included, to targets.
 
     Of all postures that do, each row's is the one with the smallest sum of squared joint motions [rad, m] from the
@@ -85,7 +69,7 @@ def compensate(problem: HasNominal, targets: TableLike | Targets) -> Compensatio
     return found
 
 
-def _wanted(problem: HasNominal, rows: Targets) -> Poses:
+def _wanted(problem: ProblemData, rows: Targets) -> Poses:
     """Where the tool is to come: as the file says, or where the drawn arm would be with the given joints."""
     if rows.position is not None:
         return Poses(rows.position, rows.rotation)

@@ -16,6 +16,7 @@ from posture_opt.compensation.targets import Targets
 from posture_opt.numerics import Array, Mask
 from posture_opt.result import Result
 from posture_opt.robot.robot import Joint
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.spread.joint_digits import JointDigits
 from posture_opt.units import fixed
 
@@ -38,7 +39,7 @@ class Compensation(Result):
         unsettled: (N, n) joints that hardly move, so that rounding decides from which side they arrive.
     """
 
-    problem: Any
+    problem: ProblemData
     targets: Targets
     wanted: Poses
     near: Array

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut, held_out
 from posture_opt.calibration.estimation.error_statistics import By, Statistics, folds_of, groups_of
 from posture_opt.calibration.estimation.fit import Fit, fit_with_effects
-from posture_opt.calibration.estimation.fitted_arm import FitRequest, FittableProblem
+from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.estimation.progress import Stages
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.diagnosis.causes.causes import (
@@ -42,6 +41,7 @@ from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.measurements.thinning import Thinning, thin
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Codes, Progress
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.repeat_scatter import slides
 
 
@@ -92,7 +92,7 @@ class _HeldOut:
 
 @interruptible()
 def diagnose(
-    problem: FittableProblem,
+    problem: ProblemData,
     data: Measurements,
     *,
     folds: int = 5,
@@ -129,7 +129,7 @@ def diagnose(
     thinning = thin(data, most_rows)
     data = data if thinning is None else thinning.used
     calibration = calibrate(problem, data, folds=folds, by=by, most_rows=len(data), progress=stages.next())
-    problem = cast(FittableProblem, calibration.request.problem)  # without what the data refute of it
+    problem = calibration.request.problem  # without what the data refute of it
     request = FitRequest(problem, data, folds, test, refit_frames, plan, seed)
     draws = flips or (levels.SIGN_FLIPS if len(data) < levels.MANY_ROWS else levels.SIGN_FLIPS_OF_MANY_ROWS)
     found = _explained(problem, *_searched(calibration, draws, seed or 0, stages), seed or 0)
@@ -144,7 +144,7 @@ def diagnose(
 
 
 def _explained(
-    problem: FittableProblem, calibration: Calibration, linearised: LinearisedData, found: SearchResult, seed: int
+    problem: ProblemData, calibration: Calibration, linearised: LinearisedData, found: SearchResult, seed: int
 ) -> _Explained:
     """The arm with what was found, and what it leaves."""
     unnamed = tuple(s.what for s in remaining_unnamed(linearised, found) if isinstance(s.what, UnnamedComponent))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.cross_validation import HeldOut
 from posture_opt.calibration.estimation.error_statistics import By, Statistics
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.fitted_arm import FitRequest, FittableProblem, FittedArm
+from posture_opt.calibration.estimation.fit_request import FitRequest
 from posture_opt.calibration.large_file import LargeFile
 from posture_opt.diagnosis.causes.causes import (
     Finding,
@@ -36,6 +36,8 @@ from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
 from posture_opt.numerics import Codes
 from posture_opt.result import Result
+from posture_opt.selection.fitted_arm import FittedArm
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.calibrated_arm import calibrated_models
 from posture_opt.validation.repeat_scatter import slides
 
@@ -83,12 +85,12 @@ class Diagnosis(Result):
     notes: tuple[str, ...] = field(default=())
 
     @property
-    def problem(self) -> FittableProblem:
+    def problem(self) -> ProblemData:
         """What was diagnosed."""
-        return cast(FittableProblem, self.request.problem)
+        return self.request.problem
 
     @cached_property
-    def extended(self) -> Any:
+    def extended(self) -> ProblemData:
         """The ``Problem`` with the arm that was fitted, to be planned with: calibrated, and with its effects."""
         return self.problem.with_fit(self.fitted_arm)
 
@@ -99,17 +101,16 @@ class Diagnosis(Result):
 
     @cached_property
     def delivered(self) -> tuple[float, int]:
-        """Root mean square [m] of the position errors of ``extended.yaml``, read again from what is written.
+        """Root mean square [m] of the position errors of ``extended``, as its file has it.
 
         Rows that are outliers beside it do not count; their number stands behind it. Nothing is fitted again but
         touched points and the offsets of several targets, which no file states.
         """
-        written: FittableProblem = self.extended.reloaded()
-        errors, kept = stated_errors(written, self.request.data, folds=self.request.folds, by=self.by)
+        errors, kept = stated_errors(self.extended, self.request.data, folds=self.request.folds, by=self.by)
         return float(np.sqrt(np.mean(np.sum(errors[kept] ** 2, axis=1)))), int(np.count_nonzero(~kept))
 
     @cached_property
-    def models(self) -> dict[str, Any]:
+    def models(self) -> dict[str, ProblemData]:
         """The problem before calibration, calibrated and extended, each where the measurements saw base and tool."""
         return {**calibrated_models(self.problem, self.calibration), "extended": self.extended}
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.measurements.measurements import Measurements, arm_for, rows_of
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import Reach, TaskTarget
-from posture_opt.selection.search.has_task import HasTask
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.coverage_radius import central_radii
 
@@ -100,7 +100,7 @@ class MeasuredGoals:
         }  # fmt: skip
 
 
-def measured_goals(diagnosis: Diagnosis, models: Mapping[str, HasTask]) -> MeasuredGoals | None:
+def measured_goals(diagnosis: Diagnosis, models: Mapping[str, ProblemData]) -> MeasuredGoals | None:
     """What each model would have chosen where a goal was measured in several postures; None without such goals.
 
     Every row counts as predicted by a model that has not seen its group of the cross-validation. A goal is one
@@ -141,7 +141,7 @@ def goals_in_postures(data: Measurements) -> list[Postures]:
     return [postures for postures in found if len(postures) > 1]
 
 
-def _basis(problem: HasTask) -> Floats:
+def _basis(problem: ProblemData) -> Floats:
     """(3, m) the part of an error that the task cares about, world; of an arm in a plane, in its plane."""
     assert problem.task is not None
     reach = Reach.of(problem.arm, problem.task.tool_axis)
@@ -154,7 +154,7 @@ def _basis(problem: HasTask) -> Floats:
     return reach.directions if planar else np.eye(3)
 
 
-def _scatter(models: Mapping[str, HasTask], name: str, data: Measurements, B: Floats) -> Floats:
+def _scatter(models: Mapping[str, ProblemData], name: str, data: Measurements, B: Floats) -> Floats:
     """(N,) distance that 95 of 100 visits stay within, as a model predicts it for the posture of every row [m].
 
     As in a comparison of plans, a model that states no scatter takes that of the extended one.

@@ -11,10 +11,11 @@ import numpy as np
 from posture_opt.calibration.estimation.fit import Prior
 from posture_opt.calibration.estimation.fit_setup import full_prior, tolerances
 from posture_opt.calibration.estimation.identifiability import Identifiability, identify, observability
-from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter, prior_covariance
+from posture_opt.calibration.estimation.parameters import Parameter, prior_covariance
 from posture_opt.experiments.exchange import Criterion, Determinant, Variance, normalisation, variances
 from posture_opt.experiments.information import GivenInformation
 from posture_opt.numerics import Array, Mask
+from posture_opt.selection.problem_data import ProblemData
 
 _ROUNDING = 1e-7  # of the largest singular value
 
@@ -66,7 +67,7 @@ class PriorInformation:
     full: Array
 
     @classmethod
-    def of(cls, problem: CalibrationProblem, parameters: tuple[Parameter, ...]) -> PriorInformation:
+    def of(cls, problem: ProblemData, parameters: tuple[Parameter, ...]) -> PriorInformation:
         rows, covariance = prior_covariance(problem, parameters)
         k, scale = len(parameters), tolerances(parameters, rows)
         prior = full_prior(parameters, problem.robot, scale, rows, covariance).matrix(k)

@@ -17,12 +17,13 @@ from posture_opt.calibration.assumptions.instrument import (
 from posture_opt.calibration.estimation.fit import estimate
 from posture_opt.calibration.estimation.fit_setup import determine
 from posture_opt.calibration.estimation.least_squares import triangular
-from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter
+from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements, nominal_poses, reach_of, still_axes
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.sources.sources import Sources
 
@@ -55,7 +56,7 @@ class MeasurementModel:
     """The measurement of all targets at one posture, measured ``repeats`` times, as a function of the posture."""
 
     residuals: Residuals
-    problem: CalibrationProblem
+    problem: ProblemData
     repeats: int = 1
 
     @property
@@ -131,7 +132,7 @@ def planned_rows(robot: Robot, q: Array, axes: Mask, targets: tuple[str, ...], o
 
 
 def measurement_model(
-    problem: CalibrationProblem, given: Measurements | None, repeats: int = 1
+    problem: ProblemData, given: Measurements | None, repeats: int = 1
 ) -> tuple[MeasurementModel, tuple[str, ...]]:
     """The instrument of a problem, which measures what the given data have, or what moves; and what was assumed."""
     robot, rotation = problem.robot, rotation_sigma(problem)
@@ -149,7 +150,7 @@ def measurement_model(
     ), tuple(notes)
 
 
-def repeat_variance(problem: CalibrationProblem, sigma: float, q: Array) -> float:
+def repeat_variance(problem: ProblemData, sigma: float, q: Array) -> float:
     """Mean variance of a measured coordinate at the postures (N, n) in units of the instrument's, ``sigma`` [m].
 
     To the instrument's comes what the arm scatters by from repeat to repeat: ``1 + tr(J V Jᵀ) / (r σ²)`` on average
@@ -171,7 +172,7 @@ def nothing_measured(unknowns: int, variance: float = 1.0) -> GivenInformation:
 
 
 def given_information(
-    problem: CalibrationProblem, data: Measurements, parameters: tuple[Parameter, ...], expected: float = 1.0
+    problem: ProblemData, data: Measurements, parameters: tuple[Parameter, ...], expected: float = 1.0
 ) -> GivenInformation:
     """What ``data`` tell of ``parameters``; touched points, which are unknowns of the data alone, are worked out.
 

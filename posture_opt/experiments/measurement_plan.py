@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter
+from posture_opt.calibration.estimation.parameters import Parameter
 from posture_opt.experiments.candidate_postures import Workspace
 from posture_opt.experiments.expected_errors import ExpectedErrors
 from posture_opt.experiments.plan_search import Tour
@@ -17,6 +17,7 @@ from posture_opt.numerics import Array, Mask
 from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.problem_data import ProblemData
 
 Purpose = Literal["parameters", "task"]
 _NO_TABLE = "nothing says where the table is: the arm may reach below its base (state a link_height)"
@@ -59,7 +60,7 @@ class MeasurementPlan(Result):
         notes: sentences for the report.
     """
 
-    problem: CalibrationProblem
+    problem: ProblemData
     q: Array
     points: Array
     repeats: int

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol, get_args
+from typing import get_args
 
 import numpy as np
 
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
-from posture_opt.collision.cell import CellSpec
 from posture_opt.errors import InputError, InsufficientDataError, Issue, NoSolutionError
 from posture_opt.experiments.candidate_postures import ANYWHERE, Box, Workspace
 from posture_opt.experiments.expected_errors import ExpectedErrors, PriorInformation, Unknowns
@@ -25,7 +23,7 @@ from posture_opt.experiments.plan_search import PlanSearch, tour
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Progress
-from posture_opt.selection.search.has_task import HasTask
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import planned_posture
 from posture_opt.selection.terms.limit_margin import LimitMargin
 from posture_opt.selection.terms.link_height import LinkHeight
@@ -39,16 +37,9 @@ _DRAWS = 21  # random plans of the same size that the chosen one is compared wit
 _SHOWN = 1500  # random postures that are kept to be drawn
 
 
-class PlannedProblem(CalibrationProblem, HasTask, Protocol):
-    """What a plan asks of a problem: an arm to be calibrated, its cell, and a task that says where it may go."""
-
-    @property
-    def cell(self) -> CellSpec | None: ...
-
-
 @interruptible()
 def plan_measurements(
-    problem: PlannedProblem,
+    problem: ProblemData,
     count: int,
     *,
     given: Measurements | None = None,
@@ -111,7 +102,7 @@ def plan_measurements(
         )  # fmt: skip
 
 
-def bounds(problem: PlannedProblem) -> tuple[float, float]:
+def bounds(problem: ProblemData) -> tuple[float, float]:
     """The least height of the links [m] and the least margin to the limits [rad] that the task states."""
     terms = problem.task.subject_to if problem.task is not None else ()
     heights = [term.at_least for term in terms if isinstance(term, LinkHeight)]
@@ -119,7 +110,7 @@ def bounds(problem: PlannedProblem) -> tuple[float, float]:
     return max(heights, default=-math.inf), max(margins, default=0.0)
 
 
-def _upright(problem: PlannedProblem) -> bool:
+def _upright(problem: ProblemData) -> bool:
     """Whether some joint can change the height of what is behind it."""
     rng = np.random.default_rng(0)
     workspace = Workspace.of(problem.robot)
@@ -127,11 +118,11 @@ def _upright(problem: PlannedProblem) -> bool:
     return bool(np.ptp(points[:, 2]) > 1e-9)
 
 
-def _at_flange(problem: PlannedProblem) -> bool:
+def _at_flange(problem: ProblemData) -> bool:
     return problem.robot.tool_free and not any(f.nominal for f in problem.robot.tool if f.kind == "translate")
 
 
-def _target(problem: PlannedProblem, needed: bool) -> tuple[Target | None, tuple[str, ...]]:
+def _target(problem: ProblemData, needed: bool) -> tuple[Target | None, tuple[str, ...]]:
     """The task's best posture; where none is needed, its lack is only remarked on."""
     if problem.task is None and not needed:
         return None, ()
@@ -151,7 +142,7 @@ def _target(problem: PlannedProblem, needed: bool) -> tuple[Target | None, tuple
 
 
 def plan(
-    problem: CalibrationProblem, workspace: Workspace, count: int, *, given: Measurements | None, purpose: Purpose,
+    problem: ProblemData, workspace: Workspace, count: int, *, given: Measurements | None, purpose: Purpose,
     target: Target | None, seed: int, candidates: int, repeats: int = 1, keeps_height: bool = True,
     notes: tuple[str, ...] = (), workers: Workers | None = None, progress: Progress | None = None,
 ) -> MeasurementPlan:  # fmt: skip
@@ -192,7 +183,7 @@ def plan(
 
 
 def _given(
-    problem: CalibrationProblem, data: Measurements | None, measuring: MeasurementModel, variance: float
+    problem: ProblemData, data: Measurements | None, measuring: MeasurementModel, variance: float
 ) -> GivenInformation:
     if data is None:
         return nothing_measured(len(measuring.parameters), variance)

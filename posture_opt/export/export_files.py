@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args
+from typing import get_args
 
 from posture_opt.errors import InputError, Issue, one_of
 from posture_opt.export import EXPORTS
 from posture_opt.export.export_format import Exported, ExportFormat, ExportSource
 from posture_opt.export.program_format import ProgramFormat
-from posture_opt.export.robot_program import program_through
+from posture_opt.export.robot_program import RobotProgram, program_through
 from posture_opt.interrupts import interruptible
 from posture_opt.robot.posture import PostureLike, read_posture
+from posture_opt.selection.problem_data import ProblemData
 
 
 def kind_of_export(listed: type[ExportFormat]) -> str:
@@ -18,14 +19,19 @@ def kind_of_export(listed: type[ExportFormat]) -> str:
     return str(get_args(listed.model_fields["kind"].annotation)[0])
 
 
-def export_kinds(programs_only: bool = False) -> dict[str, type[ExportFormat]]:
-    """The formats by name; of robot programs alone where that is asked for."""
-    return {kind_of_export(e): e for e in EXPORTS if not programs_only or issubclass(e, ProgramFormat)}
+def export_kinds() -> dict[str, type[ExportFormat]]:
+    """The formats by name."""
+    return {kind_of_export(listed): listed for listed in EXPORTS}
+
+
+def program_kinds() -> dict[str, type[ProgramFormat]]:
+    """The formats of robot programs by name."""
+    return {kind_of_export(listed): listed for listed in EXPORTS if issubclass(listed, ProgramFormat)}
 
 
 @interruptible()
 def export_files(
-    problem: Any,
+    problem: ProblemData,
     to: str,
     *,
     name: str = "",
@@ -60,10 +66,10 @@ def export_files(
     return kinds[to](name=name).write(source)
 
 
-def program_files(program: Any, to: str, name: str) -> Exported:
+def program_files(program: RobotProgram, to: str, name: str) -> Exported:
     """A robot program that is known, in one of the languages of controllers.
 
     Raises:
         InputError: as of `export_files`.
     """
-    return export_kinds(programs_only=True)[to](name=name).write(ExportSource(None, given=program))
+    return program_kinds()[to](name=name).written(program)

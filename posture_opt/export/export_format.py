@@ -7,10 +7,11 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from posture_opt.errors import InputError, Issue
 from posture_opt.export.robot_program import RobotProgram, program_of
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.spec import Spec
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -40,7 +41,7 @@ class ExportSource:
         given: the program, where it is known already.
     """
 
-    problem: Any
+    problem: ProblemData
     seed: int | None = None
     workers: int = 1
     speed: float = 10.0

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from posture_opt.selection.answer.task_objective import task_objective
+from posture_opt.selection.problem_data import ProblemData
 
 _NO_TASK = "the problem has no task: there is no objective to export"
 _SEVERAL = "the task has several targets, so no single objective is exported: write one for one of them with --position"
 
 
-def objective_or_note(problem: Any) -> tuple[tuple[Any, dict[str, str]] | None, tuple[str, ...]]:
+def objective_or_note(problem: ProblemData) -> tuple[tuple[Any, dict[str, str]] | None, tuple[str, ...]]:
     """The function of `task_objective` with its descriptions, or a sentence.
 
     Raises:

@@ -22,7 +22,14 @@ class ProgramFormat(ExportFormat):
     """That the language can move."""
 
     def write(self, source: ExportSource) -> Exported:
-        program = source.program
+        return self.written(source.program)
+
+    def written(self, program: RobotProgram) -> Exported:
+        """A program in this language.
+
+        Raises:
+            InputError: the arm has more joints than the language can move.
+        """
         if program.robot.n > self.most_joints:
             raise InputError(self._too_many(program.robot.n))
         return Exported(self.files(program), program.notes)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +15,7 @@ from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.paths.path_solution import PathSolution
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import Answer, select_posture
 from posture_opt.selection.stations.features_solution import FeaturesSolution
 from posture_opt.uncertainty.spread.joint_digits import JointDigits, joint_digits
@@ -78,7 +78,7 @@ class RobotProgram:
         ]
 
 
-def program_of(problem: Any, seed: int | None, workers: int, speed: float, wait: float) -> RobotProgram:
+def program_of(problem: ProblemData, seed: int | None, workers: int, speed: float, wait: float) -> RobotProgram:
     """The answer to a problem as a program: its posture, those of its features in order, or the points of its path.
 
     Raises:
@@ -88,14 +88,14 @@ def program_of(problem: Any, seed: int | None, workers: int, speed: float, wait:
     return replace(answer_program(problem, answer), speed=speed, wait=wait)
 
 
-def answer_program(problem: Any, answer: Answer) -> RobotProgram:
+def answer_program(problem: ProblemData, answer: Answer) -> RobotProgram:
     """The program of an answer that is known."""
     what, stops = _stops(answer)
     return program_through(problem, what, [q for q, _ in stops], [label for _, label in stops])
 
 
 def program_through(
-    problem: Any, what: str, q: ArrayLike, labels: Sequence[str], *, speed: float = 10.0, wait: float = 0.0
+    problem: ProblemData, what: str, q: ArrayLike, labels: Sequence[str], *, speed: float = 10.0, wait: float = 0.0
 ) -> RobotProgram:
     """The program through postures (N, n)."""
     rows = np.asarray(q, dtype=float)

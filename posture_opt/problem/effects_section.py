@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeGuard
 
 from posture_opt.errors import BadValueError, InputError, Issue, KeyPath, one_of
 from posture_opt.files import located
@@ -115,7 +116,7 @@ def measurement_issues(stated: MeasurementSpec | None, effects: Sequence[Catalog
     ]  # fmt: skip
 
 
-def of_a_type(effect: CatalogueEntry) -> bool:
+def of_a_type(effect: CatalogueEntry) -> TypeGuard[NoiseEffect]:
     """Whether an effect says how robots of a type differ: once one was measured, the errors of that one are known."""
     return isinstance(effect, NoiseEffect) and bool(effect.correlation)
 

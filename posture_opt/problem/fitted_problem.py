@@ -12,13 +12,13 @@ from posture_opt.batch.batch_calibration import Batch
 from posture_opt.batch.batch_covariance import stated_correlations
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.diagnosis.diagnosis import Diagnosis
-from posture_opt.model.effects import NoiseEffect
+from posture_opt.model.effects import CatalogueEntry, NoiseEffect
 from posture_opt.numerics import Array
 from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.problem import Problem
 from posture_opt.problem.yaml_source import dump_yaml
 from posture_opt.robot.robot import Factor
-from posture_opt.validation.calibrated_arm import calibrated_arm
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import joint_errors
 
 _LEAST = 1e-3  # eigenvalue of the correlations that are written: rounded to three digits they stay positive definite
@@ -36,7 +36,7 @@ def calibrated_problem(problem: Problem, calibration: Calibration) -> Problem:
     Raises:
         InputError: the calibration is one of another robot.
     """
-    return problem.with_fit(calibrated_arm(problem, calibration))
+    return problem.with_fit(calibration)
 
 
 def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
@@ -48,10 +48,10 @@ def extended_problem(problem: Problem, diagnosis: Diagnosis) -> Problem:
     Raises:
         InputError: the diagnosis is one of another robot.
     """
-    return problem.with_fit(diagnosis.fitted_arm)
+    return problem.with_fit(diagnosis)
 
 
-def batch_uncertainty(problem: Problem, batch: Batch) -> dict[str, Any]:
+def batch_uncertainty(problem: ProblemData, batch: Batch) -> dict[str, Any]:
     """The section ``uncertainty``: σ's across the batch and the correlations that are none of chance.
 
     What the file says of parameters that were not found to vary, of scatter from repeat to repeat and of the instrument
@@ -80,21 +80,24 @@ def batch_uncertainty(problem: Problem, batch: Batch) -> dict[str, Any]:
     return {"sigma": texts, **({"correlation": pairs} if pairs else {}), **kept}
 
 
-def batch_effects(problem: Problem, correlation: Sequence[Sequence[Any]], named: Sequence[NoiseEffect]) -> list[Any]:
+def batch_effects(
+    problem: ProblemData, correlation: Sequence[Sequence[Any]], named: Sequence[NoiseEffect]
+) -> list[Any]:
     """The section ``effects`` with the noise that a batch ``named``, without lengths told under ``correlation``."""
     told = {frozenset(pair[:2]) for pair in correlation}
-    section = {
+    section: dict[str, tuple[CatalogueEntry, dict[str, Any]]] = {
         effect.name: (effect, entry)
         for effect, entry in zip(problem.effects, problem.to_dict().get("effects") or [], strict=True)
         if not (of_a_type(effect) and {frozenset(pair[:2]) for pair in effect.correlation} & told)
     }
     for noise in named:
-        total = section[noise.name][0].joined(noise) if noise.name in section else noise
+        stated = section[noise.name][0] if noise.name in section else None
+        total = stated.joined(noise) if isinstance(stated, NoiseEffect) else noise
         section[noise.name] = total, total.to_dict()
     return [entry for _, entry in section.values()]
 
 
-def batch_yaml(problem: Problem, batch: Batch, named: Sequence[NoiseEffect] = ()) -> str:
+def batch_yaml(problem: ProblemData, batch: Batch, named: Sequence[NoiseEffect] = ()) -> str:
     """The section as a file of its own, with what it holds in a comment, and that of the effects if it changes."""
     robots = f"{len(batch.robots)} robots"
     uncertainty = batch_uncertainty(problem, batch)
@@ -108,7 +111,7 @@ def batch_yaml(problem: Problem, batch: Batch, named: Sequence[NoiseEffect] = ()
     return "\n".join(lines) + "\n" + dump_yaml({"uncertainty": uncertainty, **changed})
 
 
-def mean_lines(problem: Problem, batch: Batch) -> list[str]:
+def mean_lines(problem: ProblemData, batch: Batch) -> list[str]:
     """The mean robot, where it is not the file's: corrections for the section ``robot``."""
     from scipy.special import stdtrit
 
@@ -127,7 +130,7 @@ def mean_lines(problem: Problem, batch: Batch) -> list[str]:
     ]
 
 
-def _doubts(problem: Problem, batch: Batch) -> list[str]:
+def _doubts(problem: ProblemData, batch: Batch) -> list[str]:
     """What the file said of joint values may have meant their scatter from repeat to repeat."""
     stated, own = _stated(problem), joint_errors(problem.robot)
     written = [n for n, (low, _) in zip(batch.names, batch.spread.interval, strict=True) if low > 0 and n in stated]
@@ -140,7 +143,7 @@ def _doubts(problem: Problem, batch: Batch) -> list[str]:
     ]
 
 
-def _scatter(problem: Problem) -> dict[str, str]:
+def _scatter(problem: ProblemData) -> dict[str, str]:
     """All that the file says of scatter from repeat to repeat, parameter by parameter."""
     variances, parameters = np.diag(problem.sources.scatter), problem.robot.parameters
     return {
@@ -150,7 +153,7 @@ def _scatter(problem: Problem) -> dict[str, str]:
     }
 
 
-def _stated(problem: Problem) -> dict[str, float]:
+def _stated(problem: ProblemData) -> dict[str, float]:
     sources = problem.sources
     variances = np.diag(sources.constant)
     return {name: math.sqrt(v) for name, v in zip(sources.names, variances, strict=True) if v > 0}

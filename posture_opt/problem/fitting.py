@@ -5,18 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from posture_opt.calibration.estimation.fitted_arm import NEGLIGIBLE, FittedArm
 from posture_opt.errors import InputError
 from posture_opt.model.effects import CatalogueEntry, Effect, NoiseEffect
 from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.yaml_source import dump_yaml
-from posture_opt.robot.corrections import deviated, name_issues
+from posture_opt.robot.corrections import corrections_of, deviated, name_issues
 from posture_opt.robot.robot import Factor, Robot
+from posture_opt.selection.fitted_arm import NEGLIGIBLE, FittedArm
 from posture_opt.uncertainty.sources.covariance_file import covariance_text
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.units import DIMENSIONS
+from posture_opt.units import DIMENSIONS, parse_quantity
+
+if TYPE_CHECKING:
+    from posture_opt.calibration.calibration import Calibration
+    from posture_opt.diagnosis.diagnosis import Diagnosis
+    from posture_opt.selection.problem_data import ProblemData
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 
@@ -26,6 +32,16 @@ def quantity(value: float, factor: Factor) -> str:
     number = f"{math.degrees(value):.10f}" if factor.kind == "rotate" else f"{value * 1e3:.8f}"
     number = number.rstrip("0").rstrip(".")
     return f"{'0' if number == '-0' else number} {'deg' if factor.kind == 'rotate' else 'mm'}"
+
+
+def as_written(value: float, factor: Factor) -> float:
+    """A value of a parameter as it is read from what files have of it [rad or m]."""
+    return parse_quantity(quantity(value, factor), "angle" if factor.kind == "rotate" else "length")
+
+
+def _negligible(value: float, factor: Factor) -> bool:
+    """Whether a deviation of a parameter is rounding [rad or m]."""
+    return abs(value) <= NEGLIGIBLE["rad" if factor.kind == "rotate" else "m"]
 
 
 def rounded(sigma: float, factor: Factor) -> tuple[float, str]:
@@ -60,6 +76,8 @@ def commented(header: Sequence[str], document: Mapping[str, Any]) -> str:
 def fitted_robots(nominal: Robot, robot: Robot, fit: FittedArm) -> tuple[Robot, Robot]:
     """The robot without and with corrections after a fit; frames that were found are numbers of both, not free.
 
+    What was found has the digits that its file gives it, so that the file holds this very robot.
+
     Args:
         nominal: the robot of the problem without corrections; ``robot`` with them.
 
@@ -69,22 +87,33 @@ def fitted_robots(nominal: Robot, robot: Robot, fit: FittedArm) -> tuple[Robot, 
     issues = [issue for name in fit.deviations for issue in name_issues(name, robot.parameters)]
     if issues:
         raise InputError(issues)
-    found = frames_of(fit)
+    found, stated = frames_of(fit), nominal.parameters
     total = {name: value + fit.deviations.get(name, 0.0) for name, value in corrections_of(nominal, robot).items()}
-    frames = {name: value for name, value in total.items() if _owner(name) in found}
+    frames = {
+        name: as_written(stated[name].nominal + value, stated[name]) - stated[name].nominal
+        for name, value in total.items()
+        if _owner(name) in found
+    }
+    corrections = {name: as_written(value, stated[name]) for name, value in total.items() if name not in frames}
     placed = replace(
         deviated(nominal, frames),
         gravity=nominal.gravity if fit.gravity is None else fit.gravity,
         base_free=nominal.base_free and "base" not in found,
         tool_free=nominal.tool_free and "tool" not in found,
     )
-    return placed, deviated(placed, {name: value for name, value in total.items() if name not in frames})
+    return placed, deviated(
+        placed, {name: value for name, value in corrections.items() if not _negligible(value, stated[name])}
+    )
 
 
-def corrections_of(nominal: Robot, robot: Robot) -> dict[str, float]:
-    """Deviation of every parameter of a robot from its nominal value [rad or m]."""
-    stated = nominal.parameters
-    return {name: factor.nominal - stated[name].nominal for name, factor in robot.parameters.items()}
+def arm_of(problem: ProblemData, fit: FittedArm | Calibration | Diagnosis) -> FittedArm:
+    """The arm that a fit found, in the terms of a problem; how a calibration says it is read when it is asked for."""
+    if isinstance(fit, FittedArm):
+        return fit
+    if hasattr(fit, "fitted_arm"):
+        return fit.fitted_arm
+    calibrated: FittedArm = import_module("posture_opt.validation.calibrated_arm").calibrated_arm(problem, fit)
+    return calibrated
 
 
 def frames_of(fit: FittedArm) -> tuple[str, ...]:
@@ -118,11 +147,11 @@ def fitted_effects(former: Sequence[CatalogueEntry], fit: FittedArm) -> tuple[Ca
 
 
 def _under_covariance(effect: CatalogueEntry, fit: FittedArm) -> CatalogueEntry:
-    """The effect with the covariance of the fit in place of its own."""
-    if not isinstance(effect, Effect):
-        return effect
-    own = fit.known is not None and bool(set(effect.parameter_names) & set(fit.known.names))
-    return effect.model_copy(update={"covariance": fit.covariance_file if own else None})
+    """The effect as its file will have it, with the covariance of the fit in place of its own."""
+    if isinstance(effect, Effect):
+        own = fit.known is not None and bool(set(effect.parameter_names) & set(fit.known.names))
+        effect = effect.model_copy(update={"covariance": fit.covariance_file if own else None})
+    return type(effect).model_validate(effect.to_dict())
 
 
 def robot_section(section: Mapping[str, Any], nominal: Robot, robot: Robot, fit: FittedArm) -> dict[str, Any]:
@@ -131,7 +160,7 @@ def robot_section(section: Mapping[str, Any], nominal: Robot, robot: Robot, fit:
         name: text
         for name, value in corrections_of(nominal, robot).items()
         for text in [quantity(value, robot.parameters[name])]
-        if abs(value) > NEGLIGIBLE["rad" if robot.parameters[name].kind == "rotate" else "m"]
+        if not _negligible(value, robot.parameters[name])
     }
     return {
         **{key: value for key, value in section.items() if key != "corrections"},

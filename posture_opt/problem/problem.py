@@ -5,23 +5,16 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from posture_opt.calibration.estimation.fitted_arm import FittedArm
-from posture_opt.collision.cell import CellSpec
-from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue, KeyPath
 from posture_opt.files import content, located, naming
-from posture_opt.measurements.data_section import DataSpec
-from posture_opt.model.arm import Arm
 from posture_opt.model.effects import Effect
 from posture_opt.problem.effects_section import arm_with, moving_effects, noisy_sources
 from posture_opt.problem.fitting import (
+    arm_of,
     commented,
-    corrections_of,
     fitted_document,
     fitted_effects,
     fitted_robots,
@@ -33,69 +26,39 @@ from posture_opt.problem.parts import input_notes, parse_spec, problem_notes, re
 from posture_opt.problem.path_file import with_path
 from posture_opt.problem.replacing import kept_of_task, replaced_data
 from posture_opt.problem.schema import ProblemSpec
-from posture_opt.problem.yaml_source import Document, read_yaml
-from posture_opt.result import Summarised
-from posture_opt.robot.robot import Robot
+from posture_opt.problem.yaml_source import Document
 from posture_opt.robot.urdf_reader import MAX_BYTES
-from posture_opt.selection.solvers import Solver
-from posture_opt.selection.tasks import Task
+from posture_opt.selection.fitted_arm import FittedArm
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.sources.uncertainty_section import MeasurementSpec, UncertaintySpec
+from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
+
+if TYPE_CHECKING:
+    from posture_opt.calibration.calibration import Calibration
+    from posture_opt.diagnosis.diagnosis import Diagnosis
 
 _OF_ROBOT = ("name", "robot", "uncertainty", "effects", "data")
 """Sections that speak of the robot and its measurements, wherever it stands and whatever it does."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Problem(Summarised):
-    """What a problem file says, in SI units and radians.
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Problem(ProblemData):
+    """What a problem file says, in SI units and radians, and the file itself: read, changed by its keys, written.
 
-    ``nominal`` is the robot without its corrections and effects; ``stated`` are the sources of error that the file
-    states, ``sources`` those with what effects add from repeat to repeat. ``task`` is ``None`` where the file names
-    none; ``notes`` are sentences for the report on what was assumed or overridden; ``document`` is the file's plain
-    data, units and all; relative file names start at ``folder``;
-    ``origin`` is the file as it was read, ``overridden`` the keys that no longer say what it says; ``attached`` are
-    the contents of files that the document names and that stand nowhere else, ``header`` its first lines as comments.
+    Args:
+        folder: where relative file names start.
+        document: the plain data of the file, units and all.
+        origin: the file as it was read; ``overridden`` the keys that no longer say what it says.
+        attached: the contents of files that the document names and that exist nowhere else, by their names.
+        header: the first lines of the file, as comments.
     """
 
-    name: str
-    arm: Arm
-    nominal: Robot
-    stated: Sources
-    sources: Sources
-    task: Task | None
-    solver: Solver
-    effects: tuple[Any, ...]
-    measurement: MeasurementSpec | None
-    data: DataSpec
     folder: Path
-    notes: tuple[str, ...] = ()
     document: Mapping[str, Any] = field(default_factory=dict)
     origin: Document = field(default_factory=lambda: Document({}))
     overridden: frozenset[KeyPath] = frozenset()
     attached: Mapping[str, str] = field(default_factory=dict)
     header: tuple[str, ...] = ()
-    cell: CellSpec | None = None
-
-    @property
-    def robot(self) -> Robot:
-        """The arm without its effects."""
-        return self.arm.robot
-
-    @cached_property
-    def scene(self) -> Scene:
-        """What the arm may collide with: obstacles, and itself."""
-        return Scene.of(self.robot, self.cell)
-
-    @property
-    def corrections(self) -> dict[str, float]:
-        """What is added to the nominal values of parameters, where it is not zero [rad or m]."""
-        return {name: value for name, value in corrections_of(self.nominal, self.robot).items() if value}
-
-    @property
-    def uncorrected(self) -> Problem:
-        """The same problem with the arm as it is drawn, without corrections and effects."""
-        return replace(self, arm=Arm(self.nominal))
 
     def placed(self, issue: Issue) -> Issue:
         """An issue that computing raised, with the file and line it speaks of; as it is where no file says it."""
@@ -187,8 +150,11 @@ class Problem(Summarised):
         document = {**self.document, "uncertainty": {"sigma": dict(sigma)}}
         return build_problem(Document(document), self.folder, self.name, attached=self.attached)
 
-    def with_fit(self, fit: FittedArm) -> Problem:
+    def with_fit(self, fit: FittedArm | Calibration | Diagnosis) -> Problem:
         """The same problem with the arm that measurements found: its parameters, effects, covariance and scatter.
+
+        Args:
+            fit: a calibration; a diagnosis, which brings effects too; or the arm itself.
 
         Frames that were found are numbers and no longer free. `files` writes it as a complete problem file with its
         covariance beside it; standard deviations from repeat to repeat have the four digits that they have there.
@@ -196,6 +162,7 @@ class Problem(Summarised):
         Raises:
             InputError: the fit is one of another robot.
         """
+        fit = arm_of(self, fit)
         nominal, plain = fitted_robots(self.nominal, self.robot, fit)
         effects = fitted_effects(self.effects, fit)
         name = f"{self.name.removesuffix(f', {fit.label}')}, {fit.label}" if fit.label else self.name
@@ -271,17 +238,6 @@ class Problem(Summarised):
                 beside[name] = self._content(given)
                 effect["covariance"] = name
         return {f"{stem}.yaml": commented(self.header, document).encode(), **beside}
-
-    def reloaded(self) -> Problem:
-        """The problem that its own files hold: written to a folder, and read again.
-
-        Raises:
-            InputError: a file of this problem is gone.
-        """
-        with TemporaryDirectory() as folder:
-            for name, data in self.files("problem").items():
-                (Path(folder) / name).write_bytes(data)
-            return build_problem(read_yaml(Path(folder) / "problem.yaml"), Path(folder), self.name)
 
     def _content(self, name: str) -> bytes:
         """The content of a file that the document names."""

@@ -90,3 +90,9 @@ def _nearest_word(part: str, known: list[str]) -> str:
     own_variable = {"theta": "d", "d": "theta"}.get(part, "")  # of a slide, of a joint that turns
     begun = next((word for word in known if part and word.startswith(part)), "")
     return own_variable if own_variable in known else begun or nearest(part, known)
+
+
+def corrections_of(nominal: Robot, robot: Robot) -> dict[str, float]:
+    """Deviation of every parameter of a robot from its nominal value [rad or m]."""
+    stated = nominal.parameters
+    return {name: factor.nominal - stated[name].nominal for name, factor in robot.parameters.items()}

@@ -13,7 +13,7 @@ from posture_opt.errors import InputError, Issue, NoSolutionError, PostureOptErr
 from posture_opt.numerics import Progress, finite_or_none
 from posture_opt.output import finite
 from posture_opt.result import Result
-from posture_opt.selection.search.has_task import HasTask
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import select_posture
 from posture_opt.workers import Executor, opened
 
@@ -75,7 +75,7 @@ class PostureBatch(Result):
         seconds: wall time.
     """
 
-    problem: Any
+    problem: ProblemData
     answers: tuple[BatchAnswer, ...]
     seconds: float
 
@@ -101,7 +101,7 @@ class PostureBatch(Result):
 
 
 def select_postures(
-    problems: Mapping[str, HasTask | PostureOptError],
+    problems: Mapping[str, ProblemData | PostureOptError],
     *,
     seed: int | None = None,
     workers: int = 1,
@@ -121,21 +121,22 @@ def select_postures(
         InputError: no problem at all, or none that could be read.
     """
     began = time.perf_counter()
-    names = [name for name, problem in problems.items() if not isinstance(problem, PostureOptError)]
-    if not names:
+    readable = {name: problem for name, problem in problems.items() if not isinstance(problem, PostureOptError)}
+    if not readable:
         issues = [issue for error in problems.values() if isinstance(error, InputError) for issue in error.issues]
         raise InputError(issues or Issue("no problem is named", hint="name problem files"))
     found = {name: _failed(error) for name, error in problems.items() if isinstance(error, PostureOptError)}
+    names = list(readable)
     with opened(workers, executor) as pool:
-        for k, row in pool.run(solved, seed, [problems[name] for name in names]):
+        for k, row in pool.run(solved, seed, list(readable.values())):
             found[names[k]] = row
             if progress is not None:
                 progress(len(found), len(problems))
     answers = tuple(BatchAnswer(name, code, tuple(why), one) for name in problems for code, why, one in [found[name]])
-    return PostureBatch(problems[names[0]], answers, time.perf_counter() - began)
+    return PostureBatch(readable[names[0]], answers, time.perf_counter() - began)
 
 
-def solved(seed: int | None, problem: HasTask) -> list[Any]:
+def solved(seed: int | None, problem: ProblemData) -> list[Any]:
     """Exit code, reasons and document of one problem: a part of the work.
 
     A defect is its own problem's too: of a thousand problems the others keep their answers.

@@ -11,7 +11,7 @@ from posture_opt.interrupts import interruptible
 from posture_opt.numerics import Progress
 from posture_opt.selection.answer.selector import PostureSelector, task_of
 from posture_opt.selection.answer.solution import Solution
-from posture_opt.selection.search.has_task import HasTask
+from posture_opt.selection.problem_data import ProblemData
 
 if TYPE_CHECKING:
     from posture_opt.selection.paths.path_solution import PathSolution
@@ -22,7 +22,7 @@ _FEATURES, _PATHS = "posture_opt.selection.stations.features_selection", "postur
 """Imported where a task needs them: one target is answered without."""
 
 
-def planned_posture(problem: HasTask, *, seed: int | None = None, workers: int = 1) -> Solution:
+def planned_posture(problem: ProblemData, *, seed: int | None = None, workers: int = 1) -> Solution:
     """The one posture that stands for the answer to a problem: the worst one of a path, or of several features.
 
     Raises:
@@ -35,8 +35,8 @@ def planned_posture(problem: HasTask, *, seed: int | None = None, workers: int =
 
 
 def at_one_feature(
-    models: Mapping[str, HasTask], problem: HasTask, *, seed: int | None, workers: int
-) -> Mapping[str, HasTask]:
+    models: Mapping[str, ProblemData], problem: ProblemData, *, seed: int | None, workers: int
+) -> Mapping[str, ProblemData]:
     """The same models with one target: where ``problem`` has features, the one that scatters most, where it puts it.
 
     Raises:
@@ -57,7 +57,7 @@ def at_one_feature(
 
 @interruptible()
 def select_posture(
-    problem: HasTask, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
+    problem: ProblemData, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
 ) -> Answer:
     """The posture whose spread hurts the task least, with alternatives and evidence; for a path one at each point.
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, Self
+from typing import Any
 
 import numpy as np
 
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.calibration.estimation.starting_values import kabsch
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements, nominal_poses
@@ -18,7 +17,7 @@ from posture_opt.result import Result
 from posture_opt.selection.maps.grid_layout import Plane
 from posture_opt.selection.maps.map_points import Grid, MapPoint
 from posture_opt.selection.maps.target_map import TargetMap, map_targets
-from posture_opt.selection.search.has_task import HasTask
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.coverage_radius import central_radii
 from posture_opt.uncertainty.regions.regions import coverage_factor
@@ -29,15 +28,6 @@ from posture_opt.workers import Executor
 _ALIGNED = 1e-9
 _OUTER = 0.02  # of the rows, on either side, that the map need not cover
 _STEP = 0.01  # m, that its box is rounded to
-
-
-class CorrectedProblem(CalibrationProblem, HasTask, Protocol):
-    """A problem whose arm may have corrections and effects."""
-
-    @property
-    def corrections(self) -> dict[str, float]: ...
-    @property
-    def uncorrected(self) -> Self: ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,7 +48,7 @@ class AccuracyMap(Result):
         measured: measured rows, where there are data.
     """
 
-    problem: CorrectedProblem
+    problem: ProblemData
     targets: TargetMap
     corrections: int
     effects: int
@@ -119,7 +109,7 @@ class AccuracyMap(Result):
 
 @interruptible()
 def map_accuracy(
-    problem: CorrectedProblem,
+    problem: ProblemData,
     data: Measurements | None = None,
     *,
     counts: tuple[int, ...] | None = None,
@@ -201,7 +191,7 @@ def _predicted(tool_point: ToolPoint, map_points: Sequence[MapPoint]) -> tuple[A
 
 
 def _box_of(
-    problem: CorrectedProblem, data: Measurements
+    problem: ProblemData, data: Measurements
 ) -> tuple[tuple[float, float, float] | None, tuple[float, float, float] | None]:
     """Corners of a flat box, across the direction, that holds most of the rows; None where the file says more."""
     task = problem.task

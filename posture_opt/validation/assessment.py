@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, overload
 
 import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
-from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
+from posture_opt.calibration.calibration import Calibration, calibrated_parts
 from posture_opt.calibration.estimation.residuals import Residuals, matrices, rotation_vectors
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes
 from posture_opt.result import Result
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.regions.regions import Ellipsoid, hotelling_factor
 from posture_opt.validation.model_errors import ModelErrors, model_errors, told
 from posture_opt.validation.repeat_scatter import slides
@@ -25,13 +25,6 @@ from posture_opt.validation.trends import Sides, Trend, sides_of, trends_of
 TEN_TIMES = 10.0  # better than what it judges an instrument should be
 _COVERAGE = 0.95
 _ROUNDING = 1e-12  # m
-
-
-class AssessedProblem(CalibrationProblem, Protocol):
-    """A problem that may have a task."""
-
-    @property
-    def task(self) -> Any: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,14 +114,25 @@ class Assessment(Result):
         }  # fmt: skip
 
 
+@overload
+def assess(calibration: Calibration, /) -> Assessment: ...
+@overload
+def assess(problem: ProblemData, data: Measurements, calibration: Calibration) -> Assessment: ...
 @interruptible()
-def assess(problem: AssessedProblem, data: Measurements, calibration: Calibration) -> Assessment:
+def assess(
+    problem: ProblemData | Calibration, data: Measurements | None = None, calibration: Calibration | None = None
+) -> Assessment:
     """What the model gets wrong, before calibration and after, and what two rules of measuring say of it.
 
     The deviations by direction are cross-validated. The means are tested on those of the arm fitted to all rows,
     group by group of rows of one pose; fitted parameters have taken a share of them, so that the tests err on
-    the side of zero. ``data`` are the measurements that ``calibration`` was made from.
+    the side of zero.
+
+    Args:
+        problem: the calibration, which knows its problem and its measurements; or the problem, the measurements
+            ``data`` and the ``calibration`` that was made from them.
     """
+    problem, data, calibration = calibrated_parts(problem, data, calibration)
     kept = calibration.kept_rows
     axes = calibration.residuals.axes
     used = data.take(kept)
@@ -168,20 +172,20 @@ def _seen(errors: Array) -> Array:
     return np.where(np.abs(errors) > _ROUNDING, -errors, 0.0)
 
 
-def _direction(problem: AssessedProblem) -> Array | None:
+def _direction(problem: ProblemData) -> Array | None:
     if problem.task is None:
         return None
     direction = np.asarray(problem.task.direction, dtype=float)
     return np.asarray(direction / np.linalg.norm(direction))
 
 
-def _block_axes(problem: AssessedProblem, data: Measurements) -> tuple[tuple[str, str], ...]:
+def _block_axes(problem: ProblemData, data: Measurements) -> tuple[tuple[str, str], ...]:
     if data.position is not None:
         return (("x", "m"), ("y", "m"), ("z", "m"))
     return tuple((joint.name, "rad" if joint.type == "revolute" else "m") for joint in problem.robot.joints)
 
 
-def _notes(problem: AssessedProblem, axes: Any, direction: Array | None) -> tuple[str, ...]:
+def _notes(problem: ProblemData, axes: Any, direction: Array | None) -> tuple[str, ...]:
     if direction is None:
         return ("the problem has no task: nothing is said of along and across its direction",)
     if not all(told(axes, direction)):

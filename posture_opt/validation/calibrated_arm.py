@@ -4,22 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.estimation.fitted_arm import (
-    FittableProblem,
-    FittedArm,
-    persistent_sources,
-    places_in_robot,
-)
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
+from posture_opt.calibration.estimation.fit_request import persistent_sources, places_in_robot
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.comparison.plan_comparison import Comparison, compare_plans
-from posture_opt.selection.search.has_task import HasTask
+from posture_opt.selection.fitted_arm import FittedArm
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import JointScatter
 from posture_opt.validation.residual_scatter import covariance_under, residual_scatter
 
@@ -29,7 +23,7 @@ FREE_BASE = (
 )
 
 
-def calibrated_arm(problem: CalibrationProblem, calibration: Calibration) -> FittedArm:
+def calibrated_arm(problem: ProblemData, calibration: Calibration) -> FittedArm:
     """The arm with its calibrated parameters, what is still uncertain of them, and its scatter.
 
     Every deviation counts, those too that are determined together only. Of several targets the first is the tool
@@ -55,7 +49,7 @@ def nominal_arm(calibration: Calibration) -> FittedArm:
     return FittedArm("", {name: float(calibration.x_nominal[i]) for name, i in frames.items()})
 
 
-def calibrated_models(problem: FittableProblem, calibration: Calibration) -> dict[str, Any]:
+def calibrated_models(problem: ProblemData, calibration: Calibration) -> dict[str, ProblemData]:
     """The problem before calibration, its free frames found, and calibrated."""
     return {
         "nominal": problem.with_fit(nominal_arm(calibration)),
@@ -64,7 +58,7 @@ def calibrated_models(problem: FittableProblem, calibration: Calibration) -> dic
 
 
 def compare_models(
-    robot: Robot, models: Mapping[str, HasTask], *, seed: int | None = None, workers: int = 1,
+    robot: Robot, models: Mapping[str, ProblemData], *, seed: int | None = None, workers: int = 1,
     measured: Array | None = None,
 ) -> Comparison | None:  # fmt: skip
     """The task planned with models that were fitted to the data of one ``robot``; None without a task.

@@ -11,12 +11,12 @@ import numpy as np
 from posture_opt.calibration.assumptions.frames import compare, fit_frames
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.cross_validation import position_errors
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.measurements import Measurements, nominal_poses
 from posture_opt.numerics import Array, Codes, Mask, finite_or_none
 from posture_opt.robot.robot import Robot
 from posture_opt.selection.maps.target_map import TargetMap
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
 from posture_opt.uncertainty.regions.coverage_radius import central_radii
 from posture_opt.uncertainty.regions.regions import coverage_factor
@@ -96,7 +96,7 @@ class MeasuredErrors:
 
 
 def measured_errors(
-    problem: CalibrationProblem, uncorrected: CalibrationProblem, data: Measurements, targets: TargetMap,
+    problem: ProblemData, uncorrected: ProblemData, data: Measurements, targets: TargetMap,
     projected: Array, tool_point: ToolPoint,
 ) -> MeasuredErrors:  # fmt: skip
     """The rows of the first target, their errors by both arms, and what is predicted for them.
@@ -138,7 +138,7 @@ def measured_errors(
     )
 
 
-def _errors(problem: CalibrationProblem, data: Measurements) -> Array:
+def _errors(problem: ProblemData, data: Measurements) -> Array:
     """(M, 3) model minus measurement [m]; frames that the file leaves free are fitted."""
     residuals, _ = compare(problem, data)
     return position_errors(residuals, fit_frames(residuals))

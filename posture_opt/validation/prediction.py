@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
 from posture_opt.uncertainty.sources.sources import Sources
 
@@ -56,7 +56,7 @@ class JointScatter:
         return Sources.independent(self.staying)
 
 
-def stated_scatter(problem: CalibrationProblem) -> JointScatter:
+def stated_scatter(problem: ProblemData) -> JointScatter:
     """What the problem states of the joints' scatter, without that of its effects."""
     sources, own = problem.sources, scatter_of_effects(problem.robot, problem.effects)
     total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.scatter))), strict=True))
@@ -93,7 +93,7 @@ def plus(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, floa
     return {name: math.hypot(one.get(name, 0.0), other.get(name, 0.0)) for name in (*one, *other)}
 
 
-def scatter_beside(problem: CalibrationProblem, name: str, own: float, said: float) -> float:
+def scatter_beside(problem: ProblemData, name: str, own: float, said: float) -> float:
     """The σ of a joint of which effects say ``said``, ``own`` of it part of what the problem states."""
     variance = dict(zip(problem.sources.names, np.diag(problem.sources.scatter), strict=True)).get(name, 0.0)
     return math.sqrt(max(float(variance) - own**2, 0.0) + said**2)

@@ -10,10 +10,10 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array, Codes
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.joint_variances import JointVariances
 from posture_opt.validation.likeliest_variances import likeliest_variances
 from posture_opt.validation.prediction import (
@@ -34,7 +34,7 @@ _SURE = 0.5  # of a standard deviation: with a larger standard error the data do
 
 
 def residual_scatter(
-    problem: CalibrationProblem,
+    problem: ProblemData,
     calibration: Calibration,
     named: Sequence[NoiseEffect] = (),
     fitted: Array | None = None,
@@ -119,7 +119,7 @@ def unseen_errors(calibration: Calibration) -> tuple[Array, Array, Codes]:
 
 
 def _from_data(
-    problem: CalibrationProblem, calibration: Calibration, fixed: Mapping[str, float]
+    problem: ProblemData, calibration: Calibration, fixed: Mapping[str, float]
 ) -> tuple[JointVariances, bool] | None:
     """The likeliest scatter of the joints whose own is not ``fixed``, and whether the instrument's was given.
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from posture_opt.calibration.assumptions.instrument import position_sigma
 from posture_opt.calibration.calibration import Calibration
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.measurements.repeated_readings import ENOUGH
 from posture_opt.measurements.repeats import Contrasts
 from posture_opt.numerics import Array
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.repeatability import joint_sigmas
 from posture_opt.validation.likeliest_variances import likeliest_variances
 from posture_opt.validation.prediction import joint_columns, joint_errors
@@ -39,7 +39,7 @@ class ScatterLimit:
 
 
 def scatter_limit(
-    problem: CalibrationProblem, calibration: Calibration, fixed: Mapping[str, float], fitted: Array | None = None
+    problem: ProblemData, calibration: Calibration, fixed: Mapping[str, float], fitted: Array | None = None
 ) -> ScatterLimit | None:
     """The limit by repeats where there are enough, else by what is stated; ``None`` where nothing tells it.
 
@@ -50,7 +50,7 @@ def scatter_limit(
     return _by_repeats(problem, calibration, fixed, fitted) or _as_stated(problem)
 
 
-def _as_stated(problem: CalibrationProblem) -> ScatterLimit | None:
+def _as_stated(problem: ProblemData) -> ScatterLimit | None:
     sources = problem.sources
     total = dict(zip(sources.names, map(float, np.sqrt(np.diag(sources.scatter))), strict=True))
     stated = {name: s for name, s in total.items() if s > 0}
@@ -65,7 +65,7 @@ def _as_stated(problem: CalibrationProblem) -> ScatterLimit | None:
 
 
 def _by_repeats(
-    problem: CalibrationProblem, calibration: Calibration, fixed: Mapping[str, float], fitted: Array | None
+    problem: ProblemData, calibration: Calibration, fixed: Mapping[str, float], fitted: Array | None
 ) -> ScatterLimit | None:
     kept = calibration.residuals.take(calibration.kept_rows)
     contrasts = Contrasts.of(kept.data, slides(kept))

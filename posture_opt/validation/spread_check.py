@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
-from posture_opt.calibration.calibration import Calibration
+from posture_opt.calibration.calibration import Calibration, calibrated_parts
 from posture_opt.calibration.estimation.error_statistics import folds_of, groups_of
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.interrupts import interruptible
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.result import Result
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.coverage import Coverage
 from posture_opt.validation.joint_variances import JointVariances
 from posture_opt.validation.prediction import (
@@ -93,19 +93,33 @@ class SpreadCheck(Result):
         }
 
 
+@overload
+def check_spread(calibration: Calibration, /, *, folds: int | None = None) -> SpreadCheck: ...
+@overload
+def check_spread(
+    problem: ProblemData, data: Measurements, calibration: Calibration, *, folds: int | None = None
+) -> SpreadCheck: ...
 @interruptible()
 def check_spread(
-    problem: CalibrationProblem, data: Measurements, calibration: Calibration, *, folds: int = 5
-) -> SpreadCheck:
+    problem: ProblemData | Calibration, data: Measurements | None = None, calibration: Calibration | None = None, *,
+    folds: int | None = None,
+) -> SpreadCheck:  # fmt: skip
     """Whether the predicted spread is true: between repeats, and over all postures.
 
     Between repeats only what is drawn anew at every repeat shows: the problem's ``scatter`` or ``repeatability``, and
-    the instrument; a wrong link length is the same at every repeat. Over postures everything shows. ``data`` and
-    ``folds`` are those that ``calibration`` was made with; its outliers are left out.
+    the instrument; a wrong link length is the same at every repeat. Over postures everything shows. Outliers of the
+    calibration are left out.
+
+    Args:
+        problem: the calibration, which knows its problem and its measurements; or the problem, the measurements
+            ``data`` and the ``calibration`` that was made from them.
+        folds: of the cross-validation; default: those of the calibration.
 
     Source of the joints' part: J.-F. Brethé, E. Vasselin, D. Lefebvre, B. Dakyo, Modelling of repeatability phenomena
     using the stochastic ellipsoid approach, Robotica 24 (2006) 477.
     """
+    problem, data, calibration = calibrated_parts(problem, data, calibration)
+    folds = calibration.request.folds if folds is None else folds
     residuals = calibration.residuals
     rows, axes = calibration.kept_rows, residuals.axes
     used = residuals.take(rows)
@@ -135,7 +149,7 @@ def check_spread(
     )
 
 
-def _unknowable(problem: CalibrationProblem) -> tuple[str, ...]:
+def _unknowable(problem: ProblemData) -> tuple[str, ...]:
     """What the problem says of a type of robots, and no single robot can tell."""
     pairs = np.argwhere(np.triu(problem.sources.constant, 1) != 0)
     names = [f"{problem.sources.names[i]} with {problem.sources.names[j]}" for i, j in pairs[:3]]
@@ -149,7 +163,7 @@ def _unknowable(problem: CalibrationProblem) -> tuple[str, ...]:
 
 
 def predictions(
-    problem: CalibrationProblem, calibration: Calibration, folds: int = 5, scatter: JointScatter | None = None
+    problem: ProblemData, calibration: Calibration, folds: int = 5, scatter: JointScatter | None = None
 ) -> dict[str, tuple[Array, Prediction, Codes]]:
     """Held-out errors (N, d) [m] by model, what is predicted of them, and the groups (N,) that hang together."""
     residuals, rows = calibration.residuals, calibration.kept_rows

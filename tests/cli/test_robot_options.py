@@ -11,6 +11,7 @@ import pytest
 import posture_opt as po
 from posture_opt.cli.request import requested_problem
 from tests.helpers.command_line import invoke
+from tests.helpers.same_problem import written
 
 AT = ("--task", "insert", "--position", "0.6 m, 0.2 m, 0.3 m")
 
@@ -93,7 +94,7 @@ def test_a_calibrated_file_with_its_covariance_beside_it_is_a_robot(tmp_path: Pa
     for name, content in calibrated.files("mine").items():
         (tmp_path / name).write_bytes(content)
     found = requested_problem(None, str(tmp_path / "mine.yaml"), task="insert", position="0.9 m, 0.4 m, 0 m")
-    assert found.robot == calibrated.reloaded().robot
+    assert found.robot == written(calibrated, tmp_path).robot
     np.testing.assert_allclose(found.sources.covariance, calibrated.sources.covariance, rtol=1e-4)
     assert found.task is not None
     again = invoke("calibrate", "problems/planar_2r_measured.csv", "--robot", tmp_path / "mine.yaml", "--json")

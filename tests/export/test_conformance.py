@@ -14,7 +14,7 @@ import yaml
 import posture_opt as po
 from posture_opt.errors import InputError
 from posture_opt.export import EXPORTS
-from posture_opt.export.export_files import export_kinds, kind_of_export, program_files
+from posture_opt.export.export_files import kind_of_export, program_files, program_kinds
 from posture_opt.export.robot_program import answer_program
 from posture_opt.uncertainty.spread.joint_digits import scatter
 from tests.export.programs import READERS
@@ -22,7 +22,7 @@ from tests.helpers.command_line import invoke
 from tests.helpers.folders import names as names_in
 
 KINDS = [kind_of_export(listed) for listed in EXPORTS]
-PROGRAMS = list(export_kinds(programs_only=True))
+PROGRAMS = list(program_kinds())
 ARMS = {
     "insert_panda": [0.3, -0.4, 0.2, -1.9, 0.1, 1.7, 0.6],
     "insert_ur10": [0.5, -1.9, 1.4, -1.1, 1.5, 0.2],

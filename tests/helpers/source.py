@@ -28,8 +28,8 @@ ROOMS = [
     "result",
     "workers",
 ]
-ROOMS += ["robot", "model", "collision", "uncertainty", "selection"]
-ROOMS += ["measurements", "calibration", "validation", "experiments", "diagnosis", "batch", "compensation"]
+ROOMS += ["robot", "model", "collision", "uncertainty", "measurements", "selection"]
+ROOMS += ["calibration", "validation", "experiments", "diagnosis", "batch", "compensation"]
 ROOMS += ["problem", "export", "report", "cli"]
 """The rooms of the package in the order in which they may import each other: each only those before it."""
 

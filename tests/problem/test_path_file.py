@@ -11,6 +11,7 @@ import pytest
 import posture_opt as po
 from posture_opt.errors import InputError
 from tests.helpers.command_line import invoke
+from tests.helpers.same_problem import written
 
 PROBLEM = "robot: {kind: preset, name: panda}\ntask:\n  kind: trace\n  path: seam.csv\n"
 
@@ -87,7 +88,7 @@ def test_faults_of_the_section_are_named(tmp_path, task, message):
 
 def test_the_file_travels_with_the_problem(tmp_path):
     problem = loaded(tmp_path, "x [mm], y [mm]\n500, 0\n600, 0\n")
-    assert problem.reloaded().task.points == problem.task.points
+    assert written(problem, tmp_path).task.points == problem.task.points
     assert problem.files("other")["other_path.csv"] == (tmp_path / "seam.csv").read_bytes()
 
 

@@ -15,6 +15,7 @@ from posture_opt.robot.link_capsules import STAND_IN, along_links, stand_in
 from tests.helpers.capsules import from_segment, in_the_world
 from tests.helpers.factors import elementary, frame, random_postures
 from tests.helpers.pin import robots_folder
+from tests.helpers.same_problem import written
 
 ELBOW = {"joint": "elbow", "from": ["0 m", "0 m", "0 m"], "to": ["0.5 m", "0 m", "0 m"], "radius": "60 mm"}
 SLIDES = {"joint3"}
@@ -35,14 +36,14 @@ def corners(robot, q):
     return np.array(points)
 
 
-def test_stated_capsules_replace_those_of_the_preset():
+def test_stated_capsules_replace_those_of_the_preset(tmp_path):
     problem = with_shape([ELBOW, ELBOW | {"joint": "base", "to": ["0 m"] * 3}])
     assert problem.robot.shape == (
         Capsule("elbow", (0, 0, 0), (0.5, 0, 0), 0.06),
         Capsule("base", (0, 0, 0), (0, 0, 0), 0.06),
     )
     again = po.problem_from_dict(problem.to_dict())
-    assert again.robot.shape == problem.robot.shape == problem.reloaded().robot.shape
+    assert again.robot.shape == problem.robot.shape == written(problem, tmp_path).robot.shape
 
 
 def test_shape_of_a_table():

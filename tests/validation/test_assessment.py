@@ -55,6 +55,17 @@ def assessed() -> tuple[Any, Measurements, Any, Any]:
     return problem, data, calibration, po.assess(problem, data, calibration)
 
 
+def test_a_calibration_knows_its_problem_and_its_measurements(assessed: Any) -> None:
+    problem, data, calibration, found = assessed
+    assert po.assess(calibration).to_json() == found.to_json()
+    check = po.check_spread(calibration)
+    assert check.to_json() == po.check_spread(problem, data, calibration).to_json()
+    with pytest.raises(TypeError, match="calibration alone"):
+        po.assess(problem, data)
+    with pytest.raises(TypeError, match="calibration alone"):
+        po.check_spread(calibration, data)
+
+
 def test_statistics_by_axis_are_those_of_the_errors(assessed: Any) -> None:
     _, _, calibration, found = assessed
     for model, errors in ((found.nominal, calibration.errors_nominal), (found.calibrated, calibration.errors)):

@@ -11,26 +11,21 @@ from posture_opt.calibration.assumptions.instrument import position_sigma, rotat
 from posture_opt.calibration.estimation.fit import Fit, Prior, estimate
 from posture_opt.calibration.estimation.identifiability import identify
 from posture_opt.calibration.estimation.least_squares import noise
-from posture_opt.calibration.estimation.parameters import (
-    CalibrationProblem,
-    Parameter,
-    candidates,
-    prior_covariance,
-    tool_unknown,
-)
+from posture_opt.calibration.estimation.parameters import Parameter, candidates, prior_covariance, tool_unknown
 from posture_opt.calibration.estimation.residuals import Distance, Residuals
 from posture_opt.calibration.estimation.starting_values import offset_of_tool, start, tool_sigma
 from posture_opt.errors import InputError, Issue
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array
+from posture_opt.selection.problem_data import ProblemData
 
 SIGMA = 0.1e-3  # m, of an instrument that the file says nothing of; only a stated prior depends on it
 
 _TOOL_AWAY, _BASE_AWAY = 2.0, 3.0  # times the reach of the arm: farther off, no frame stands
 
 
-def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
+def compare(problem: ProblemData, data: Measurements) -> tuple[Residuals, tuple[str, ...]]:
     """The arm of a problem against measurements, and sentences on what was assumed.
 
     Raises:
@@ -59,7 +54,7 @@ def compare(problem: CalibrationProblem, data: Measurements) -> tuple[Residuals,
     return Residuals.of(problem.arm, data, parameters, sigma, used, distances), tuple(notes)
 
 
-def unknowns(problem: CalibrationProblem, data: Measurements, *, orientation: bool) -> tuple[Parameter, ...]:
+def unknowns(problem: ProblemData, data: Measurements, *, orientation: bool) -> tuple[Parameter, ...]:
     """The candidates without what the problem file states as known: frames neither free nor given a σ.
 
     Several targets are several points of one tool, of which the file can state but one: their offsets are unknown.
@@ -70,7 +65,7 @@ def unknowns(problem: CalibrationProblem, data: Measurements, *, orientation: bo
     return tuple(p for i, p in enumerate(found) if free.get(p.group, True) or i in stated)
 
 
-def _distances(problem: CalibrationProblem, data: Measurements, sigma: float) -> tuple[Distance, ...]:
+def _distances(problem: ProblemData, data: Measurements, sigma: float) -> tuple[Distance, ...]:
     """Known distances, each as sure as the instrument (the play of the ball in its socket)."""
     if data.position is not None:
         return ()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import NoiseEffect
 from posture_opt.numerics import Array
+from posture_opt.selection.problem_data import ProblemData
 
 
-def readings(problem: CalibrationProblem, points: Array) -> Array:
+def readings(problem: ProblemData, points: Array) -> Array:
     """(N,) standard deviations of a measured coordinate at points (N, 3) of the world [m]; 0 where none is stated.
 
     The instrument stands at the origin of the world, in which it measures.
@@ -22,17 +22,17 @@ def readings(problem: CalibrationProblem, points: Array) -> Array:
     return sigma
 
 
-def position_sigma(problem: CalibrationProblem, data: Measurements) -> float:
+def position_sigma(problem: ProblemData, data: Measurements) -> float:
     """σ of a measured coordinate over all rows, root mean square [m]; 0 where none is stated."""
     return _overall(readings(problem, _points(data)))
 
 
-def planned_sigma(problem: CalibrationProblem, points: Array) -> float:
+def planned_sigma(problem: ProblemData, points: Array) -> float:
     """The same over points (N, 3) of the world that the tool can reach [m]."""
     return _overall(readings(problem, points))
 
 
-def rotation_sigma(problem: CalibrationProblem) -> float:
+def rotation_sigma(problem: ProblemData) -> float:
     """σ of a component of a measured rotation [rad]; 0 where none is stated."""
     sigma = float((problem.measurement.orientation or 0.0) if problem.measurement is not None else 0.0)
     for effect in _noises(problem):
@@ -40,12 +40,12 @@ def rotation_sigma(problem: CalibrationProblem) -> float:
     return sigma
 
 
-def usable(problem: CalibrationProblem) -> float:
+def usable(problem: ProblemData) -> float:
     """The share of measurements that are expected to be no gross errors."""
     return float(np.prod([effect.usable for effect in _noises(problem)]))
 
 
-def relative(problem: CalibrationProblem, data: Measurements) -> Array:
+def relative(problem: ProblemData, data: Measurements) -> Array:
     """(N,) σ of a measured coordinate of each row over that of all; ones where it is the same everywhere."""
     sigma = readings(problem, _points(data))
     overall = _overall(sigma)
@@ -61,5 +61,5 @@ def _overall(sigma: Array) -> float:
     return float(sigma[0] if np.ptp(sigma) == 0 else np.sqrt(np.mean(sigma**2))) if len(sigma) else 0.0
 
 
-def _noises(problem: CalibrationProblem) -> list[NoiseEffect]:
+def _noises(problem: ProblemData) -> list[NoiseEffect]:
     return [effect for effect in problem.effects if isinstance(effect, NoiseEffect)]

@@ -16,13 +16,14 @@ from posture_opt.calibration.assumptions.kinematic_coupling import fitted_ratio,
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities, case_of
 from posture_opt.calibration.estimation.fit import Fit, minimum_of
 from posture_opt.calibration.estimation.fit_setup import full_prior, tolerances
-from posture_opt.calibration.estimation.fitted_arm import NEGLIGIBLE
-from posture_opt.calibration.estimation.parameters import CalibrationProblem, prior_covariance, tool_unknown
+from posture_opt.calibration.estimation.parameters import prior_covariance, tool_unknown
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.measurements.affine_fit import reach
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import EFFECTS, Cause, JointCoupling
 from posture_opt.numerics import Array
+from posture_opt.selection.fitted_arm import NEGLIGIBLE
+from posture_opt.selection.problem_data import ProblemData
 
 FRAMES = ("base", "tool")
 _LARGE = 0.1  # evidence per residual: errors a tenth larger than without what is stated
@@ -37,7 +38,7 @@ _TOLD = 2.0  # σ of the data that a tolerance moves: more than a prior tells
 _SPARE = 6  # residuals beyond the unknowns: with fewer, anything would fit
 _ROWS = 400  # that decide whether an effect explains as much
 
-_P = TypeVar("_P", bound=CalibrationProblem)
+_P = TypeVar("_P", bound=ProblemData)
 
 
 @dataclass(frozen=True, eq=False)
@@ -373,7 +374,7 @@ def _enough(e: Array) -> float:
 
 
 def _trial(
-    problem: CalibrationProblem, residuals: Residuals, released: tuple[str, ...], priors: bool, weight: float
+    problem: ProblemData, residuals: Residuals, released: tuple[str, ...], priors: bool, weight: float
 ) -> _Trial:
     parameters = residuals.parameters
     known = weight * _prior_rows(problem, residuals, prior_covariance(problem, parameters)[0] if priors else [])
@@ -383,7 +384,7 @@ def _trial(
     return _Trial(released, residuals, x, e, known, count)
 
 
-def _prior_rows(problem: CalibrationProblem, residuals: Residuals, stated: list[int]) -> Array:
+def _prior_rows(problem: ProblemData, residuals: Residuals, stated: list[int]) -> Array:
     """Stated σ's and tolerances as further rows (p, k) of the Jacobian."""
     parameters = residuals.parameters
     covariance = prior_covariance(problem, parameters)[1] if stated else np.zeros((0, 0))

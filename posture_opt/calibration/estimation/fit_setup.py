@@ -11,11 +11,12 @@ from posture_opt.calibration.estimation.clustered_covariance import design_effec
 from posture_opt.calibration.estimation.fit import Fit, Prior
 from posture_opt.calibration.estimation.identifiability import ANGLE, LENGTH, Identifiability, identify
 from posture_opt.calibration.estimation.least_squares import noise, unexplained
-from posture_opt.calibration.estimation.parameters import CalibrationProblem, Parameter, prior_covariance
+from posture_opt.calibration.estimation.parameters import Parameter, prior_covariance
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.estimation.starting_values import offset_of_tool, tool_sigma
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.problem_data import ProblemData
 
 FREE = 1.0  # m or rad: what nobody knows of a free frame or a touched point
 ALIKE = "neighbouring postures err alike: for standard errors, {:.2g} rows count as one"
@@ -53,7 +54,7 @@ class FitSetup:
 
 
 def determine(
-    problem: CalibrationProblem, residuals: Residuals, x: Array, held: int | None, priors: bool,
+    problem: ProblemData, residuals: Residuals, x: Array, held: int | None, priors: bool,
     found: Fit | None = None,
 ) -> FitSetup:  # fmt: skip
     """What measurements determine at the deviations ``x``, by themselves and with what is known beforehand.

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.measurements.data_section import DataSpec
 from posture_opt.measurements.measurements import Measurements
-from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.units import DIMENSIONS
 
 if TYPE_CHECKING:
@@ -23,26 +21,6 @@ if TYPE_CHECKING:
 PARALLEL = math.radians(10.0)  # below, `d` and `a` can no longer follow a tilt of the next axis (Hayati 1983)
 _AXES = ("x", "y", "z")
 _ANGLES = ("roll", "pitch", "yaw")
-
-
-class CalibrationProblem(Protocol):
-    """What a calibration asks of a problem."""
-
-    @property
-    def robot(self) -> Robot: ...
-    @property
-    def arm(self) -> Arm: ...
-    @property
-    def sources(self) -> Sources: ...
-    @property
-    def effects(self) -> tuple[Any, ...]: ...
-    @property
-    def measurement(self) -> Any: ...
-    @property
-    def data(self) -> DataSpec: ...
-
-    def released(self, frames: Sequence[str], parameters: Sequence[str], effects: Sequence[Effect] = ()) -> Self:
-        """The same problem with frames free, without the stated σ's of parameters, and with further effects."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +118,7 @@ def _fitted(robot: Robot, joint: str, last: str) -> bool:
     return not (last in ("theta", "d") and f"{joint}.roll" in parameters)
 
 
-def prior_covariance(problem: CalibrationProblem, parameters: Sequence[Parameter]) -> tuple[list[int], Array]:
+def prior_covariance(problem: ProblemData, parameters: Sequence[Parameter]) -> tuple[list[int], Array]:
     """Indices of the parameters with a stated σ and their prior covariance [rad², m², rad m].
 
     What a data sheet's repeatability, or ``scatter``, adds to the sources changes from repeat to repeat and is no

@@ -11,18 +11,19 @@ import numpy as np
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.error_statistics import Statistics
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.fitted_arm import FittedArm, persistent_sources, places_in_robot, semidefinite
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
+from posture_opt.calibration.estimation.fit_request import persistent_sources, places_in_robot, semidefinite
 from posture_opt.calibration.estimation.residuals import gravity_of
 from posture_opt.diagnosis.causes.causes import Finding
 from posture_opt.diagnosis.causes.delivery import Delivery, covariance_at_shapes
 from posture_opt.numerics import Array
+from posture_opt.selection.fitted_arm import FittedArm
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.uncertainty.sources.sources import Sources
 from posture_opt.validation.residual_scatter import residual_scatter
 
 
 def extended_arm(
-    problem: CalibrationProblem, calibration: Calibration, model: Fit, delivery: Delivery,
+    problem: ProblemData, calibration: Calibration, model: Fit, delivery: Delivery,
     findings: Sequence[Finding], statistics: Mapping[str, Statistics],
 ) -> FittedArm:  # fmt: skip
     """The arm with its fitted geometry and effects, and what is uncertain of both together.
@@ -68,7 +69,7 @@ def _calibration(calibration: Calibration, model: Fit, held_out: Array) -> Calib
     return replace(calibration, fit=fit, held={**calibration.held, "calibrated": replace(before, errors=errors)})
 
 
-def _sources(problem: CalibrationProblem, calibration: Calibration, model: Fit) -> Sources:
+def _sources(problem: ProblemData, calibration: Calibration, model: Fit) -> Sources:
     """What is uncertain of geometry and effects, correlated as they were estimated."""
     places = places_in_robot(calibration.parameters)
     own = list(places.values())

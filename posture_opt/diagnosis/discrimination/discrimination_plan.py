@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.diagnosis.discrimination.discrimination_design import DiscriminationDesign, detection_probability
 from posture_opt.diagnosis.discrimination.model_discrimination import ModelDiscrimination, Rivals
 from posture_opt.diagnosis.scores import levels
@@ -19,6 +18,7 @@ from posture_opt.experiments.candidate_postures import candidate_rows
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Cause
 from posture_opt.numerics import Array, Mask
+from posture_opt.selection.problem_data import ProblemData
 
 Steps = Sequence[tuple[int, Array]]
 
@@ -94,7 +94,7 @@ class DiscriminationPlan:
 
 
 def plan_discrimination(
-    problem: CalibrationProblem, linearised: LinearisedData, model: Fit, rivals: Rivals, seed: int = 0
+    problem: ProblemData, linearised: LinearisedData, model: Fit, rivals: Rivals, seed: int = 0
 ) -> DiscriminationPlan | None:
     """Postures that discriminate the effects of a model from their rivals; None where there are none.
 

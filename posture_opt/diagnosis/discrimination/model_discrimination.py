@@ -11,7 +11,6 @@ import numpy as np
 
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.diagnosis.discrimination.discrimination_design import DiscriminationDesign, OrderedPair
 from posture_opt.diagnosis.scores import levels
 from posture_opt.diagnosis.scores.candidates import Candidate
@@ -22,6 +21,7 @@ from posture_opt.experiments.expected_errors import PriorInformation
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.model.effects import Effect
 from posture_opt.numerics import Array, Codes
+from posture_opt.selection.problem_data import ProblemData
 
 Rivals = Mapping[int, Sequence[Candidate]]
 
@@ -115,7 +115,7 @@ class ModelDiscrimination:
             sides[d.place].append(n + k)
         return [(place, *two) for place, members in sides.items() for two in combinations(members, 2)]
 
-    def design(self, problem: CalibrationProblem, rows: Measurements) -> tuple[DiscriminationDesign, Array]:
+    def design(self, problem: ProblemData, rows: Measurements) -> tuple[DiscriminationDesign, Array]:
         """The design problem of all pairs, either of the two taken for true, and their λ (2 pairs,) in the data."""
         sensitivities = self.linearised.sensitivities
         residuals, noise = sensitivities.residuals, np.sqrt(self.model.variance)

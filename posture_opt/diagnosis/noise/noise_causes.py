@@ -9,7 +9,6 @@ import numpy as np
 from posture_opt.calibration.assumptions.instrument import position_sigma, relative
 from posture_opt.calibration.calibration import Calibration
 from posture_opt.calibration.estimation.fit import Fit
-from posture_opt.calibration.estimation.parameters import CalibrationProblem
 from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.diagnosis.noise.noise_candidates import GROSS, fit_tails, score_stated_sigma, standardised
 from posture_opt.diagnosis.noise.uneven_noise import NoiseCause, NoiseSample, UnevenErrors, find_uneven_noise
@@ -18,13 +17,14 @@ from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 from posture_opt.measurements.repeats import Contrasts, repeat_of_row
 from posture_opt.model.effects import Outliers, Rows
 from posture_opt.numerics import Array
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.validation.prediction import joint_errors
 from posture_opt.validation.repeat_scatter import slides
 from posture_opt.validation.scatter_model import whitened
 
 
 def noise_causes(
-    problem: CalibrationProblem,
+    problem: ProblemData,
     calibration: Calibration,
     model: Fit,
     baseline: ProjectedBaseline,
@@ -56,7 +56,7 @@ def noise_causes(
 
 
 def noise_samples(
-    problem: CalibrationProblem, residuals: Residuals, baseline: ProjectedBaseline, columns: Array
+    problem: ProblemData, residuals: Residuals, baseline: ProjectedBaseline, columns: Array
 ) -> tuple[NoiseSample, NoiseSample, bool]:
     """The residuals of all rows, and the contrasts of repeats, in units of what the file states of their scatter.
 
@@ -97,7 +97,7 @@ def _ranges(residuals: Residuals) -> Array | None:
 
 
 def in_stated_units(
-    problem: CalibrationProblem, residuals: Residuals, e: Array, columns: Array
+    problem: ProblemData, residuals: Residuals, e: Array, columns: Array
 ) -> tuple[Array, Array, bool]:  # fmt: skip
     """Residuals (N, d) and joint columns (n, N, d) in units of what instrument and joints should scatter by.
 

@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
     from posture_opt.batch.batch_calibration import Batch
     from posture_opt.batch.batch_covariance import CorrelatedPair
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
 
 _PANELS = 3
 
 
 @styled
-def plot_batch(problem: Problem, found: Batch) -> Figure:
+def plot_batch(problem: ProblemData, found: Batch) -> Figure:
     """The robots as points with their standard errors, and the ellipse that holds 95 % of the robots of the type.
 
     One panel for each pair whose correlation is significant, three at most; axes are deviations from nominal [deg or
@@ -48,7 +48,7 @@ def plot_batch(problem: Problem, found: Batch) -> Figure:
     return figure
 
 
-def _panel(axes: Any, problem: Problem, found: Batch, pair: CorrelatedPair) -> None:
+def _panel(axes: Any, problem: ProblemData, found: Batch, pair: CorrelatedPair) -> None:
     """One pair of parameters; the ellipse is that of the robots, the estimates' own errors taken off."""
     i, j = found.names.index(pair.a), found.names.index(pair.b)
     scale = np.array([math.degrees(1.0) if found.parameters[k].unit == "rad" else 1e3 for k in (i, j)])

@@ -28,9 +28,8 @@ from posture_opt.validation.repeat_scatter import repeat_errors, slides
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from posture_opt.problem.problem import Problem
     from posture_opt.report.figures.residuals import Shown
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.assessment import Assessment
 
 
@@ -143,7 +142,7 @@ def boundary(ellipse: Ellipsoid, factor: float) -> Array:
 
 
 @styled
-def plot_repeats(problem: Problem, shown: Shown, found: Assessment) -> Figure:
+def plot_repeats(problem: ProblemData, shown: Shown, found: Assessment) -> Figure:
     """The postures with most visits one by one; where none has five, all visits about the means of theirs.
 
     Visits [mm] about their mean, their covariance (dashed) and the scatter that the problem predicts for them.
@@ -220,7 +219,7 @@ def _pooled(shown: Shown, groups: list[Codes], B: Array) -> Array:
     return np.concatenate([_about_mean(shown, rows, B) / np.sqrt(1 - 1 / len(rows)) for rows in groups])
 
 
-def _predicted(problem: Problem, shown: Shown, rows: Codes, B: Array) -> Ellipsoid | None:
+def _predicted(problem: ProblemData, shown: Shown, rows: Codes, B: Array) -> Ellipsoid | None:
     """The scatter [mm²] of visits by the problem: what it says changes from repeat to repeat, and its instrument."""
     residuals = shown.residuals.take(rows)
     errors = ErrorSources.of(residuals, problem.sources)

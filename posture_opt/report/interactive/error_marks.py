@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.selection.comparison.plan_comparison import Comparison
     from posture_opt.uncertainty.spread.spread import Spread
 
@@ -26,7 +26,7 @@ _MARKED_Z = 3.0  # standard errors: smaller corrections are not marked
 _MOST_MARKS = 5  # joints
 
 
-def task_posture(problem: Problem, comparison: Comparison | None, measured: Array) -> tuple[Array, Spread | None]:
+def task_posture(problem: ProblemData, comparison: Comparison | None, measured: Array) -> tuple[Array, Spread | None]:
     """The posture (n,) for the task by the reference of a comparison, with its spread.
 
     Without one: the measured posture, of ``measured`` (N, n) [rad or m], that is nearest to their median.
@@ -40,7 +40,7 @@ def task_posture(problem: Problem, comparison: Comparison | None, measured: Arra
     return q, propagate(problem, q) if known else None
 
 
-def correction_marks(found: Calibration, problem: Problem) -> tuple[Mark, ...]:
+def correction_marks(found: Calibration, problem: ProblemData) -> tuple[Mark, ...]:
     """The most significant correction of each joint, where it exceeds three standard errors."""
     marks: dict[str, Mark] = {}
     z = np.nan_to_num(np.abs(found.z))

@@ -25,7 +25,7 @@ from posture_opt.result import Result, Summarised
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
 
 T = TypeVar("T")
 S = TypeVar("S", bound=Summarised)
@@ -37,9 +37,9 @@ Columns = Mapping[str, Sequence[Any] | Array | Mask]
 """Head of a column with its unit -> its cells."""
 
 
-def problem_of(result: Any) -> Problem:
+def problem_of(result: Any) -> ProblemData:
     """What was asked, as reports need it: whole, and not only a robot with its sources."""
-    return cast("Problem", result.problem)
+    return cast("ProblemData", result.problem)
 
 
 class SummaryPresenter(ABC, Generic[S]):
@@ -86,7 +86,7 @@ class Presenter(SummaryPresenter[R]):
     delivers: ClassVar[tuple[str, ...]] = ()
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> ProblemData:
         """What was asked; its file stands at the end of the page."""
         return problem_of(self.result)
 

@@ -17,14 +17,14 @@ from posture_opt.report.text.words import source_size, source_words
 from posture_opt.uncertainty.spread.budget_groups import NO_SHARE, ShareGroup
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
 
 _SMALL_SHARE = 0.01  # of the variance: what lies below is lumped
 _MOST_LINES = 12
 _NAMED = 3  # sources of a group that are named
 
 
-def budget_block(problem: Problem, groups: Sequence[ShareGroup], sentence: str) -> Block:
+def budget_block(problem: ProblemData, groups: Sequence[ShareGroup], sentence: str) -> Block:
     """Where a variance comes from: the sentence that says which, the shares, and what a line of several sources is.
 
     Args:

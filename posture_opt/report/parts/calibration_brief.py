@@ -17,7 +17,7 @@ from posture_opt.report.text.units_text import count, stated_length
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.assessment import Assessment
 
 _NAMED = 3  # parameters
@@ -25,7 +25,7 @@ _LINES = 6  # of outliers
 _SHARE = 0.5**0.5  # of a standard deviation: less is less than half of the variance
 
 
-def calibration_brief(problem: Problem, found: Calibration, seen: Assessment, lead: tuple[str, ...]) -> Report:
+def calibration_brief(problem: ProblemData, found: Calibration, seen: Assessment, lead: tuple[str, ...]) -> Report:
     """The lead of the whole report and a line on each of its parts, on one screen."""
     facts = [
         ("Measured", _measured(problem, found)),
@@ -40,7 +40,7 @@ def calibration_brief(problem: Problem, found: Calibration, seen: Assessment, le
     return Report(problem.name or "Calibration", lead, (Block("", (Facts(tuple(facts)),)),))
 
 
-def _measured(problem: Problem, found: Calibration) -> str:
+def _measured(problem: ProblemData, found: Calibration) -> str:
     """Rows, poses, file and instrument."""
     data = found.request.data
     poses, file = len(np.unique(data.pose)), Path(data.file).name or "table"

@@ -20,10 +20,10 @@ from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Facts, Table
 from posture_opt.report.text.units_text import length, percent
 from posture_opt.report.text.words import p_value, p_words
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.units import plus_minus
 
 if TYPE_CHECKING:
-    from posture_opt.calibration.estimation.fitted_arm import FittableProblem
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
 
@@ -34,7 +34,7 @@ _VAGUE = 10.0  # times the standard error among what the data tell: the rest is 
 _LISTED = 5  # geometric parameters that are farthest off, for their errors
 
 
-def finding_words(finding: Finding, problem: FittableProblem) -> str:
+def finding_words(finding: Finding, problem: ProblemData) -> str:
     """A finding in words; scatter of which the problem file states nothing is said to be so."""
     noise = finding.noise
     if noise is not None and noise.unstated and not _states(problem, finding):
@@ -42,7 +42,7 @@ def finding_words(finding: Finding, problem: FittableProblem) -> str:
     return finding.cause.words
 
 
-def _states(problem: FittableProblem, finding: Finding) -> bool:
+def _states(problem: ProblemData, finding: Finding) -> bool:
     """Whether the file says how the joint of a finding scatters from repeat to repeat."""
     sources = problem.sources
     names = [] if finding.noise is None else finding.noise.scatter(problem.robot)

@@ -13,7 +13,7 @@ from posture_opt.units import fixed, number
 if TYPE_CHECKING:
     from posture_opt.calibration.estimation.error_statistics import Statistics
     from posture_opt.measurements.measurements import Measurements
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
 
 ELSEWHERE = 20
 """Times the errors at home: no arm drifts that far."""
@@ -53,7 +53,7 @@ def mm(metres: float) -> str:
     return number(metres * 1e3)
 
 
-def instrument_words(problem: Problem, data: Measurements) -> str:
+def instrument_words(problem: ProblemData, data: Measurements) -> str:
     """How well the instrument measures a coordinate, where there is an instrument and its accuracy is stated."""
     if data.position is None:
         return f"none: the arm touches {count(len(data.point_names), 'fixed point')}"

@@ -14,13 +14,13 @@ from posture_opt.selection.answer.improvements import CalibratedArm, HalvedSigma
 from posture_opt.units import number
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
 
 _SHOWN = 6
 _LEAST = 0.005  # a smaller gain is none
 
 
-def improvements_block(problem: Problem, changes: Sequence[Improvement], part: str) -> Block:
+def improvements_block(problem: ProblemData, changes: Sequence[Improvement], part: str) -> Block:
     """What would lower the standard deviation of the answer, most gain first; empty where nothing would.
 
     Args:
@@ -57,7 +57,7 @@ def _moved(change: MovedPart, arm: Arm) -> str:
     return f"move the part by {shift(change.shift)}"
 
 
-def _notes(problem: Problem, told: Sequence[Improvement]) -> tuple[str, ...]:
+def _notes(problem: ProblemData, told: Sequence[Improvement]) -> tuple[str, ...]:
     """What the table takes for granted."""
     sources = problem.sources
     notes = []

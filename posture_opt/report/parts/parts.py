@@ -35,11 +35,12 @@ from posture_opt.report.text.words import (
     source_words,
 )
 from posture_opt.robot.robot import Joint, Robot
-from posture_opt.uncertainty.spread.joint_digits import READ, HasScatter, JointDigits, joint_digits
+from posture_opt.uncertainty.spread.joint_digits import READ, JointDigits, joint_digits
+from posture_opt.uncertainty.spread.spread import HasSources
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.spread.spread import Spread
 
 _LISTED = 8  # sources named one by one
@@ -49,7 +50,7 @@ _AT_LIMIT = 1e-6
 _NO_SHIFT = 1e-7  # m
 
 
-def robot_facts(problem: Problem) -> list[tuple[str, str]]:
+def robot_facts(problem: ProblemData) -> list[tuple[str, str]]:
     """Name and size of the robot, and where its numbers come from."""
     robot: Robot = problem.robot
     size = f"{robot.n} joints"
@@ -59,7 +60,7 @@ def robot_facts(problem: Problem) -> list[tuple[str, str]]:
     return [("Robot", name), *source, *shape, *effect_facts(problem)]
 
 
-def effect_facts(problem: Problem) -> list[tuple[str, str]]:
+def effect_facts(problem: ProblemData) -> list[tuple[str, str]]:
     """The effects that the arm is computed with; nothing for a plain arm."""
     effects = problem.effects
     if not effects:
@@ -70,7 +71,7 @@ def effect_facts(problem: Problem) -> list[tuple[str, str]]:
     return [("Effects", ", ".join(shown))]
 
 
-def input_facts(problem: Problem) -> list[tuple[str, str]]:
+def input_facts(problem: ProblemData) -> list[tuple[str, str]]:
     """What the task says, or leaves open, of the inputs that the effects depend on."""
     texts = _inputs(problem.arm) if problem.arm.effects else []
     return [("Conditions", ", ".join(texts))] if texts else []
@@ -95,7 +96,7 @@ def _inputs(arm: Arm) -> list[str]:
     return texts
 
 
-def source_facts(problem: Problem) -> list[tuple[str, str]]:
+def source_facts(problem: ProblemData) -> list[tuple[str, str]]:
     """The standard deviations of the sources; equal ones of one kind together, negligible ones last."""
     arm, sources = problem.arm, problem.sources
     sigmas = dict(zip(sources.names, map(float, sources.sigma), strict=True))
@@ -149,7 +150,7 @@ def sentence(text: str) -> str:
     return text if text.endswith((".", "!", "?", ")")) else text + "."
 
 
-def joint_table(problem: HasScatter, robot: Robot, q: Vector) -> Table:
+def joint_table(problem: HasSources, robot: Robot, q: Vector) -> Table:
     """Every joint with its value, to the digits that rounding asks for, its limits and the margin to the nearer one."""
     digits = joint_digits(problem, q, READ)
     rows = [
@@ -186,7 +187,7 @@ def _limits(joint: Joint) -> str:
     return f"{low} to {high} {unit}"
 
 
-def joint_values(problem: HasScatter, q: Vector) -> str:
+def joint_values(problem: HasSources, q: Vector) -> str:
     """A posture in one line, to be used as it is: joint1 12.345 deg, joint2 120.00 mm."""
     digits = joint_digits(problem, q, READ)
     joints = problem.arm.robot.joints
@@ -268,7 +269,7 @@ def method_fact(spread: Spread) -> tuple[str, str]:
     return "Method", METHODS.get(spread.method, spread.method)
 
 
-def sigma_of(problem: Problem) -> dict[str, float]:
+def sigma_of(problem: ProblemData) -> dict[str, float]:
     """Standard deviation of every source [rad or m]."""
     return dict(zip(problem.sources.names, map(float, problem.sources.sigma), strict=True))
 

@@ -18,8 +18,8 @@ from posture_opt.uncertainty.regions.regions import Ellipsoid
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
     from posture_opt.selection.answer.solution import Solution
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.selection.tasks import Task
     from posture_opt.uncertainty.regions.critical import Critical
     from posture_opt.uncertainty.spread.peg_spread import PegSpread
@@ -197,7 +197,7 @@ def orientation_rows(solution: Solution) -> list[tuple[str, str]]:
     return [("Orientation", told), ("", f"the term uses their first-order values; {same}")]
 
 
-def task_budget_block(problem: Problem, seen: TaskSpread) -> Block:
+def task_budget_block(problem: ProblemData, seen: TaskSpread) -> Block:
     """Where the scatter along the worst axis that counts comes from."""
     axis = line_words(seen.critical.worst_axis)
     text = f"Contribution of each source to the variance along {axis}, the critical axis:"

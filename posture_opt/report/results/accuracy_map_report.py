@@ -27,8 +27,8 @@ from posture_opt.report.text.words import direction_words
 from posture_opt.units import number
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
     from posture_opt.report.interactive.arm_view import ArmView
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.accuracy_map import AccuracyMap
     from posture_opt.validation.measured_errors import MeasuredErrors
 
@@ -62,7 +62,7 @@ def _range(values: Array) -> str:
     return f"{number(low * factor)} to {number(high * factor)} {unit}"
 
 
-def problem_block(problem: Problem, found: AccuracyMap) -> Block:
+def problem_block(problem: ProblemData, found: AccuracyMap) -> Block:
     """What was asked, and where."""
     targets = found.targets
     task = targets.optimisation_problem.task

@@ -20,7 +20,7 @@ from posture_opt.units import fixed, number
 from posture_opt.validation.assessment import Assessment
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.model_errors import BlockMean, Deviation, ModelErrors
     from posture_opt.validation.trends import Trend
 
@@ -234,7 +234,7 @@ class AssessmentPresenter(Presenter[Assessment]):
     document = "assessment"
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> ProblemData:
         return problem_of(self.result.calibration.request)
 
     def summary(self) -> Summary:

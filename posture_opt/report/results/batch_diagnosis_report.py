@@ -19,7 +19,7 @@ from posture_opt.report.text.words import p_value
 
 if TYPE_CHECKING:
     from posture_opt.batch.batch_diagnosis import BatchDiagnosis
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
 
 
 def batch_diagnosis_report(found: BatchDiagnosis) -> Report:
@@ -33,7 +33,7 @@ def batch_diagnosis_report(found: BatchDiagnosis) -> Report:
     return Report(problem.name or "Diagnosis", (lead, *left, *batch.lead[1:]), (_causes(problem, found), *batch.blocks))
 
 
-def _causes(problem: Problem, found: BatchDiagnosis) -> Block:
+def _causes(problem: ProblemData, found: BatchDiagnosis) -> Block:
     if not found.effects:
         quiet = "" if found.uneven else ", and no joint is noisier than stated"
         return Block("Causes", (f"No lengths are significantly correlated{quiet}.",))
@@ -52,7 +52,7 @@ class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
     delivers: ClassVar[tuple[str, ...]] = ("uncertainty.yaml",)
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> ProblemData:
         return problem_of(self.result.batch)
 
     def summary(self) -> Summary:

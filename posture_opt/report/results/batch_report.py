@@ -24,7 +24,7 @@ from posture_opt.units import fixed, number
 if TYPE_CHECKING:
     from posture_opt.batch.batch_calibration import Batch
     from posture_opt.batch.batch_covariance import CorrelatedPair
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
 
 _LISTED = 20
 _PAIRS = 8
@@ -46,7 +46,7 @@ def batch_report(found: Batch) -> Report:
     return Report(problem.name or "Batch", lead, blocks)
 
 
-def _answer(problem: Problem, found: Batch) -> str:
+def _answer(problem: ProblemData, found: Batch) -> str:
     real = [pair for pair in found.pairs if pair.significant]
     many = count(len(found.robots), "robot")
     if not real:
@@ -67,7 +67,7 @@ def _errors(found: Batch) -> str:
     return f"Calibrated one by one, their position errors go from {before} mm to {after} mm RMS."
 
 
-def _data_block(problem: Problem, found: Batch) -> Block:
+def _data_block(problem: ProblemData, found: Batch) -> Block:
     data = found.data
     names = ", ".join(found.robots[:_LISTED]) + (" …" if len(found.robots) > _LISTED else "")
     facts = [
@@ -100,7 +100,7 @@ def _coverage_text(name: str, found: Batch) -> str:
     return f"{held} (95 % confidence over robots: {percent(low)} to {percent(high)})."
 
 
-def _spread_block(problem: Problem, found: Batch) -> Block:
+def _spread_block(problem: ProblemData, found: Batch) -> Block:
     """Mean and standard deviation of each parameter across the batch."""
     from scipy.special import stdtrit
 

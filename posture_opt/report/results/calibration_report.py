@@ -34,8 +34,8 @@ from posture_opt.validation.spread_check import check_spread
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.calibration.other_file import OtherFile
-    from posture_opt.problem.problem import Problem
     from posture_opt.selection.comparison.plan_comparison import Comparison
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.assessment import Assessment
     from posture_opt.validation.spread_check import SpreadCheck
 
@@ -86,7 +86,7 @@ def _answer(found: Calibration) -> str:
     return f"On rows held out from the fit, calibration reduces the RMS position error from {before} mm to {after} mm."
 
 
-def data_block(problem: Problem, found: Calibration) -> Block:
+def data_block(problem: ProblemData, found: Calibration) -> Block:
     """The file, its rows, the instrument, and what looks odd."""
     data = found.request.data
     facts = [
@@ -102,7 +102,7 @@ def data_block(problem: Problem, found: Calibration) -> Block:
     return Block("Data", (Facts((*robot_facts(problem), *facts, *notes)),))
 
 
-def errors_block(problem: Problem, found: Calibration) -> Block:
+def errors_block(problem: ProblemData, found: Calibration) -> Block:
     """Position errors before and after, cross-validated."""
     how = held_out_sentence(found.by, min(found.request.folds, len(np.unique(found.request.data.pose))))
     free = [name for name, is_free in (("base", problem.robot.base_free), ("tool", problem.robot.tool_free)) if is_free]
@@ -141,22 +141,21 @@ class CalibrationPresenter(Presenter["Calibration"]):
     delivers: ClassVar[tuple[str, ...]] = ("calibrated.yaml",)
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> ProblemData:
         return problem_of(self.result.request)
 
     @cached_property
     def assessment(self) -> Assessment:
         """What the model gets wrong, before and after."""
-        return assess(self.problem, self.result.request.data, self.result)
+        return assess(self.result)
 
     @cached_property
     def spread_check(self) -> SpreadCheck:
         """Whether the predicted spread is true."""
-        request = self.result.request
-        return check_spread(self.problem, request.data, self.result, folds=request.folds)
+        return check_spread(self.result)
 
     @cached_property
-    def models(self) -> dict[str, Problem]:
+    def models(self) -> dict[str, ProblemData]:
         """The problem before and after calibration, each where the measurements saw base and tool."""
         return calibrated_models(self.problem, self.result)
 

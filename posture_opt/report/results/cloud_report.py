@@ -25,8 +25,8 @@ from posture_opt.uncertainty.simulation.sampling_errors import variance_interval
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
     from posture_opt.report.interactive.arm_view import ArmView
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.simulation.cloud import Cloud
 
 
@@ -177,7 +177,7 @@ class CloudPresenter(Presenter["Cloud"]):
     delivers: ClassVar[tuple[str, ...]] = ("cloud.csv",)
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> ProblemData:
         return problem_of(self.result.spread)
 
     def summary(self) -> Summary:

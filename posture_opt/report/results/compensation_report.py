@@ -24,14 +24,14 @@ from posture_opt.units import number
 
 if TYPE_CHECKING:
     from posture_opt.compensation.compensation import Compensation
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
 
 _MOST_ROWS = 40
 _NOTHING = 1e-9  # m: rounding
 _MUCH = math.radians(5.0)  # a change of a joint that is worth a look before the program runs
 
 
-def compensation_report(problem: Problem, found: Compensation) -> Report:
+def compensation_report(problem: ProblemData, found: Compensation) -> Report:
     """What the compensation brings, what was computed with, the rows."""
     blocks = (gain_block(problem, found), rows_block(found))
     return Report(
@@ -69,7 +69,7 @@ def _warning(found: Compensation) -> tuple[str, ...]:
     return (f"Check line {line} before it runs: {name} changes by {angle(float(change[row, joint]))}.",)
 
 
-def gain_block(problem: Problem, found: Compensation) -> Block:
+def gain_block(problem: ProblemData, found: Compensation) -> Block:
     """Errors before and after, in position and orientation; what the arm is computed with."""
     left = length_unit([rms(found.off), rms(found.left)])
     unit, factor = left

@@ -41,7 +41,7 @@ from posture_opt.uncertainty.spread.joint_digits import READ, joint_digits
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.selection.stations.features_solution import FeaturesSolution
     from posture_opt.selection.stations.placement import PlacementRange
 
@@ -186,7 +186,7 @@ def _gain(found: FeaturesSolution, other: PlacementFigure) -> str:
     return f"{percent(abs(gain))} {'lower' if gain > 0 else 'higher'} than"
 
 
-def problem_block(problem: Problem, found: FeaturesSolution) -> Block:
+def problem_block(problem: ProblemData, found: FeaturesSolution) -> Block:
     """What was asked."""
     task = found.task
     what = CRITERIA[task.criterion].format(part=part_words(task.within, task.kind))

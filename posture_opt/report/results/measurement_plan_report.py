@@ -31,7 +31,7 @@ from posture_opt.units import fixed, number
 if TYPE_CHECKING:
     from posture_opt.experiments.expected_errors import ExpectedErrors
     from posture_opt.experiments.measurement_plan import MeasurementPlan
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
 
 _MOST_ROWS = 60
 _WIDE = 100
@@ -85,7 +85,7 @@ def answer(plan: MeasurementPlan) -> tuple[str, ...]:
     )
 
 
-def planned_block(problem: Problem, plan: MeasurementPlan) -> Block:
+def planned_block(problem: ProblemData, plan: MeasurementPlan) -> Block:
     """What is measured, where the arm may go, what was assumed."""
     facts = [
         ("Plan for", _purpose(plan)),

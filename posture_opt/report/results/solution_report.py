@@ -63,8 +63,8 @@ from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
     from posture_opt.selection.answer.solution import Solution
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.selection.program.task_target import TaskTarget
     from posture_opt.selection.terms.term import Stated, Term
 
@@ -113,7 +113,7 @@ def lead(solution: Solution) -> tuple[str, ...]:
     return (size, posture, *p_success, *(placed if free else []), *([] if sure else doubt))
 
 
-def problem_block(problem: Problem, solution: Solution) -> Block:
+def problem_block(problem: ProblemData, solution: Solution) -> Block:
     """What was asked."""
     optimisation_problem, target = solution.optimisation_problem, solution.target
     task = optimisation_problem.task

@@ -18,7 +18,7 @@ from posture_opt.units import fixed, number
 from posture_opt.validation.spread_check import SpreadCheck
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.coverage import Coverage
     from posture_opt.validation.repeat_scatter import ScatterTest
     from posture_opt.validation.scatter_prediction import ScatterPrediction
@@ -263,7 +263,7 @@ class SpreadCheckPresenter(Presenter[SpreadCheck]):
     document = "spread_check"
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> ProblemData:
         return problem_of(self.result.calibration.request)
 
     def summary(self) -> Summary:

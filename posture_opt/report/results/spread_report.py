@@ -49,8 +49,8 @@ from posture_opt.uncertainty.simulation.cloud import cloud_of
 from posture_opt.units import number
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
     from posture_opt.report.interactive.arm_view import ArmView
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.spread.spread import Spread
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
@@ -80,7 +80,7 @@ def lead(spread: Spread) -> tuple[str, ...]:
     return spread_lead(seen)
 
 
-def arm_block(problem: Problem, spread: Spread) -> Block:
+def arm_block(problem: ProblemData, spread: Spread) -> Block:
     """The robot, the sources, and the task where there is one."""
     seen = spread.for_task
     task = problem.task
@@ -149,7 +149,7 @@ def covariance_table(C: Array) -> Table:
     return Table(("", "x", "y", "z"), rows)
 
 
-def spread_budget_block(problem: Problem, spread: Spread) -> Block:
+def spread_budget_block(problem: ProblemData, spread: Spread) -> Block:
     """The error budget along the longest axis, or along the critical axis of the task."""
     if spread.for_task is not None:
         return task_budget_block(problem, spread.for_task)

@@ -18,10 +18,10 @@ from posture_opt.report.text.words import CRITERIA, PARTS, direction_words, line
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
-    from posture_opt.problem.problem import Problem
     from posture_opt.report.interactive.arm_view import ArmView
     from posture_opt.selection.maps.map_points import Grid, MapPoint
     from posture_opt.selection.maps.target_map import TargetMap
+    from posture_opt.selection.problem_data import ProblemData
 
 _SAME = 5e-4  # of the spread: what a map cannot promise to win
 _LESS = 1.5  # times: below, a gain is told in percent
@@ -29,7 +29,7 @@ _LESS = 1.5  # times: below, a gain is told in percent
 
 def target_map_report(found: TargetMap) -> Report:
     """Problem, places, the map itself."""
-    problem: Problem = found.problem
+    problem: ProblemData = found.problem
     title = problem.name or "Map of targets"
     return Report(title, lead(found), (problem_block(problem, found), places_block(found), map_block(found)))
 
@@ -56,7 +56,7 @@ def _own_sentence(best: MapPoint, own: MapPoint) -> str:
     return f"{scatter}; the best target is {gain}."
 
 
-def problem_block(problem: Problem, found: TargetMap) -> Block:
+def problem_block(problem: ProblemData, found: TargetMap) -> Block:
     """What was asked, and where."""
     task = found.optimisation_problem.task
     rows = [

@@ -9,11 +9,12 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.robot.joint_ranges import drawn_between
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.uncertainty.sources.sources import Sources
 
 if TYPE_CHECKING:
-    from posture_opt.selection.search.has_task import HasTask
+    from posture_opt.selection.problem_data import ProblemData
 
 _POSTURES = 30  # as many as ISO 9283 takes repeats, and some fifty times the few that identify a 6R arm's parameters
 _DRAWN = 10  # times as many, of which those are kept that are clear of collisions
@@ -34,7 +35,7 @@ class Calibrating:
     assumed: bool
 
     @classmethod
-    def of(cls, problem: HasTask) -> Calibrating:
+    def of(cls, problem: ProblemData) -> Calibrating:
         """With the instrument that the problem states."""
         stated = problem.measurement
         return cls(_POSTURES, _INSTRUMENT if stated is None else stated.position, stated is None)
@@ -50,7 +51,7 @@ class KnownAfter:
     assumed: bool
 
 
-def after_calibration(problem: HasTask, plan: Calibrating) -> KnownAfter | None:
+def after_calibration(problem: ProblemData, plan: Calibrating) -> KnownAfter | None:
     """The sources with the part that stays reduced to what the measurements leave of it; None where nothing stays.
 
     The constant part Σ is updated by every measured point, ``Σ ← Σ − ΣJᵀ(JΣJᵀ + R)⁻¹JΣ`` with J (3, k) the sensitivity
@@ -71,14 +72,14 @@ def after_calibration(problem: HasTask, plan: Calibrating) -> KnownAfter | None:
     return KnownAfter(known, plan.postures, plan.instrument, plan.assumed)
 
 
-def _postures(problem: HasTask, count: int) -> Array:
+def _postures(problem: ProblemData, count: int) -> Array:
     """(N, n) random postures within the limits, clear of collisions where enough of them are."""
     drawn = np.random.default_rng(0).uniform(*drawn_between(problem.robot), (_DRAWN * count, problem.robot.n))
     clear = drawn[is_clear(problem.scene, drawn)] if problem.scene.active else drawn
     return (clear if len(clear) >= count else drawn)[:count]
 
 
-def _sensitivity(problem: HasTask, q: Array) -> Array:
+def _sensitivity(problem: ProblemData, q: Array) -> Array:
     """(3, k) shift of the tool point per unit of each source, world."""
     values = q.tolist()
     twists = problem.arm.twists(problem.sources.names, values, problem.arm.reach(values).walk)

@@ -14,6 +14,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.selection.answer.expected_calibration import Calibrating, after_calibration
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import Reach, TaskTarget
 from posture_opt.selection.search.engine import STEPS, Engine
@@ -77,7 +78,7 @@ class AnsweredStation(Protocol):
     """What is asked of one posture of an answer, a ``Solution``."""
 
     @property
-    def problem(self) -> Any: ...
+    def problem(self) -> ProblemData: ...
     @property
     def critical(self) -> Critical: ...
     @property
@@ -90,7 +91,7 @@ class MovableAnswer(Protocol):
     """What is asked of an answer whose target may stand elsewhere, a ``Solution``."""
 
     @property
-    def problem(self) -> Any: ...
+    def problem(self) -> ProblemData: ...
     @property
     def optimisation_problem(self) -> OptimisationProblem: ...
     @property

@@ -15,11 +15,11 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.elastic_problem import AXIS, LIMITS, TARGET, Compromise, ElasticProblem
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.has_task import HasTask
 from posture_opt.selection.search.inverse_kinematics import ROW_TOLERANCE, InverseKinematics, unlimited
 from posture_opt.selection.search.multistart import MultistartResult
 from posture_opt.selection.search.relaxation import Reason, Relaxation, plane_reason, relaxation
@@ -48,7 +48,9 @@ def explain_infeasibility(engine: Engine, found: MultistartResult) -> Explanatio
     return _Infeasibility(engine, found).explanation()
 
 
-def infeasible(problem: HasTask, engine: Engine, found: MultistartResult, why: Explanation, seconds: float) -> Solution:
+def infeasible(
+    problem: ProblemData, engine: Engine, found: MultistartResult, why: Explanation, seconds: float
+) -> Solution:
     """The infeasible solution: nearest posture, the reasons, and what would help."""
     counts = (found.arrived, found.tried, found.polished, 0, 0, 0)
     statistics = SearchStatistics(*counts, found.sampled, None, float("nan"), found.batches, 0, seconds)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 
@@ -15,12 +15,12 @@ from posture_opt.numerics import Array, Progress
 from posture_opt.selection.answer.held_joints import explain_held, held_joints, released, with_held_joints
 from posture_opt.selection.answer.infeasible import Explanation, explain_infeasibility, infeasible
 from posture_opt.selection.answer.solution import Solution, Status
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import Alignment, OptimisationProblem
 from posture_opt.selection.program.task_target import PLANE_TOLERANCE, Reach, TaskTarget
 from posture_opt.selection.search.aligner import Aligner
 from posture_opt.selection.search.batches import until_found_often, until_recurrence
 from posture_opt.selection.search.engine import CandidatePosture, Engine
-from posture_opt.selection.search.has_task import HasTask
 from posture_opt.selection.search.multistart import MultistartResult, distinct, multistart
 from posture_opt.selection.search.search_outcome import SearchOutcome, Seek, searched
 from posture_opt.selection.search.search_statistics import SearchStatistics, Sweep, sweep
@@ -51,7 +51,7 @@ class PostureSelector:
         InputError: no task, nothing uncertain, or a task that the arm cannot do.
     """
 
-    def __init__(self, problem: HasTask, *, compiled: bool | None = None) -> None:
+    def __init__(self, problem: ProblemData, *, compiled: bool | None = None) -> None:
         self._problem, self._compiled = problem, compiled
         self.task: Task = one_target(task_of(problem))
         arm = with_held_joints(problem.arm, self.task)
@@ -213,7 +213,7 @@ class PostureSelector:
 
     def _with_joints_released(self, found: MultistartResult) -> Explanation | None:
         """The nearest posture and the reasons, where the task could be done if no joint were held; None elsewhere."""
-        problem: Any = self._problem
+        problem = self._problem
         robot, held = problem.robot, held_joints(problem.robot, self.task)
         if not held:
             return None
@@ -249,7 +249,7 @@ class PostureSelector:
         return (_UNCHECKED + ("" if tipped or asked else _LINK_HEIGHT),)
 
 
-def task_of(problem: HasTask) -> Task:
+def task_of(problem: ProblemData) -> Task:
     """The task, or an InputError where there is none."""
     if problem.task is None:
         raise InputError(Issue("the problem states no task", ("task",), hint="add task: {kind: insert}"))
@@ -273,7 +273,7 @@ def one_target(task: Task) -> Task:
     return task
 
 
-def sources_of(problem: HasTask) -> Sources:
+def sources_of(problem: ProblemData) -> Sources:
     """The sources of error, or an InputError where there are none that could make a difference."""
     # Stricter than for one posture: a spread of zero is an answer there, but no reason for any choice.
     if problem.sources.empty or not np.any(np.diag(problem.sources.covariance) > 0):

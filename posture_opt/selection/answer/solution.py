@@ -16,6 +16,7 @@ from posture_opt.selection.answer.end_moments import end_moments
 from posture_opt.selection.answer.improvements import Improvement, improvements
 from posture_opt.selection.answer.lower_bound import LowerBound, lower_bound
 from posture_opt.selection.answer.most_manipulable import ManipulablePosture, most_manipulable
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
@@ -58,7 +59,7 @@ class Solution(Result):
         engine: the functions that found it; None where they are not kept.
     """
 
-    problem: Any
+    problem: ProblemData
     optimisation_problem: OptimisationProblem
     target: TaskTarget
     status: Status

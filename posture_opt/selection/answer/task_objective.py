@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from posture_opt.selection.answer.selector import PostureSelector
-from posture_opt.selection.search.has_task import HasTask
+from posture_opt.selection.problem_data import ProblemData
 
 DESCRIPTIONS = {
     "q": "joint values [rad or m]",
@@ -15,7 +15,7 @@ DESCRIPTIONS = {
 }
 
 
-def task_objective(problem: HasTask) -> tuple[ca.Function, dict[str, str]]:
+def task_objective(problem: ProblemData) -> tuple[ca.Function, dict[str, str]]:
     """``q -> (objective, gradient, hessian)``, a number, ``∂objective/∂q`` (n,) and ``∂²objective/∂q²`` (n, n), with a
     description of each.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.interrupts import interruptible
@@ -14,18 +14,11 @@ from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.comparison.plan_comparison import PredictedError, predicted_error
 from posture_opt.selection.paths.path_solution import PathSolution
-from posture_opt.selection.search.has_task import HasTask
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import Answer, select_posture
 from posture_opt.selection.stations.features_solution import FeaturesSolution
 
 _TIE = 1e-12  # of a standard deviation
-
-
-class ComparableProblem(HasTask, Protocol):
-    """What a comparison needs of a ``Problem``."""
-
-    def with_task_of(self, other: Any) -> ComparableProblem:
-        """The same arm with the task of another problem."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +68,7 @@ class ComparedArm:
             not asked.
     """
 
-    problem: HasTask
+    problem: ProblemData
     answer: Answer | None
     judged: Mapping[str, JudgedPlan]
     reasons: tuple[str, ...] = ()
@@ -111,7 +104,7 @@ class ArmComparison(Result):
     notes: tuple[str, ...] = ()
 
     @property
-    def problem(self) -> HasTask:
+    def problem(self) -> ProblemData:
         """The first arm with its task."""
         return next(iter(self.arms.values())).problem
 
@@ -143,7 +136,7 @@ class ArmComparison(Result):
 
 @interruptible()
 def compare(
-    problems: Mapping[str, ComparableProblem], *, seed: int | None = None, workers: int = 1,
+    problems: Mapping[str, ProblemData], *, seed: int | None = None, workers: int = 1,
     progress: Progress | None = None,
 ) -> ArmComparison:  # fmt: skip
     """The task of the first problem solved with every arm, and each answer judged by all arms with the same joints.
@@ -176,13 +169,13 @@ def stations_of(answer: Answer) -> tuple[Solution, ...]:
     return answer.stations if isinstance(answer, FeaturesSolution | PathSolution) else (answer,)
 
 
-def _same_task(problems: Mapping[str, ComparableProblem]) -> tuple[dict[str, HasTask], tuple[str, ...]]:
+def _same_task(problems: Mapping[str, ProblemData]) -> tuple[dict[str, ProblemData], tuple[str, ...]]:
     """The problems with the task of the first, and which of them had another."""
     name, first = next(iter(problems.items()))
     if first.task is None:
         hint = f"add a task: section to {name}, name the file with the task first, or write --task and --position"
         raise InputError(Issue("there is no task to compare the arms by", ("task",), hint=hint))
-    asked: dict[str, HasTask] = {}
+    asked: dict[str, ProblemData] = {}
     notes = []
     for other, problem in problems.items():
         same = problem.task == first.task
@@ -193,7 +186,7 @@ def _same_task(problems: Mapping[str, ComparableProblem]) -> tuple[dict[str, Has
     return asked, tuple(notes)
 
 
-def _answer(problem: HasTask, seed: int | None, workers: int) -> Answer | tuple[str, ...]:
+def _answer(problem: ProblemData, seed: int | None, workers: int) -> Answer | tuple[str, ...]:
     """The answer of one arm, or the reasons why it has none."""
     try:
         return select_posture(problem, seed=seed, workers=workers)
@@ -205,7 +198,7 @@ def _reasons(answer: Answer | tuple[str, ...]) -> tuple[str, ...]:
     return answer if isinstance(answer, tuple) else ()
 
 
-def _compared(name: str, problems: Mapping[str, HasTask], answer: Answer | tuple[str, ...]) -> ComparedArm:
+def _compared(name: str, problems: Mapping[str, ProblemData], answer: Answer | tuple[str, ...]) -> ComparedArm:
     problem = problems[name]
     if isinstance(answer, tuple):
         return ComparedArm(problem, None, {}, answer)

@@ -3,30 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from posture_opt.collision.scene import Scene
 from posture_opt.errors import InputError, Issue, NoSolutionError, SolverError
 from posture_opt.interrupts import interruptible
-from posture_opt.model.arm import Arm
 from posture_opt.model.stretched import stretched
 from posture_opt.numerics import Array
 from posture_opt.result import Result
-from posture_opt.robot.robot import Robot
 from posture_opt.selection.answer.solution import Solution
 from posture_opt.selection.comparison.posture_distance import PostureDistance
-from posture_opt.selection.search.has_task import HasTask
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.select_posture import at_one_feature, planned_posture
-from posture_opt.selection.solvers import Solver
-from posture_opt.selection.tasks import Task
 from posture_opt.uncertainty.regions.clearance import within_clearance
 from posture_opt.uncertainty.regions.coverage_radius import coverage_radius
 from posture_opt.uncertainty.regions.regions import deviation
 from posture_opt.uncertainty.sources.sources import Sources
-from posture_opt.uncertainty.sources.uncertainty_section import MeasurementSpec
 from posture_opt.uncertainty.spread.spread import propagate
 from posture_opt.uncertainty.spread.spread_parts import SpreadParts, spread_parts
 
@@ -96,7 +90,7 @@ class Comparison(Result):
     """
 
     plans: Mapping[str, PlannedPosture]
-    problem: HasTask
+    problem: ProblemData
 
     @property
     def reference(self) -> str:
@@ -124,7 +118,7 @@ class Comparison(Result):
 
 @interruptible()
 def compare_plans(
-    models: Mapping[str, HasTask], *, seed: int | None = None, workers: int = 1, hint: str = "",
+    models: Mapping[str, ProblemData], *, seed: int | None = None, workers: int = 1, hint: str = "",
     measured: Array | None = None,
 ) -> Comparison | None:  # fmt: skip
     """The task planned with each model, every posture judged by the last of them; None without a task.
@@ -156,33 +150,12 @@ def compare_plans(
     return Comparison(judged, known)
 
 
-@dataclass(frozen=True, eq=False)
-class _Assumed:
-    """A problem under sources of error that it does not state itself."""
-
-    name: str
-    arm: Arm
-    sources: Sources
-    task: Task | None
-    solver: Solver
-    notes: tuple[str, ...]
-    scene: Scene
-    measurement: MeasurementSpec | None
-
-    @property
-    def robot(self) -> Robot:
-        return self.arm.robot
+def _scattering(model: ProblemData, sources: Sources) -> ProblemData:
+    """The model, under other sources of error where it states none itself."""
+    return replace(model, sources=sources) if model.sources.empty else model
 
 
-def _scattering(model: HasTask, sources: Sources) -> HasTask:
-    if not model.sources.empty:
-        return model
-    return _Assumed(
-        model.name, model.arm, sources, model.task, model.solver, model.notes, model.scene, model.measurement
-    )
-
-
-def _planned(problem: HasTask, seed: int | None, workers: int, hint: str) -> PlannedPosture:
+def _planned(problem: ProblemData, seed: int | None, workers: int, hint: str) -> PlannedPosture:
     told = (hint,) if hint else ()
     if far := _far_away(problem):
         return PlannedPosture(reasons=(far, *told))
@@ -195,13 +168,13 @@ def _planned(problem: HasTask, seed: int | None, workers: int, hint: str) -> Pla
         return PlannedPosture(reasons=(*str(error).splitlines(), *told))
 
 
-def _judged(plan: PlannedPosture, reference: HasTask, basis: Array, measured: Array | None) -> PlannedPosture:
+def _judged(plan: PlannedPosture, reference: ProblemData, basis: Array, measured: Array | None) -> PlannedPosture:
     if plan.solution is None:
         return plan
     return PlannedPosture(plan.solution, predicted_error(reference, plan.solution, basis, measured), plan.reasons)
 
 
-def _far_away(problem: HasTask) -> str:
+def _far_away(problem: ProblemData) -> str:
     """Why the target is out of reach of any arm of this length, or an empty text; a search would take much longer."""
     robot, task = problem.robot, problem.task
     assert task is not None
@@ -216,7 +189,7 @@ def _far_away(problem: HasTask) -> str:
     )
 
 
-def predicted_error(problem: HasTask, solution: Solution, basis: Array, measured: Array | None) -> PredictedError:
+def predicted_error(problem: ProblemData, solution: Solution, basis: Array, measured: Array | None) -> PredictedError:
     """As ``problem`` predicts it at the posture of a solution that another model may have chosen."""
     spread = propagate(problem, solution.q)
     wanted = np.clip(solution.spread.position, solution.target.lower, solution.target.upper)

@@ -23,10 +23,10 @@ from posture_opt.selection.maps.map_neighbours import Neighbourhood
 from posture_opt.selection.maps.map_points import Grid, MapPoint, NeighbourSolves, packed_points
 from posture_opt.selection.maps.map_rounds import worked_on
 from posture_opt.selection.maps.map_search import best_candidates, steps_of
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.has_task import HasTask
 from posture_opt.workers import Executor, Workers, opened
 
 WORKSPACE_SAMPLES = 4000  # tool points that show how far the workspace goes
@@ -45,7 +45,7 @@ class TargetMap(Result):
         notes: sentences for the report.
     """
 
-    problem: Any
+    problem: ProblemData
     optimisation_problem: OptimisationProblem
     target: TaskTarget
     grid: Grid
@@ -117,7 +117,7 @@ class TargetMap(Result):
 
 @interruptible()
 def map_targets(
-    problem: HasTask,
+    problem: ProblemData,
     *,
     counts: tuple[int, ...] | None = None,
     low: tuple[float, float, float] | None = None,
@@ -206,7 +206,7 @@ def _points(
     return [found[k] for k in range(len(targets))]
 
 
-def _grid(problem: HasTask, selector: PostureSelector, request: GridRequest) -> Grid:
+def _grid(problem: ProblemData, selector: PostureSelector, request: GridRequest) -> Grid:
     """The grid that is asked for, else one over the region, about the position, or over the workspace."""
     target, robot = selector.target, problem.robot
     rng = np.random.default_rng(0)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +23,10 @@ from posture_opt.selection.paths.path_candidates import find_candidates
 from posture_opt.selection.paths.path_placement import moved_on, promising_placements
 from posture_opt.selection.paths.path_solution import PathSolution
 from posture_opt.selection.paths.task_path import TaskPath
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.batches import usual_starts
 from posture_opt.selection.search.engine import Engine
-from posture_opt.selection.search.has_task import HasTask
 from posture_opt.selection.search.multistart import multistart
 from posture_opt.selection.search.relaxation import Reason
 from posture_opt.selection.stations.placement import PlacementRange
@@ -42,23 +42,21 @@ _TIMES = 3.0  # the smallest step that is possible: what is allowed where nothin
 class PathSelector(DerivedAgain):
     """The search for the postures along the path of one problem; ``selector`` builds what every point needs."""
 
-    problem: HasTask
+    problem: ProblemData
     selector: PostureSelector
     task: PathTask
     placement: PlacementRange
     w: Array
 
     @classmethod
-    def of(cls, problem: HasTask) -> PathSelector:
+    def of(cls, problem: ProblemData) -> PathSelector:
         """For a problem whose task follows a path; the workpiece in the middle of its ranges.
 
         Raises:
             InputError: nothing uncertain, or a task that the arm cannot do.
         """
         task = path_task_of(problem)
-        one: Any = replace(
-            cast("Any", problem), task=task.model_copy(update={"path": None, "points": None, "workpiece": None})
-        )
+        one: Any = replace(problem, task=task.model_copy(update={"path": None, "points": None, "workpiece": None}))
         placement = PlacementRange.of(task.workpiece)
         # Many placements, and rows that keep the arm clear, are worth the seconds that compiling takes.
         selector = PostureSelector(one, compiled=None if np.any(placement.free) or problem.scene.explicit else False)
@@ -187,7 +185,7 @@ def _sigma(found: PathSolution) -> float:
     return float(found.motion.sigma.max())
 
 
-def path_task_of(problem: HasTask) -> PathTask:
+def path_task_of(problem: ProblemData) -> PathTask:
     """The task of a problem that follows a path."""
     task = task_of(problem)
     assert isinstance(task, PathTask), task.kind

@@ -17,6 +17,7 @@ from posture_opt.selection.answer.solution import Solution, Status
 from posture_opt.selection.paths.motion import Motion
 from posture_opt.selection.paths.naive import Naive
 from posture_opt.selection.paths.task_path import TaskPath
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.program.task_target import TaskTarget
 from posture_opt.selection.search.multistart import Sampled
@@ -46,7 +47,7 @@ class PathSolution(Result):
         candidates: (K,) postures that were compared at each point.
     """
 
-    problem: Any
+    problem: ProblemData
     optimisation_problem: OptimisationProblem
     path: TaskPath
     targets: tuple[TaskTarget, ...]
@@ -88,7 +89,8 @@ class PathSolution(Result):
     @property
     def on_workpiece(self) -> bool:
         """Whether the task says where a workpiece stands, or may stand."""
-        return self.problem.task.workpiece is not None
+        task = self.problem.task
+        return task is not None and task.workpiece is not None
 
     @property
     def worst(self) -> Solution:

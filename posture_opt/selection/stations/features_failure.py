@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from posture_opt.errors import NoSolutionError
 from posture_opt.numerics import Array
 from posture_opt.selection.answer.solution import Solution
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.search.relaxation import Relaxation
 from posture_opt.selection.stations.features_solution import FeaturesSolution, PlacementStatistics
 from posture_opt.selection.stations.placed_stations import PlacedStations
@@ -23,7 +23,7 @@ from posture_opt.selection.tasks import Task
 class FeaturesFailure:
     """The inquiry into a search that found no placement at which every feature can be done."""
 
-    problem: Any
+    problem: ProblemData
     task: Task
     stations: PlacedStations
     seed: int

@@ -14,8 +14,8 @@ from posture_opt.errors import InputError, Issue, NoSolutionError
 from posture_opt.numerics import Array, Progress
 from posture_opt.selection.answer.selector import PostureSelector
 from posture_opt.selection.answer.solution import Solution, Status, critical_basis
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import TaskTarget
-from posture_opt.selection.search.has_task import HasTask
 from posture_opt.selection.search.search_outcome import is_clear
 from posture_opt.selection.stations.bench_map import placement_sigma
 from posture_opt.selection.stations.features_failure import FeaturesFailure
@@ -46,7 +46,7 @@ _SAME = 1e-4  # of a standard deviation: features that differ by less are the sa
 
 
 def select_for_features(
-    problem: HasTask, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
+    problem: ProblemData, *, seed: int | None = None, workers: int = 1, progress: Progress | None = None
 ) -> FeaturesSolution:
     """The placement and the postures whose spread hurts the task least.
 
@@ -62,13 +62,13 @@ def select_for_features(
 
 @dataclass(frozen=True, eq=False)
 class _FeaturesSelection:
-    problem: Any
+    problem: ProblemData
     task: Task
     placement: PlacementRange
     seed: int
 
     @classmethod
-    def of(cls, problem: HasTask, seed: int | None) -> _FeaturesSelection:
+    def of(cls, problem: ProblemData, seed: int | None) -> _FeaturesSelection:
         assert problem.task is not None
         placement = PlacementRange.of(problem.task.workpiece)
         return cls(problem, problem.task, placement, problem.solver.seed if seed is None else seed)
@@ -265,7 +265,7 @@ class _FeaturesSelection:
 class _Figures:
     """What placements cost, beside the answer."""
 
-    problem: Any
+    problem: ProblemData
     stations: PlacedStations
     with_success: bool
 

@@ -14,6 +14,7 @@ from posture_opt.result import Result
 from posture_opt.robot.posture import Posture
 from posture_opt.selection.answer.improvements import Improvement, improvements
 from posture_opt.selection.answer.solution import Alternative, Solution, Status
+from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.optimisation_problem import OptimisationProblem
 from posture_opt.selection.search.relaxation import Reason, Relaxation
 from posture_opt.selection.stations.bench_map import BenchMap, bench_map
@@ -85,7 +86,7 @@ class FeaturesSolution(Result):
         reasons: why there is no solution; relaxations: changes that would each make one possible, cheapest first.
     """
 
-    problem: Any
+    problem: ProblemData
     task: Task
     placed: PlacedStations
     status: Status

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from posture_opt.model.arm import Arm
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Joint
 from posture_opt.uncertainty.moments.tool_point import ToolPoint
-from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.spread.spread import HasSources
 from posture_opt.units import fixed
 
 SHARE = 0.01
@@ -23,15 +21,6 @@ READ = 0.1
 UNSTATED = 1e-4
 """m: the scatter that counts where none is stated; rounding then moves the tool point by less than 1 µm."""
 _FINEST = 1e-12  # rad or m: beyond what a controller, or a float of half a turn, can tell
-
-
-class HasScatter(Protocol):
-    """Anything that names an arm and its sources of error, such as a ``Problem``."""
-
-    @property
-    def arm(self) -> Arm: ...
-    @property
-    def sources(self) -> Sources: ...
 
 
 @dataclass(frozen=True)
@@ -55,7 +44,7 @@ class JointDigits:
         return fixed(value / factor, self.decimals(joint, factor))
 
 
-def joint_digits(problem: HasScatter, postures: ArrayLike, share: float = SHARE) -> JointDigits:
+def joint_digits(problem: HasSources, postures: ArrayLike, share: float = SHARE) -> JointDigits:
     """The digits with which rounding moves the tool point by less than a ``share`` of its scatter.
 
     With the columns ``J_j`` of the Jacobian and steps ``h_j``, rounding moves the tool point by at most
@@ -78,7 +67,7 @@ def joint_digits(problem: HasScatter, postures: ArrayLike, share: float = SHARE)
     return JointDigits(max(steps["revolute"], _FINEST), max(steps["prismatic"], _FINEST))
 
 
-def scatter(problem: HasScatter, q: Array) -> float:
+def scatter(problem: HasSources, q: Array) -> float:
     """The standard deviation of the tool point that rounding is compared with at a posture (n,) [m]."""
     tool_point, values = ToolPoint.of(problem.arm, problem.sources), [float(value) for value in q]
     first = np.asarray(tool_point.pose_first_order(values, tool_point.walk(values)[0]), dtype=float)[:3, :3]

@@ -1,0 +1,112 @@
+"""``ProblemData``: a robot, its sources of error and what it has to do, as every room above computes with it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+from posture_opt.collision.cell import CellSpec
+from posture_opt.collision.scene import Scene
+from posture_opt.measurements.data_section import DataSpec
+from posture_opt.model.arm import Arm
+from posture_opt.model.effects import CatalogueEntry, Effect
+from posture_opt.result import Summarised
+from posture_opt.robot.corrections import corrections_of
+from posture_opt.robot.robot import Robot
+from posture_opt.selection.solvers import Solver
+from posture_opt.selection.tasks import Task
+from posture_opt.uncertainty.sources.sources import Sources
+from posture_opt.uncertainty.sources.uncertainty_section import MeasurementSpec
+
+if TYPE_CHECKING:
+    from posture_opt.selection.fitted_arm import FittedArm
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ProblemData(Summarised, ABC):
+    """What a problem states, in SI units and radians; a ``Problem`` is one together with its file.
+
+    Args:
+        name: of the problem.
+        arm: the robot with its corrections and effects, under the inputs of the task.
+        nominal: the robot without corrections and effects.
+        stated: the sources of error as they are stated; ``sources`` with what effects add from repeat to repeat.
+        task: None where none is stated.
+        effects: those that move the tool point, ``arm.effects``, and those that only add scatter.
+        measurement: the standard deviations of the instrument; None where none is stated.
+        data: how files of the instrument are written.
+        cell: obstacles, and whether the arm may collide with itself; None where nothing is stated.
+        notes: sentences for the report on what was assumed or overridden.
+    """
+
+    name: str
+    arm: Arm
+    nominal: Robot
+    stated: Sources
+    sources: Sources
+    task: Task | None
+    solver: Solver
+    effects: tuple[CatalogueEntry, ...]
+    measurement: MeasurementSpec | None
+    data: DataSpec
+    cell: CellSpec | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def robot(self) -> Robot:
+        """The arm without its effects."""
+        return self.arm.robot
+
+    @cached_property
+    def scene(self) -> Scene:
+        """What the arm may collide with: obstacles, and itself."""
+        return Scene.of(self.robot, self.cell)
+
+    @property
+    def corrections(self) -> dict[str, float]:
+        """What is added to the nominal values of parameters, where it is not zero [rad or m]."""
+        return {name: value for name, value in corrections_of(self.nominal, self.robot).items() if value}
+
+    @property
+    def uncorrected(self) -> Self:
+        """The same problem with the arm as it is drawn, without corrections and effects."""
+        return replace(self, arm=Arm(self.nominal))
+
+    @abstractmethod
+    def with_task(self, kind: str | None = None, **keys: Any) -> ProblemData:
+        """The same problem with another task, or other keys of it."""
+
+    @abstractmethod
+    def with_task_of(self, other: Self) -> ProblemData:
+        """The same arm in the same cell with the task of another problem."""
+
+    @abstractmethod
+    def with_fit(self, fit: FittedArm) -> ProblemData:
+        """The same problem with the arm that measurements found."""
+
+    @abstractmethod
+    def released(self, frames: Sequence[str], parameters: Sequence[str], effects: Sequence[Effect] = ()) -> Self:
+        """The same problem with frames free, without the stated σ's of parameters, and with more effects."""
+
+    @abstractmethod
+    def without_noise(self) -> ProblemData:
+        """The same problem without the effects that only add scatter."""
+
+    @abstractmethod
+    def replace(self, **changes: Any) -> ProblemData:
+        """The same problem with other values at some keys of its file."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """The plain data of the problem file."""
+
+    @abstractmethod
+    def to_yaml(self) -> str:
+        """The problem file as text."""
+
+    @abstractmethod
+    def files(self, stem: str) -> dict[str, bytes]:
+        """File name -> content: the problem file and what it needs beside it."""
