@@ -49,6 +49,7 @@ LAZY = {
     "posture_opt.cli.named": "the names of problems, presets and tasks, when one is completed or checked",
     "posture_opt.cli.output": "the names of a report's files, when there are some to be written",
     "posture_opt.model.effects": "an effect, when its kind is asked for",
+    "posture_opt.problem.fitting": "how a calibration becomes an arm, when one is taken over",
     "posture_opt.selection.tasks": "a task, when its kind is asked for",
     "posture_opt.selection.registered_tasks": "what other packages register",
     "posture_opt.selection.select_posture": "what several targets need, when there are several",

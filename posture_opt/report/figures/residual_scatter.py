@@ -28,6 +28,7 @@ from posture_opt.validation.repeat_scatter import repeat_errors, slides
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
     from posture_opt.report.figures.residuals import Shown
     from posture_opt.selection.problem_data import ProblemData
     from posture_opt.validation.assessment import Assessment

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
-    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.selection.comparison.plan_comparison import Comparison
+    from posture_opt.selection.problem_data import ProblemData
     from posture_opt.uncertainty.spread.spread import Spread
 
 _MARKED_Z = 3.0  # standard errors: smaller corrections are not marked
