@@ -29,8 +29,11 @@ Inside everything is SI and radians. Wrong input raises ``errors.InputError``, a
 
 from __future__ import annotations
 
+import re
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from posture_opt.presentation import register_presenters
 
 if TYPE_CHECKING:
     from posture_opt import errors
@@ -184,3 +187,13 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
+
+
+def _presenter_of(result: object) -> Any:
+    """``TargetMap`` is presented by ``TargetMapPresenter`` of ``report/results/target_map_report.py``."""
+    name = type(result).__name__
+    file = re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+    return getattr(import_module(f"posture_opt.report.results.{file}_report"), f"{name}Presenter")(result)
+
+
+register_presenters(_presenter_of)

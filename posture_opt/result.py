@@ -1,22 +1,20 @@
 """``Result``: the face that every answer of this package shows, in Python, in notebooks and on the command line.
 
-A result holds numbers and knows nothing of reports. How it is told stands in the room above, in the file that is named
-after its class: ``TargetMap`` is presented by ``TargetMapPresenter`` of ``report/target_map_report.py``. That file is
-imported when a result is first looked at, so computing needs none of it.
+A result holds numbers and knows nothing of reports. Its presenter belongs to a room above, which registers it in
+``posture_opt.presentation``; it is loaded when a result is first looked at, so computing needs none of it.
 """
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
-from importlib import import_module
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from posture_opt.numerics import DerivedAgain, Progress
+from posture_opt.presentation import registered_presenter
 
 
 class Summarised(DerivedAgain):
@@ -34,10 +32,8 @@ class Summarised(DerivedAgain):
 
     @cached_property
     def _presenter(self) -> Any:
-        """How this is told; the only way from the rooms below to the reports above."""
-        name = type(self).__name__
-        module = import_module(f"posture_opt.report.results.{snake_case(name)}_report")
-        return getattr(module, f"{name}Presenter")(self)
+        """What presents this; the only way from the rooms below to the reports above."""
+        return registered_presenter(self)
 
 
 class Result(Summarised, ABC):
@@ -90,8 +86,3 @@ class Result(Summarised, ABC):
             Path(folder), figures=figures, beside=beside or {}, progress=progress
         )
         return written
-
-
-def snake_case(name: str) -> str:
-    """``TargetMap`` as ``target_map``."""
-    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()

@@ -7,6 +7,7 @@ import importlib
 import re
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, get_args
@@ -23,13 +24,14 @@ from posture_opt.selection.tasks import TASKS
 from posture_opt.selection.terms import TERMS
 from tests.helpers.source import (
     ROOMS,
+    SUBROOMS,
     circles,
     defined_twice,
     imports_of,
     kinds_in,
     modules_of,
-    room_of,
     stems_twice,
+    upward,
 )
 
 PACKAGE = Path(posture_opt.__file__).parent
@@ -41,16 +43,25 @@ HOME = {
     "yaml": {"problem", "robot"},  # the presets are YAML, and robots stand below problems
 }
 LAZY = {
-    "": "public names are imported when they are first used",
-    "cli": "a command, when it is called",
-    "__main__": "all of the command line, so that an interrupt finds somebody who answers it",
-    "result": "how a result is told, when it is first looked at",
-    "model": "an effect, when its kind is asked for",
-    "selection": "a task, when its kind is asked for, what several targets need, and what other packages register",
-    "workers": "Dask, executors and processes, when they are asked for",
-    "report": "figures, when one is drawn, and pandas, when a table is asked for",
+    "posture_opt": "a public name, when it is first used; the presenter of a result, when it is first looked at",
+    "posture_opt.__main__": "all of the command line, so that an interrupt finds somebody who answers it",
+    "posture_opt.cli.main": "a command, when it is called",
+    "posture_opt.cli.named": "the names of problems, presets and tasks, when one is completed or checked",
+    "posture_opt.cli.output": "the names of a report's files, when there are some to be written",
+    "posture_opt.model.effects": "an effect, when its kind is asked for",
+    "posture_opt.selection.tasks": "a task, when its kind is asked for",
+    "posture_opt.selection.registered_tasks": "what other packages register",
+    "posture_opt.selection.select_posture": "what several targets need, when there are several",
+    "posture_opt.workers.opened": "executors and processes, when they are asked for",
+    "posture_opt.workers.dask_cluster": "Dask, when it is asked for",
+    "posture_opt.report.page.library": "plotly, when a page is to have a view",
+    "posture_opt.report.page.new_figure": "matplotlib, when a figure is drawn",
+    "posture_opt.report.page.presenter": "pandas, when a table is asked for",
 }
-"""Where modules may be imported by name, and what for."""
+"""The files that import by name, and what for."""
+
+MOST_FILES = 24
+"""In one folder."""
 
 NAMED_ALIKE = ("posture_opt.cli", "posture_opt.report")
 """A file of commands is called as what they are about, a report's and a figure's as what they show."""
@@ -110,13 +121,32 @@ def test_tests_follow_the_rooms_and_take_nothing_from_each_other() -> None:
 
 
 def test_imports_run_one_way() -> None:
-    upward = []
-    for module in MODULES.values():
-        for found in imports_of(module, MODULES):
-            here, there = module.room, room_of(found.module)
-            if here in ROOMS and there in ROOMS and ROOMS.index(there) > ROOMS.index(here):
-                upward.append(f"{module.name}:{found.line} imports {found.module}, which stands above it")
-    check(upward, "imports upward")
+    """Between rooms, and between the folders of a room; for types and by the strings of ``import_module`` too."""
+    check(upward(MODULES), "imports upward")
+
+
+def test_folders_of_rooms_have_their_place() -> None:
+    for room, order in SUBROOMS.items():
+        folders = {path.parent.name for path in (PACKAGE / room).glob("*/__init__.py")}
+        assert folders <= set(order)
+        assert all((PACKAGE / room / name).is_dir() or (PACKAGE / room / f"{name}.py").is_file() for name in order)
+
+
+def test_strings_of_imports_can_be_followed() -> None:
+    """``import_module`` gets a string that begins with constant text, so that the order above holds for it."""
+    hidden = [
+        f"{module.name}:{line} {pattern}"
+        for module in MODULES.values()
+        for line, pattern in module.named_imports
+        if not re.match(r"(posture_opt\\\.)?[a-z]", pattern)
+    ]
+    check(hidden, "imports by a string that nobody can follow")
+
+
+def test_no_folder_has_too_many_files() -> None:
+    sizes = Counter(module.path.parent for module in MODULES.values())
+    large = [f"{path.relative_to(PACKAGE.parent)} has {n}" for path, n in sizes.items() if n > MOST_FILES]
+    check(large, f"folders with more than {MOST_FILES} files")
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
@@ -134,14 +164,7 @@ def test_the_package_is_imported_at_the_top_of_a_file() -> None:
 
 
 def test_modules_are_imported_by_name_only_where_it_is_documented() -> None:
-    calls = [
-        f"{module.name}:{node.lineno}"
-        for module in MODULES.values()
-        if module.room not in LAZY
-        for node in ast.walk(module.tree)
-        if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__")
-    ]
-    check(calls, "imports by name")
+    assert {module.name for module in MODULES.values() if module.named_imports} == set(LAZY)
 
 
 def test_libraries_stay_where_they_belong() -> None:
@@ -293,6 +316,14 @@ def test_a_solve_loads_neither_scipy_nor_matplotlib() -> None:
         "po.select_posture(builtin_problem('insert')).to_json()"
     )
     assert loaded_by(code, ("scipy", "matplotlib", "pint")) == []
+
+
+def test_a_report_as_text_loads_no_library_that_draws() -> None:
+    code = (
+        "import posture_opt as po; from posture_opt.problem.load import builtin_problem;"
+        "found = po.select_posture(builtin_problem('insert')); found.report(), found.summary()"
+    )
+    assert loaded_by(code, ("matplotlib", "plotly", "pandas", "jinja2")) == []
 
 
 def loaded_by(code: str, libraries: tuple[str, ...]) -> list[str]:

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from benchmarks.results.section import Chart, Section
+from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
     GREEN,
@@ -14,7 +15,6 @@ from posture_opt.report.page.style import (
     PURPLE,
     VERMILLION,
     legend_below,
-    new_figure,
     styled,
 )
 

@@ -48,7 +48,7 @@ def _presets() -> Iterable[str]:
 
 def _tasks() -> Iterable[str]:
     """The kinds of tasks, those of other installed packages included."""
-    tasks = import_module("posture_opt.selection.tasks.registered_tasks").every_task()
+    tasks = import_module("posture_opt.selection.registered_tasks").every_task()
     return [get_args(task.model_fields["kind"].annotation)[0] for task in tasks]
 
 

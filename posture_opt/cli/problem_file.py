@@ -27,8 +27,8 @@ from posture_opt.problem.urdf_starter import urdf_starter_text
 from posture_opt.report.text.text import terminal_width
 from posture_opt.report.text.text_table import text_table
 from posture_opt.robot import load_preset, preset_names
+from posture_opt.selection.registered_tasks import every_task, registered_tasks
 from posture_opt.selection.solvers import SOLVERS
-from posture_opt.selection.tasks.registered_tasks import every_task, registered_tasks
 from posture_opt.selection.terms import TERMS
 
 _LARGEST = 10_000_000  # bytes of a schema, which has some hundred thousand

@@ -12,7 +12,7 @@ from posture_opt.model.chain import Scalar
 from posture_opt.robot.robot import Robot
 
 if TYPE_CHECKING:  # a plain chain needs none of the effects, which are many files
-    from posture_opt.model.effects.effect import Effect, Sensitivity
+    from posture_opt.model.effects.base.effect import Effect, Sensitivity
 
 Weighted = list[tuple[Scalar, "Sensitivity"]]
 """A sum of sensitivities, each with its weight."""

@@ -29,7 +29,7 @@ from posture_opt.model.chain import (
 from posture_opt.robot.robot import Robot
 
 if TYPE_CHECKING:  # a plain chain needs none of the effects, which are many files
-    from posture_opt.model.effects.effect import Effect, Sensitivity
+    from posture_opt.model.effects.base.effect import Effect, Sensitivity
 
 Twist = tuple[Vector, Vector]
 """Shift of the tool point and small rotation of the tool ``(v, ω)``, world axes."""

@@ -13,7 +13,7 @@ from pydantic_core import ErrorDetails
 
 from posture_opt.errors import BadValueError, Issue, KeyPath, as_given, did_you_mean, nearest, one_of
 from posture_opt.problem.schema import bound_at, example_at, known_keys, nodes_at, read_sections, size_at
-from posture_opt.selection.tasks.registered_tasks import registered_tasks
+from posture_opt.selection.registered_tasks import registered_tasks
 
 _SAID: dict[str, str] = {
     # pydantic's type of error -> what is wrong, in its context

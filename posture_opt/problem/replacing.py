@@ -10,8 +10,8 @@ from posture_opt.errors import InputError, Issue, KeyPath, key_text, one_of
 from posture_opt.problem.plain_data import plain
 from posture_opt.problem.schema import nodes_at
 from posture_opt.robot.robot import Robot
+from posture_opt.selection.registered_tasks import every_task
 from posture_opt.selection.tasks import known_to
-from posture_opt.selection.tasks.registered_tasks import every_task
 from posture_opt.units import BY_NAME, DIMENSIONS
 
 _TARGETS: dict[str, tuple[str, ...]] = {

@@ -16,10 +16,10 @@ from posture_opt.model import effects as catalogue
 from posture_opt.model.effects import CatalogueEntry, effect_class
 from posture_opt.output import finite
 from posture_opt.robot import RobotSpec
+from posture_opt.selection.registered_tasks import every_task
 from posture_opt.selection.solvers import SolverSpec
 from posture_opt.selection.solvers.ipopt import Ipopt
 from posture_opt.selection.tasks import Task, task_class
-from posture_opt.selection.tasks.registered_tasks import every_task
 from posture_opt.spec import Spec, one_of
 from posture_opt.uncertainty.sources.uncertainty_section import UncertaintySpec
 

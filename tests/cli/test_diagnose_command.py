@@ -19,7 +19,7 @@ from posture_opt.diagnosis.causes.sessions import Gain
 from posture_opt.diagnosis.search.linearised_data import linearise
 from posture_opt.model.effects import Effect, FittedSizes
 from posture_opt.model.effects.backlash import Backlash
-from posture_opt.model.effects.cause import amplitude
+from posture_opt.model.effects.base.cause import amplitude
 from posture_opt.model.effects.cyclic_error import CyclicError
 from posture_opt.model.effects.drift import Drift
 from posture_opt.model.effects.hysteresis import Hysteresis

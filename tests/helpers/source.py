@@ -6,6 +6,7 @@ Standard library only, so that any state of the repository can be measured, also
 from __future__ import annotations
 
 import ast
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ ROOMS = [
     "staging",
     "manifest",
     "output",
+    "presentation",
     "result",
     "workers",
 ]
@@ -31,13 +33,29 @@ ROOMS += ["measurements", "calibration", "validation", "experiments", "diagnosis
 ROOMS += ["problem", "export", "report", "cli"]
 """The rooms of the package in the order in which they may import each other: each only those before it."""
 
-Where = Literal["top", "typing", "function"]
+SUBROOMS: dict[str, list[str]] = {
+    "uncertainty": ["regions", "sources", "moments", "spread", "simulation"],
+    "selection": [
+        *("terms", "tasks", "registered_tasks", "program", "solvers", "search", "answer", "stations", "maps", "paths"),
+        *("select_posture", "posture_batch", "comparison"),
+    ],
+    "calibration": ["estimation", "assumptions"],
+    "diagnosis": ["scores", "search", "noise", "causes", "discrimination"],
+    "report": ["text", "page", "parts", "scene", "figures", "interactive", "results"],
+}
+"""The folders of a room, and such of its files as another folder needs, in the order in which they may import each
+other; files that are not listed come behind all folders.
+"""
+
+Where = Literal["top", "typing", "function", "string"]
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 @dataclass(frozen=True)
 class Import:
-    """One imported module: its full name, the line, and whether it is imported for good, for types, or when called."""
+    """One imported module: its full name, the line, and whether it is imported for good, for types, when called, or by
+    the string that ``import_module`` gets.
+    """
 
     module: str
     line: int
@@ -80,6 +98,13 @@ class Module:
                     found += [s.value for s in body if isinstance(s, ast.Expr) and _is_text(s.value)]
         return found  # type: ignore[return-value]
 
+    @cached_property
+    def named_imports(self) -> list[tuple[int, str]]:
+        """The line of every ``import_module`` and what it gets, as a pattern: ``x.*`` where only ``x`` is constant."""
+        constants = dict(_string_constants(self.tree))
+        calls = [node for node in ast.walk(self.tree) if isinstance(node, ast.Call) and node.args and _imports(node)]
+        return sorted((node.lineno, _pattern(node.args[0], constants)) for node in calls)
+
     def functions(self) -> Iterator[Function]:
         yield from (node for node in ast.walk(self.tree) if isinstance(node, Function))
 
@@ -95,6 +120,63 @@ class Module:
 def room_of(module: str) -> str:
     """The folder or file right below a package in which a module stands; empty for the package itself."""
     return [*module.split("."), ""][1]
+
+
+def _imports(node: ast.Call) -> bool:
+    return ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__")
+
+
+def _string_constants(tree: ast.Module) -> Iterator[tuple[str, str]]:
+    """Names that the module gives to strings, also ``A, B = "a", "b"``."""
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and len(node.targets) == 1:
+            target, value = node.targets[0], node.value
+            tuples = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
+            pairs = zip(target.elts, value.elts, strict=True) if tuples else [(target, value)]  # type: ignore[attr-defined]
+            yield from (
+                (name.id, text.value)
+                for name, text in pairs
+                if isinstance(name, ast.Name) and isinstance(text, ast.Constant) and isinstance(text.value, str)
+            )
+
+
+def _pattern(node: ast.expr, constants: dict[str, str]) -> str:
+    """A regular expression for the strings that an expression can have."""
+    if isinstance(node, ast.Constant):
+        return re.escape(str(node.value))
+    if isinstance(node, ast.Name) and node.id in constants:
+        return re.escape(constants[node.id])
+    if isinstance(node, ast.JoinedStr):
+        return "".join(_pattern(part, constants) for part in node.values)
+    if isinstance(node, ast.FormattedValue):
+        return _pattern(node.value, constants)
+    return ".*"
+
+
+def upward(modules: dict[str, Module]) -> list[str]:
+    """Imports against the order of the rooms, or of the folders in a room; the package's own file may import all."""
+    return [
+        f"{module.name}:{found.line} imports {found.module}, which stands above it"
+        for module in modules.values()
+        for found in imports_of(module, modules)
+        if found.module in modules and _stands_above(found.module, module.name)
+    ]
+
+
+def _stands_above(other: str, name: str) -> bool:
+    here, there = room_of(name), room_of(other)
+    if not {here, there} <= set(ROOMS):
+        return False
+    if here != there:
+        return ROOMS.index(there) > ROOMS.index(here)
+    return _place(other) > _place(name)
+
+
+def _place(name: str) -> int:
+    """Where a module comes in the order of its room."""
+    order = SUBROOMS.get(room_of(name), [])
+    part = [*name.split("."), ""][2]
+    return order.index(part) if part in order else len(order)
 
 
 def _is_text(node: ast.AST) -> bool:
@@ -144,10 +226,21 @@ def imports_of(module: Module, known: dict[str, Module]) -> list[Import]:
             inner = targets & known.keys()
             found += [Import(target, node.lineno, where) for target in sorted(inner)]
             found += [Import(source, node.lineno, where)] if targets - inner else []
-    return found
+    return found + list(_imports_by_name(module, known))
 
 
-def circles(modules: dict[str, Module], kinds: tuple[Where, ...] = ("top", "typing", "function")) -> list[list[str]]:
+def _imports_by_name(module: Module, known: dict[str, Module]) -> Iterator[Import]:
+    """What the strings of ``import_module`` name: every known module that fits, or the one library."""
+    for line, pattern in module.named_imports:
+        followed = not pattern.startswith(".*")
+        fitting = [name for name in known if followed and name != module.name and re.fullmatch(pattern, name)]
+        single = [re.sub(r"\\(.)", r"\1", pattern)] if ".*" not in pattern else []
+        yield from (Import(name, line, "string") for name in fitting or single)
+
+
+def circles(
+    modules: dict[str, Module], kinds: tuple[Where, ...] = ("top", "typing", "function", "string")
+) -> list[list[str]]:
     """Groups of modules that import each other in a circle (strongly connected components, Tarjan 1972).
 
     The package's own ``__init__`` is left out: for types it imports whoever has a public name, and runs none of it.

@@ -17,9 +17,9 @@ import pytest
 import posture_opt as po
 from posture_opt.errors import InputError, NoSolutionError
 from posture_opt.problem.schema import json_schema
+from posture_opt.selection.registered_tasks import kind_of, read_tasks
 from posture_opt.selection.tasks import TASKS
 from posture_opt.selection.tasks.insert import Insert
-from posture_opt.selection.tasks.registered_tasks import kind_of, read_tasks
 from tests.helpers.sampled import poses
 
 POINTS: dict[str, list[str]] = {

@@ -5,10 +5,10 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from posture_opt.model.effects.catalogue_entry import INPUTS, CatalogueEntry, Evidence, Limit
-from posture_opt.model.effects.cause import Abscissa, Cause, FittedSizes, Size
-from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
-from posture_opt.model.effects.joint_effect import JointEffect
+from posture_opt.model.effects.base.catalogue_entry import INPUTS, CatalogueEntry, Evidence, Limit
+from posture_opt.model.effects.base.cause import Abscissa, Cause, FittedSizes, Size
+from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
+from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, Rows
 from posture_opt.spec import class_name
 
@@ -57,16 +57,16 @@ NOISY = (
 )
 """The kinds that spread it, or its measurements, `NOISES`; both together are the `CATALOGUE`."""
 
-_FOLDERS = dict.fromkeys(MOVING, "posture_opt.model.effects") | dict.fromkeys(NOISY, "posture_opt.model.effects.noise")
+_FILES = {kind: kind for kind in MOVING} | {kind: f"noise.{kind}" for kind in NOISY}
 _LISTS = {"EFFECTS": MOVING, "NOISES": NOISY, "CATALOGUE": (*MOVING, *NOISY)}
-_KINDS = {class_name(kind): kind for kind in _FOLDERS}
+_KINDS = {class_name(kind): kind for kind in _FILES}
 
 
 def effect_class(kind: str) -> type[CatalogueEntry] | None:
     """The effect of a kind; None where there is none."""
-    if kind not in _FOLDERS:
+    if kind not in _FILES:
         return None
-    found: type[CatalogueEntry] = getattr(import_module(f"{_FOLDERS[kind]}.{kind}"), class_name(kind))
+    found: type[CatalogueEntry] = getattr(import_module(f"posture_opt.model.effects.{_FILES[kind]}"), class_name(kind))
     return found
 
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.catalogue_entry import Input
-from posture_opt.model.effects.cause import Abscissa, over_joint
-from posture_opt.model.effects.effect import POSITIVE
-from posture_opt.model.effects.joint_effect import JointEffect
+from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Abscissa, over_joint
+from posture_opt.model.effects.base.effect import POSITIVE
+from posture_opt.model.effects.base.joint_effect import JointEffect
 
 
 class Backlash(JointEffect):

@@ -6,9 +6,9 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import cross, dot, scale, subtract
-from posture_opt.model.effects.catalogue_entry import Input
-from posture_opt.model.effects.cause import Size, compliance_size
-from posture_opt.model.effects.effect import POSITIVE, Sensitivity, SoleEffect
+from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Size, compliance_size
+from posture_opt.model.effects.base.effect import POSITIVE, Sensitivity, SoleEffect
 
 
 class BaseCompliance(SoleEffect):

@@ -11,9 +11,9 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, cos, sin
-from posture_opt.model.effects.cause import FittedSizes, Size, listed
-from posture_opt.model.effects.effect import Effect, Excitation
-from posture_opt.model.effects.joint_effect import Harmonic
+from posture_opt.model.effects.base.cause import FittedSizes, Size, listed
+from posture_opt.model.effects.base.effect import Effect, Excitation
+from posture_opt.model.effects.base.joint_effect import Harmonic
 from posture_opt.numerics import Array
 from posture_opt.units import Angle, number, plus_minus
 

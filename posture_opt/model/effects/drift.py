@@ -10,9 +10,9 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO, Scalar, exp
-from posture_opt.model.effects.catalogue_entry import Input
-from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size, over_time
-from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
+from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_time
+from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.units import Time, plus_minus, shown
 
 _GRID = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the duration; slower than half of it an exponential is a line

@@ -8,9 +8,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from posture_opt.model.effects.catalogue_entry import Input
-from posture_opt.model.effects.effect import Effect, Excitation
-from posture_opt.model.effects.joint_effect import Harmonic
+from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.effect import Effect, Excitation
+from posture_opt.model.effects.base.joint_effect import Harmonic
 from posture_opt.units import number
 
 

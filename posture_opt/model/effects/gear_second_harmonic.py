@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
-from posture_opt.model.effects.cause import Abscissa, over_joint
-from posture_opt.model.effects.joint_effect import Harmonic
+from posture_opt.model.effects.base.cause import Abscissa, over_joint
+from posture_opt.model.effects.base.joint_effect import Harmonic
 
 
 class GearSecondHarmonic(Harmonic):

@@ -11,10 +11,10 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, exp
-from posture_opt.model.effects.catalogue_entry import Input
-from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size
-from posture_opt.model.effects.effect import POSITIVE, Effect, Excitation
-from posture_opt.model.effects.joint_effect import JointEffect
+from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
+from posture_opt.model.effects.base.effect import POSITIVE, Effect, Excitation
+from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.units import Angle, plus_minus
 
 _GRID = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.5)  # rad

@@ -9,8 +9,8 @@ import numpy as np
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO, subtract
-from posture_opt.model.effects.cause import FittedSizes, Size
-from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity, SoleEffect
+from posture_opt.model.effects.base.cause import FittedSizes, Size
+from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity, SoleEffect
 
 _PRODUCTS = ("xx", "xy", "xz", "yy", "yz", "zz")
 

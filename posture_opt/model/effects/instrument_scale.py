@@ -7,8 +7,8 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO
-from posture_opt.model.effects.catalogue_entry import Evidence, Limit
-from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity, SoleEffect
+from posture_opt.model.effects.base.catalogue_entry import Evidence, Limit
+from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity, SoleEffect
 
 
 class InstrumentScale(SoleEffect):

@@ -10,10 +10,10 @@ from pydantic import Field
 
 from posture_opt.model.arm_state import UPRIGHT, ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.catalogue_entry import Input
-from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size, compliance_size
-from posture_opt.model.effects.effect import POSITIVE, Effect, Excitation
-from posture_opt.model.effects.joint_effect import JointEffect
+from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, compliance_size
+from posture_opt.model.effects.base.effect import POSITIVE, Effect, Excitation
+from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.units import number
 
 

@@ -10,9 +10,9 @@ from pydantic import Field
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.cause import Abscissa, over_joint
-from posture_opt.model.effects.effect import Effect, Excitation
-from posture_opt.model.effects.joint_effect import JointEffect
+from posture_opt.model.effects.base.cause import Abscissa, over_joint
+from posture_opt.model.effects.base.effect import Effect, Excitation
+from posture_opt.model.effects.base.joint_effect import JointEffect
 from posture_opt.robot.robot import Robot
 
 _WHOLE = 0.5  # of a ratio: no slack or bearing carries a joint so far along, but a gear or a controller does

@@ -7,8 +7,8 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.cause import Abscissa, over_joint
-from posture_opt.model.effects.joint_effect import JointEffect
+from posture_opt.model.effects.base.cause import Abscissa, over_joint
+from posture_opt.model.effects.base.joint_effect import JointEffect
 
 
 class JointScale(JointEffect):

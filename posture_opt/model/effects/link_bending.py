@@ -9,10 +9,10 @@ from typing import ClassVar, Literal
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Vector, add, cross, dot, scale, subtract
-from posture_opt.model.effects.catalogue_entry import Input
-from posture_opt.model.effects.cause import Size, compliance_size
-from posture_opt.model.effects.effect import POSITIVE, Effect, Excitation, Sensitivity
-from posture_opt.model.effects.joint_effect import EffectOfJoint
+from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Size, compliance_size
+from posture_opt.model.effects.base.effect import POSITIVE, Effect, Excitation, Sensitivity
+from posture_opt.model.effects.base.joint_effect import EffectOfJoint
 from posture_opt.robot.robot import Robot
 
 _SHORT = 0.02  # m; a link shorter than this has nothing to bend

@@ -12,9 +12,9 @@ from pydantic import Field
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO, at_least, cross, subtract
-from posture_opt.model.effects.catalogue_entry import Input
-from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size, over_time
-from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
+from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, over_time
+from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.numerics import Array, Mask
 from posture_opt.robot.robot import Robot
 from posture_opt.units import Time, number

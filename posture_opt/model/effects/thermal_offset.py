@@ -7,9 +7,9 @@ from typing import ClassVar, Literal
 
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar
-from posture_opt.model.effects.catalogue_entry import Input
-from posture_opt.model.effects.cause import Abscissa
-from posture_opt.model.effects.joint_effect import JointEffect
+from posture_opt.model.effects.base.catalogue_entry import Input
+from posture_opt.model.effects.base.cause import Abscissa
+from posture_opt.model.effects.base.joint_effect import JointEffect
 
 
 class ThermalOffset(JointEffect):

@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
 from posture_opt.report.figures.target_map import (
@@ -26,6 +25,8 @@ from posture_opt.report.figures.target_map import (
 from posture_opt.report.page.style import COLOUR_MAP, styled
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.validation.accuracy_map import AccuracyMap
 
 _ARROW = 0.9  # of a cell's shorter side: the longest arrow

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
 from posture_opt.report.page.style import styled
@@ -21,6 +20,8 @@ from posture_opt.report.text.units_text import joint_unit
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.selection.paths.path_solution import PathSolution
     from posture_opt.uncertainty.spread.spread import Spread

@@ -5,16 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
 from posture_opt.report.figures.cloud import clearance_lines, frame_target, mark_origin, view_basis
-from posture_opt.report.page.style import BLUE, GREEN, ORANGE, PURPLE, legend_below, new_figure, styled
+from posture_opt.report.page.new_figure import new_figure
+from posture_opt.report.page.style import BLUE, GREEN, ORANGE, PURPLE, legend_below, styled
 from posture_opt.report.text.units_text import length, length_unit
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from posture_opt.selection.comparison.arm_comparison import ArmComparison
     from posture_opt.selection.comparison.plan_comparison import PredictedError

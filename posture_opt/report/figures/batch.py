@@ -9,8 +9,8 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
     GREY,
@@ -18,13 +18,14 @@ from posture_opt.report.page.style import (
     VERMILLION,
     legend_below,
     legend_beside,
-    new_figure,
     styled,
 )
 from posture_opt.report.text.words import source_words
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.batch.batch_calibration import Batch
     from posture_opt.batch.batch_covariance import CorrelatedPair
     from posture_opt.problem.problem import Problem

@@ -9,12 +9,14 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from posture_opt.report.page.style import COLOUR_MAP, GREY, VERMILLION, legend_beside, new_figure, styled
+from posture_opt.report.page.new_figure import new_figure
+from posture_opt.report.page.style import COLOUR_MAP, GREY, VERMILLION, legend_beside, styled
 from posture_opt.report.text.units_text import length_unit
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.selection.stations.bench_map import BenchMap
     from posture_opt.selection.stations.features_solution import FeaturesSolution
 

@@ -11,10 +11,10 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
 from posture_opt.report.figures.axis_names import axis_name, levelled
+from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
     GREEN,
@@ -24,7 +24,6 @@ from posture_opt.report.page.style import (
     VERMILLION,
     legend_below,
     legend_beside,
-    new_figure,
     styled,
 )
 from posture_opt.report.text.units_text import length, length_unit, stated_length
@@ -32,6 +31,8 @@ from posture_opt.uncertainty.regions.regions import Ellipsoid, coverage_factor
 from posture_opt.uncertainty.simulation.cloud import cloud_of
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.uncertainty.simulation.cloud import Cloud
     from posture_opt.uncertainty.spread.spread import Spread
     from posture_opt.uncertainty.spread.task_spread import TaskSpread

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.report.figures.cloud import clearance_lines, frame_target, mark_origin, view_basis
-from posture_opt.report.page.style import MODEL_COLOURS, MODEL_DASHES, legend_beside, new_figure, styled
-from posture_opt.report.results.comparison_report import distinct_columns
+from posture_opt.report.page.new_figure import new_figure
+from posture_opt.report.page.style import MODEL_COLOURS, MODEL_DASHES, legend_beside, styled
 from posture_opt.report.text.units_text import length_unit
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.uncertainty.regions.regions import Ellipsoid
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.selection.comparison.plan_comparison import Comparison
 
 _MARKS = {"nominal": "s", "calibrated": "o", "extended": "D", "delivered": "^"}
@@ -22,8 +24,11 @@ _SEEN = 0.03  # of the picture: an ellipse that is smaller hides behind the mark
 
 
 @styled
-def plot_landing(comparison: Comparison) -> Figure:
-    """The 95 % ellipses of all postures about the target, as the reference model predicts them.
+def plot_landing(comparison: Comparison, models: Iterable[str] | None = None) -> Figure:
+    """The 95 % ellipses of the postures of some models about the target, as the reference model predicts them.
+
+    Args:
+        models: names among the answers; None: all of them.
 
     Raises:
         KeyError: the reference model has no posture.
@@ -32,9 +37,10 @@ def plot_landing(comparison: Comparison) -> Figure:
     B = view_basis(chosen.spread, chosen.task_spread)
     figure = new_figure(5.0)
     axes = figure.add_subplot()
+    columns = {name: comparison.answered[name] for name in (comparison.answered if models is None else models)}
     regions = [
         (Ellipsoid(B @ predicted_error.miss, B @ predicted_error.covariance @ B.T), name)
-        for name, (_, predicted_error) in distinct_columns(comparison).items()
+        for name, (_, predicted_error) in columns.items()
     ]
     every = np.vstack([region.points(0.95) for region, _ in regions])
     half = 1.12 * float(np.abs(every).max())

@@ -5,14 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.compensation.compensation import rms
 from posture_opt.report.figures.axis_names import decimals
-from posture_opt.report.page.style import BLUE, LIGHT, ORANGE, legend_below, new_figure, styled
+from posture_opt.report.page.new_figure import new_figure
+from posture_opt.report.page.style import BLUE, LIGHT, ORANGE, legend_below, styled
 from posture_opt.report.text.units_text import length, length_unit
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.compensation.compensation import Compensation
 
 

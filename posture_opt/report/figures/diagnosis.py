@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.diagnosis.scores.candidates import Candidate
 from posture_opt.diagnosis.scores.levels import FIRST_EFFECT
@@ -16,6 +15,7 @@ from posture_opt.numerics import Array
 from posture_opt.report.figures.axis_names import decimals
 from posture_opt.report.figures.diagnosis_scores import critical_log_p
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
+from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
     GREEN,
@@ -23,13 +23,14 @@ from posture_opt.report.page.style import (
     MODEL_COLOURS,
     MODEL_DASHES,
     legend_below,
-    new_figure,
     styled,
 )
 from posture_opt.report.parts.diagnosis_sizes import MODELS, fitted_effects, noise_floor, periodic_joints
 from posture_opt.units import number
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.scores.score_tests import ProjectedBaseline
 

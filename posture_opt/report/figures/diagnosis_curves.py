@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.calibration.estimation.effect_sensitivities import EffectSensitivities
-from posture_opt.model.effects.cause import Abscissa, over_joint
+from posture_opt.model.effects.base.cause import Abscissa, over_joint
 from posture_opt.numerics import Array
 from posture_opt.report.figures.residual_trends import Binned
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
+from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
     GREEN,
@@ -22,12 +22,13 @@ from posture_opt.report.page.style import (
     PURPLE,
     VERMILLION,
     legend_below,
-    new_figure,
     styled,
 )
 from posture_opt.report.parts.diagnosis_sizes import fitted_effects
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.diagnosis.causes.causes import Finding
     from posture_opt.diagnosis.diagnosis import Diagnosis
 

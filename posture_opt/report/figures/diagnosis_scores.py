@@ -6,13 +6,14 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from matplotlib.figure import Figure
-
 from posture_opt.diagnosis.scores.levels import FIRST_EFFECT
-from posture_opt.report.page.style import GREY, PURPLE, legend_below, new_figure, styled
+from posture_opt.report.page.new_figure import new_figure
+from posture_opt.report.page.style import GREY, PURPLE, legend_below, styled
 from posture_opt.report.text.words import p_words
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.diagnosis.diagnosis import Diagnosis
     from posture_opt.diagnosis.scores.candidates import ScoredCandidate
     from posture_opt.diagnosis.scores.score_tests import NullDistribution

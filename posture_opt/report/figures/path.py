@@ -6,9 +6,9 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array, Codes
+from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
     GREEN,
@@ -18,13 +18,14 @@ from posture_opt.report.page.style import (
     PURPLE,
     VERMILLION,
     label_of,
-    new_figure,
     styled,
 )
 from posture_opt.report.text.units_text import joint_unit, length_unit
 from posture_opt.report.text.words import source_words
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.selection.paths.path_solution import PathSolution
 
 _NAMED = 5  # sources that are drawn by themselves

@@ -6,10 +6,10 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.measurements.measurements import nominal_poses
 from posture_opt.numerics import Array
+from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
     GREY,
@@ -18,12 +18,13 @@ from posture_opt.report.page.style import (
     VERMILLION,
     legend_below,
     legend_beside,
-    new_figure,
     styled,
 )
-from posture_opt.report.results.measurement_plan_report import shown
+from posture_opt.report.parts.plan_parts import is_listed
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.experiments.measurement_plan import MeasurementPlan
 
 _STILL = 1e-6  # m
@@ -77,7 +78,7 @@ def plot_plan_errors(plan: MeasurementPlan) -> Figure:
     """
     groups = [("rad", "deg", math.degrees(1.0)), ("m", "mm", 1e3)]
     rows = {
-        unit: [i for i, p in enumerate(plan.parameters) if shown(plan, i) and p.unit == unit] for unit, *_ in groups
+        unit: [i for i, p in enumerate(plan.parameters) if is_listed(plan, i) and p.unit == unit] for unit, *_ in groups
     }
     drawn = [group for group in groups if rows[group[0]]]
     merits = _merits(plan)

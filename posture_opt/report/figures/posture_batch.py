@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
-
-from posture_opt.report.page.style import BLUE, new_figure, styled
+from posture_opt.report.page.new_figure import new_figure
+from posture_opt.report.page.style import BLUE, styled
 from posture_opt.report.text.units_text import length_unit
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.selection.posture_batch import PostureBatch
 
 _NAMED = 25  # problems that have room for their names

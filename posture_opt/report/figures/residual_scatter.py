@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.measurements.measurements import rows_of
 from posture_opt.measurements.repeats import repeat_groups
 from posture_opt.numerics import Array, Codes
 from posture_opt.report.figures.residuals import chosen_rows, dots_look
+from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
     GREEN,
@@ -19,7 +19,6 @@ from posture_opt.report.page.style import (
     VERMILLION,
     legend_below,
     legend_beside,
-    new_figure,
     styled,
 )
 from posture_opt.report.text.words import line_words
@@ -28,6 +27,8 @@ from posture_opt.validation.prediction import ErrorSources
 from posture_opt.validation.repeat_scatter import repeat_errors, slides
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.problem.problem import Problem
     from posture_opt.report.figures.residuals import Shown
     from posture_opt.validation.assessment import Assessment

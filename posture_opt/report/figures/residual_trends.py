@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.measurements.measurements import group_means
 from posture_opt.numerics import Array
 from posture_opt.report.figures.residuals import TITLES, chosen_rows, dots_look
+from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
     GREEN,
@@ -21,11 +21,12 @@ from posture_opt.report.page.style import (
     PURPLE,
     VERMILLION,
     legend_below,
-    new_figure,
     styled,
 )
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.report.figures.residuals import Shown
 
 

@@ -7,14 +7,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array, Codes
-from posture_opt.report.page.style import MODEL_COLOURS, new_figure, styled
+from posture_opt.report.page.new_figure import new_figure
+from posture_opt.report.page.style import MODEL_COLOURS, styled
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.units import number
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.calibration.estimation.residuals import Residuals
     from posture_opt.measurements.measurements import Measurements

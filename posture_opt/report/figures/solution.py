@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
+from posture_opt.report.figures.axis_names import critical_axis, with_letter
+from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
     COLOUR_MAP,
@@ -18,7 +19,6 @@ from posture_opt.report.page.style import (
     ORANGE,
     VERMILLION,
     legend_beside,
-    new_figure,
     styled,
 )
 from posture_opt.report.parts.budget_parts import group_words, main_groups, others_words
@@ -26,12 +26,26 @@ from posture_opt.report.text.units_text import joint_unit, length_unit, percent
 from posture_opt.report.text.words import PARTS
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.robot.robot import Joint
     from posture_opt.selection.answer.solution import Solution
     from posture_opt.uncertainty.spread.budget_groups import ShareGroup
     from posture_opt.uncertainty.spread.spread import Spread
+    from posture_opt.uncertainty.spread.task_spread import TaskSpread
 
 _GRID = 181
+
+
+def plot_task_budget(spread: Spread, seen: TaskSpread) -> Figure:
+    """The budget of the axis that counts most for a task."""
+    return plot_budget(spread, seen.budget_groups, critical_axis(seen.critical))
+
+
+def plot_longest_axis_budget(spread: Spread) -> Figure:
+    """The budget of the longest axis of the scatter."""
+    longest = with_letter("along the longest axis of the scatter", spread.axes[-1])
+    return plot_budget(spread, spread.budget_groups, longest)
 
 
 @styled

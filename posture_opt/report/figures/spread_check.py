@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
     GREY,
@@ -17,13 +17,14 @@ from posture_opt.report.page.style import (
     VERMILLION,
     legend_below,
     legend_beside,
-    new_figure,
     styled,
 )
 from posture_opt.report.text.words import MODEL_NAMES, REGIONS
 from posture_opt.validation.coverage import LEVELS
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.validation.spread_check import SpreadCheck
 
 _CLIP = 1.15  # times the largest value that is well told: beyond, a bar says nothing but that

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from posture_opt.model.chain import factor_values, walk
 from posture_opt.numerics import Array
+from posture_opt.report.page.new_figure import new_figure
 from posture_opt.report.page.style import (
     BLUE,
     COLOUR_MAP,
@@ -22,7 +21,6 @@ from posture_opt.report.page.style import (
     VERMILLION,
     WIDTH,
     legend_below,
-    new_figure,
     styled,
 )
 from posture_opt.report.text.units_text import length_unit
@@ -30,6 +28,9 @@ from posture_opt.report.text.words import PARTS, line_words
 from posture_opt.units import fixed
 
 if TYPE_CHECKING:
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
     from posture_opt.selection.maps.map_points import Grid
     from posture_opt.selection.maps.target_map import TargetMap
 
@@ -65,6 +66,8 @@ class Canvas:
         unit, scale = length_unit([high])
         if high - low < 1e-3 * high:
             low, high = 0.98 * low, 1.02 * high
+        from matplotlib.colors import Normalize
+
         return cls(grid, Normalize(scale * low, scale * high), unit, scale)
 
     def layers(self, values: NDArray[Any]) -> NDArray[Any]:

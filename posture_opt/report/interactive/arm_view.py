@@ -11,6 +11,7 @@ import numpy as np
 
 from posture_opt.numerics import Array
 from posture_opt.report.interactive.triangles import Triangles, arrow, ball, solids_document
+from posture_opt.report.page.page import View
 from posture_opt.report.scene.arm_geometry import (
     ErrorRegion,
     TargetGeometry,
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from posture_opt.robot.robot import Robot
     from posture_opt.uncertainty.spread.spread import Spread
 
+VIEWED_ROWS = 200
+"""Of a table: more postures hide each other."""
 _ARROW = 0.28  # of the extent: the direction of the task
 _LARGEST = 0.4  # of the extent: an enlarged region is no longer than this
 _RIM = 0.25  # of the extent: an enlarged clearance is no wider than this
@@ -69,7 +72,7 @@ class ShownPosture:
 
 
 @dataclass(frozen=True, eq=False)
-class ArmView:
+class ArmView(View):
     """An arm in at least one posture.
 
     Args:

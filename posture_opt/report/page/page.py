@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from base64 import b64encode
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from posture_opt import __version__
 from posture_opt.files import packaged
@@ -16,9 +17,20 @@ from posture_opt.report.text.blocks import Facts, Report, Table
 if TYPE_CHECKING:
     from jinja2 import Template
 
-    from posture_opt.report.interactive.arm_view import ArmView
-
 _FOLDS = 3  # blocks: a page with fewer is short, and nothing of it is folded; of others so many are open at least
+
+
+class View(ABC):
+    """What a page shows to be turned and chosen from, in plain numbers."""
+
+    @property
+    @abstractmethod
+    def keys(self) -> frozenset[str]:
+        """Of all that can be chosen: rows of tables with such a key show it."""
+
+    @abstractmethod
+    def document(self) -> dict[str, Any]:
+        """What the script of the page reads."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +48,7 @@ class Page:
     report: Report
     images: Mapping[str, bytes] = field(default_factory=dict)
     captions: Mapping[str, str] = field(default_factory=dict)
-    view: ArmView | None = None
+    view: View | None = None
     hint: bool = False
     brief: Collection[str] | None = None
     problem_file: str = ""

@@ -1,7 +1,6 @@
-"""``Presenter``: how one kind of result is told, tabulated, drawn and filed.
+"""``Presenter``: how one kind of result is reported, tabulated, drawn and filed.
 
-The file ``report/some_thing_report.py`` presents the class ``SomeThing`` by its class ``SomeThingPresenter``; its
-figures are listed by the function ``some_thing`` of ``figures/results.py``, which is imported when something is drawn.
+The file ``report/results/some_thing_report.py`` presents the class ``SomeThing`` by its class ``SomeThingPresenter``.
 """
 
 from __future__ import annotations
@@ -16,12 +15,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, cast
 from posture_opt.errors import InputError, Issue
 from posture_opt.numerics import Array, Mask, Progress
 from posture_opt.report.page.library import plotly_js
-from posture_opt.report.page.page import Page
+from posture_opt.report.page.page import Page, View
 from posture_opt.report.page.save import Files, report_files, save_files, summary_html
 from posture_opt.report.text.blocks import Report, Summary
 from posture_opt.report.text.screen import on_a_screen
 from posture_opt.report.text.text import render, render_summary, terminal_width
-from posture_opt.result import Result, Summarised, snake_case
+from posture_opt.result import Result, Summarised
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -113,9 +112,17 @@ class Presenter(SummaryPresenter[R]):
         saved = (*self.delivers, f"{self.document}.json")
         return render(report if full else on_a_screen(report, width, saved, self.brief()), width)
 
+    @abstractmethod
+    def drawings(self) -> Drawings:
+        """The figures, not drawn yet."""
+
+    def view(self) -> View | None:
+        """The interactive view; None where there is nothing to choose from."""
+        return None
+
     def figures(self) -> dict[str, Figure]:
         """All figures by name, drawn."""
-        drawn = {name: draw() for name, draw in self._drawings().items()}
+        drawn = {name: draw() for name, draw in self.drawings().items()}
         return {name: figure for name, figure in drawn.items() if figure is not None}
 
     def plot(self) -> Figure:
@@ -124,7 +131,7 @@ class Presenter(SummaryPresenter[R]):
         Raises:
             InputError: this result has none.
         """
-        for draw in self._drawings().values():
+        for draw in self.drawings().values():
             if (figure := draw()) is not None:
                 return figure
         raise InputError(f"there is nothing to draw of this {type(self.result).__name__}")
@@ -148,7 +155,7 @@ class Presenter(SummaryPresenter[R]):
 
         ``progress`` is told of document and page, and of each figure three times: drawn, as PNG, as SVG.
         """
-        drawings = self._drawings() if figures else {}
+        drawings = self.drawings() if figures else {}
         parts, done = 3 * len(drawings) + 2, count(1)
 
         def made(part: T) -> T:
@@ -164,17 +171,7 @@ class Presenter(SummaryPresenter[R]):
     def _page(self, pictures: bool) -> Page:
         """The page without its figures: with the interactive view where there is one and what draws it is installed."""
         report = self.report()
-        asked = getattr(import_module("posture_opt.report.interactive.views"), self._name, None) if pictures else None
-        view = asked(self) if asked is not None and plotly_js() else None
+        viewed = pictures and type(self).view is not Presenter.view
+        view = self.view() if viewed and plotly_js() else None
         brief = frozenset(block.title for block in (self.brief() or report).blocks if block.short.items)
-        return Page(
-            report, view=view, hint=asked is not None and view is None, brief=brief, problem_file=self.problem.to_yaml()
-        )
-
-    @property
-    def _name(self) -> str:
-        return snake_case(type(self.result).__name__)
-
-    def _drawings(self) -> Drawings:
-        drawings: Drawings = getattr(import_module("posture_opt.report.figures.results"), self._name)(self)
-        return drawings
+        return Page(report, view=view, hint=viewed and view is None, brief=brief, problem_file=self.problem.to_yaml())

@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
-from importlib import import_module
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, ParamSpec
 
@@ -111,13 +110,6 @@ def _settled(figure: Figure) -> Figure:
     for _ in range(2):
         figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    return figure
-
-
-def new_figure(height: float) -> Figure:
-    """An empty figure of the width of all and this height [inch]; it belongs to no window, and notebooks show it."""
-    shown = import_module("posture_opt.report.page.shown_figure")
-    figure: Figure = shown.ShownFigure(figsize=(WIDTH, height))
     return figure
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from posture_opt.diagnosis.causes.causes import tool_shifts
-from posture_opt.model.effects.cause import FittedSizes
+from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.report.parts.contradictions import gain_words
 from posture_opt.report.parts.diagnosis_sizes import (
     fitted_effects,

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.figures.accuracy_map import plot_bias, plot_spread_map
+from posture_opt.report.interactive.target_view import target_view
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.parts import frame_notes, input_facts, note_facts, robot_facts, source_facts
 from posture_opt.report.results.target_map_report import (
@@ -25,6 +28,7 @@ from posture_opt.units import number
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
+    from posture_opt.report.interactive.arm_view import ArmView
     from posture_opt.validation.accuracy_map import AccuracyMap
     from posture_opt.validation.measured_errors import MeasuredErrors
 
@@ -213,6 +217,19 @@ class AccuracyMapPresenter(Presenter["AccuracyMap"]):
 
     def report(self) -> Report:
         return accuracy_map_report(self.result)
+
+    def drawings(self) -> Drawings:
+        """The mean error, where there are corrections, and the spread."""
+        found = self.result
+        bias: Drawings = {"map_bias": partial(plot_bias, found)} if found.corrected else {}
+        return {**bias, "map_spread": partial(plot_spread_map, found)}
+
+    def view(self) -> ArmView | None:
+        """The posture at every target that has one, coloured by its error; None where none has."""
+        found = self.result
+        if found.corrected:
+            return target_view(found.targets, found.distance.tolist(), "mean error")
+        return target_view(found.targets, found.radius95.tolist(), "95 % within")
 
     def columns(self) -> Columns:
         return columns(self.result)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
-from posture_opt.report.page.presenter import Columns, Presenter
+from posture_opt.report.figures.arm_comparison import plot_arm_comparison
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
 from posture_opt.report.text.units_text import decimals_of, joint_unit, joint_value, length, length_unit, percent
@@ -41,6 +43,10 @@ class ArmComparisonPresenter(Presenter["ArmComparison"]):
             *(_reasons_block(name, arm) for name, arm in found.arms.items() if arm.reasons),
         )
         return Report(self.problem.name or "Comparison", _lead(found), blocks)
+
+    def drawings(self) -> Drawings:
+        """Where the postures of all arms land, as each of them predicts it."""
+        return {"arm_comparison": partial(plot_arm_comparison, self.result)}
 
     def columns(self) -> Columns:
         """A row for every pair of an arm and one that judges its posture, SI units."""

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.figures.residual_scatter import plot_region, plot_repeats, plot_shape
+from posture_opt.report.figures.residual_trends import plot_residuals_over_inputs, plot_residuals_over_joints
+from posture_opt.report.figures.residuals import Shown, plot_residual_vectors
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.parts.assessment_repeats import MODELS, goals_block, instrument_block, repeats_block
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
@@ -247,6 +251,10 @@ class AssessmentPresenter(Presenter[Assessment]):
     def report(self) -> Report:
         return Report(self.problem.name or "Assessment", (_answer(self.result),), assessment_blocks(self.result))
 
+    def drawings(self) -> Drawings:
+        """Residuals over everything that they may depend on."""
+        return assessment_drawings(self.result)
+
     def columns(self) -> Columns:
         """Errors of a coordinate by model."""
         found = self.result
@@ -254,3 +262,19 @@ class AssessmentPresenter(Presenter[Assessment]):
             "model": ["nominal", "calibrated"],
             "error of a coordinate [m]": [found.nominal.coordinate, found.calibrated.coordinate],
         }
+
+
+def assessment_drawings(found: Assessment) -> Drawings:
+    """Residuals over everything that they may depend on."""
+    rows = Shown.of(found.calibration)
+    drawings: Drawings = {
+        "residual_vectors": partial(plot_residual_vectors, rows),
+        "residual_joints": partial(plot_residuals_over_joints, rows),
+        "residual_inputs": partial(plot_residuals_over_inputs, rows),
+    }
+    if found.residual_scatter is not None:
+        drawings["residual_region"] = partial(plot_region, rows, found)
+        drawings["residual_shape"] = partial(plot_shape, rows)
+    if found.repeats is not None:
+        drawings["residual_repeats"] = partial(plot_repeats, problem_of(found.calibration.request), rows, found)
+    return drawings

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
-from posture_opt.model.effects.cause import FittedSizes
+from posture_opt.model.effects.base.cause import FittedSizes
 from posture_opt.problem.effects_section import of_a_type
 from posture_opt.problem.fitted_problem import batch_yaml
-from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.figures.batch import plot_batch
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.diagnosis_causes import finding_words
 from posture_opt.report.parts.diagnosis_open import uneven_words
@@ -60,6 +62,11 @@ class BatchDiagnosisPresenter(Presenter["BatchDiagnosis"]):
 
     def report(self) -> Report:
         return batch_diagnosis_report(self.result)
+
+    def drawings(self) -> Drawings:
+        """How two parameters vary together, where there are two."""
+        found = self.result.batch
+        return {"batch": partial(plot_batch, self.problem, found)} if found.pairs else {}
 
     def columns(self) -> Columns:
         """The causes that were found."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from posture_opt.problem.fitted_problem import batch_yaml
-from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.figures.batch import plot_batch
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.contradictions import refuted_of_robots
 from posture_opt.report.parts.error_table import error_table, mm
@@ -214,6 +216,11 @@ class BatchPresenter(Presenter["Batch"]):
 
     def brief(self) -> Report:
         return batch_brief(self.result)
+
+    def drawings(self) -> Drawings:
+        """How two parameters vary together, where there are two."""
+        found = self.result
+        return {"batch": partial(plot_batch, self.problem, found)} if found.pairs else {}
 
     def columns(self) -> Columns:
         """Mean and standard deviation of each parameter across the batch, SI units."""

@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from posture_opt.model.effects import Effect
-from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.figures.residuals import chosen_rows
+from posture_opt.report.interactive.arm_view import VIEWED_ROWS, ArmView, ShownPosture
+from posture_opt.report.interactive.error_marks import correction_marks, task_posture
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.calibration_brief import calibration_brief, stood_elsewhere
 from posture_opt.report.parts.calibration_parameters import determined_words, parameters_block, undetermined_block
@@ -18,11 +21,11 @@ from posture_opt.report.parts.error_table import error_table, held_out_sentence,
 from posture_opt.report.parts.large_file_words import large_file_facts
 from posture_opt.report.parts.other_file_words import calibration_words, file_words, range_items
 from posture_opt.report.parts.parts import note_facts, robot_facts, sentence
-from posture_opt.report.results.assessment_report import assessment_blocks
-from posture_opt.report.results.comparison_report import comparison_blocks, comparison_lead
-from posture_opt.report.results.spread_check_report import spread_check_blocks, spread_check_lead
+from posture_opt.report.results.assessment_report import assessment_blocks, assessment_drawings
+from posture_opt.report.results.comparison_report import comparison_blocks, comparison_drawings, comparison_lead
+from posture_opt.report.results.spread_check_report import spread_check_blocks, spread_check_drawings, spread_check_lead
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.text.units_text import count
+from posture_opt.report.text.units_text import count, length, length_unit
 from posture_opt.report.text.words import MODEL_NAMES
 from posture_opt.validation.assessment import assess
 from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
@@ -193,6 +196,37 @@ class CalibrationPresenter(Presenter["Calibration"]):
 
     def brief(self) -> Report:
         return calibration_brief(self.problem, self.result, self.assessment, calibration_lead(self))
+
+    def drawings(self) -> Drawings:
+        """Residuals, whether the predicted spread is true, and the error in the old and in the new posture."""
+        return {
+            **assessment_drawings(self.assessment),
+            **spread_check_drawings(self.spread_check),
+            **comparison_drawings(self.comparison),
+        }
+
+    def view(self) -> ArmView:
+        """The corrections, each at its joint, and the measured rows, coloured by their error after calibration."""
+        found, calibrated = self.result, self.models["calibrated"]
+        data = found.request.data
+        before, after = (np.linalg.norm(errors, axis=1) for errors in (found.errors_nominal, found.errors))
+        rows = found.kept_rows[chosen_rows(len(found.kept_rows), VIEWED_ROWS)]
+        unit, factor = length_unit(after[rows].tolist())
+        q, spread = task_posture(calibrated, self.comparison, data.q)
+        marks = correction_marks(found, calibrated)
+        first = ShownPosture("corrections", "corrections of the arm", q, spread=spread, marks=marks)
+        measured = tuple(
+            ShownPosture(
+                f"line-{data.line[k]}",
+                f"line {data.line[k]}: {length(float(after[k]))} off after calibration",
+                data.q[k],
+                (("Error before calibration", length(float(before[k]))), ("Error after", length(float(after[k])))),
+                value=round(factor * float(after[k]), 5),
+            )
+            for k in rows
+        )
+        values = f"error after calibration [{unit}]"
+        return ArmView(calibrated.robot, (first, *measured), "Shown", calibrated.scene, points=True, values=values)
 
     def columns(self) -> Columns:
         """The parameters with their standard errors, SI units."""

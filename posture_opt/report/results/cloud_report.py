@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from io import StringIO
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.figures.arm import plot_spread
+from posture_opt.report.figures.cloud import plot_cloud
+from posture_opt.report.interactive.solution_postures import spread_view
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.parts import validity_sentence
 from posture_opt.report.results.spread_report import arm_block, covariance_table, posture_block, spread_facts
@@ -22,6 +26,7 @@ from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
+    from posture_opt.report.interactive.arm_view import ArmView
     from posture_opt.uncertainty.simulation.cloud import Cloud
 
 
@@ -180,6 +185,14 @@ class CloudPresenter(Presenter["Cloud"]):
 
     def report(self) -> Report:
         return cloud_report(self.result)
+
+    def drawings(self) -> Drawings:
+        """The cloud beside the closed form, and the arm."""
+        return {"cloud": partial(plot_cloud, self.result), "arm": partial(plot_spread, self.result.spread)}
+
+    def view(self) -> ArmView:
+        """The posture that was simulated."""
+        return spread_view(self.result.spread)
 
     def columns(self) -> Columns:
         """The simulated tool points."""

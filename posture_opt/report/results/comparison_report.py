@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING
 
-from posture_opt.report.page.presenter import Columns, Presenter
+from posture_opt.report.figures.comparison import plot_landing
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.parts.comparison_parts import open_lead, parts_sentences
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
@@ -157,6 +159,10 @@ class ComparisonPresenter(Presenter["Comparison"]):
     def report(self) -> Report:
         return Report(self.problem.name or _TITLE, comparison_lead(self.result), comparison_blocks(self.result))
 
+    def drawings(self) -> Drawings:
+        """Predicted error in the posture of each model."""
+        return comparison_drawings(self.result)
+
     def columns(self) -> Columns:
         """The posture of each model, and where it lands as the reference predicts, SI units."""
         chosen = self.result.answered.values()
@@ -167,3 +173,10 @@ class ComparisonPresenter(Presenter["Comparison"]):
             "sigma_max [m]": [predicted_error.sigma_max for _, predicted_error in chosen],
             "critical error [m]": [predicted_error.critical_error for _, predicted_error in chosen],
         }
+
+
+def comparison_drawings(comparison: Comparison | None) -> Drawings:
+    """Predicted error in the posture of each model, where the one before calibration and the reference have one."""
+    if comparison is None or not {_FIRST, comparison.reference} <= set(comparison.answered):
+        return {}
+    return {"predicted_error": partial(plot_landing, comparison, distinct_columns(comparison))}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -11,7 +12,10 @@ import numpy as np
 from posture_opt.compensation.compensation import rms
 from posture_opt.model.arm_state import REFERENCE_TEMPERATURE
 from posture_opt.numerics import Array
-from posture_opt.report.page.presenter import Columns, Presenter
+from posture_opt.report.figures.compensation import plot_compensation
+from posture_opt.report.figures.residuals import chosen_rows
+from posture_opt.report.interactive.arm_view import VIEWED_ROWS, ArmView, ShownPosture
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.parts import frame_notes, note_facts, robot_facts
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
@@ -172,6 +176,27 @@ class CompensationPresenter(Presenter["Compensation"]):
 
     def report(self) -> Report:
         return compensation_report(self.problem, self.result)
+
+    def drawings(self) -> Drawings:
+        """The error at every target, before and after."""
+        return {"compensation": partial(plot_compensation, self.result)}
+
+    def view(self) -> ArmView:
+        """The compensated rows, coloured by what is left of their error."""
+        found = self.result
+        unit, factor = length_unit(found.left.tolist())
+        postures = tuple(
+            ShownPosture(
+                f"line-{found.targets.line[k]}",
+                f"line {found.targets.line[k]}: {length(float(found.left[k]))} left",
+                found.q[k],
+                (("Off as given", length(float(found.off[k]))), ("Left", length(float(found.left[k])))),
+                value=round(factor * float(found.left[k]), 5),
+            )
+            for k in chosen_rows(len(found), VIEWED_ROWS)
+        )
+        robot, scene = found.problem.robot, getattr(found.problem, "scene", None)
+        return ArmView(robot, postures, "Target", scene, points=True, values=f"left [{unit}]")
 
     def columns(self) -> Columns:
         """The joint values and the errors before and after."""

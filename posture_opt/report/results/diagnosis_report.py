@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -10,10 +10,21 @@ import numpy as np
 
 from posture_opt.diagnosis.diagnosis import Diagnosis
 from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
-from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram
+from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
+from posture_opt.report.figures.diagnosis_scores import plot_scores
+from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
+from posture_opt.report.interactive.error_marks import cause_marks, task_posture
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.contradictions import doubts_lead
-from posture_opt.report.parts.diagnosis_causes import causes_block, confusion_block, cyclic_block, finding_words
+from posture_opt.report.parts.diagnosis_causes import (
+    causes_block,
+    confusion_block,
+    cyclic_block,
+    finding_words,
+    view_key,
+)
 from posture_opt.report.parts.diagnosis_errors import delivery_lead, elsewhere_lead, errors_block, test_block
 from posture_opt.report.parts.diagnosis_goals import goals_block, goals_lead
 from posture_opt.report.parts.diagnosis_open import (
@@ -26,11 +37,11 @@ from posture_opt.report.parts.diagnosis_open import (
     unexplained_lead,
     unknowable_block,
 )
-from posture_opt.report.parts.diagnosis_sizes import MODELS, fitted_effects, headline_of, noise_floor
+from posture_opt.report.parts.diagnosis_sizes import MODELS, fitted_effects, headline_of, noise_floor, periodic_joints
 from posture_opt.report.parts.error_table import instrument_words, mm
 from posture_opt.report.parts.large_file_words import large_file_facts
 from posture_opt.report.parts.parts import note_facts, robot_facts
-from posture_opt.report.results.comparison_report import comparison_blocks, comparison_lead
+from posture_opt.report.results.comparison_report import comparison_blocks, comparison_drawings, comparison_lead
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary
 from posture_opt.report.text.units_text import count
 from posture_opt.validation.calibrated_arm import compare_models
@@ -191,6 +202,39 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
 
     def report(self) -> Report:
         return diagnosis_report(self.result, self.comparison, self.goals)
+
+    def drawings(self) -> Drawings:
+        """Each named effect with the errors behind it; errors by model, scores, and what is left."""
+        found = self.result
+        drawings: Drawings = {
+            "diagnosis_curves": partial(plot_curves, found),
+            "diagnosis_scores": partial(plot_scores, found),
+            "diagnosis_errors": partial(plot_errors, found),
+            "diagnosis_periodogram": partial(plot_periodogram, found),
+            "diagnosis_left": partial(plot_left, found),
+        }
+        absent = {
+            "diagnosis_curves": not fitted_effects(found),
+            "diagnosis_periodogram": not periodic_joints(found),
+            "diagnosis_left": found.verdict != "unexplained",
+        }
+        drawn = {name: draw for name, draw in drawings.items() if not absent.get(name)}
+        return {**drawn, **comparison_drawings(self.comparison)}
+
+    def view(self) -> ArmView:
+        """Every cause at the joint that it is of, with its size: all of them, and each by itself."""
+        found, extended = self.result, self.result.extended
+        q, spread = task_posture(extended, self.comparison, found.request.data.q)
+        marks = [cause_marks(found, finding) for finding in found.effects]
+        single = [own for own in marks if len(own) == 1] or marks
+        every = tuple(mark for own in single for mark in own)
+        title = "all causes" if every else "no cause found"
+        postures = [ShownPosture("causes", title, q, spread=spread, marks=every)]
+        for finding, own in zip(found.effects, marks, strict=True):
+            words, size = finding_words(finding, found.problem), headline_of(found, finding)
+            facts = (("Cause", words), *([("Size", size)] if size else []))
+            postures.append(ShownPosture(view_key(found, finding), words, q, facts, spread, marks=own))
+        return ArmView(extended.robot, tuple(postures), "Cause", extended.scene)
 
     def columns(self) -> Columns:
         """The causes that were found."""

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.page.presenter import Columns, Presenter
+from posture_opt.report.figures.arm import plot_solution
+from posture_opt.report.figures.bench import plot_bench
+from posture_opt.report.figures.cloud import plot_cross_section
+from posture_opt.report.figures.solution import plot_task_budget
+from posture_opt.report.interactive.arm_view import ArmView
+from posture_opt.report.interactive.solution_postures import solution_postures
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.parts.collision_parts import collision_facts
 from posture_opt.report.parts.improvement_parts import improvements_block
 from posture_opt.report.parts.parts import frame_notes, input_facts, note_facts, robot_facts, sentence, source_facts
@@ -57,6 +64,31 @@ class FeaturesSolutionPresenter(Presenter["FeaturesSolution"]):
 
     def report(self) -> Report:
         return features_report(self.result)
+
+    def drawings(self) -> Drawings:
+        """Where there is a choice, the bench; the arm at the first feature; cloud and budget of the worst one."""
+        found = self.result
+        if not found.stations:
+            return {}
+        arm: Drawings = {"arm": partial(plot_solution, found.stations[0])}
+        if found.status == "infeasible":
+            return arm
+        worst = found.stations[found.worst]
+        bench: Drawings = {"bench": partial(plot_bench, found)} if found.placement.free.sum() > 1 else {}
+        return {
+            **bench,
+            **arm,
+            "cloud": partial(plot_cross_section, worst.spread, worst.task_spread),
+            "budget": partial(plot_task_budget, worst.spread, worst.task_spread),
+        }
+
+    def view(self) -> ArmView | None:
+        """A posture for each feature; None where there is none."""
+        found = self.result
+        if not found.stations:
+            return None
+        postures = solution_postures(found.stations, found.names, "feature")
+        return ArmView(found.optimisation_problem.robot, postures, "Feature", found.problem.scene, points=True)
 
     def columns(self) -> Columns:
         return _columns(self.result)

@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.figures.plan import plot_plan_errors, plot_plan_points
+from posture_opt.report.interactive.arm_view import ArmView, ShownPosture
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.collision_parts import clear_words
 from posture_opt.report.parts.parts import note_facts, robot_facts, sentence
+from posture_opt.report.parts.plan_parts import is_listed
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
-from posture_opt.report.text.units_text import angle, count, joint_unit, length, percent, stated_angle, stated_length
+from posture_opt.report.text.units_text import (
+    angle,
+    count,
+    joint_unit,
+    length,
+    percent,
+    place,
+    stated_angle,
+    stated_length,
+)
 from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
@@ -25,7 +38,6 @@ _WIDE = 100
 _NOTED = 1.1  # times the instrument's σ: from there on it is told
 _TINY = 1e-6  # an index below it says that something is open
 _OPEN = "unknown"
-_EXACT = 1e-7  # m, rad: rounding of a covariance in which a parameter hangs on others
 _SAID = {
     "O1": "geometric mean of the singular values, a pose",
     "O2": "smallest over largest",
@@ -153,16 +165,11 @@ def _value(value: float) -> str:
     return _OPEN if math.isnan(value) else number(value)
 
 
-def shown(plan: MeasurementPlan, i: int) -> bool:
-    """Whether a plan says something of parameter i: it can be told, and is not as good as exact already."""
-    return bool(plan.settled[i]) and not plan.before.std[i] < _EXACT
-
-
 def parameters_block(plan: MeasurementPlan) -> Block:
     """Expected standard errors of every parameter."""
     rows = []
     for i, p in enumerate(plan.parameters):
-        if shown(plan, i):
+        if is_listed(plan, i):
             unit, factor = ("deg", math.degrees(1.0)) if p.unit == "rad" else ("mm", 1e3)
             rows.append((p.name, unit, *(_value(stage.std[i] * factor) for stage in _stages(plan))))
     table = Table(("parameter", "unit", "before", "planned", "random"), tuple(rows), text_columns=2)
@@ -258,6 +265,23 @@ class MeasurementPlanPresenter(Presenter["MeasurementPlan"]):
 
     def report(self) -> Report:
         return measurement_plan_report(self.result)
+
+    def drawings(self) -> Drawings:
+        """Where the tool goes, and what can be expected of it."""
+        return {
+            "plan_points": partial(plot_plan_points, self.result),
+            "plan_errors": partial(plot_plan_errors, self.result),
+        }
+
+    def view(self) -> ArmView:
+        """The planned postures in the order of the tour."""
+        plan = self.result
+        postures = tuple(
+            ShownPosture(f"posture-{k}", f"posture {k}", q, (("Tool point", place(point)),))
+            for k, (q, point) in enumerate(zip(plan.q, plan.points, strict=True), 1)
+        )
+        scene = getattr(plan.problem, "scene", None)
+        return ArmView(plan.robot, postures, "Posture", scene, points=True, line=True)
 
     def columns(self) -> Columns:
         """The postures in the order of the visit, and where the tool comes to lie."""

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.figures.arm import plot_motion
+from posture_opt.report.figures.path import plot_path
+from posture_opt.report.figures.solution import plot_task_budget
+from posture_opt.report.interactive.arm_view import ArmView
+from posture_opt.report.interactive.solution_postures import solution_postures
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.parts.collision_parts import collision_facts, distance_facts
 from posture_opt.report.parts.improvement_parts import improvements_block
 from posture_opt.report.parts.parts import (
@@ -245,6 +252,27 @@ class PathSolutionPresenter(Presenter["PathSolution"]):
 
     def report(self) -> Report:
         return path_report(self.result)
+
+    def drawings(self) -> Drawings:
+        """Spread and joints along the path; the arm at its worst point and at others."""
+        found = self.result
+        return {
+            "path": partial(plot_path, found),
+            "arm": partial(plot_motion, found),
+            "budget": partial(plot_task_budget, found.worst.spread, found.worst.task_spread),
+        }
+
+    def view(self) -> ArmView:
+        """The listed points of the path, coloured by their scatter."""
+        found = self.result
+        unit, factor = length_unit([float(s) for s in found.motion.sigma])
+        names = [f"point {k}" for k in range(1, len(found.stations) + 1)]
+        postures = tuple(
+            replace(posture, value=round(factor * station.critical.sigma_max, 5))
+            for posture, station in zip(solution_postures(found.stations, names, "point"), found.stations, strict=True)
+        )
+        robot, scene, values = found.optimisation_problem.robot, found.problem.scene, f"standard deviation [{unit}]"
+        return ArmView(robot, postures, "Point of the path", scene, points=True, line=True, values=values)
 
     def columns(self) -> Columns:
         return _columns(self.result)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from posture_opt.report.page.presenter import Columns, Presenter
+from posture_opt.report.figures.posture_batch import plot_posture_batch
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
 from posture_opt.report.text.blocks import Block, Report, Summary, Table
 from posture_opt.report.text.units_text import count, length, length_unit, percent
@@ -41,6 +43,10 @@ class PostureBatchPresenter(Presenter["PostureBatch"]):
             told = tuple(f"{answer.name}: {'; '.join(answer.reasons)}" for answer in failed)
             blocks.insert(0, Block("Without an answer", told, brief=told[:_SHOWN]))
         return Report(title, (solved_sentence(found), *ends), tuple(blocks))
+
+    def drawings(self) -> Drawings:
+        """The spread of every answer."""
+        return {"answers": partial(plot_posture_batch, self.result)}
 
     def columns(self) -> Columns:
         """A row for every problem, SI units."""

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from posture_opt.report.page.presenter import Columns, Presenter
+from posture_opt.report.figures.arm import plot_solution
+from posture_opt.report.figures.cloud import plot_cross_section
+from posture_opt.report.figures.solution import plot_joint_map, plot_task_budget
+from posture_opt.report.interactive.arm_view import ArmView
+from posture_opt.report.interactive.solution_postures import solution_postures
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.parts.budget_parts import main_fact
 from posture_opt.report.parts.collision_parts import collision_facts, distance_facts
 from posture_opt.report.parts.improvement_parts import improvements_block
@@ -258,6 +265,29 @@ class SolutionPresenter(Presenter["Solution"]):
 
     def report(self) -> Report:
         return solution_report(self.result)
+
+    def drawings(self) -> Drawings:
+        """The arm; where there is a posture, its cloud across the direction, its budget, and a map of two joints."""
+        found = self.result
+        drawings: Drawings = {"arm": partial(plot_solution, found)}
+        if found.status == "infeasible":
+            return drawings
+        drawings["cloud"] = partial(plot_cross_section, found.spread, found.task_spread)
+        drawings["budget"] = partial(plot_task_budget, found.spread, found.task_spread)
+        if found.optimisation_problem.robot.n == 2:
+            drawings["joint_map"] = partial(plot_joint_map, found)
+        return drawings
+
+    def view(self) -> ArmView:
+        """The answer and its alternatives."""
+        found = self.result
+        joints = found.optimisation_problem.robot.joint_names
+        others = found.alternatives[1:] if found.status != "infeasible" else ()
+        every = [found, *(replace(found, q=np.array([a.posture[name] for name in joints])) for a in others)]
+        names = ["best posture" if found.status != "infeasible" else "nearest posture"]
+        names += [f"alternative {rank}" for rank in range(2, len(every) + 1)]
+        postures = solution_postures(every, names, "alternative")
+        return ArmView(found.optimisation_problem.robot, postures, "Posture", found.problem.scene)
 
     def columns(self) -> Columns:
         return _columns(self.result)

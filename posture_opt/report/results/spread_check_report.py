@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
-from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.figures.spread_check import plot_joint_scatter, plot_reliability
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.parts.assessment_repeats import MODELS
 from posture_opt.report.parts.parts import sentence
 from posture_opt.report.results.assessment_report import p_value
@@ -276,7 +278,17 @@ class SpreadCheckPresenter(Presenter[SpreadCheck]):
             self.problem.name or "Spread", (spread_check_lead(self.result),), spread_check_blocks(self.result)
         )
 
+    def drawings(self) -> Drawings:
+        """Coverage of the predicted regions, and the scatter of the joints."""
+        return spread_check_drawings(self.result)
+
     def columns(self) -> Columns:
         """The share of the rows in the predicted 95 % region, by model."""
         shares = self.result.coverage95
         return {"model": list(shares), "share in the 95 % region": list(shares.values())}
+
+
+def spread_check_drawings(found: SpreadCheck) -> Drawings:
+    """Coverage of the predicted regions, and the scatter of the joints."""
+    joints: Drawings = {} if found.noise is None else {"truth_joints": partial(plot_joint_scatter, found)}
+    return {"truth_coverage": partial(plot_reliability, found), **joints}

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from posture_opt.numerics import Array
-from posture_opt.report.page.presenter import Columns, Presenter, problem_of
+from posture_opt.report.figures.arm import plot_spread
+from posture_opt.report.figures.cloud import plot_cloud, plot_cross_section
+from posture_opt.report.figures.solution import plot_longest_axis_budget, plot_task_budget
+from posture_opt.report.interactive.solution_postures import spread_view
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter, problem_of
 from posture_opt.report.parts.budget_parts import budget_block, group_words, main_fact
 from posture_opt.report.parts.parts import (
     ellipse_facts,
@@ -40,12 +45,17 @@ from posture_opt.report.text.blocks import Block, Facts, Item, Report, Summary, 
 from posture_opt.report.text.units_text import length, length_unit, lengths, percent, place
 from posture_opt.report.text.words import line_words, part_words
 from posture_opt.uncertainty.regions.regions import deviation
+from posture_opt.uncertainty.simulation.cloud import cloud_of
 from posture_opt.units import number
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
+    from posture_opt.report.interactive.arm_view import ArmView
     from posture_opt.uncertainty.spread.spread import Spread
     from posture_opt.uncertainty.spread.task_spread import TaskSpread
+
+
+_DRAWN_POINTS = 2000  # of the tool, in the cloud of a figure
 
 
 def spread_report(spread: Spread) -> Report:
@@ -180,6 +190,26 @@ class SpreadPresenter(Presenter["Spread"]):
 
     def report(self) -> Report:
         return spread_report(self.result)
+
+    def drawings(self) -> Drawings:
+        """The arm, a small cloud with the ellipse, the budget of the axis that counts most."""
+        found = self.result
+        seen, arm = found.for_task, partial(plot_spread, found)
+        if seen is None:
+            return {
+                "arm": arm,
+                "cloud": lambda: plot_cloud(cloud_of(found, _DRAWN_POINTS, 0)),
+                "budget": partial(plot_longest_axis_budget, found),
+            }
+        return {
+            "arm": arm,
+            "cloud": partial(plot_cross_section, found, seen, origin="nominal point"),
+            "budget": partial(plot_task_budget, found, seen),
+        }
+
+    def view(self) -> ArmView:
+        """The posture that was asked for."""
+        return spread_view(self.result)
 
     def columns(self) -> Columns:
         """The error budget of the longest axis."""

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
-from posture_opt.report.page.presenter import Columns, Presenter
+from posture_opt.report.figures.target_map import plot_target_map
+from posture_opt.report.interactive.target_view import target_key, target_view
+from posture_opt.report.page.presenter import Columns, Drawings, Presenter
 from posture_opt.report.page.save import Files
 from posture_opt.report.parts.collision_parts import collision_facts
 from posture_opt.report.parts.parts import frame_notes, input_facts, joint_values, note_facts, robot_facts, source_facts
@@ -16,6 +19,7 @@ from posture_opt.units import fixed, number
 
 if TYPE_CHECKING:
     from posture_opt.problem.problem import Problem
+    from posture_opt.report.interactive.arm_view import ArmView
     from posture_opt.selection.maps.map_points import Grid, MapPoint
     from posture_opt.selection.maps.target_map import TargetMap
 
@@ -108,12 +112,7 @@ def places_table(found: TargetMap, map_points: dict[str, MapPoint]) -> Table:
         ]
         cells += [fixed(q * joint_unit(joint.type)[1], 1) for q, joint in zip(map_point.q, joints, strict=True)]
         rows.append(tuple(cells))
-    return Table(tuple(headers), tuple(rows), views=tuple(view_key(map_point) for map_point in map_points.values()))
-
-
-def view_key(map_point: MapPoint) -> str:
-    """By which the interactive view knows a target."""
-    return f"target {place(map_point.position)}"
+    return Table(tuple(headers), tuple(rows), views=tuple(target_key(map_point) for map_point in map_points.values()))
 
 
 def map_block(found: TargetMap) -> Block:
@@ -227,6 +226,14 @@ class TargetMapPresenter(Presenter["TargetMap"]):
 
     def report(self) -> Report:
         return target_map_report(self.result)
+
+    def drawings(self) -> Drawings:
+        """The map."""
+        return {"map": partial(plot_target_map, self.result)}
+
+    def view(self) -> ArmView | None:
+        """The best posture at every target that has one; None where none has."""
+        return target_view(self.result, [point.sigma_max for point in self.result.map_points], "standard deviation")
 
     def columns(self) -> Columns:
         return columns(self.result)

@@ -6,15 +6,17 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array
-from posture_opt.report.page.style import BLUE, GREEN, GREY, ORANGE, VERMILLION, WIDTH, legend_below, new_figure
+from posture_opt.report.page.new_figure import new_figure
+from posture_opt.report.page.style import BLUE, GREEN, GREY, ORANGE, VERMILLION, WIDTH, legend_below
 from posture_opt.report.scene.arm_solids import Solid
 from posture_opt.report.text.units_text import stated_length
 from posture_opt.report.text.words import line_words
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.report.scene.arm_geometry import ArmGeometry, TargetGeometry
 
 APART = 0.1  # mm: from there on the target is marked beside the tool point

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from posture_opt.numerics import Array, Mask
-from posture_opt.report.page.style import FONT, GREEN, GREY, VERMILLION, WIDTH, new_figure
+from posture_opt.report.page.new_figure import new_figure
+from posture_opt.report.page.style import FONT, GREEN, GREY, VERMILLION, WIDTH
 from posture_opt.report.scene.arm_in_plane import APART, ARROW
 from posture_opt.report.scene.arm_solids import Solid
 from posture_opt.report.scene.camera import Camera, best_camera
@@ -21,6 +21,8 @@ from posture_opt.report.scene.scene_image import SceneImage, grid_step
 from posture_opt.report.text.units_text import stated_length
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from posture_opt.report.scene.arm_geometry import ArmGeometry
 
 _MARGINS = 0.2, 0.08  # of width and height: for labels

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.colors import to_rgb
 
 from posture_opt.numerics import Array, Codes, Mask
 from posture_opt.report.page.style import BLUE, ORANGE, WIDTH
@@ -183,7 +182,7 @@ class SceneImage:
         outside = np.maximum(points.min(axis=0) - world[:, :2], world[:, :2] - points.max(axis=0)).max(axis=1)
         faint = np.clip(outside / (_FAR * self.geometry.extent), 0.0, 1.0)
         shade = np.where(near, 0.86 + 0.11 * faint, 1.0) * np.where(self._shaded(world), _SHADOW, 1.0)
-        colour[there] = np.array(to_rgb(FLOOR)) * shade[:, None]
+        colour[there] = _rgb(FLOOR) * shade[:, None]
 
     def _lay(self, colour: Array, image: DepthImage, solids: Sequence[Solid], opacity: float | Array) -> None:
         """Draws what an image shows of solids over what is there, lit and with outlines; opacity a number or (H, W)."""
@@ -191,7 +190,7 @@ class SceneImage:
         if not there.any():
             return
         owner = np.repeat(np.arange(len(solids)), [len(solid.faces) for solid in solids])
-        base = np.array([to_rgb(COLOURS[solid.role]) for solid in solids])
+        base = np.array([_rgb(COLOURS[solid.role]) for solid in solids])
         around = solids is self._around
         dark = _DULL if around else _DARK
         painted = base[owner[image.face[there]]]
@@ -250,3 +249,10 @@ def _outline(bodies: Codes, light: Array, depth: Array, jump: float) -> Mask:
 
 def _is_level(obstacle: Solid) -> bool:
     return float(np.ptp(obstacle.faces[..., 2])) < 1e-9
+
+
+def _rgb(colour: str) -> Array:
+    """(3,) red, green and blue from 0 to 1."""
+    from matplotlib.colors import to_rgb
+
+    return np.array(to_rgb(colour))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from posture_opt.model.arm import Arm
 from posture_opt.report.text.units_text import stated_angle, stated_length
-from posture_opt.selection.tasks.registered_tasks import direction_name
+from posture_opt.selection.registered_tasks import direction_name
 from posture_opt.units import fixed, shown
 
 Vector: TypeAlias = Sequence[float] | NDArray[np.float64]

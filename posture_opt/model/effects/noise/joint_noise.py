@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from posture_opt.errors import BadValueError
-from posture_opt.model.effects.cause import FittedSizes, Size
+from posture_opt.model.effects.base.cause import FittedSizes, Size
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, Rows
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot

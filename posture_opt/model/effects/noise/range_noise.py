@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from posture_opt.model.effects.cause import FittedSizes, Size
+from posture_opt.model.effects.base.cause import FittedSizes, Size
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect, Pattern, Rows
 from posture_opt.numerics import Array
 from posture_opt.units import Length, LengthPerLength, number

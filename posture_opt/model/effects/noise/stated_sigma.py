@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from posture_opt.model.effects.cause import FittedSizes, Size
+from posture_opt.model.effects.base.cause import FittedSizes, Size
 from posture_opt.model.effects.noise.noise_effect import NoiseEffect
 from posture_opt.numerics import Array
 from posture_opt.units import plus_minus

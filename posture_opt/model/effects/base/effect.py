@@ -14,8 +14,8 @@ from pydantic import ConfigDict, Field, model_validator
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import ZERO, Scalar, Vector
-from posture_opt.model.effects.catalogue_entry import CatalogueEntry, Input, Quantity
-from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size
+from posture_opt.model.effects.base.catalogue_entry import CatalogueEntry, Input, Quantity
+from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size
 from posture_opt.numerics import Array
 from posture_opt.robot.robot import Robot
 from posture_opt.units import DIMENSIONS, number, parse_quantity, shown

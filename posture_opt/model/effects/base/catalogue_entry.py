@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import WithJsonSchema
 
-from posture_opt.model.effects.cause import Cause
+from posture_opt.model.effects.base.cause import Cause
 from posture_opt.robot.robot import Robot
 from posture_opt.spec import Spec
 

@@ -12,8 +12,8 @@ from pydantic import Field
 from posture_opt.errors import BadValueError
 from posture_opt.model.arm_state import ArmState
 from posture_opt.model.chain import Scalar, cos, sin
-from posture_opt.model.effects.cause import Abscissa, FittedSizes, Size, amplitude, over_phase
-from posture_opt.model.effects.effect import Effect, Excitation, Sensitivity
+from posture_opt.model.effects.base.cause import Abscissa, FittedSizes, Size, amplitude, over_phase
+from posture_opt.model.effects.base.effect import Effect, Excitation, Sensitivity
 from posture_opt.robot.robot import Robot
 from posture_opt.units import fixed, number, shown
 
