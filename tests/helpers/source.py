@@ -24,7 +24,7 @@ ROOMS = [
     "staging",
     "manifest",
     "output",
-    "presentation",
+    "registration",
     "result",
     "workers",
 ]
