@@ -33,7 +33,7 @@ import re
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from posture_opt.presentation import register_presenters
+from posture_opt.registration import register
 
 if TYPE_CHECKING:
     from posture_opt import errors
@@ -202,4 +202,9 @@ def _presenter_of(result: object) -> Any:
     return getattr(import_module(f"posture_opt.report.results.{file}_report"), f"{name}Presenter")(result)
 
 
-register_presenters(_presenter_of)
+def _evaluation_of(calibration: Calibration) -> Any:
+    return import_module("posture_opt.validation.evaluation").Evaluation(calibration)
+
+
+register("presenter", _presenter_of)
+register("evaluation", _evaluation_of)

@@ -1,7 +1,7 @@
 """``Result``: the face that every answer of this package shows, in Python, in notebooks and on the command line.
 
 A result holds numbers and knows nothing of reports. Its presenter belongs to a room above, which registers it in
-``posture_opt.presentation``; it is loaded when a result is first looked at, so computing needs none of it.
+``posture_opt.registration``; it is loaded when a result is first looked at, so computing needs none of it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from posture_opt.numerics import DerivedAgain, Progress
-from posture_opt.presentation import registered_presenter
+from posture_opt.registration import registered
 
 
 class Summarised(DerivedAgain):
@@ -33,7 +33,7 @@ class Summarised(DerivedAgain):
     @cached_property
     def _presenter(self) -> Any:
         """What presents this; the only way from the rooms below to the reports above."""
-        return registered_presenter(self)
+        return registered("presenter", self)
 
 
 class Result(Summarised, ABC):

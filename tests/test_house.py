@@ -43,7 +43,7 @@ HOME = {
     "yaml": {"problem", "robot"},  # the presets are YAML, and robots stand below problems
 }
 LAZY = {
-    "posture_opt": "a public name, when it is first used; the presenter of a result, when it is first looked at",
+    "posture_opt": "a public name, a presenter, an evaluation, when it is first used",
     "posture_opt.__main__": "all of the command line, so that an interrupt finds somebody who answers it",
     "posture_opt.cli.main": "a command, when it is called",
     "posture_opt.cli.named": "the names of problems, presets and tasks, when one is completed or checked",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import erfc, isfinite, nan
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from posture_opt.calibration.estimation.residuals import Residuals
 from posture_opt.calibration.other_file import OtherFile
 from posture_opt.measurements.measurements import Measurements
 from posture_opt.numerics import Array, Codes, Mask
+from posture_opt.registration import registered
 from posture_opt.result import Result
 from posture_opt.selection.problem_data import ProblemData
 
@@ -185,9 +187,15 @@ class Calibration(Result):
         scale = np.where(self.fixed & (variance > 0), 1 / np.sqrt(np.maximum(variance, 1e-300)), 0.0)
         return np.asarray(self.covariance * np.outer(scale, scale))
 
+    @cached_property
+    def evaluation(self) -> Any:
+        """What the calibration is held against: the ``Evaluation`` of `posture_opt.validation.evaluation`."""
+        return registered("evaluation", self)
+
     def to_json(self) -> dict[str, Any]:
-        """The document ``calibration.json``: SI units and radians; what the calibration was held against included."""
-        return self.estimates_json() | dict(self._presenter.further_json())
+        """The document ``calibration.json``: SI units and radians; what the calibration is held against included."""
+        evaluated: dict[str, Any] = self.evaluation.to_json()
+        return self.estimates_json() | evaluated
 
     def estimates_json(self) -> dict[str, Any]:
         """The part of the document that the calibration itself knows."""

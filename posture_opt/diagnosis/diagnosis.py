@@ -25,6 +25,7 @@ from posture_opt.diagnosis.causes.delivery import Delivery
 from posture_opt.diagnosis.causes.extended_arm import extended_arm
 from posture_opt.diagnosis.causes.sessions import Gain, SecondSession
 from posture_opt.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, plan_discrimination
+from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
 from posture_opt.diagnosis.noise.repeat_plan import RepeatPlan, plan_repeats
 from posture_opt.diagnosis.noise.uneven_noise import UnevenErrors
 from posture_opt.diagnosis.scores import levels
@@ -36,9 +37,10 @@ from posture_opt.diagnosis.search.search import SearchResult
 from posture_opt.measurements.repeats import Contrasts, repeat_groups
 from posture_opt.numerics import Codes
 from posture_opt.result import Result
+from posture_opt.selection.comparison.plan_comparison import Comparison
 from posture_opt.selection.fitted_arm import FittedArm
 from posture_opt.selection.problem_data import ProblemData
-from posture_opt.validation.calibrated_arm import calibrated_models
+from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
 from posture_opt.validation.repeat_scatter import slides
 
 Outcome = Literal["effects_found", "none_found", "unexplained", "insufficient_data"]
@@ -114,9 +116,25 @@ class Diagnosis(Result):
         """The problem before calibration, calibrated and extended, each where the measurements saw base and tool."""
         return {**calibrated_models(self.problem, self.calibration), "extended": self.extended}
 
+    @cached_property
+    def comparison(self) -> Comparison | None:
+        """The task planned with every model; None where there is no task, or nobody asked."""
+        request = self.request
+        if not request.plan or self.extended.task is None:
+            return None
+        return compare_models(self.problem.robot, self.models, seed=request.seed, measured=request.data.q)
+
+    @cached_property
+    def goals(self) -> MeasuredGoals | None:
+        """What each model would have chosen of the postures measured; None without a comparison, or without such."""
+        return None if self.comparison is None else measured_goals(self.model.residuals.data, self.held, self.models)
+
     def to_json(self) -> dict[str, Any]:
         """The document ``diagnosis.json``: SI units and radians; the task planned again included."""
-        return self.findings_json() | dict(self._presenter.further_json())
+        if self.comparison is None:
+            return self.findings_json()
+        goals = {} if self.goals is None else {"goals": self.goals.to_json()}
+        return self.findings_json() | {"posture": goals | self.comparison.to_json()}
 
     def findings_json(self) -> dict[str, Any]:
         """The part of the document that the diagnosis itself knows."""

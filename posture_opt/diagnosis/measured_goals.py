@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from posture_opt.diagnosis.diagnosis import Diagnosis
+from posture_opt.calibration.cross_validation import HeldOut
 from posture_opt.measurements.measurements import Measurements, arm_for, rows_of
 from posture_opt.selection.problem_data import ProblemData
 from posture_opt.selection.program.task_target import Reach, TaskTarget
@@ -100,22 +100,24 @@ class MeasuredGoals:
         }  # fmt: skip
 
 
-def measured_goals(diagnosis: Diagnosis, models: Mapping[str, ProblemData]) -> MeasuredGoals | None:
+def measured_goals(
+    data: Measurements, held: Mapping[str, HeldOut], models: Mapping[str, ProblemData]
+) -> MeasuredGoals | None:
     """What each model would have chosen where a goal was measured in several postures; None without such goals.
 
     Every row counts as predicted by a model that has not seen its group of the cross-validation. A goal is one
     commanded place of one target under one payload.
 
     Args:
+        held: errors of the rows by the name of the model, cross-validated.
         models: ``nominal``, ``calibrated`` and ``extended``, base and tool where the measurements saw them.
     """
-    data = diagnosis.model.residuals.data
     goals = goals_in_postures(data)
     task = models["nominal"].task
     if not goals or task is None:
         return None
     B = _basis(models["nominal"])
-    errors = {name: diagnosis.held[name].errors @ B for name in models}
+    errors = {name: held[name].errors @ B for name in models}
     missed = {name: np.linalg.norm(e, axis=1) for name, e in errors.items()}
     sent = {name: Choice.of(missed[name], _scatter(models, name, data, B), goals) for name in models}
     believed = {name: np.linalg.norm(errors["nominal"] - e, axis=1) for name, e in errors.items() if name != "nominal"}

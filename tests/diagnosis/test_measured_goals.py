@@ -147,7 +147,7 @@ def test_the_measured_ur10_is_better_sent_and_better_chosen() -> None:
     problem = po.load_problem(UR10 / "problem.yaml")
     whole = po.read_measurements(UR10 / "series_b.csv", problem)
     found = po.diagnose(problem, whole.take(whole.goal % 7 == 0), flips=99)
-    goals = measured_goals(found, found.models)
+    goals = measured_goals(found.model.residuals.data, found.held, found.models)
     assert isinstance(goals, MeasuredGoals)
     assert goals.goals > 100
     old, middle, new = (np.median(goals.sent[name].missed) for name in ("nominal", "calibrated", "extended"))

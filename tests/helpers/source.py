@@ -24,7 +24,7 @@ ROOMS = [
     "staging",
     "manifest",
     "output",
-    "presentation",
+    "registration",
     "result",
     "workers",
 ]
@@ -36,7 +36,8 @@ ROOMS += ["problem", "export", "report", "cli"]
 SUBROOMS: dict[str, list[str]] = {
     "uncertainty": ["regions", "sources", "moments", "spread", "simulation"],
     "selection": [
-        *("terms", "tasks", "registered_tasks", "program", "solvers", "search", "answer", "stations", "maps", "paths"),
+        *("terms", "tasks", "registered_tasks", "program", "solvers"),
+        *("fitted_arm", "problem_data", "search", "answer", "stations", "maps", "paths"),
         *("select_posture", "posture_batch", "comparison"),
     ],
     "calibration": ["estimation", "assumptions"],

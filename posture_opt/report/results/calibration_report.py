@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -27,17 +26,12 @@ from posture_opt.report.results.spread_check_report import spread_check_blocks, 
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary, Table
 from posture_opt.report.text.units_text import count, length, length_unit
 from posture_opt.report.text.words import MODEL_NAMES
-from posture_opt.validation.assessment import assess
-from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
-from posture_opt.validation.spread_check import check_spread
 
 if TYPE_CHECKING:
     from posture_opt.calibration.calibration import Calibration
     from posture_opt.calibration.other_file import OtherFile
-    from posture_opt.selection.comparison.plan_comparison import Comparison
     from posture_opt.selection.problem_data import ProblemData
-    from posture_opt.validation.assessment import Assessment
-    from posture_opt.validation.spread_check import SpreadCheck
+    from posture_opt.validation.evaluation import Evaluation
 
 _LISTED = 20
 _DOUBTS = 2  # in the lead
@@ -49,13 +43,13 @@ def calibration_report(shown: CalibrationPresenter) -> Report:
     blocks = (
         data_block(shown.problem, found),
         errors_block(shown.problem, found),
-        *assessment_blocks(shown.assessment),
-        *spread_check_blocks(shown.spread_check),
+        *assessment_blocks(shown.evaluation.assessment),
+        *spread_check_blocks(shown.evaluation.spread_check),
         parameters_block(found),
         undetermined_block(found),
         outliers_block(found),
         *([test_block(found, found.test)] if found.test is not None else []),
-        *comparison_blocks(shown.comparison),
+        *comparison_blocks(shown.evaluation.comparison),
     )
     return Report(shown.problem.name or "Calibration", calibration_lead(shown), blocks)
 
@@ -74,8 +68,8 @@ def calibration_lead(shown: CalibrationPresenter) -> tuple[str, ...]:
         *fails,
         *doubts[:_DOUBTS],
         *more,
-        *comparison_lead(shown.comparison),
-        spread_check_lead(shown.spread_check),
+        *comparison_lead(shown.evaluation.comparison),
+        spread_check_lead(shown.evaluation.spread_check),
     )
 
 
@@ -144,38 +138,11 @@ class CalibrationPresenter(Presenter["Calibration"]):
     def problem(self) -> ProblemData:
         return problem_of(self.result.request)
 
-    @cached_property
-    def assessment(self) -> Assessment:
-        """What the model gets wrong, before and after."""
-        return assess(self.result)
-
-    @cached_property
-    def spread_check(self) -> SpreadCheck:
-        """Whether the predicted spread is true."""
-        return check_spread(self.result)
-
-    @cached_property
-    def models(self) -> dict[str, ProblemData]:
-        """The problem before and after calibration, each where the measurements saw base and tool."""
-        return calibrated_models(self.problem, self.result)
-
-    @cached_property
-    def comparison(self) -> Comparison | None:
-        """The task planned before and after; None where there is no task, or nobody asked."""
-        request = self.result.request
-        if not request.plan:
-            return None
-        return compare_models(self.problem.robot, self.models, seed=request.seed, measured=request.data.q)
-
-    def further_json(self) -> dict[str, Any]:
-        """The part of the document that the calibration itself does not know."""
-        plan = {} if self.comparison is None else {"posture": self.comparison.to_json()}
-        return {
-            "assessment": self.assessment.to_json(),
-            "coverage95": self.spread_check.coverage95,
-            "spread_check": self.spread_check.to_json(),
-            **plan,
-        }
+    @property
+    def evaluation(self) -> Evaluation:
+        """What the calibration is held against."""
+        evaluated: Evaluation = self.result.evaluation
+        return evaluated
 
     def summary(self) -> Summary:
         found = self.result
@@ -194,24 +161,24 @@ class CalibrationPresenter(Presenter["Calibration"]):
         return calibration_report(self)
 
     def brief(self) -> Report:
-        return calibration_brief(self.problem, self.result, self.assessment, calibration_lead(self))
+        return calibration_brief(self.problem, self.result, self.evaluation.assessment, calibration_lead(self))
 
     def drawings(self) -> Drawings:
         """Residuals, whether the predicted spread is true, and the error in the old and in the new posture."""
         return {
-            **assessment_drawings(self.assessment),
-            **spread_check_drawings(self.spread_check),
-            **comparison_drawings(self.comparison),
+            **assessment_drawings(self.evaluation.assessment),
+            **spread_check_drawings(self.evaluation.spread_check),
+            **comparison_drawings(self.evaluation.comparison),
         }
 
     def view(self) -> ArmView:
         """The corrections, each at its joint, and the measured rows, coloured by their error after calibration."""
-        found, calibrated = self.result, self.models["calibrated"]
+        found, calibrated = self.result, self.evaluation.models["calibrated"]
         data = found.request.data
         before, after = (np.linalg.norm(errors, axis=1) for errors in (found.errors_nominal, found.errors))
         rows = found.kept_rows[chosen_rows(len(found.kept_rows), VIEWED_ROWS)]
         unit, factor = length_unit(after[rows].tolist())
-        q, spread = task_posture(calibrated, self.comparison, data.q)
+        q, spread = task_posture(calibrated, self.evaluation.comparison, data.q)
         marks = correction_marks(found, calibrated)
         first = ShownPosture("corrections", "corrections of the arm", q, spread=spread, marks=marks)
         measured = tuple(
@@ -241,4 +208,5 @@ class CalibrationPresenter(Presenter["Calibration"]):
 
     def files(self) -> Files:
         """The calibrated arm as a problem file."""
-        return self.models["calibrated"].files("calibrated")
+        calibrated: Files = self.evaluation.models["calibrated"].files("calibrated")
+        return calibrated

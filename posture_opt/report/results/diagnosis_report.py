@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from posture_opt.diagnosis.diagnosis import Diagnosis
-from posture_opt.diagnosis.measured_goals import MeasuredGoals, measured_goals
+from posture_opt.diagnosis.measured_goals import MeasuredGoals
 from posture_opt.report.figures.diagnosis import plot_errors, plot_periodogram
 from posture_opt.report.figures.diagnosis_curves import plot_curves, plot_left
 from posture_opt.report.figures.diagnosis_scores import plot_scores
@@ -44,7 +44,6 @@ from posture_opt.report.parts.parts import note_facts, robot_facts
 from posture_opt.report.results.comparison_report import comparison_blocks, comparison_drawings, comparison_lead
 from posture_opt.report.text.blocks import Block, Facts, Report, Summary
 from posture_opt.report.text.units_text import count
-from posture_opt.validation.calibrated_arm import compare_models
 
 if TYPE_CHECKING:
     from posture_opt.diagnosis.causes.causes import Finding
@@ -168,26 +167,6 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
     document = "diagnosis"
     delivers: ClassVar[tuple[str, ...]] = ("extended.yaml",)
 
-    @cached_property
-    def comparison(self) -> Comparison | None:
-        """The task planned with every model; None where there is no task, or nobody asked."""
-        request = self.result.request
-        if self.problem.task is None or not request.plan:
-            return None
-        return compare_models(self.problem.robot, self.result.models, seed=request.seed, measured=request.data.q)
-
-    @cached_property
-    def goals(self) -> MeasuredGoals | None:
-        """What each model would have chosen of the postures measured; None without a comparison, or without such."""
-        return None if self.comparison is None else measured_goals(self.result, self.result.models)
-
-    def further_json(self) -> dict[str, Any]:
-        """The part of the document that the diagnosis itself does not know."""
-        if self.comparison is None:
-            return {}
-        goals = {} if self.goals is None else {"goals": self.goals.to_json()}
-        return {"posture": goals | self.comparison.to_json()}
-
     def summary(self) -> Summary:
         found = self.result
         errors = ", ".join(f"{mm(found.errors[name].rms)} mm {words}" for name, words in MODELS.items())
@@ -201,7 +180,7 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
         return Summary(f"Diagnosis: {self.problem.name}", facts)
 
     def report(self) -> Report:
-        return diagnosis_report(self.result, self.comparison, self.goals)
+        return diagnosis_report(self.result, self.result.comparison, self.result.goals)
 
     def drawings(self) -> Drawings:
         """Each named effect with the errors behind it; errors by model, scores, and what is left."""
@@ -219,12 +198,12 @@ class DiagnosisPresenter(Presenter[Diagnosis]):
             "diagnosis_left": found.verdict != "unexplained",
         }
         drawn = {name: draw for name, draw in drawings.items() if not absent.get(name)}
-        return {**drawn, **comparison_drawings(self.comparison)}
+        return {**drawn, **comparison_drawings(self.result.comparison)}
 
     def view(self) -> ArmView:
         """Every cause at the joint that it is of, with its size: all of them, and each by itself."""
         found, extended = self.result, self.result.extended
-        q, spread = task_posture(extended, self.comparison, found.request.data.q)
+        q, spread = task_posture(extended, self.result.comparison, found.request.data.q)
         marks = [cause_marks(found, finding) for finding in found.effects]
         single = [own for own in marks if len(own) == 1] or marks
         every = tuple(mark for own in single for mark in own)

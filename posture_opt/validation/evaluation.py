@@ -1,0 +1,55 @@
+"""``Evaluation``: what a calibration is held against, which its document and its report state beside the estimates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from posture_opt.calibration.calibration import Calibration
+from posture_opt.numerics import DerivedAgain
+from posture_opt.selection.comparison.plan_comparison import Comparison
+from posture_opt.selection.problem_data import ProblemData
+from posture_opt.validation.assessment import Assessment, assess
+from posture_opt.validation.calibrated_arm import calibrated_models, compare_models
+from posture_opt.validation.spread_check import SpreadCheck, check_spread
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation(DerivedAgain):
+    """The residuals of a calibration, the spread that it predicts, and its task planned again, each computed once."""
+
+    calibration: Calibration
+
+    @cached_property
+    def assessment(self) -> Assessment:
+        """What the model gets wrong, before and after."""
+        return assess(self.calibration)
+
+    @cached_property
+    def spread_check(self) -> SpreadCheck:
+        """Whether the predicted spread is true."""
+        return check_spread(self.calibration)
+
+    @cached_property
+    def models(self) -> dict[str, ProblemData]:
+        """The problem before and after calibration, each where the measurements saw base and tool."""
+        return calibrated_models(self.calibration.request.problem, self.calibration)
+
+    @cached_property
+    def comparison(self) -> Comparison | None:
+        """The task planned before and after; None where there is no task, or nobody asked."""
+        request = self.calibration.request
+        if not request.plan:
+            return None
+        return compare_models(request.problem.robot, self.models, seed=request.seed, measured=request.data.q)
+
+    def to_json(self) -> dict[str, Any]:
+        """Its part of the document ``calibration.json``."""
+        plan = {} if self.comparison is None else {"posture": self.comparison.to_json()}
+        return {
+            "assessment": self.assessment.to_json(),
+            "coverage95": self.spread_check.coverage95,
+            "spread_check": self.spread_check.to_json(),
+            **plan,
+        }
