@@ -1,4 +1,4 @@
-"""Write or check the frozen documents: ``python -m tests.golden check [--slow] [--only PREFIX …] [--rtol 1e-9]``.
+"""Write or check the frozen documents: ``python -m tests.golden check [--slow] [--whole] [--only PREFIX …]``.
 
 ``write`` renews those that are named; only what a commit explains may be renewed. ``check`` compares every number at
 the precision that it has on any processor; with ``--rtol 1e-9``, all of them as on the machine that wrote them:
@@ -14,7 +14,7 @@ import time
 import warnings
 from pathlib import Path
 
-from tests.golden.cases import document, missing, quick, slow, text
+from tests.golden.cases import WHOLE, document, missing, quick, slow, text
 from tests.golden.compare import differences
 
 FOLDER = Path(__file__).parent / "documents"
@@ -28,6 +28,7 @@ def main() -> int:
         action="store_true",
         help="the slow and the real cases instead of those that every run of the tests checks",
     )
+    parser.add_argument("--whole", action="store_true", help="only documents that are held whole, one of each kind")
     parser.add_argument("--only", nargs="+", default=[""], help="beginnings of names")
     parser.add_argument("--rtol", type=float, help="for every number, instead of the precision that it has")
     parser.add_argument("--folder", type=Path, default=FOLDER)
@@ -35,7 +36,7 @@ def main() -> int:
     warnings.simplefilter("ignore")
     wrong = 0
     for name, case in slow() if options.slow else quick():
-        if not name.startswith(tuple(options.only)):
+        if not name.startswith(tuple(options.only)) or (options.whole and name not in WHOLE):
             continue
         if reason := missing(name):
             print(f"{name}: skipped, {reason}", flush=True)

@@ -46,7 +46,7 @@ NOT_HELD = WORDS | {"seconds", "posture_opt", "version", "absorbed"}
 """Keys of what a clock or a version says, of text for people, and of lists whose order is rounding."""
 WHOLE = frozenset({
     "solve-insert_planar_2r", "solve-insert_ur10", "solve-insert_panda_cell", "solve-insert_iiwa14_tilt",
-    "solve-insert_ur10_plate", "solve-weld_planar_2r", "solve-insert_ur10_peg", "solve-measure_planar_2r",
+    "solve-insert_scara_tray", "solve-weld_planar_2r", "solve-insert_ur10_peg", "solve-measure_planar_2r",
     "calibrate-planar", "calibrate-batch", "calibrate-ur10", "diagnose-batch", "diagnose-ur10", "plan-planar",
     "map-panda", "hidden-full-0", "hidden-batch-0", "real-calibrate-ipa_ur10-series_b",
     "real-diagnose-jacobi_ur5-grid",
