@@ -30,7 +30,10 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-NUMBER = re.compile(r"\d+(?:\.\d+)?")
+NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+RESAMPLED = re.compile(rf"± ?({NUMBER.pattern})|\((?:factor )?-?({NUMBER.pattern}) to -?({NUMBER.pattern})")
+RESAMPLED_TOLERANCE = 2e-2  # relative: some hundred draws give a standard error or an end of an interval no better
+TOLERANCE = 1e-6  # relative, of a number that is shown with all of its digits: as an optimiser determines it
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(
     r"(?:<!-- (?P<mark>[^\n]+?) -->\n)?^```(?P<language>\w*)\n(?P<code>.*?)^```$", re.DOTALL | re.MULTILINE
@@ -131,19 +134,34 @@ def run_page(page: Page, write: bool) -> tuple[str, Page, float]:
 
 
 def alike(one: str, other: str) -> bool:
-    """Whether texts agree but for spaces, rules of tables, and the last digits that another processor rounds anew."""
+    """Whether texts agree but for spaces, rules of tables, and digits that another processor rounds differently.
+
+    Words and whole numbers are the same, other numbers to one of their last decimal, and those that may be resampled
+    (after ``±``, and the ends of an interval in brackets) to 2 %.
+    """
     texts = [re.sub(r"-{2,}", "--", " ".join(text.split())) for text in (one, other)]
     if NUMBER.sub("#", texts[0]) != NUMBER.sub("#", texts[1]):
         return False
-    return all(close(a, b) for a, b in zip(*map(NUMBER.findall, texts), strict=True))
+    resampled = {m.start(i) for m in RESAMPLED.finditer(texts[0]) for i in (1, 2, 3) if m[i]}
+    found = [list(NUMBER.finditer(text)) for text in texts]
+    return all(close(a[0], b[0], a.start() in resampled) for a, b in zip(*found, strict=True))
 
 
-def close(a: str, b: str) -> bool:
-    """Whether numbers differ by a thousandth at most, or by one of the last decimal; whole ones are to be the same."""
-    if "." not in a + b:
-        return a == b
-    decimals = min(len(text.partition(".")[2]) for text in (a, b))
-    return abs(float(a) - float(b)) <= max(1e-3 * abs(float(a)), 1.01 * 10.0**-decimals * (decimals > 0))
+def close(a: str, b: str, resampled: bool = False) -> bool:
+    """Whether numbers differ by one of the last decimal at most, or by what they are known to; whole: not at all."""
+    if a == b:
+        return True
+    if not resampled and not re.search(r"[.e]", a + b):
+        return False
+    relative = RESAMPLED_TOLERANCE if resampled else TOLERANCE
+    steps = [step(text) for text in (a, b) if re.search(r"[.e]", text)]
+    return abs(float(a) - float(b)) <= max(relative * abs(float(a)), 1.01 * max(steps, default=0.0))
+
+
+def step(text: str) -> float:
+    """One of the last decimal of a number."""
+    digits, _, exponent = text.partition("e")
+    return float(10.0 ** (int(exponent or 0) - len(digits.partition(".")[2])))
 
 
 def act(block: Block, here: Path) -> str:

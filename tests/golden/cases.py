@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import tempfile
+import textwrap
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import posture_opt as po
+from tests.golden.compare import WORDS
 from tests.helpers.real_arms import DATA
 from tests.hidden.draw import draw
 from tests.hidden.files import write
@@ -17,6 +19,7 @@ from tests.hidden.files import write
 ROOT = Path(__file__).parents[2]
 PROBLEMS = ROOT / "problems"
 SEED = 2026
+WIDTH = 120
 HIDDEN = [(family, 0) for family in ("full", "kr16", "narrow", "two", "clean", "outside", "planar", "joint_noise")]
 MORE_HIDDEN = [
     (family, index)
@@ -36,6 +39,34 @@ REAL_SETS = (
     ("mukca_sockets/kuka_14.csv", "mukca_sockets/problem_iiwa.yaml", ""),
 )
 Case = Callable[[], dict[str, Any]]
+
+DIGITS = 12
+"""Significant digits of a number that is written: more than any comparison looks at."""
+NOT_HELD = WORDS | {"seconds", "posture_opt", "version", "absorbed"}
+"""Keys of what a clock or a version says, of text for people, and of lists whose order is rounding."""
+WHOLE = frozenset({
+    "solve-insert_planar_2r", "solve-insert_ur10", "solve-insert_panda_cell", "solve-insert_iiwa14_tilt",
+    "solve-insert_scara_tray", "solve-weld_planar_2r", "solve-insert_ur10_peg", "solve-measure_planar_2r",
+    "calibrate-planar", "calibrate-batch", "calibrate-ur10", "diagnose-batch", "diagnose-ur10", "plan-planar",
+    "map-panda", "hidden-full-0", "hidden-batch-0", "real-calibrate-ipa_ur10-series_b",
+    "real-diagnose-jacobi_ur5-grid",
+})  # fmt: skip
+"""Documents that are held with all that they have, one of each kind of result; of the others, the decisions."""
+LEFT_OUT = {
+    "solve": frozenset({
+        "tool", "covariance", "covariance_first_order", "bias", "basis", "budget_groups", "orientation", "position",
+        "most_manipulable", "path", "others", "curvature", "curvature_infinite", "bias_mahalanobis", "bias_infinite",
+    }),
+    "calibrate": frozenset({
+        "residuals", "correlations", "singular_values", "observability", "assessment", "spread_check", "posture",
+        "nominal", "prior", "z", "p_value", "unit",
+    }),
+    "diagnose": frozenset({
+        "residuals", "candidates", "unknowable", "test", "posture", "split", "tool_shift_rms", "gain_interval95",
+        "test_gain", "repeat", "robots", "unit",
+    }),
+}  # fmt: skip
+"""Of each kind of result, the keys of what is no decision and of what follows the decisions."""
 
 
 def solved(path: Path) -> dict[str, Any]:
@@ -116,14 +147,43 @@ def missing(name: str) -> str:
     return f"the measurements of real arms are not there: {DATA}" if lacks else ""
 
 
-def document(case: Case) -> Any:
-    """The document of a case as JSON text would give it back, without what a clock or a version says."""
-    return strip(json.loads(json.dumps(case())))
+def document(name: str, case: Case) -> Any:
+    """The document of a case as JSON text would give it back: whole, or its decisions and the numbers beside them."""
+    return held(name, json.loads(json.dumps(case())))
 
 
-def strip(value: Any) -> Any:
-    """Without times and versions, and without the lists of all candidates: those far down change places by rounding."""
+def held(name: str, found: Any) -> Any:
+    """What is held of a document: see `WHOLE`, `LEFT_OUT` and `NOT_HELD`."""
+    kind = {"hidden": "diagnose"}.get(name.split("-")[0], name.removeprefix("real-").split("-")[0])
+    return strip(found, NOT_HELD if name in WHOLE else NOT_HELD | LEFT_OUT[kind])
+
+
+def strip(value: Any, keys: frozenset[str] = NOT_HELD) -> Any:
+    """Without some keys at any depth, and with the first five candidates: those far down change places by rounding."""
     if isinstance(value, dict):
-        kept = {k: strip(v) for k, v in value.items() if k not in ("seconds", "posture_opt", "version")}
-        return {k: v[:5] if k == "candidates" else v for k, v in kept.items() if k != "absorbed"}
-    return [strip(v) for v in value] if isinstance(value, list) else value
+        kept = {k: strip(v, keys) for k, v in value.items() if k not in keys}
+        return {k: v[:5] if k == "candidates" else v for k, v in kept.items()}
+    return [strip(v, keys) for v in value] if isinstance(value, list) else value
+
+
+def text(value: Any, indent: int = 0, lead: int = 0) -> str:
+    """JSON with twelve digits, in which what fits on a line of 120 columns is on one line."""
+    line = json.dumps(_rounded(value))
+    if indent + lead + len(line) < WIDTH or not isinstance(value, dict | list) or not value:
+        return line
+    pad = " " * (indent + 1)
+    if isinstance(value, dict):
+        items = [f"{pad}{json.dumps(k)}: {text(v, indent + 1, len(k) + 4)}" for k, v in value.items()]
+        return "{\n" + ",\n".join(items) + "\n" + " " * indent + "}"
+    if not all(isinstance(v, int | float) for v in value):
+        return "[\n" + ",\n".join(pad + text(v, indent + 1) for v in value) + "\n" + " " * indent + "]"
+    filled = textwrap.fill(line[1:-1], WIDTH, initial_indent=pad, subsequent_indent=pad, break_on_hyphens=False)
+    return "[\n" + filled + "\n" + " " * indent + "]"
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}")
+    if isinstance(value, dict):
+        return {k: _rounded(v) for k, v in value.items()}
+    return [_rounded(v) for v in value] if isinstance(value, list) else value
