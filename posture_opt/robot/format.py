@@ -18,8 +18,11 @@ from posture_opt.spec import Spec
 from posture_opt.units import Angle, Length, Mass, Quantity, parse_quantity
 
 MAX_JOINTS = 20
+"""More than any serial arm has; the table and the symbolic expressions are bounded by it."""
 FULL_TURN = (-2 * math.pi, 2 * math.pi)
-_RESERVED = {"base", "tool"}  # their frames own the parameters base.x … tool.yaw
+"""Limits of a revolute joint for which none are stated [rad]."""
+_RESERVED = {"base", "tool"}
+"""Names that no joint may have: these frames own the parameters ``base.x`` … ``tool.yaw``."""
 _LIMITS_SCHEMA = WithJsonSchema(
     {
         "type": "array",
@@ -33,7 +36,8 @@ _LIMITS_SCHEMA = WithJsonSchema(
 
 
 def check_joint_name(name: str) -> None:
-    """Refuse what cannot build ``JOINT.theta``, of which the last dot ends the name, and the head ``JOINT [deg]``.
+    """Refuse a name that cannot build ``JOINT.theta``, of which the last dot ends the name, or the header ``JOINT
+    [deg]``.
 
     Raises:
         BadValueError: empty, blanks around it, a character that separates names, or the name of a frame.
@@ -49,7 +53,13 @@ def check_joint_name(name: str) -> None:
 
 
 class FrameSpec(Spec):
-    """A fixed frame, ``T = Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)``; ``free``: to be found from the data."""
+    """A fixed frame, ``T = Trans(x, y, z) Rz(yaw) Ry(pitch) Rx(roll)``.
+
+    Args:
+        xyz: (3,) origin [m]: of ``base`` in the world, of ``tool`` in the flange.
+        rpy: (3,) roll, pitch, yaw [rad], about fixed axes.
+        free: whether it is to be found from the data; the word ``free`` alone starts at the identity.
+    """
 
     xyz: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
     rpy: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
@@ -57,7 +67,12 @@ class FrameSpec(Spec):
 
     @model_validator(mode="before")
     @classmethod
-    def _word(cls, value: Any) -> Any:
+    def _expanded_word(cls, value: Any) -> Any:
+        """The word ``free`` as the section that it abbreviates.
+
+        Raises:
+            BadValueError: any other word.
+        """
         if isinstance(value, str):
             if value.strip() != "free":
                 raise BadValueError(f"'{value}' is no frame", "write free or {xyz: [0 m, 0 m, 0 m], rpy: [0 deg, …]}")
@@ -66,6 +81,7 @@ class FrameSpec(Spec):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """The schema of the section, or the word ``free``."""
         return {"anyOf": [handler(schema), {"const": "free"}]}
 
     def factors(self, prefix: Literal["base", "tool"]) -> tuple[Factor, ...]:
@@ -76,8 +92,15 @@ class FrameSpec(Spec):
 class JointSpec(Spec):
     """One row of a Denavit-Hartenberg table, with the limits and the rigid link behind the joint.
 
-    ``limits`` are angles of a revolute and lengths of a prismatic joint; a revolute joint may leave them out
-    (a turn either way). ``com`` [m] is given in the frame behind the joint.
+    Args:
+        a, d: lengths [m] of the convention of the robot's kind.
+        alpha, theta: angles [rad]; ``theta`` is added to the variable of a revolute joint, ``d`` to that of a
+            prismatic.
+        limits: (2,) lower and upper; angles of a revolute and lengths of a prismatic joint. A revolute joint may leave
+            them out (a turn either way).
+        mass: of the link behind the joint [kg]; NaN where it is left out.
+        com: (3,) centre of mass [m], frame behind the joint.
+        gear_ratio: motor turns per turn of the joint, not zero; NaN where it is left out.
     """
 
     name: str
@@ -100,6 +123,11 @@ class JointSpec(Spec):
     @field_validator("limits", mode="before")
     @classmethod
     def _read_limits(cls, value: Any, info: ValidationInfo) -> Any:
+        """The limits in SI units, read as angles or lengths by the type of the joint.
+
+        Raises:
+            BadValueError: no pair, the wrong unit, crossed limits, or a prismatic joint without limits.
+        """
         kind = info.data.get("type")
         if value is FULL_TURN and kind == "prismatic":
             raise BadValueError("a prismatic joint needs its limits", "write for example limits: [0 mm, 210 mm]")
@@ -127,19 +155,32 @@ class JointSpec(Spec):
         return ratio
 
     def joint(self) -> Joint:
-        """The joint in numbers."""
+        """The joint in numbers [SI], without the geometry of its row."""
         lower, upper = self.limits
         return Joint(self.name, self.type, lower, upper, self.mass, self.com, self.gear_ratio)
 
     def driven(self, index: int, symbol: Literal["theta", "d"]) -> Factor:
-        """The factor about or along z that carries ``theta`` or ``d``, and the joint variable where it is that one."""
+        """The factor about or along z that carries ``theta`` or ``d``, and the joint variable where it is that one.
+
+        Args:
+            index: of the joint variable q.
+            symbol: which of the two parameters of the row.
+        """
         moves = (symbol == "theta") == (self.type == "revolute")
         kind: Literal["rotate", "translate"] = "rotate" if symbol == "theta" else "translate"
         return Factor(kind, 2, getattr(self, symbol), f"{self.name}.{symbol}", index if moves else None)
 
 
 class RobotFormat(Spec):
-    """The ``robot:`` section of a problem file; each format adds its own keys and says how it becomes a ``Robot``."""
+    """The ``robot:`` section of a problem file; each format adds its own keys and says how it becomes a ``Robot``.
+
+    Args:
+        base, tool: ``T_world_base`` and ``T_flange_tool``.
+        payload: mass at the tool point [kg].
+        gravity: (3,) [m/s²], world.
+        corrections: parameter -> what is added to its nominal value.
+        shape: capsules for collision checks, in place of those of the format.
+    """
 
     base: FrameSpec = Field(FrameSpec(), description="base in the world; `free`: found from measurements")
     tool: FrameSpec = Field(FrameSpec(), description="tool point in the flange; `free`: found from measurements")
@@ -168,10 +209,22 @@ class RobotFormat(Spec):
 
     @abstractmethod
     def nominal(self, folder: Path) -> Robot:
-        """The chain in numbers as the format gives it, without the corrections."""
+        """The chain in numbers as the format gives it, without the corrections.
+
+        Args:
+            folder: where relative file names of the section start.
+        """
 
     def assemble(self, name: str, joints: tuple[Joint, ...], links: tuple[tuple[Factor, ...], ...]) -> Robot:
-        """A ``Robot`` of these links between the base and the tool of this section, in the shape that it states."""
+        """A ``Robot`` of these links between the base and the tool of this section, in the shape that it states.
+
+        Args:
+            name: of the arm, for reports.
+            joints: (n,) with limits and masses; ``links``: (n,) the factors of each.
+
+        Raises:
+            InputError: a shape with capsules of joints that are not among these.
+        """
         robot = Robot(
             name=name,
             joints=joints,
@@ -187,13 +240,18 @@ class RobotFormat(Spec):
 
 
 class TableRobot(RobotFormat):
-    """A robot given by one table row a joint."""
+    """A robot given by one table row a joint: the base of both Denavit-Hartenberg conventions."""
 
     joints: tuple[JointSpec, ...]
 
     @field_validator("joints")
     @classmethod
     def _usable_table(cls, joints: tuple[JointSpec, ...]) -> tuple[JointSpec, ...]:
+        """The rows as they are, if they can make an arm.
+
+        Raises:
+            BadValueError: no row, more than ``MAX_JOINTS``, or two joints of one name.
+        """
         names = [joint.name for joint in joints]
         if not names:
             raise BadValueError("a robot needs at least one joint")
